@@ -100,7 +100,7 @@ _HOMES = {
         "IndicatorMotion",
         "load_indicator",
     ),
-    "warp_bounding.indicators.blends.blend_shapes": ("IndicatorBlendShapes",),
+    "warp_bounding.indicators.blend_shapes": ("IndicatorBlendShapes",),
     "warp_bounding.networks.indicator_network": ("IndicatorNetwork",),
     "warp_bounding.proof": ("certify", "clear_segments", "proven_share"),
     "warp_bounding.evaluation": ("Rates", "evaluate"),

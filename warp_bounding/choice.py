@@ -26,7 +26,7 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
 from warp_bounding.evaluation import ASKED, parts_of
 from warp_bounding.indicators import IndicatorGrid, load_indicator
-from warp_bounding.indicators.parts.complement import SIDES
+from warp_bounding.indicators.parts import SIDES
 from warp_bounding.indicators.recentred import own_coordinates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES, check_query, oracle, sample

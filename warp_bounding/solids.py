@@ -11,10 +11,19 @@ Example:
     array([ True])
 """
 
-from warp_bounding.indicators.functions.combination import Difference, Dilation, Intersection, Union
-from warp_bounding.indicators.functions.extrusion import Extrusion
-from warp_bounding.indicators.functions.primitives import Box, Capsule, HalfSpace, Sphere, Torus
-from warp_bounding.indicators.functions.transform import Transform
+from warp_bounding.indicators.solids import (
+    Box,
+    Capsule,
+    Difference,
+    Dilation,
+    Extrusion,
+    HalfSpace,
+    Intersection,
+    Sphere,
+    Torus,
+    Transform,
+    Union,
+)
 
 __all__ = [
     "Box",

@@ -10,7 +10,7 @@ from paper.drawing.canvas import INK, SOLID, page, show, tinted
 from paper.drawing.masks import pack, packed, raster, unpack
 from paper.drawing.pictures import images
 from paper.drawing.solids import layer, scene
-from warp_bounding.indicators.parts.complement import SIDES
+from warp_bounding.indicators.parts import SIDES
 
 __all__ = ["Sides"]
 

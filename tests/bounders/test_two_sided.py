@@ -10,7 +10,7 @@ import warp as wp
 import warp_bounding as wb
 from warp_bounding.bounders.two_sided import MAYBE, NO, YES
 from warp_bounding.errors import BounderError, IndicatorError
-from warp_bounding.indicators.parts.complement import Complement
+from warp_bounding.indicators.parts import Complement
 from warp_bounding.indicators.shape import IN, OUT
 from warp_bounding.proof import soak
 

@@ -13,8 +13,8 @@ import warp_bounding as wb
 from warp_bounding.bounders import Union, united
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
-from warp_bounding.indicators.parts.clipped import part_of
-from warp_bounding.indicators.parts.pieces import Pieces
+from warp_bounding.indicators.parts import part_of
+from warp_bounding.indicators.shape import Pieces
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED, Lanes
 from warp_bounding.proof import prove

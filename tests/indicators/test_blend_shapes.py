@@ -8,7 +8,7 @@ import trimesh
 
 import warp_bounding as wb
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.blends.patches import patches_of
+from warp_bounding.indicators.blend_shapes import patches_of
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 
 

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 import warp_bounding as wb
 from warp_bounding.certificates.statement import statement
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
-from warp_bounding.indicators.closed_parts import surface_of
-from warp_bounding.indicators.distinct_rows import distinct_rows
-from warp_bounding.indicators.voxelization import surface_cells
+from warp_bounding.indicators.surfaces import distinct_rows, surface_of
+from warp_bounding.indicators.triangles.cells import surface_cells
 
 BOX = trimesh.creation.box(extents=(1, 2, 3))
 VERTICES, FACES = np.asarray(BOX.vertices), np.asarray(BOX.faces)

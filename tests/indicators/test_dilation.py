@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warp_bounding.indicators.dilation import dilate
+from warp_bounding.indicators.grid import dilate
 
 
 def brute_force(occupancy, radius, static_axes, pad, shape):

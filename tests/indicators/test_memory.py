@@ -5,7 +5,9 @@ import pytest
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.indicators import limits, load_indicator, voxelization
+from warp_bounding.indicators import load_indicator
+from warp_bounding.indicators import shape as limits
+from warp_bounding.indicators.triangles import cells as voxelization
 
 BALL = np.linalg.norm(np.mgrid[-1:1:9j, -1:1:9j], axis=0) < 0.5
 

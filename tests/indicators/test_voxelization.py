@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding.indicators import IndicatorMesh, load_indicator
-from warp_bounding.indicators.closed_parts import Surface
-from warp_bounding.indicators.voxelization import fill_inside, surface_cells
+from warp_bounding.indicators.surfaces import Surface
+from warp_bounding.indicators.triangles.cells import fill_inside, surface_cells
 
 
 def turned(mesh):

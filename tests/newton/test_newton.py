@@ -13,7 +13,7 @@ newton = pytest.importorskip("newton", reason="Newton is not installed: pip inst
 import warp.examples  # noqa: E402
 
 from warp_bounding.newton import ParticleCull, kernels, margin_for  # noqa: E402
-from warp_bounding.newton.hulls import runs_of  # noqa: E402
+from warp_bounding.newton.kernels import runs_of  # noqa: E402
 
 RADIUS, RECORDS = 0.02, ("particle", "shape", "body_pos", "body_vel", "normal")
 

@@ -11,7 +11,7 @@ import warp_bounding as wb
 newton = pytest.importorskip("newton", reason="Newton is not installed: pip install '.[newton]'")
 
 from warp_bounding.newton import ParticleCull  # noqa: E402
-from warp_bounding.newton.primitives import PRIMITIVES  # noqa: E402
+from warp_bounding.newton.placing import PRIMITIVES  # noqa: E402
 
 RECORDS, GAP = ("particle", "shape", "body_pos", "body_vel", "normal"), 0.03
 ADDED = {  # how a builder is given each, of about unit size

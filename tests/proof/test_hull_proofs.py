@@ -7,8 +7,7 @@ import pytest
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.indicators.parts.clipped import Clipped
-from warp_bounding.indicators.parts.complement import Complement
+from warp_bounding.indicators.parts import Clipped, Complement
 from warp_bounding.proof.prove import least_value
 from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.search.vacancy import ShapePositives

@@ -33,9 +33,8 @@ from warp_bounding.certificates.document import together
 from warp_bounding.coordinates.domain import Domain
 from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.parts.clipped import part_of
-from warp_bounding.indicators.parts.pieces import Pieces
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.parts import part_of
+from warp_bounding.indicators.shape import Pieces, Shape
 from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, literal, words_at
 from warp_bounding.networks.box_bounds import BoxBounds
 

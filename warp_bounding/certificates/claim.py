@@ -15,7 +15,7 @@ from warp_bounding.certificates.certificate import Subject
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.parts.complement import SIDES, Complement, outside_of
+from warp_bounding.indicators.parts import SIDES, Complement, outside_of
 from warp_bounding.indicators.recentred import Frame, own_coordinates, parted
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.distance import DISTANCE, METRICS, in_metric

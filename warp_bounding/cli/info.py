@@ -17,7 +17,7 @@ def command(file: BounderFile, json: Json = False) -> int:
     from warp_bounding.bounders import load
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
-    from warp_bounding.indicators.parts.complement import SIDES
+    from warp_bounding.indicators.parts import SIDES
 
     quiet_warp()
     bounder = load(file, device="cpu")

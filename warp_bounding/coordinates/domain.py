@@ -9,7 +9,7 @@ of this map needs (a 4096th of a cell), so that the rounding of a placement, giv
 
 ``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
-Where the object is unbounded (``indicators.parts.complement``) the answer outside is *maybe* on every axis, and proofs run over
+Where the object is unbounded (``Complement``) the answer outside is *maybe* on every axis, and proofs run over
 all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is mapped (``joints``).
 """
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry.hull import line_ends
-from warp_bounding.indicators.distinct_rows import distinct_rows
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.surfaces import distinct_rows
 
 __all__ = ["enclosing_ellipsoid", "enclosing_of_hull", "enclosing_of_points", "extreme_corners"]
 

@@ -5,11 +5,11 @@ mesh asks for them.
 """
 
 from warp_bounding.indicators.formats.load import READERS, Indicator, load_indicator
-from warp_bounding.indicators.functions.function import IndicatorFunction
+from warp_bounding.indicators.function import IndicatorFunction
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.mesh import IndicatorMesh
 from warp_bounding.indicators.motion import IndicatorMotion
-from warp_bounding.indicators.parts.complement import Complement
+from warp_bounding.indicators.parts import Complement
 
 __all__ = [
     "READERS",

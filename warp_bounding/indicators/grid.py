@@ -13,6 +13,7 @@ What this file does not do: reading files (``load_indicator``) and turning meshe
 """
 
 import hashlib
+import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,13 +21,134 @@ import numpy as np
 
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.dilation import dilate
 from warp_bounding.indicators.joints import Joints
-from warp_bounding.indicators.limits import MAX_CELLS
-from warp_bounding.indicators.shape import Shape
-from warp_bounding.indicators.summed_area import block_counts, summed_area
+from warp_bounding.indicators.shape import MAX_CELLS, Shape, check_memory
 
-__all__ = ["IndicatorGrid"]
+# --- Blocks of cells --------------------------------------------------------------------------------------------------
+
+
+def summed_area(occupancy: np.ndarray) -> np.ndarray:
+    """The summed-area table ``(R_1 + 1, ...)`` int64: entry i counts the occupied cells before i on every axis."""
+    table = np.zeros([r + 1 for r in occupancy.shape], dtype=np.int64)
+    table[(slice(1, None),) * occupancy.ndim] = occupancy
+    for axis in range(occupancy.ndim):
+        np.cumsum(table, axis=axis, out=table)
+    return table
+
+
+def block_counts(table: np.ndarray, first: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """``(N,)`` int64, occupied cells in blocks; 0 where a block has no cell.
+
+    Args:
+        table: A grid's ``summed_area``.
+        first: ``(N, n)`` int64, first cells, from 0 to the grid's shape.
+        end: ``(N, n)`` int64, one past the last cells, from 0 to the grid's shape.
+    """
+    end, count = np.maximum(end, first), np.zeros(len(first), dtype=np.int64)
+    for sides in np.ndindex((2,) * table.ndim):
+        corner = np.where(sides, end, first)
+        count += (-1) ** (table.ndim - sum(sides)) * table[tuple(corner.T)]
+    return count
+
+
+def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Halve a grid along its longest axis until every box is full or empty (a k-d tree over a summed-area table).
+
+    Args:
+        occupancy: bool, n axes.
+        flat: An axis along which boxes are one cell thick; none if ``None``.
+
+    Returns:
+        First cells ``(N, n)`` int64 and one past the last cells ``(N, n)``; the boxes are disjoint and cover what is
+        occupied.
+    """
+    table, ndim = summed_area(occupancy), occupancy.ndim
+    layers = 1 if flat is None else occupancy.shape[flat]
+    first, last = np.zeros((layers, ndim), np.int64), np.tile(occupancy.shape, (layers, 1)).astype(np.int64)
+    if flat is not None:
+        first[:, flat], last[:, flat] = np.arange(layers), np.arange(layers) + 1
+    found = []
+    while len(first):
+        count = np.zeros(len(first), dtype=np.int64)
+        for corner in np.ndindex((2,) * ndim):
+            sign = (-1) ** (ndim - sum(corner))
+            count += sign * table[tuple(np.where(corner, last, first).T)]
+        full = count == (last - first).prod(axis=1)
+        found.append((first[full], last[full]))
+        mixed = (count > 0) & ~full
+        first, last = first[mixed], last[mixed]
+        axis = np.argmax(last - first, axis=1)
+        row = np.arange(len(first))
+        middle = (first[row, axis] + last[row, axis]) // 2
+        left_last, right_first = last.copy(), first.copy()
+        left_last[row, axis] = middle
+        right_first[row, axis] = middle
+        first, last = np.concatenate([first, right_first]), np.concatenate([left_last, last])
+    return tuple(np.concatenate(part) for part in zip(*found, strict=True))
+
+
+# --- Dilation ---------------------------------------------------------------------------------------------------------
+#
+# Dilation of cells: which closed cells come within a distance of an occupied closed cell.
+
+CELL_BYTES = 26  # bytes a padded cell: three float64 arrays of squared distances, and two of truth values
+
+
+def dilate(
+    occupancy: np.ndarray, radius: np.ndarray, *, static_axes: tuple[int, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Occupy every cell whose closed box comes within an ellipsoidal radius of an occupied one.
+
+    Two cells whose indices differ by ``d`` along an axis are ``max(d - 1, 0)`` cells apart there. The squared distance
+    is a sum over axes, so its minimum is taken axis by axis.
+
+    Args:
+        occupancy: n-D bool.
+        radius: ``(n,)``, the distance in cells along each axis.
+        static_axes: Axes along which nothing moves (time): no dilation there.
+
+    Returns:
+        The dilated array, larger where the object would leave it, and ``(n,)`` int, the cells added before each axis.
+
+    Raises:
+        IndicatorError: Where the radius would need more cells than a grid may have.
+    """
+    radius = np.array([0.0 if k in static_axes else r for k, r in enumerate(radius)])
+    if sum(math.log2(s + 2 * r + 2) for s, r in zip(occupancy.shape, radius, strict=True)) > math.log2(MAX_CELLS):
+        largest = max(radius.tolist())
+        raise IndicatorError(
+            f"expected a margin for which {MAX_CELLS} cells suffice, got one of up to {largest:g} cells"
+        )
+    cells = math.prod(s + 2 * (r + 1) for s, r in zip(occupancy.shape, radius.tolist(), strict=True))
+    check_memory(cells * CELL_BYTES, f"dilating {occupancy.size:,} cells", "give a smaller margin or fewer cells")
+    # Reach d is needed while (d - 1) / radius <= 1; the two factors keep rounding on the safe side.
+    reach = np.array([math.floor(r * (1 + 1e-12)) + 1 if r > 0 else 0 for r in radius])
+    padded = np.pad(occupancy, [(int(d),) * 2 for d in reach])
+    squared = np.where(padded, 0.0, np.inf)  # distance to the nearest occupied cell, in radii
+    for axis, (r, d) in enumerate(zip(radius.tolist(), reach.tolist(), strict=True)):
+        if d:
+            squared = _nearest_along(squared, axis, r, d)
+    result = squared <= 1 + 1e-9
+    # Padding that stayed empty (the object is not near that side) is cut off again; the given cells all stay.
+    used = [np.flatnonzero(result.any(axis=tuple(a for a in range(result.ndim) if a != k))) for k in range(result.ndim)]
+    crop_low = np.array([min(int(u[0]), int(d)) for u, d in zip(used, reach, strict=True)])
+    crop_high = np.array([min(s - 1 - int(u[-1]), int(d)) for u, s, d in zip(used, result.shape, reach, strict=True)])
+    cut = tuple(slice(int(a), s - int(b)) for a, b, s in zip(crop_low, crop_high, result.shape, strict=True))
+    return result[cut], reach - crop_low
+
+
+def _nearest_along(squared: np.ndarray, axis: int, radius: float, reach: int) -> np.ndarray:
+    """Take the least sum of ``squared`` and the squared gap, over cells up to ``reach`` away along an axis."""
+    result = squared.copy()
+    source, target = np.moveaxis(squared, axis, 0), np.moveaxis(result, axis, 0)
+    for step in range(1, reach + 1):
+        cost = ((step - 1) / radius) ** 2 if step > 1 else 0.0
+        np.minimum(target[step:], source[:-step] + cost, out=target[step:])
+        np.minimum(target[:-step], source[step:] + cost, out=target[:-step])
+    return result
+
+
+# --- The grid ---------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +391,6 @@ class IndicatorGrid(Shape):
     @cached_property
     def _gaps(self):
         """How far points are from empty cells; the grid's border is empty."""
-        from warp_bounding.indicators.blocks import blocks_of
         from warp_bounding.indicators.box_distances import BoxDistances
 
         first, past = blocks_of(~np.pad(self.occupancy, 1))
@@ -277,7 +398,6 @@ class IndicatorGrid(Shape):
 
     @cached_property
     def _distances(self):
-        from warp_bounding.indicators.blocks import blocks_of
         from warp_bounding.indicators.box_distances import BoxDistances
 
         first, past = blocks_of(self.occupancy)

@@ -1,8 +1,8 @@
-"""The indicator of a triangle mesh: its surface, and its inside where the surface is closed (``closed_parts``).
+"""The indicator of a triangle mesh: its surface, and its inside where the surface is closed (``surfaces``).
 
 The object is every point within the margin of a face, and what a flood from outside does not reach through the faces
 of closed parts; air that it encloses counts as inside, or with ``hollow="empty"`` what faces go around 0 times counts as outside. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
-``to_grid`` makes cells that hold the object, conservatively too (``voxelization.py``). The mesh that counts is the one
+``to_grid`` makes cells that hold the object, conservatively too (``triangles/cells.py``). The mesh that counts is the one
 with these float32 vertices: what a file held in float64 is rounded once, when it is read.
 """
 
@@ -16,20 +16,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.closed_parts import Surface, surface_of, turns_of
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.limits import (
+from warp_bounding.indicators.recentred import Recentred, expect_near, recentred
+from warp_bounding.indicators.shape import (
+    HOLLOW,
+    OUT,
+    Shape,
     cells_around,
     cells_per_unit,
     check_memory,
     checked_margin,
     checked_resolution,
 )
-from warp_bounding.indicators.recentred import Recentred, expect_near, recentred
-from warp_bounding.indicators.shape import HOLLOW, OUT, Shape
+from warp_bounding.indicators.surfaces import Surface, surface_of, turns_of
 
 if TYPE_CHECKING:
-    from warp_bounding.indicators.triangles.solid import DilatedSolid, Solid
+    from warp_bounding.indicators.triangles.answers import DilatedSolid, Solid
 
 __all__ = [
     "IndicatorMesh",
@@ -168,7 +170,7 @@ class IndicatorMesh(Shape):
 
         A mesh that trimesh calls watertight is closed, unless its faces close only with their own doubles and hold
         nothing. So are solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or
-        have no area (``closed_parts``).
+        have no area (``surfaces``).
         """
         return self.surface.watertight
 
@@ -183,7 +185,7 @@ class IndicatorMesh(Shape):
 
     @cached_property
     def _solid(self) -> "Solid":
-        from warp_bounding.indicators.triangles.solid import Solid
+        from warp_bounding.indicators.triangles.answers import Solid
 
         alike = bool(self.surface.closed.any()) and (self._empty or not (self._turns[0] or self._turns[1]))
         return Solid(self.vertices, self.faces, self.surface.closed, alike, self._empty)
@@ -196,7 +198,7 @@ class IndicatorMesh(Shape):
         """``(N,)`` uint8 for points ``(N, 3)``: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
 
         Undecided are points that lie on the object's border but for the rounding of float64, and those of which no
-        proof was found that they are outside: in gaps that are much narrower than a cell of ``triangles/sides.py``.
+        proof was found that they are outside: in gaps that are much narrower than a cell of ``triangles/cells.py``.
         """
         return self._dilated_solid.decide(x)
 
@@ -316,7 +318,7 @@ class IndicatorMesh(Shape):
             >>> mesh.to_grid(resolution=8, margin=0.1).shape
             (11, 11, 11)
         """
-        from warp_bounding.indicators.voxelization import solid_cells
+        from warp_bounding.indicators.triangles.cells import solid_cells
 
         resolution, margin = checked_resolution(resolution), checked_margin(margin)
         if self.margin:

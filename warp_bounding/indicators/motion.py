@@ -9,7 +9,7 @@ of it (``moving/``).
 A grid that is made of it has four coordinates, time first. A cell of time is cut at the keyframes, and between them
 into pieces in which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices
 of where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is
-and comes near to in the piece, and its cells are found as for a mesh at rest (``voxelization``). Nothing is sampled.
+and comes near to in the piece, and its cells are found as for a mesh at rest (``triangles/cells.py``). Nothing is sampled.
 Where the surface is closed, a flood from outside through the empty cells of a piece meets the surface at no time in
 it, so what it does not reach holds the inside.
 
@@ -28,20 +28,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.closed_parts import Surface, surface_of
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.half_spaces import HalfSpaces
-from warp_bounding.indicators.limits import cells_around, cells_per_unit, checked_margin, checked_resolution
 from warp_bounding.indicators.mesh import LANDMARK, check_faces
-from warp_bounding.indicators.moving.places import corner_places, random_places
-from warp_bounding.indicators.moving.time_axis import time_axis
 from warp_bounding.indicators.recentred import expect_near
-from warp_bounding.indicators.shape import OUT, Shape
+from warp_bounding.indicators.shape import (
+    OUT,
+    HalfSpaces,
+    Shape,
+    cells_around,
+    cells_per_unit,
+    checked_margin,
+    checked_resolution,
+    time_axis,
+)
+from warp_bounding.indicators.surfaces import Surface, surface_of
 
 if TYPE_CHECKING:
-    from warp_bounding.indicators.moving.solid import DilatedMovingSolid, MovingSolid
-
-__all__ = ["IndicatorMotion"]
+    from warp_bounding.indicators.triangles.moving_answers import DilatedMovingSolid, MovingSolid
 
 DEFAULT_RESOLUTION = 32  # cells along the longest axis of space
 DEFAULT_TIMES, MAX_TIMES = 32, 1024  # cells of time
@@ -166,13 +169,13 @@ class IndicatorMotion(Shape):
 
     @cached_property
     def _solid(self) -> "MovingSolid":
-        from warp_bounding.indicators.moving.solid import MovingSolid
+        from warp_bounding.indicators.triangles.moving_answers import MovingSolid
 
         return MovingSolid(self.times, self.frames, self.faces, self.surface.closed, self._rounding)
 
     @cached_property
     def _dilated_solid(self) -> "DilatedMovingSolid":
-        from warp_bounding.indicators.moving.solid import DilatedMovingSolid
+        from warp_bounding.indicators.triangles.moving_answers import DilatedMovingSolid
 
         return DilatedMovingSolid(self._solid, self.lower, self.upper, self.margin)
 
@@ -180,7 +183,7 @@ class IndicatorMotion(Shape):
         """``(N,)`` uint8 for points ``(N, 4)``, time first: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
 
         Outside the range of times a point is ``OUT``. Undecided are points whose answer hangs on the rounding of
-        vertices, and those in gaps that are much narrower than a cell of ``moving/sides.py``.
+        vertices, and those in gaps that are much narrower than a cell of ``triangles/moving.py``.
         """
         return self._dilated_solid.decide(x)
 
@@ -324,7 +327,7 @@ class IndicatorMotion(Shape):
         self, start: float, end: float, scale: float, first: np.ndarray, shape: tuple[int, int, int], reach: float
     ) -> np.ndarray:
         """The cells of space that are occupied at some time from ``start`` to ``end``."""
-        from warp_bounding.indicators.voxelization import SLACK, solid_cells
+        from warp_bounding.indicators.triangles.cells import SLACK, solid_cells
 
         used, faces = np.unique(self.faces, return_inverse=True)
         faces = faces.reshape(-1, 3)
@@ -342,3 +345,70 @@ class IndicatorMotion(Shape):
                 middle = (1 - share) * ends[0] + share * ends[1]
                 occupancy |= solid_cells(middle, faces, self.surface.closed, shape, dilation)
         return occupancy
+
+
+# --- Places on and over the surface -----------------------------------------------------------------------------------
+
+MOST = 2**16  # corners at keyframes; of more only every second, or third, is one
+
+
+def corner_places(times: np.ndarray, frames: np.ndarray, faces: np.ndarray, margin: float) -> np.ndarray:
+    """``(P, 4)`` float64, time first: vertices of faces at keyframes; for a margin, what lies over them on either side.
+
+    Args:
+        times: ``(K,)``.
+        frames: ``(K, V, 3)``.
+        faces: ``(F, 3)``.
+        margin: Object units.
+    """
+    used = np.unique(faces)
+    stride = max(1, len(frames) * len(used) // MOST)
+    found = []
+    for number, (time, frame) in enumerate(zip(times, frames, strict=True)):
+        some = used[number % stride :: stride]
+        vertices = frame.astype(np.float64)
+        away = margin * _normals(vertices, faces)[some] if margin else np.zeros(3)
+        for way in (away, -away) if margin else (away,):
+            found.append(np.insert(vertices[some] + way, 0, time, axis=1))
+    return np.concatenate(found)
+
+
+def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """``(V, 3)``, directions of length 1, or 0: sums of the normals of faces, weighted by their areas."""
+    corner, *others = vertices[faces].transpose(1, 0, 2)
+    normals = np.cross(others[0] - corner, others[1] - corner)
+    sums = np.stack(
+        [np.bincount(faces.T.ravel(), np.tile(normal, 3), minlength=len(vertices)) for normal in normals.T], axis=1
+    )
+    lengths = np.linalg.norm(sums, axis=1, keepdims=True)
+    return sums / np.where(lengths > 0, lengths, 1.0)
+
+
+def random_places(
+    times: np.ndarray, frames: np.ndarray, faces: np.ndarray, margin: float, count: int, rng: np.random.Generator
+) -> np.ndarray:
+    """``(count, 4)`` float64, time first, uniform: points of faces, uniform by their area at the keyframe before.
+
+    Args:
+        times: ``(K,)``.
+        frames: ``(K, V, 3)``.
+        faces: ``(F, 3)``.
+        margin: How far points may be from the faces, object units.
+        count: How many.
+        rng: Source of randomness.
+    """
+    times = times.astype(np.float64)
+    time = np.sort(rng.uniform(times[0], times[-1], count))
+    edges = np.searchsorted(time, times[1:-1])
+    found = []
+    for k, part in enumerate(np.split(time, edges)):
+        first, last = (f[faces].astype(np.float64) for f in (frames[k], frames[k + 1]))
+        area = np.linalg.norm(np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]), axis=1)
+        area = area if area.any() else np.ones(len(faces))
+        face = rng.choice(len(faces), len(part), p=area / area.sum())
+        share = ((part - times[k]) / (times[k + 1] - times[k]))[:, None, None]
+        corners = (1 - share) * first[face] + share * last[face]
+        found.append(np.einsum("nk,nkx->nx", rng.dirichlet(np.ones(3), len(part)), corners))
+    away = rng.normal(size=(count, 3))
+    away *= margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+    return rng.permutation(np.column_stack([time, np.concatenate(found) + away]))

@@ -11,11 +11,9 @@ from functools import cached_property
 import numpy as np
 
 from warp_bounding.errors import BounderError, IndicatorError
-from warp_bounding.indicators.functions.combination import Combinable
-from warp_bounding.indicators.functions.parameters import checked_corners, checked_number
-from warp_bounding.indicators.functions.solid import Formula
-from warp_bounding.indicators.half_spaces import HalfSpaces
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+from warp_bounding.indicators.formula import Formula
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, HalfSpaces, checked_corners, checked_number
+from warp_bounding.indicators.solids import Combinable
 from warp_bounding.networks.modules import layers_of
 from warp_bounding.networks.network import Network
 from warp_bounding.networks.rounding import Layer

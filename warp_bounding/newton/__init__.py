@@ -3,8 +3,14 @@
 Needs Newton, the extra ``newton``: from 1.7 on, tested with 1.8.
 """
 
-from warp_bounding.newton.accepted import margin_for
-from warp_bounding.newton.cull import ParticleCull
-from warp_bounding.newton.tally import Tally
+try:
+    import newton  # noqa: F401 (the modules below need it)
+except ImportError as error:
+    raise ImportError(
+        "warp_bounding.newton needs Newton: pip install 'warp-bounding[newton]'", name="newton"
+    ) from error
+
+from warp_bounding.newton.cull import ParticleCull, Tally
+from warp_bounding.newton.shapes import margin_for
 
 __all__ = ["ParticleCull", "Tally", "margin_for"]

@@ -5,7 +5,7 @@ A ``newton.CollisionPipeline`` tests every particle against every shape, one ker
 lets the pipeline go through the others, in the order that it had them. Contacts are then the same,
 record by record, and so is every step that a solver makes.
 
-A shape is a plane or another primitive, which has a test in closed form (``primitives``); a mesh, of which at least the
+A shape is a plane or another primitive, which has a test in closed form (``placing``); a mesh, of which at least the
 box is tested; or a mesh with a bounder, which is asked about what its box leaves. Height fields and whatever else keep all
 their pairs.
 
@@ -26,24 +26,57 @@ What this does not do: rigid contacts, self-contacts of cloth, and the passes ov
 
 import warnings
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from functools import cache, partial
 
+import newton
+import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Bounder, DistanceBounder
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.newton import kernels
-from warp_bounding.newton.accepted import contact_gap
-from warp_bounding.newton.distances import BLOCKS, ask_distances_in_lanes
-from warp_bounding.newton.hulls import ask_hulls, runs_of
-from warp_bounding.newton.library import newton
+from warp_bounding.newton.kernels import BLOCKS, ask_distances_in_lanes, ask_hulls, runs_of
 from warp_bounding.newton.placing import Hull, Placed, place_shapes
-from warp_bounding.newton.shapes import Shapes
-from warp_bounding.newton.tally import Tally, tallies
+from warp_bounding.newton.shapes import Shapes, contact_gap
 from warp_bounding.runtime.compaction import Compaction
 from warp_bounding.runtime.launch import BlockLaunch, ready
 
-__all__ = ["ParticleCull"]
+
+@dataclass(frozen=True)
+class Tally:
+    """Pairs of one kind of shape.
+
+    Attributes:
+        pairs: All of them.
+        culled: Those that the pass did not go through.
+    """
+
+    pairs: int
+    culled: int
+
+    def __str__(self) -> str:
+        """Both, and the share."""
+        share = 100.0 * self.culled / self.pairs if self.pairs else 0.0
+        return f"{self.culled:,} of {self.pairs:,} ({share:.1f} %)"
+
+
+def tallies(names: list[str], shapes: np.ndarray, kept: np.ndarray) -> dict[str, Tally]:
+    """Pairs by the name of their shape, in the order of the shapes.
+
+    Args:
+        names: Of each shape.
+        shapes: ``(N,)`` int, of each pair.
+        kept: ``(N,)`` bool, which the pass goes through.
+
+    Returns:
+        A tally for each name.
+    """
+    pairs = np.bincount(shapes, minlength=len(names))
+    culled = np.bincount(shapes[~kept], minlength=len(names))
+    order = {name: [s for s, own in enumerate(names) if own == name] for name in names}
+    return {name: Tally(int(pairs[own].sum()), int(culled[own].sum())) for name, own in order.items()}
+
 
 SPREAD = 2**16  # pairs that do not fill a GPU: a graph leaves those that remain where they are, few in a warp
 MOST_RECORDED = 8  # sets of arrays whose launches are kept

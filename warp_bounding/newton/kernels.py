@@ -1,32 +1,24 @@
 """Kernels of the cull: which pairs a bounder lets through, and their list.
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
-shape, or outside its box as it lies in the world (``placing``), and lists the others (``hulls``); only those go
-to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``distances``), else about one.
+shape, or outside its box as it lies in the world (``placing``), and lists the others (``ask_hulls``); only those go
+to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``ask_distances_in_lanes``), else about one.
 """
 
 from functools import cache
 
+import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Data
+from warp_bounding.coordinates.base import Numbers, literal
+from warp_bounding.kernels.distances.assemble import LANES, texts_of
 from warp_bounding.kernels.distances.functions import distance_func
 from warp_bounding.kernels.distances.source import DistanceSource
-from warp_bounding.kernels.functions import point_func
-from warp_bounding.kernels.source import Source
+from warp_bounding.kernels.functions import Words, point_func
+from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.newton.placing import IN_SUM, Hull, Placed
 from warp_bounding.runtime.native import named, unique_name
-
-__all__ = [
-    "ask_bounders",
-    "ask_distances",
-    "block_size",
-    "find_far",
-    "gather_or_repeat",
-    "gather_pairs",
-    "replace_denied",
-    "split_particles",
-]
 
 _SUM_ROUNDING = wp.constant(IN_SUM)
 
@@ -223,5 +215,203 @@ def ask_distances(source: DistanceSource) -> wp.Kernel:
                     keep[i] = wp.uint8(0)
                 else:
                     keep[i] = wp.uint8(1)
+
+    return ask
+
+
+# --- Hulls ------------------------------------------------------------------------------------------------------------
+#
+# Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Hull``).
+#
+# Newton lists its pairs shape by shape, and of each shape particle by particle. So on a CPU ``LANES`` pairs in a row
+# are nearly always one shape and
+# particles that follow each other, and are decided together; where they are not, and on CUDA, it is one pair at a
+# time, by the same operations.
+
+PAIRS_AT_ONCE = 16  # pairs that are decided together; divides ``kernels.CPU_BLOCK``
+
+_TEXT = """
+const int begin = block * size, end = begin + size < count ? begin + size : count;
+const int particles = rows.shape[0] / 4;
+const int* const pair = (const int*)pairs.data;
+const float *const px = rows.data, *const py = px + particles, *const pz = py + particles, *const pr = pz + particles;
+int found = 0;
+const auto ask_one = [&](int i) {
+    const int p = pair[2 * i];
+    const auto& b = hulls.data[pair[2 * i + 1]];
+    const float x = px[p], y = py[p], z = pz[p];
+    const float size_ = fabsf(x) + fabsf(y) + fabsf(z);
+    const float way = b.reach + b.per_radius * fabsf(pr[p]) + b.per_coordinate * size_;
+    const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
+    const bool known = way <= b.margin;
+    const float radius = b.radius + b.grow_radius * way;
+    bool maybe = known && !(dx * dx + dy * dy + dz * dz > radius * radius);
+    if (maybe) for (int k = 0; k < 3; ++k) {
+        const float* const u = b.axes.data[k];
+        const float t = u[0] * dx + u[1] * dy + u[2] * dz, bound = b.half[k] + b.grow[k] * way;
+        maybe = maybe && !(t > bound || -t > bound + (k == 2 ? b.below : 0.0f));
+    }
+    keep.data[i] = !known || (maybe && b.stays);
+    asked.data[begin + found] = i;
+    found += maybe && !b.stays;
+};
+int i = begin;
+#if !defined(__CUDA_ARCH__)
+constexpr int L = LANES;
+typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef int I __attribute__((vector_size(4 * L)));
+typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));
+const V zero = {};
+const auto size_of = [](V x) { return __builtin_elementwise_abs(x); };
+for (; i + L <= end; i += L) {
+    if (!runs.data[i / L]) {
+        for (int l = 0; l < L; ++l) ask_one(i + l);
+        continue;
+    }
+    const int p = pair[2 * i];
+    const auto& b = hulls.data[pair[2 * i + 1]];
+    const V x = *(const V*)(px + p), y = *(const V*)(py + p), z = *(const V*)(pz + p);
+    const V way = size_of(*(const V*)(pr + p)) * b.per_radius + (size_of(x) + size_of(y) + size_of(z)) * b.per_coordinate + b.reach;
+    const V dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
+    const I known = way <= zero + b.margin;
+    const V radius = way * b.grow_radius + b.radius;
+    I maybe = known & ~(dx * dx + dy * dy + dz * dz > radius * radius);
+    *(B*)(keep.data + i) = __builtin_convertvector(~known & 1, B);
+    if (!__builtin_reduce_or(maybe)) continue;
+    for (int k = 0; k < 3; ++k) {
+        const float* const u = b.axes.data[k];
+        const V t = dx * u[0] + dy * u[1] + dz * u[2], bound = way * b.grow[k] + b.half[k];
+        maybe &= ~(t > bound | -t > bound + (k == 2 ? b.below : 0.0f));
+    }
+    if (!__builtin_reduce_or(maybe)) continue;
+    if (b.stays) {
+        *(B*)(keep.data + i) = __builtin_convertvector((~known | maybe) & 1, B);
+        continue;
+    }
+    int each[L];
+    *(J*)each = maybe;
+    for (int l = 0; l < L; ++l) { asked.data[begin + found] = i + l; found += each[l] & 1; }
+}
+#endif
+for (; i < end; ++i) ask_one(i);
+left.data[block] = found;
+"""
+
+
+@named("wb_ask_hulls").block_kernel(_TEXT.replace("LANES", str(PAIRS_AT_ONCE)))
+def ask_hulls(
+    pairs: wp.array(dtype=wp.vec2i),
+    count: int,
+    size: int,
+    block: int,
+    runs: wp.array(dtype=wp.uint8),
+    rows: wp.array(dtype=float),
+    hulls: wp.array(dtype=Hull),
+    asked: wp.array(dtype=wp.int32),
+    left: wp.array(dtype=wp.int32),
+    keep: wp.array(dtype=wp.uint8),
+):
+    """Decide the pairs of each block that need no bounder, and list the others from the block's first place in ``asked`` on."""
+
+
+def runs_of(pairs: np.ndarray) -> np.ndarray:
+    """Which ``LANES`` pairs in a row are of one shape and particles that follow each other.
+
+    Args:
+        pairs: ``(N, 2)`` int, particle and shape.
+
+    Returns:
+        ``(N // LANES,)`` uint8, one at least.
+    """
+    rows = pairs[: len(pairs) // PAIRS_AT_ONCE * PAIRS_AT_ONCE].reshape(-1, PAIRS_AT_ONCE, 2)
+    same = (np.diff(rows, axis=1) == (1, 0)).all(axis=(1, 2))
+    return same.astype(np.uint8) if len(same) else np.zeros(1, np.uint8)
+
+
+# --- Distances, many at a time ----------------------------------------------------------------------------------------
+#
+# Asking a bounder of distances about the pairs that ``ask_hulls`` has listed, on a CPU: one pair in each lane of a vector.
+#
+# Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
+# What it asks, and how that
+# rounds, is what ``kernels.ask_distances`` does for one pair, on CUDA.
+
+BLOCKS = 16  # blocks of pairs that a thread of the kernel goes through
+
+_ASK = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+constexpr int N = 3;
+$parts
+$tools
+$lanes
+const int* const pair = (const int*)pairs.data;
+const int particles = rows.shape[0] / 4, last = (block + 1) * $blocks < count ? (block + 1) * $blocks : count;
+float at[N][L] = {}, ways[L] = {};
+int who[L], m = 0;
+const auto ask = [&]() {
+    V q[N], v[N];
+#pragma unroll
+    for (int k = 0; k < N; ++k) q[k] = *(const V*)at[k];
+    $before
+    V f;
+    $body
+    $after
+    int far_[L];
+    *(J*)far_ = g > *(const V*)ways;
+    for (int l = 0; l < m; ++l) keep.data[who[l]] = far_[l] ? 0 : 1;
+    m = 0;
+};
+for (int b = block * $blocks; b < last; ++b) {
+    for (int k = 0; k < left.data[b]; ++k) {
+        const int i = asked.data[b * size + k], p = pair[2 * i], s = pair[2 * i + 1];
+        if (numbers.data[s] != number) continue;
+        const auto& hull = hulls.data[s];
+        const auto& shape = placed.data[s];
+        const wp::vec3 x(rows.data[p], rows.data[particles + p], rows.data[2 * particles + p]);
+        const wp::vec3 y = wp::transform_point(shape.to_shape, x);
+#pragma unroll
+        for (int c = 0; c < N; ++c) at[c][m] = y[c] / shape.scale[c];
+        const float size_ = fabsf(x[0]) + fabsf(x[1]) + fabsf(x[2]);
+        const float way = hull.reach + hull.per_radius * fabsf(rows.data[3 * particles + p]) + hull.per_coordinate * size_;
+        ways[m] = (way > dilated ? way - dilated : 0.0f) + $rounding * (fabsf(way) + dilated);
+        who[m++] = i;
+        if (m == L) ask();
+    }
+}
+if (m > 0) ask();
+#endif
+"""
+
+
+@cache
+def ask_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
+    """The kernel of a bounder of this source; see module, and ``kernels.ask_distances``."""
+    texts = texts_of(source) | {
+        "lanes": fill(LANES, **source.width),
+        "body": source.body(Lanes(vector=True)),
+        "rounding": literal(IN_SUM),
+        "blocks": BLOCKS,
+    }
+
+    @named(unique_name(source, "newton_lanes")).block_kernel(fill(_ASK, **texts))
+    def ask(
+        parameters: Numbers,
+        count: int,
+        size: int,
+        block: int,
+        words: Words,
+        number: int,
+        dilated: float,
+        numbers: wp.array(dtype=wp.int32),
+        pairs: wp.array(dtype=wp.vec2i),
+        rows: wp.array(dtype=float),
+        placed: wp.array(dtype=Placed),
+        hulls: wp.array(dtype=Hull),
+        asked: wp.array(dtype=wp.int32),
+        left: wp.array(dtype=wp.int32),
+        keep: wp.array(dtype=wp.uint8),
+    ): ...
 
     return ask

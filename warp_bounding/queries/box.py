@@ -6,9 +6,8 @@ table then counts the occupied cells of the block with 2^n look-ups (Crow 1984).
 
 import numpy as np
 
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.grid import IndicatorGrid, summed_area
 from warp_bounding.indicators.shape import OUT, Shape
-from warp_bounding.indicators.summed_area import summed_area
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.directions import NARROW
 from warp_bounding.queries.exact import any_occupied, rational_map

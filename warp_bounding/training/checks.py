@@ -9,9 +9,8 @@ import numpy as np
 
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion
-from warp_bounding.indicators.limits import MAX_RESOLUTION
-from warp_bounding.indicators.parts.complement import SIDES
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.parts import SIDES
+from warp_bounding.indicators.shape import MAX_RESOLUTION, Shape
 from warp_bounding.queries import QUERIES
 
 __all__ = [

@@ -14,10 +14,9 @@ from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, load_indicator
-from warp_bounding.indicators.limits import check_memory
-from warp_bounding.indicators.parts.complement import SIDES, Complement
+from warp_bounding.indicators.parts import SIDES, Complement
 from warp_bounding.indicators.recentred import parted
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.indicators.shape import Shape, check_memory
 from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.queries.distance import DISTANCE

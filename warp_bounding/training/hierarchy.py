@@ -25,7 +25,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.parts.clipped import part_of
+from warp_bounding.indicators.parts import part_of
 from warp_bounding.indicators.recentred import own_coordinates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove

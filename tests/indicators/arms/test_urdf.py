@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
+from warp_bounding.arms.urdf import hull_of
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.arms.urdf import hull_of
 
 pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
 trimesh = pytest.importorskip("trimesh")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from warp_bounding.indicators.functions.intervals import Interval, norm, widened
+from warp_bounding.indicators.formula import Interval, norm, widened
 
 NUMBERS = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),

@@ -13,8 +13,7 @@ from turning_solids import SOLIDS, turning, unevenly_turning
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion, load_indicator
-from warp_bounding.indicators.half_spaces import HalfSpaces
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, HalfSpaces
 
 
 def _motion_case(name: str, rng, keyframes: int, wild: bool) -> tuple[IndicatorMotion, list[np.ndarray]]:

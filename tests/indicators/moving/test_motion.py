@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
 from warp_bounding.indicators.motion import MAX_TIMES
-from warp_bounding.indicators.moving.time_axis import LEFT, SPARE, time_axis
+from warp_bounding.indicators.shape import LEFT, SPARE, time_axis
 
 
 def turning(mesh, keyframes=9, angle=np.pi, shift=(0.3, 0.0, 0.1)) -> np.ndarray:

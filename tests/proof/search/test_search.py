@@ -7,7 +7,7 @@ import pytest
 from bounding_shapes import object_points, random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
-from warp_bounding.indicators.blocks import blocks_of
+from warp_bounding.indicators.grid import blocks_of
 from warp_bounding.proof import Search, minimum, positive_boxes
 from warp_bounding.proof.search.best_first import WORST, halve
 

@@ -20,8 +20,8 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.limits import MAX_OFFSET
 from warp_bounding.indicators.recentred import Frame, Recentred
+from warp_bounding.indicators.shape import MAX_OFFSET
 
 __all__ = ["UNKNOWN", "Cells", "Placement", "Threshold", "Wanted", "grid_of"]
 

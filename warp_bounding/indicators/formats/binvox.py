@@ -12,7 +12,7 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.arrays import Cells
-from warp_bounding.indicators.limits import MAX_CELLS
+from warp_bounding.indicators.shape import MAX_CELLS
 
 __all__ = ["read_binvox"]
 

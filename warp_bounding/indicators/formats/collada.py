@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from warp_bounding.indicators.formats.mesh_data import MeshData, as_faces, as_numbers, joined, triangulated
+from warp_bounding.indicators.formats.reading import MeshData, as_faces, as_numbers, joined, triangulated
 
 __all__ = ["read_collada"]
 

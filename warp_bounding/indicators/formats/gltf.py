@@ -16,7 +16,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from warp_bounding.indicators.formats.mesh_data import MeshData, as_faces, joined
+from warp_bounding.indicators.formats.reading import MeshData, as_faces, joined
 
 __all__ = ["read_gltf", "referred_buffers"]
 

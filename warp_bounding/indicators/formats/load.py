@@ -1,38 +1,265 @@
 """``load_indicator``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
-says. Meshes come from ``mesh_files.py`` and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
+says. Meshes come from their own readers and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
 ``images.py``, maps from ``maps.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
-libraries in ``objects.py``. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or
+libraries below. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or
 files whose reader makes one.
 """
 
 import os
+import sys
 import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.arrays import UNKNOWN, Cells, Placement, Threshold, Wanted, grid_of
 from warp_bounding.indicators.formats.binvox import read_binvox
+from warp_bounding.indicators.formats.collada import read_collada
+from warp_bounding.indicators.formats.gltf import read_gltf
 from warp_bounding.indicators.formats.images import WHICH, image_from, read_png
 from warp_bounding.indicators.formats.maps import read_movingai, read_pgm, read_ros_map
-from warp_bounding.indicators.formats.mesh_files import MESH_READERS, read_mesh
-from warp_bounding.indicators.formats.objects import ACCEPTED, array_from, function_from, mesh_from
-from warp_bounding.indicators.formats.reading import reading
+from warp_bounding.indicators.formats.obj import read_obj
+from warp_bounding.indicators.formats.off import read_off
+from warp_bounding.indicators.formats.ply import read_ply
+from warp_bounding.indicators.formats.reading import MeshData, reading
+from warp_bounding.indicators.formats.stl import read_stl
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES, read_usd
+from warp_bounding.indicators.function import IndicatorFunction
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.hollows import with_hollow
-from warp_bounding.indicators.mesh import IndicatorMesh
+from warp_bounding.indicators.mesh import IndicatorMesh, check_faces, mesh_of
 from warp_bounding.indicators.motion import IndicatorMotion
+from warp_bounding.indicators.recentred import Recentred
 from warp_bounding.indicators.shape import HOLLOW
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
 
-__all__ = ["READERS", "Indicator", "load_indicator"]
+# --- Mesh files -------------------------------------------------------------------------------------------------------
+#
+# Mesh files, each by the reader of its format: whatever a file holds is read, noted, or the file is refused.
+
+MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".off": read_off,
+    ".dae": read_collada,
+}
+
+
+def read_mesh_data(path: Path) -> MeshData:
+    """Read the vertices and faces of a mesh file.
+
+    Args:
+        path: An existing file.
+
+    Raises:
+        IndicatorError: In one line, for a file of another kind, one that is damaged, and one that holds what is not read.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in MESH_READERS:
+        raise IndicatorError(
+            f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}"
+        )
+    with reading(path, f"a {suffix} mesh"), np.errstate(all="ignore"):  # vertices that are not finite are refused
+        return MESH_READERS[suffix](path)
+
+
+def read_mesh(path: Path) -> IndicatorMesh | Recentred:
+    """Read a mesh file, as ``read_mesh_data`` does (``mesh_of``); raises ``IndicatorError`` as well for what ``IndicatorMesh`` refuses."""
+    vertices, faces, notes = read_mesh_data(path)
+    return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))
+
+
+# --- Hollows ----------------------------------------------------------------------------------------------------------
+#
+# Air that an object encloses: whether it counts as inside, one word for meshes and grids.
+#
+# A hollow is a part of space that nothing leads out of, and that no surface goes around: the air of a tank, of a room
+# without a door. Cells
+# that touch in an edge or a corner only are closed there, as they are closed sets.
+
+
+def with_hollow(shape, hollow: str):
+    """A shape whose hollows are filled or empty.
+
+    Args:
+        shape: A grid or a mesh.
+        hollow: One of ``HOLLOW``.
+
+    Raises:
+        IndicatorError: For other shapes, and for a mesh whose faces do not tell air from solid parts, where hollows are to be empty.
+    """
+    if isinstance(shape, Recentred):
+        return Recentred(with_hollow(shape.local, hollow), shape.coordinates)
+    if isinstance(shape, IndicatorMesh):
+        return replace(shape, hollow=hollow)
+    if not isinstance(shape, IndicatorGrid):
+        raise IndicatorError(
+            f"{shape.name}: hollow is for grids and for meshes at rest, got hollow={hollow!r} for {type(shape).__name__}"
+        )
+    return shape if hollow == HOLLOW[1] else _filled(shape)
+
+
+def _filled(grid: IndicatorGrid) -> IndicatorGrid:
+    """A grid whose enclosed cells are occupied; where coordinate 0 is time, those that are enclosed at their time."""
+    from scipy import ndimage
+
+    occupancy, offset, count = grid.occupancy.copy(), grid.offset, 0
+    for part in occupancy if grid.time else occupancy[None]:
+        padded = np.pad(part, 1)
+        label, regions = ndimage.label(~padded)
+        enclosed = (~padded & (label != label[(0,) * part.ndim]))[(slice(1, -1),) * part.ndim]
+        part |= enclosed
+        count += regions - 1
+    if occupancy.all():  # a wall all around: a border that can be left out
+        occupancy = np.pad(occupancy, [(int(k > 0 or not grid.time),) * 2 for k in range(grid.ndim)])
+        offset = offset - [float(k > 0 or not grid.time) for k in range(grid.ndim)]
+    remark = f"{count:,} closed hollow{'s' * (count != 1)} filled"
+    return replace(grid, occupancy=occupancy, offset=offset, remark="; ".join(filter(None, [grid.remark, remark])))
+
+
+# --- Objects of other libraries ---------------------------------------------------------------------------------------
+#
+# Shapes as others hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp, objects that answer.
+#
+# None of these libraries is imported here: whoever passes an object of one has imported it.
+
+
+class _Kind(NamedTuple):
+    """Classes of a library, and the function that makes an indicator or an array of their objects."""
+
+    module: str
+    classes: tuple[str, ...]
+    convert: Callable[[Any], Any]
+
+
+def _from_trimesh(source: Any) -> IndicatorMesh | Recentred:
+    """One mesh of all the meshes of a scene, their transforms applied; raises ``IndicatorError`` for a scene without a mesh."""
+    trimesh, name = sys.modules["trimesh"], "trimesh"
+    with reading(name, "a scene of meshes"):
+        parts = [source] if isinstance(source, trimesh.Trimesh) else source.dump()
+    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    others = sorted({type(part).__name__ for part in parts if not isinstance(part, trimesh.Trimesh)})
+    if not meshes:
+        raise IndicatorError(f"{name}: expected a mesh with faces, got {', '.join(others) or 'none'}")
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    for mesh in meshes:  # before the parts are joined: an index out of range would then point into another part
+        check_faces(np.asarray(mesh.faces), len(mesh.vertices), name)
+    return mesh_of(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate([np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=False)]),
+        name=name,
+        note=f"not read, as they are not meshes: {', '.join(others)}" if others else "",
+    )
+
+
+def _from_newton(source: Any) -> IndicatorMesh:
+    return IndicatorMesh(np.asarray(source.vertices), _triangles(source.indices, "newton.Mesh"), name="newton.Mesh")
+
+
+def _from_warp(source: Any) -> IndicatorMesh:
+    return IndicatorMesh(source.points.numpy(), _triangles(source.indices.numpy(), "wp.Mesh"), name="wp.Mesh")
+
+
+def _from_torch(source: Any) -> np.ndarray:
+    try:
+        return source.detach().cpu().numpy()
+    except (TypeError, RuntimeError) as error:  # sparse, or of a type that NumPy does not have
+        reason = " ".join(str(error).split())
+        raise IndicatorError(
+            f"expected a tensor that NumPy can hold, got {source.dtype}, {source.layout}: {reason}"
+        ) from error
+
+
+def _triangles(indices: Any, name: str) -> np.ndarray:
+    indices = np.asarray(indices)
+    if indices.size % 3:
+        raise IndicatorError(f"{name}: expected three indices a face, got {indices.size}")
+    return indices.reshape(-1, 3)
+
+
+_MESHES = (
+    _Kind("trimesh", ("Trimesh", "Scene"), _from_trimesh),
+    _Kind("newton", ("Mesh",), _from_newton),
+    _Kind("warp", ("Mesh",), _from_warp),
+)
+_ARRAYS = (
+    _Kind("numpy", ("ndarray",), lambda source: source),
+    _Kind("torch", ("Tensor",), _from_torch),
+    _Kind("warp", ("array",), lambda source: source.numpy()),
+)
+_QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of a shape of one's own
+ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an indicator"
+
+
+def mesh_from(source: object) -> IndicatorMesh | Recentred | None:
+    """The indicator of another library's mesh, or of a pair ``(vertices, faces)`` of arrays; ``None`` for anything else.
+
+    Raises:
+        IndicatorError: For a mesh that cannot be bounded.
+    """
+    if isinstance(source, tuple):
+        return _from_pair(source)
+    return _converted(source, _MESHES)
+
+
+def array_from(source: object) -> np.ndarray | None:
+    """Another library's array as NumPy's; ``None`` for anything else."""
+    return _converted(source, _ARRAYS)
+
+
+def function_from(source: object) -> IndicatorFunction | None:
+    """The indicator of an object that answers as a shape does; ``None`` for anything else.
+
+    Args:
+        source: Has ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty`` with the meaning that they have in
+            ``Shape``, and perhaps ``name``, ``note`` and ``time``.
+
+    Raises:
+        IndicatorError: If its box or its answers contradict that.
+    """
+    if isinstance(source, type) or not all(hasattr(source, name) for name in _QUESTIONS):
+        return None
+    about = {name: getattr(source, name) for name in ("name", "note", "time") if hasattr(source, name)}
+    about = {"name": type(source).__name__} | about
+    found = IndicatorFunction(source.contains, source.lower, source.upper, empty=source.empty, **about)
+    if found.ndim != source.ndim:
+        raise IndicatorError(f"{found.name}: expected corners of ndim={source.ndim} numbers, got {found.ndim}")
+    return found
+
+
+def _from_pair(source: tuple) -> IndicatorMesh | Recentred:
+    if len(source) != 2:
+        raise IndicatorError(f"expected a pair (vertices, faces), got a tuple of {len(source)}")
+    arrays = []
+    for name, part in zip(("vertices", "faces"), source, strict=True):
+        array = array_from(part)
+        try:
+            arrays.append(np.asarray(part) if array is None else array)
+        except ValueError as error:  # lists of unequal length
+            raise IndicatorError(
+                f"mesh: expected {name} as an array of 3 columns, got {type(part).__name__}"
+            ) from error
+    return mesh_of(*arrays)
+
+
+def _converted(source: object, kinds: tuple[_Kind, ...]) -> Any:
+    for kind in kinds:
+        module = sys.modules.get(kind.module)
+        classes = tuple(filter(None, (getattr(module, name, None) for name in kind.classes)))
+        if isinstance(source, classes):
+            return kind.convert(source)
+    return None
+
+
+# --- Files ------------------------------------------------------------------------------------------------------------
 
 
 @runtime_checkable

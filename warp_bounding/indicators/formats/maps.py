@@ -17,7 +17,7 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.formats.arrays import Cells, Placement, Wanted
 from warp_bounding.indicators.formats.images import alpha_of, opened
 from warp_bounding.indicators.formats.reading import reading
-from warp_bounding.indicators.limits import MAX_CELLS
+from warp_bounding.indicators.shape import MAX_CELLS
 
 __all__ = ["read_movingai", "read_pgm", "read_ros_map"]
 

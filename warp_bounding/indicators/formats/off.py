@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_bounding.indicators.formats.mesh_data import MeshData, as_numbers, joined, triangulated
+from warp_bounding.indicators.formats.reading import MeshData, as_numbers, joined, triangulated
 
 __all__ = ["read_off"]
 

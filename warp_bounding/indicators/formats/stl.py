@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_bounding.indicators.formats.mesh_data import MeshData, as_numbers, joined
+from warp_bounding.indicators.formats.reading import MeshData, as_numbers, joined
 
 __all__ = ["read_stl"]
 

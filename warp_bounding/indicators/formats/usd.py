@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.formats.mesh_data import joined, triangulated
-from warp_bounding.indicators.formats.reading import LONGEST_REASON, import_optional, reading
+from warp_bounding.indicators.formats.reading import LONGEST_REASON, import_optional, joined, reading, triangulated
 from warp_bounding.indicators.mesh import IndicatorMesh, mesh_of
 from warp_bounding.indicators.recentred import Recentred
 

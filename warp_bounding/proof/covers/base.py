@@ -7,8 +7,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.blocks import blocks_of
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.grid import IndicatorGrid, blocks_of
 from warp_bounding.proof.covers.monotone_box import LeastBox, of_points
 from warp_bounding.proof.search.depth_first import ChartedPositives
 

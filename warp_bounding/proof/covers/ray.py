@@ -23,8 +23,7 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.coordinates.region_domain import RegionDomain
-from warp_bounding.indicators.blocks import blocks_of
-from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.grid import IndicatorGrid, blocks_of
 from warp_bounding.networks.charts.ray import RayChart
 from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import ChartedPositives

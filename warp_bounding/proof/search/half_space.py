@@ -6,7 +6,7 @@ import numpy as np
 
 from warp_bounding.arithmetic import UNIT64
 from warp_bounding.coordinates.domain import GROWTH, Domain
-from warp_bounding.indicators.half_spaces import HalfSpaces
+from warp_bounding.indicators.shape import HalfSpaces
 from warp_bounding.networks.box_bounds import BoxBounds
 
 __all__ = ["HeldBounds", "bound_in_half_spaces"]

@@ -1,0 +1,356 @@
+"""The configurations in which an arm collides, as a shape of as many coordinates as it has joints.
+
+Everything that a shape answers comes from float64 kernels (``kernels``): truth, certified boxes, half-spaces and distances. Configurations
+beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer *maybe* there (``indicators.joints``). The limits are rounded outwards to
+float32, so that a query at a limit is asked about, and the shape reaches beyond them by what float32 rounds. Of a continuous joint q and q + 2 pi k are the same.
+"""
+
+import hashlib
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import cached_property
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.arithmetic import round_down, round_up
+from warp_bounding.arms.arm import WORLD, Arm, Body, ball_of
+from warp_bounding.arms.kernels import ALLOWANCE, BLUR, FREE, FULL, HALVES, Bodies, Chain, Collisions, kernels_of
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formula import Formula
+from warp_bounding.indicators.joints import BEYOND, TWO_PI, WIDER, Joints, turned_back
+from warp_bounding.indicators.shape import UNDECIDED, HalfSpaces, Pieces, Shape, checked_margin, checked_number
+from warp_bounding.runtime.launch import launch_on_cores
+
+OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
+LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
+DEVICE = "cpu"
+
+
+class ArmConfigurations(Formula):
+    """All configurations in which an arm touches an obstacle, or itself.
+
+    A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``. Beyond the limits nothing is in the shape, and
+    every bounder answers *maybe*; continuous joints have no limits, and ``weights * 2 pi`` is one turn. Distances are Euclidean in these
+    coordinates. With the weights of ``Arm.reaching`` one unit moves the arm by a metre at most.
+
+    Args:
+        arm: The arm.
+        obstacles: Bodies that do not move.
+        self_collision: Whether links may not touch each other and the base; by default only where there are no obstacles.
+        safety: Metres: what comes closer counts as touching.
+        weights: ``(n,)``, above 0; 1 for ``None``.
+        name: For people.
+
+    Attributes:
+        arm: The arm.
+        obstacles: The obstacles.
+        weights: ``(n,)`` float64.
+        safety: Metres.
+        self_collision: Whether the arm is checked against itself.
+        pairs: ``(P, 2)``, pairs of bodies that are checked: numbers of the arm's, and behind these of the obstacles.
+
+    Raises:
+        IndicatorError: For obstacles that move, numbers that are none, or nothing that could touch.
+
+    Example:
+        >>> arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
+        >>> shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.5, 0, 0], 0.1)])
+        >>> shape.contains(np.array([[0.0], [1.0]]))  # pointing at the ball, and away from it
+        array([ True, False])
+        >>> wb.fit(shape, method="aabb", device="cpu").certificate.proven
+        True
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        obstacles: Sequence[Body] = (),
+        *,
+        self_collision: bool | None = None,
+        safety: float = 0.0,
+        weights=None,
+        name: str = "arm",
+    ):
+        self.arm, self.obstacles, self.name, self.note, self._pieces = arm, tuple(obstacles), name, arm.note, None
+        self._lay_out(safety, self_collision, weights)
+
+    def _lay_out(self, safety: float, self_collision: bool | None, weights) -> None:
+        arm, obstacles, name = self.arm, self.obstacles, self.name
+        self.safety, self.self_collision = (
+            checked_margin(safety),
+            not obstacles if self_collision is None else bool(self_collision),
+        )
+        for body in self.obstacles:
+            if body.link != WORLD:
+                raise IndicatorError(f"{name}: {body.name} is an obstacle, and it is of link {body.link}")
+        weights = np.ones(len(arm.joints)) if weights is None else np.array(weights, dtype=np.float64)
+        if weights.shape != (len(arm.joints),):
+            raise IndicatorError(f"{name}: expected a weight for each of {len(arm.joints)} joints, got {weights}")
+        self.weights = np.array([checked_number(weight, "a weight", name) for weight in weights])
+        if not ((self.weights >= LEAST_WEIGHT) & (self.weights <= 1 / LEAST_WEIGHT)).all():
+            raise IndicatorError(f"{name}: expected weights from 2^-20 to 2^20, got {weights}")
+        self.weights.setflags(write=False)
+        self.pairs = self._paired()
+        self.pairs.setflags(write=False)
+        if not len(self.pairs):
+            raise IndicatorError(
+                f"{name}: there is nothing that could touch; give obstacles, or ask for collisions with itself"
+            )
+
+    def _paired(self) -> np.ndarray:
+        """Pairs of bodies ``(P, 2)`` that are checked: numbers of the arm's, and behind these of the obstacles."""
+        own, links = self.arm.bodies, [body.link for body in self.arm.bodies]
+        found = [
+            (len(own) + k, number)
+            for number, link in enumerate(links)
+            if link != WORLD
+            for k in range(len(self.obstacles))
+        ]
+        if self.self_collision:
+            for one, a in enumerate(links):
+                for other, b in enumerate(links):
+                    if a < b - 1 and (a, b) not in self.arm.touching:
+                        found.append((one, other))
+        pairs = np.array(found, dtype=np.int32).reshape(-1, 2)
+        if self._pieces is None:
+            return pairs
+        links = np.array([*links, *(WORLD for _ in self.obstacles)])
+        return pairs[np.isin(links[pairs].max(axis=1), self._pieces.held)]
+
+    # --- where it is -------------------------------------------------------------------------------------------------
+
+    @property
+    def ndim(self) -> int:
+        return len(self.arm.joints)
+
+    @property
+    def lower(self) -> np.ndarray:
+        """See ``Shape``; of a continuous joint a little more than one turn."""
+        return round_down(self.arm.lower * self.weights * np.where(self._turns, WIDER, 1.0)).astype(np.float64)
+
+    @property
+    def upper(self) -> np.ndarray:
+        """See ``lower``."""
+        return round_up(self.arm.upper * self.weights * np.where(self._turns, WIDER, 1.0)).astype(np.float64)
+
+    @property
+    def _padding(self) -> np.ndarray:
+        return np.zeros(self.ndim)  # beyond the limits nothing is known
+
+    @property
+    def _turns(self) -> np.ndarray:
+        return np.array([joint.continuous for joint in self.arm.joints])
+
+    @cached_property
+    def _periods(self) -> list[Fraction]:
+        return [TWO_PI * Fraction(each) * int(turns) for each, turns in zip(self.weights, self._turns, strict=True)]
+
+    @cached_property
+    def joints(self) -> Joints:
+        """See ``Shape``."""
+        return Joints.of(self.lower, self.upper, np.array(self._periods, dtype=np.float64))
+
+    @cached_property
+    def known(self) -> tuple[np.ndarray, np.ndarray]:
+        """See ``Shape``: what float32 rounds to a limit counts."""
+        beyond = BEYOND * np.maximum(np.abs(self.lower), np.abs(self.upper))
+        return tuple(
+            np.where(self._turns, np.copysign(np.inf, side), end + side * beyond)
+            for side, end in ((-1, self.lower), (1, self.upper))
+        )
+
+    @property
+    def waves(self) -> np.ndarray | None:
+        """The angles of ``Arm.angles``, ``None`` where nothing turns. A network whose first hidden layer has twice as many neurons begins with their sines and cosines."""
+        angles = self.arm.angles
+        return angles / self.weights if len(angles) else None
+
+    @cached_property
+    def geometry(self) -> str:
+        """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""
+        if self._pieces is not None:
+            return self._pieces.digest
+        sha = hashlib.sha256(b"warp-bounding arm 1")
+        for joint in self.arm.joints:
+            numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
+            numbers += [joint.continuous] * joint.continuous
+            sha.update(np.array(numbers, dtype="<f8").tobytes())
+        for body in (*self.arm.bodies, *self.obstacles):
+            sha.update(np.array([*body.points.ravel(), body.radius, body.link], dtype="<f8").tobytes() + b";")
+        for array in (self.pairs, self.weights, self.safety):
+            sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+        return sha.hexdigest()
+
+    # --- what it is --------------------------------------------------------------------------------------------------
+
+    @cached_property
+    def _collisions(self) -> Collisions:
+        origins, moved = self.arm.moved
+        bodies = (*self.arm.bodies, *self.obstacles)
+        points = (*moved, *(body.points for body in self.obstacles))
+        largest = np.where(self._turns, 0.0, np.maximum(*map(np.abs, self.known))) / self.weights * OUTWARD
+        reach = np.concatenate([self.arm.reach(largest), np.zeros((len(self.obstacles), self.ndim))])
+        found = Collisions()
+        found.chain, found.bodies = Chain(), Bodies()
+        turns = np.array([origin[:3, :3] for origin in origins])
+        found.chain.turn = wp.array(turns, dtype=wp.mat33d, device=DEVICE)
+        found.chain.at = wp.array([origin[:3, 3] for origin in origins], dtype=wp.vec3d, device=DEVICE)
+        found.chain.slides = wp.array([int(joint.slides) for joint in self.arm.joints], dtype=wp.int32, device=DEVICE)
+        balls = [ball_of(each) for each in points]
+        arrays = {
+            "points": (np.concatenate(points), wp.vec3d),
+            "first": (np.cumsum([0, *map(len, points)]), wp.int32),
+            "link": ([body.link for body in bodies], wp.int32),
+            "radius": ([body.radius for body in bodies], wp.float64),
+            "center": ([center for center, _ in balls], wp.vec3d),
+            "ball": ([radius * OUTWARD for _, radius in balls], wp.float64),
+        }
+        for field, (values, dtype) in arrays.items():
+            setattr(found.bodies, field, wp.array(np.asarray(values), dtype=dtype, device=DEVICE))
+        links = np.array([body.link for body in bodies])
+        behind = np.arange(self.ndim) > links[self.pairs[:, :1]]  # the joints that move a pair
+        speed = np.sqrt((((reach[self.pairs[:, 1]] * behind) / self.weights) ** 2).sum(axis=1)) * OUTWARD
+        found.pairs = wp.array(self.pairs, dtype=wp.vec2i, device=DEVICE)
+        found.reach = wp.array(reach, dtype=wp.float64, device=DEVICE)
+        found.speed = wp.array(speed, dtype=wp.float64, device=DEVICE)
+        found.weights = wp.array(self.weights, dtype=wp.float64, device=DEVICE)
+        found.lower, found.upper = (wp.array(end, dtype=wp.float64, device=DEVICE) for end in self.known)
+        found.safety = self.safety
+        far = max(np.abs(body.points).sum(axis=1).max() + body.radius for body in bodies) * 2 + self.safety
+        slides = sum(most for joint, most in zip(self.arm.joints, largest, strict=True) if joint.slides)
+        found.allowance = ALLOWANCE * (far + slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins))
+        return found
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        return self._ask_points(x)[0]
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from configurations to the next colliding one, in the shape's coordinates."""
+        x = turned_back(np.asarray(x, dtype=np.float64), self._periods)
+        # beyond the limits bodies sweep farther than what bounds their speeds
+        within = np.clip(x, *self.known)
+        beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
+        return np.where(np.isfinite(x).all(axis=1), np.hypot(self._ask_points(within)[1], beyond) * (1 / OUTWARD), 0.0)
+
+    def _ask_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        given = np.asarray(x, dtype=np.float64)
+        x = turned_back(given, self._periods)
+        c, kernels = self._collisions, kernels_of(self.ndim)
+        near = float(np.linalg.norm(self.upper - self.lower))
+        answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
+        inputs = [c, self._array(x), near]
+        launch_on_cores(kernels.points, len(x), inputs, [answers, distances], DEVICE)
+        lost = np.isnan(x).any(axis=1) & np.isfinite(given).all(axis=1)  # more turns than float64 tells apart
+        return np.where(lost, np.uint8(UNDECIDED), answers.numpy()), distances.numpy()
+
+    def _array(self, x: np.ndarray) -> wp.array:
+        dtype = wp.types.vector(length=self.ndim, dtype=wp.float64)
+        x = np.ascontiguousarray(x, dtype=np.float64)
+        return wp.array(x, dtype=dtype, shape=(len(x),), device=DEVICE, copy=False)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        (lower, upper), apart, _ = self._within(lower, upper)
+        return apart | (self._ask_boxes(lower, upper, FREE)[0] == FREE)
+
+    def _within(
+        self, lower: np.ndarray, upper: np.ndarray
+    ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        """The parts of boxes in what is known, which boxes have none, and which were turned back by whole turns; what is no box stays as it is."""
+        lower, upper = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
+        real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
+        away = self._turns & (np.abs(lower / 2 + upper / 2) > self.upper)  # never so where a proof asks
+        if away.any():
+            center = lower / 2 + upper / 2
+            with np.errstate(invalid="ignore", over="ignore"):
+                by = turned_back(center, self._periods) - center
+                room = BLUR * (np.abs(lower) + np.abs(upper))  # of these sums
+                lower, upper = np.where(away, lower + by - room, lower), np.where(away, upper + by + room, upper)
+        first, last = self.known
+        apart = real & ((lower > last) | (upper < first)).any(axis=1)
+        clipped = real & ~apart
+        low, high = (np.where(clipped[:, None], np.clip(x, first, last), x) for x in (lower, upper))
+        return (low, high), apart, away.any(axis=1)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        (low, high), _, _ = self._within(lower, upper)
+        held = ((low <= lower) & (high >= upper) | self._turns).all(axis=1)  # nothing was cut off
+        return held & (self._ask_boxes(low, high, FULL)[0] == FULL)
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        (lower, upper), apart, away = self._within(lower, upper)
+        answers, level, slope, axis, loss = self._ask_boxes(lower, upper, HALVES)
+        center = lower * 0.5 + upper * 0.5
+        if away.any():  # these half-spaces are of another turn
+            level, loss = np.where(away, 1.0, level), np.where(away, 0.0, loss)
+            slope = np.where(away[:, None], 0.0, slope)
+        return HalfSpaces(apart | (answers == FREE), center, level, slope, axis, loss)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from boxes to the next colliding configuration, in the shape's coordinates."""
+        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
+        with np.errstate(all="ignore"):
+            half = np.linalg.norm((upper - lower) / 2, axis=1) * OUTWARD + BLUR * np.abs(lower + upper).max(axis=1)
+            found = (self.distance(lower / 2 + upper / 2) - half) * (1 / OUTWARD)
+        return np.where((lower <= upper).all(axis=1) & (found > 0), found, 0.0)
+
+    def _ask_boxes(self, lower: np.ndarray, upper: np.ndarray, asked: int) -> tuple[np.ndarray, ...]:
+        count = len(lower)
+        size = count if asked == HALVES else 0
+        vector = wp.types.vector(length=self.ndim, dtype=wp.float64)
+        outputs = [
+            wp.empty(count, dtype=wp.uint8, device=DEVICE),
+            *(wp.empty(size, dtype=dtype, device=DEVICE) for dtype in (wp.float64, vector, wp.int32, wp.float64)),
+        ]
+        inputs = [self._collisions, self._array(lower), self._array(upper), asked]
+        launch_on_cores(kernels_of(self.ndim).boxes, count, inputs, outputs, DEVICE)
+        return tuple(output.numpy() for output in outputs)
+
+    # --- what can be made of it --------------------------------------------------------------------------------------
+
+    @property
+    def pieces(self) -> Pieces:
+        """A piece for each link: the configurations in which it touches an obstacle, the base, or a link before it."""
+        return self._pieces or Pieces(self.digest, self.ndim, tuple(range(self.ndim)))
+
+    def piece(self, held: Sequence[int]) -> "ArmConfigurations":
+        """The configurations in which some links touch what stands around, or links before them: of the joints up to the last of these.
+
+        Args:
+            held: Numbers of links.
+
+        Raises:
+            IndicatorError: For numbers of no links, links of another piece, or links that could touch nothing.
+
+        Example:
+            >>> links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(2)]
+            >>> arm = wb.arms.Arm([wb.arms.Joint(), wb.arms.Joint()], links)
+            >>> shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0, 0.8, 0], 0.2)])
+            >>> shape.piece([0]).ndim, shape.piece([1]).ndim
+            (1, 2)
+        """
+        own = self.pieces
+        asked = Pieces.of(own.whole, own.count, held, self.name)
+        if not set(asked.held) <= set(own.held):
+            raise IndicatorError(f"{self.name}: a piece of links {own.held} has no links {asked.held}")
+        if asked == own:
+            return self
+        count = asked.held[-1] + 1
+        found = object.__new__(ArmConfigurations)
+        found.arm, found.obstacles, found._pieces = self.arm.first(count), self.obstacles, asked
+        found.name = f"{self.name}, links {', '.join(map(str, asked.held))}"
+        found._lay_out(self.safety, self.self_collision, self.weights[:count])
+        return found
+
+    def dilated(self, margin: float) -> Shape:
+        """Itself for 0.
+
+        Raises:
+            IndicatorError: For any other margin: bodies are dilated by ``safety``, in metres.
+        """
+        if self._new_margin(margin) is not None:
+            raise IndicatorError(
+                f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, in metres, "
+                "to ArmConfigurations"
+            )
+        return self

@@ -1,0 +1,721 @@
+"""What the colliding configurations of an arm answer, in float64 kernels: about points and closed boxes of configurations.
+
+What is known of single pairs of bodies comes from ``pairs_of``.
+"""
+
+from functools import cache
+from typing import Any, NamedTuple
+
+import warp as wp
+
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
+from warp_bounding.runtime.native import named
+
+# --- How far two hulls are apart --------------------------------------------------------------------------------------
+#
+# How far two hulls of points are apart, in float64: a direction that proves it, and two points that are so near.
+#
+# For any vector n, however it was found, every point b of one hull and every point a of the other have ``n . (b - a)
+# >= gap``, where the gap
+# is the least of ``n . b`` less the largest of ``n . a`` over the corners. So the gap over the length of n is a lower
+# bound of the
+# distance that rests on nothing but two sums over corners. The search for a good n may be as careless as it likes. It
+# is the algorithm
+# of Gilbert, Johnson and Keerthi: of the differences ``b - a`` it keeps up to four whose hull comes ever nearer to 0.
+#
+# Where 0 lies inside of four differences, the hulls meet, and ``depth`` tells how far 0 is from their faces: by so
+# much the corners may
+# be off and the hulls still meet.
+#
+# Source: Gilbert, Johnson, Keerthi, "A fast procedure for computing the distance between complex objects in three-
+# dimensional space" (1988).
+
+ROUNDS = wp.constant(32)  # of the search; most pairs take 3 to 6
+_CLOSE = wp.constant(wp.float64(1e-10))  # of the distance found: a search whose bounds are so close ends
+# Of the longest difference L of four corners. Where every height of their hull is above 2^-12 L, a face has an area of 2^-25 L^2 or more, so that its
+# normal, a cross product of edges, is off by 2^-25 at most, and what it tells of 0 by less than 2^-24 L.
+FLATTEST, CRUDE = 2.0**-12, 2.0**-20
+_FLATTEST, _CRUDE = wp.constant(wp.float64(FLATTEST)), wp.constant(wp.float64(CRUDE))
+_ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
+_INFINITY = wp.constant(wp.float64(float("inf")))
+_TINY = wp.constant(wp.float64(2.0**-400))
+
+Corners = wp.types.matrix(shape=(4, 3), dtype=wp.float64)
+
+
+@wp.struct
+class Bodies:
+    """Rounded hulls in the frames of their links."""
+
+    points: wp.array(dtype=wp.vec3d)
+    first: wp.array(dtype=wp.int32)  # corner of each body, and behind the last one their number
+    link: wp.array(dtype=wp.int32)
+    radius: wp.array(dtype=wp.float64)
+    center: wp.array(dtype=wp.vec3d)  # of a ball that holds the corners
+    ball: wp.array(dtype=wp.float64)
+
+
+@wp.struct
+class Place:
+    """Where a link is."""
+
+    turn: wp.mat33d
+    at: wp.vec3d
+
+
+@wp.struct
+class Separation:
+    """What is known of two hulls."""
+
+    normal: wp.vec3d  # of length 1, about
+    gap: wp.float64  # see module; minus infinity where no direction is known
+    apart: wp.float64  # the hulls have points that are so far from each other
+    depth: wp.float64  # above 0 where the hulls meet
+
+
+@wp.func
+def corner(bodies: Bodies, place: Place, i: int) -> wp.vec3d:
+    """A corner where its link is."""
+    return place.turn * bodies.points[i] + place.at
+
+
+@wp.func
+def farthest(bodies: Bodies, body: int, place: Place, direction: wp.vec3d) -> wp.vec3d:
+    """The corner that lies farthest in a direction."""
+    local = wp.transpose(place.turn) * direction
+    begin, end = wp.int32(bodies.first[body]), wp.int32(bodies.first[body + 1])
+    best, most = wp.int32(begin), wp.dot(local, bodies.points[begin])
+    for i in range(begin + 1, end):
+        value = wp.dot(local, bodies.points[i])
+        if value > most:
+            best, most = i, value
+    return corner(bodies, place, best)
+
+
+@wp.func
+def _on_segment(a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
+    """The point of a segment that is nearest to 0."""
+    way = b - a
+    square = wp.dot(way, way)
+    if not square > _TINY:
+        return a
+    return a + way * wp.clamp(-wp.dot(a, way) / square, _ZERO, _ONE)
+
+
+@wp.func
+def _nearer(p: wp.vec3d, q: wp.vec3d) -> wp.vec3d:
+    if wp.dot(q, q) < wp.dot(p, p):
+        return q
+    return p
+
+
+@wp.func
+def _on_triangle(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.vec3d:
+    """The point of a triangle that is nearest to 0; triangles may be degenerate."""
+    found = _nearer(_nearer(_on_segment(a, b), _on_segment(b, c)), _on_segment(c, a))
+    normal = wp.cross(b - a, c - a)
+    square = wp.dot(normal, normal)
+    if square > _TINY:
+        u, v, w = wp.dot(normal, wp.cross(b, c)), wp.dot(normal, wp.cross(c, a)), wp.dot(normal, wp.cross(a, b))
+        if u >= _ZERO and v >= _ZERO and w >= _ZERO:
+            found = _nearer(found, normal * (wp.dot(normal, a) / square))
+    return found
+
+
+@wp.func
+def _inward(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, d: wp.vec3d, size: wp.float64) -> wp.float64:
+    """How far 0 is from the plane of a face, above 0 on the side of the fourth corner; below 0 where the four are nearly in a plane."""
+    normal = wp.cross(b - a, c - a)
+    length = wp.length(normal)
+    if not length > _TINY:
+        return -size
+    level = wp.dot(normal, a) / length
+    height = wp.dot(normal, d) / length - level
+    if height < _ZERO:
+        level = -level
+        height = -height
+    if not height > _FLATTEST * size:
+        return -size
+    return -level
+
+
+@wp.func
+def _depth(s: Corners) -> wp.float64:
+    """How far 0 is from the faces of the hull of four differences at least, where it is in it; 0 or less elsewhere."""
+    size = wp.float64(0.0)
+    for k in range(4):
+        size = wp.max(size, wp.length(s[k] - s[(k + 1) % 4]))
+        size = wp.max(size, wp.length(s[k] - s[(k + 2) % 4]))
+    least = wp.min(
+        wp.min(_inward(s[0], s[1], s[2], s[3], size), _inward(s[1], s[2], s[3], s[0], size)),
+        wp.min(_inward(s[2], s[3], s[0], s[1], size), _inward(s[3], s[0], s[1], s[2], size)),
+    )
+    return least - _CRUDE * size
+
+
+@wp.func
+def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Place, enough: wp.float64) -> Separation:
+    """Search for a direction that tells two hulls apart.
+
+    Args:
+        bodies: All of them.
+        one: The body a of the module's text.
+        at_one: Where its link is.
+        other: The body b.
+        at_other: Where its link is.
+        enough: A gap beyond which no larger one is looked for.
+    """
+    found = Separation()
+    found.gap = -_INFINITY
+    found.apart = _INFINITY
+    found.depth = -_INFINITY
+    s = Corners()
+    count, rounds, last = wp.int32(0), wp.int32(ROUNDS), wp.int32(0)
+    nearest = corner(bodies, at_other, bodies.first[other]) - corner(bodies, at_one, bodies.first[one])
+    while rounds > 0:
+        rounds -= 1
+        length = wp.length(nearest)
+        found.apart = wp.min(found.apart, length)
+        if not length > _TINY:
+            break
+        normal = nearest / length
+        new = farthest(bodies, other, at_other, -normal) - farthest(bodies, one, at_one, normal)
+        gap = wp.dot(normal, new)
+        if gap > found.gap:
+            found.gap = gap
+            found.normal = normal
+        if gap > enough or length - gap <= _CLOSE * length:
+            break
+        if count < 4:
+            last = count
+            count += 1
+        for k in range(3):
+            s[last, k] = new[k]
+        if count == 1:
+            nearest = s[0]
+        elif count == 2:
+            nearest = _on_segment(s[0], s[1])
+        elif count == 3:
+            nearest = _on_triangle(s[0], s[1], s[2])
+        else:
+            found.depth = _depth(s)
+            if found.depth > _ZERO:
+                found.apart = _ZERO
+                break
+            # The corner that is not of the nearest face is the next to give way.
+            least = wp.float64(wp.inf)
+            for k in range(4):
+                p = _on_triangle(s[(k + 1) % 4], s[(k + 2) % 4], s[(k + 3) % 4])
+                square = wp.dot(p, p)
+                if square < least:
+                    least, last = square, k
+                    nearest = p
+    return found
+
+
+# --- Where the links are ----------------------------------------------------------------------------------------------
+#
+# Where the links of an arm are, in float64 kernels, and what that rounds.
+#
+# With u = 2^-53, n joints, and S the size of all (how far from the origin any corner, joint or obstacle can be): sine
+# and cosine err by
+# 4 u, say, a product of two rotations by 3 u an entry, so that a rotation is off by 32 u for each joint before it, in
+# the operator norm, and a place by
+# 40 n u S. The first derivatives of a corner are cross products of such numbers, off by 100 n u S at most. A linear
+# bound over a box takes
+# each of them times half the box's side, at most 1, and twice n of them. With n up to 16 all that is under 2^13 u S. A
+# configuration
+# that is computed from weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by
+# no more than 16 times 2^-46 S. What is
+# allowed is far more than all of it, and far less than anything that matters.
+
+ALLOWANCE = 2.0**-36  # of the size of all: by how much a gap may be off; see above
+
+
+@wp.struct
+class Chain:
+    """The joints: each one's origin in the frame of the one before, z being the axis."""
+
+    turn: wp.array(dtype=wp.mat33d)
+    at: wp.array(dtype=wp.vec3d)
+    slides: wp.array(dtype=wp.int32)
+
+
+class Kinematics:
+    """Warp types and functions for arms of n joints.
+
+    Attributes:
+        values: The type of n joint values.
+        turns: The type of all links' rotations, three rows each.
+        places: The type of all links' origins.
+        place: ``place(chain, q, turns, places)`` fills in both, ``turns`` and ``places`` being variables of the caller.
+        link: ``link(turns, places, i) -> Place``; of the base where i is below 0.
+        rate: ``rate(chain, turns, places, i, x) -> vec3d``, how the place x of a corner changes with joint i.
+    """
+
+    def __init__(self, n: int):
+        self.values = values = wp.types.vector(length=n, dtype=wp.float64)
+        self.turns = turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
+        self.places = places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
+        zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
+
+        @named(f"arm_rotations_{n}").func
+        def rotations(chain: Chain, q: values) -> turns:
+            found, before = turns(), wp.identity(n=3, dtype=wp.float64)
+            for i in range(n):
+                before = before * chain.turn[i]
+                if chain.slides[i] == 0:
+                    c, s = wp.cos(q[i]), wp.sin(q[i])
+                    before = before * wp.mat33d(c, -s, zero, s, c, zero, zero, zero, one)
+                for row in range(3):
+                    for column in range(3):
+                        found[3 * i + row, column] = before[row, column]
+            return found
+
+        @named(f"arm_link_{n}").func
+        def link(rotations: turns, origins: places, i: int) -> Place:
+            found = Place()
+            found.turn = wp.identity(n=3, dtype=wp.float64)
+            if i >= 0:
+                for row in range(3):
+                    for column in range(3):
+                        found.turn[row, column] = rotations[3 * i + row, column]
+                found.at = wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2])
+            return found
+
+        @named(f"arm_origins_{n}").func
+        def origins(chain: Chain, q: values, rotations: turns) -> places:
+            found = places()
+            for i in range(n):
+                before = link(rotations, found, i - 1)
+                at = before.at + before.turn * chain.at[i]
+                if chain.slides[i] != 0:
+                    at += wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2]) * q[i]
+                for k in range(3):
+                    found[i, k] = at[k]
+            return found
+
+        @named(f"arm_rate_{n}").func
+        def rate(chain: Chain, rotations: turns, origins: places, i: int, x: wp.vec3d) -> wp.vec3d:
+            axis = wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2])
+            if chain.slides[i] != 0:
+                return axis
+            return wp.cross(axis, x - wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2]))
+
+        self.rotations, self.origins, self.link, self.rate = rotations, origins, link, rate
+
+
+@cache
+def kinematics_of(n: int) -> Any:
+    """The kinematics of n joints."""
+    return Kinematics(n)
+
+
+# --- Pairs of bodies --------------------------------------------------------------------------------------------------
+#
+# What is known of a pair of bodies of an arm, at a configuration and over boxes of them, in float64.
+#
+# A *pair* is two bodies that may touch, and the joints ``first .. last`` that move one against the other: those behind
+# the link of the one
+# (the world or a link before) up to that of the other. Seen from the one's link, corner p of the other is a function
+# of these joint
+# values alone.
+#
+# *First order.* Where each joint value differs by ``h_i`` at most from the centre's, p has moved by no more than
+# ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being
+# how far the body is from the axis of joint i at most (``Arm.reach``).
+#
+# *Second order.* With n the direction that tells the hulls apart at the centre, ``n . p`` is there ``n . p_c + sum_i
+# c_i d_i``, ``c_i = n . dp/dq_i``, up to
+# ``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``, and the second derivative is at most rho of the later of the two joints,
+# since
+# ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j. So the gap is above a linear function for each corner. A
+# box over which all of them stay above
+# the radii is free of the pair.
+#
+# A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for
+# values within the limits, where what collides is.
+#
+# *Half-spaces.* Where they do not, a configuration of the box that collides has a corner whose linear function is no
+# more than 0. One linear
+# function that lies under all of them in the box, over all pairs that are left, gives a half-space.
+#
+# *Distance.* In coordinates ``x_i = w_i q_i``, a ball of radius r around a configuration moves the other body by at
+# most
+# ``r |(rho_i / w_i)_i|``; and along n by at most ``r |(c_i / w_i)_i| + r^2 / 2 |(rho_max(i, j) / (w_i w_j))_ij|``, the
+# last a Frobenius norm. The larger of the two radii
+# that follow is a distance which the pair cannot undercut.
+
+OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
+
+_OUTWARD, _INWARD = wp.constant(wp.float64(OUTWARD)), wp.constant(wp.float64(INWARD))
+_HALF, _TWO = wp.constant(wp.float64(0.5)), wp.constant(wp.float64(2.0))
+_HALF_TURN = wp.constant(wp.float64(3.14159265358979))
+
+
+@wp.struct
+class Collisions:
+    """An arm, what it may touch, and in which coordinates."""
+
+    chain: Chain
+    bodies: Bodies
+    pairs: wp.array(dtype=wp.vec2i)  # the one, the other, whose link is behind that of the one
+    reach: wp.array(dtype=wp.float64, ndim=2)  # of each body from each joint's axis
+    speed: wp.array(
+        dtype=wp.float64
+    )  # of each pair, metres by which it comes nearer at most, per unit of distance in the shape's coordinates
+    weights: wp.array(dtype=wp.float64)
+    lower: wp.array(dtype=wp.float64)  # limits, in the shape's coordinates
+    upper: wp.array(dtype=wp.float64)
+    safety: wp.float64  # metres, what comes closer counts as touching
+    allowance: wp.float64  # metres, by how much a gap may be off
+
+
+class Pairs:
+    """Warp functions for arms of n joints; each is explained where it is written."""
+
+    def __init__(self, n: int):
+        arm = kinematics_of(n)
+        values, turns, places, link, rate = arm.values, arm.turns, arm.places, arm.link, arm.rate
+
+        @named(f"arm_center_{n}").func
+        def center_of(c: Collisions, turn: turns, at: places, body: int) -> wp.vec3d:
+            """The centre of the ball around a hull, where its link is."""
+            own = c.bodies.link[body]
+            if own < 0:
+                return c.bodies.center[body]
+            place = link(turn, at, own)
+            return place.turn * c.bodies.center[body] + place.at
+
+        @named(f"arm_apart_{n}").func
+        def balls_apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
+            """How far the balls around two hulls are from each other, by the centre of the other one."""
+            way = center - center_of(c, turn, at, pair[0])
+            return wp.length(way) - c.bodies.ball[pair[0]] - c.bodies.ball[pair[1]]
+
+        @named(f"arm_arcs_{n}").func
+        def arcs(c: Collisions, half: values) -> values:
+            """How far each joint of a box takes a point at most that is a metre from its axis."""
+            found = values()
+            for i in range(n):
+                found[i] = half[i]
+                if c.chain.slides[i] == 0:
+                    found[i] = _TWO * wp.sin(wp.min(half[i], _HALF_TURN) * _HALF)
+            return found
+
+        @named(f"arm_swept_{n}").func
+        def swept(c: Collisions, pair: wp.vec2i, arc: values) -> wp.float64:
+            """How far a pair comes nearer at most in a box, by its arcs; first order."""
+            most = wp.float64(0.0)
+            for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
+                most += c.reach[pair[1], i] * arc[i]
+            return most * _OUTWARD
+
+        @named(f"arm_bend_{n}").func
+        def bend(c: Collisions, pair: wp.vec2i, half: values) -> wp.float64:
+            """By how much a linear function of a pair may be off in a box; second order."""
+            most = wp.float64(0.0)
+            begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
+            before = wp.float64(0.0)
+            for j in range(begin, end):
+                most += c.reach[pair[1], j] * half[j] * (before + _HALF * half[j])
+                before += half[j]
+            return most * _OUTWARD
+
+        @named(f"arm_slopes_{n}").func
+        def slopes(c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, x: wp.vec3d) -> values:
+            """How ``normal . x`` changes with each joint, of the place x of a corner of the other body."""
+            found = values()
+            for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
+                found[i] = wp.dot(normal, rate(c.chain, turn, at, i, x))
+            return found
+
+        @named(f"arm_bound_{n}").func
+        def bound(
+            c: Collisions,
+            turn: turns,
+            at: places,
+            pair: wp.vec2i,
+            normal: wp.vec3d,
+            room: wp.float64,
+            half: values,
+            slope: values,
+        ) -> wp.float64:
+            """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
+            one, other = pair[0], pair[1]
+            b = link(turn, at, c.bodies.link[other])
+            level = wp.dot(normal, farthest(c.bodies, one, link(turn, at, c.bodies.link[one]), normal)) + room
+            least = wp.float64(wp.inf)
+            for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
+                x = corner(c.bodies, b, k)
+                own = slopes(c, turn, at, pair, normal, x)
+                value = wp.dot(normal, x) - level
+                for i in range(n):
+                    value -= wp.abs(own[i] - slope[i]) * half[i]
+                least = wp.min(least, value)
+            return least
+
+        @named(f"arm_room_{n}").func
+        def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
+            """The radii of a pair, and what may be off."""
+            return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
+
+        @named(f"arm_middle_{n}").func
+        def middle(c: Collisions, lower: values, upper: values) -> values:
+            q = values()
+            for i in range(n):
+                q[i] = (lower[i] * _HALF + upper[i] * _HALF) / c.weights[i]
+            return q
+
+        @named(f"arm_meets_{n}").func
+        def meets(c: Collisions, s: Separation, pair: wp.vec2i, way: wp.float64) -> bool:
+            """Do two bodies touch for certain, even if they go apart by some way?"""
+            radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
+            return s.apart + way <= radii or s.depth > way + c.allowance
+
+        @named(f"arm_radius_{n}").func
+        def radius_of(
+            c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
+        ) -> wp.float64:
+            """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
+            begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
+            b = link(turn, at, c.bodies.link[pair[1]])
+            steep, bent, before = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+            for k in range(c.bodies.first[pair[1]], c.bodies.first[pair[1] + 1]):
+                own = slopes(c, turn, at, pair, normal, corner(c.bodies, b, k))
+                square = wp.float64(0.0)
+                for i in range(begin, end):
+                    part = (wp.abs(own[i]) + c.allowance) / c.weights[i]
+                    square += part * part
+                steep = wp.max(steep, square)
+            for j in range(begin, end):
+                share, part = _ONE / (c.weights[j] * c.weights[j]), c.reach[pair[1], j] / c.weights[j]
+                bent += part * part * (_TWO * before + share)
+                before += share
+            slope, curve = wp.sqrt(steep) * _OUTWARD, wp.sqrt(bent) * _OUTWARD
+            # The root of slope r + curve r^2 / 2 = gap, written so that nothing cancels.
+            root = _TWO * gap / (slope + wp.sqrt(slope * slope + _TWO * curve * gap))
+            return wp.max(gap / reach, root) * _INWARD
+
+        self.center_of = center_of
+        self.balls_apart = balls_apart
+        self.arcs = arcs
+        self.swept = swept
+        self.bend = bend
+        self.slopes = slopes
+        self.bound = bound
+        self.room_of = room_of
+        self.middle = middle
+        self.meets = meets
+        self.radius_of = radius_of
+
+
+@cache
+def pairs_of(n: int) -> Any:
+    """The functions for n joints."""
+    return Pairs(n)
+
+
+# --- Answers ----------------------------------------------------------------------------------------------------------
+
+OPEN, FREE, FULL = 0, 1, 2  # answers about boxes: nothing is known, none of its configurations collides, all do
+HALVES = 3  # asked for: half-spaces, where nothing else is known
+
+MOST_OPEN = 8  # pairs of a box that a half-space is made of; where more are left there is none
+LARGEST_HALF = 1.0  # radians: the second order is of no use for larger boxes
+BLUR = 2.0**-50  # of a coordinate: by how much the centre of a box and its half may be off
+
+_OPEN, _FREE, _FULL, _HALVES = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL), wp.constant(HALVES)
+_IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
+_MOST_OPEN = wp.constant(MOST_OPEN)
+_LARGEST_HALF = wp.constant(wp.float64(LARGEST_HALF))
+_BLUR = wp.constant(wp.float64(BLUR))
+
+
+class Kernels(NamedTuple):
+    """For arms of one number of joints."""
+
+    points: wp.Kernel  # truth and distance of configurations
+    boxes: wp.Kernel  # whether closed boxes are free, or all collide, and half-spaces
+
+
+@cache
+def kernels_of(n: int) -> Kernels:
+    """The kernels for arms of n joints."""
+    arm = kinematics_of(n)
+    values, rotations_of, origins_of, link = arm.values, arm.rotations, arm.origins, arm.link
+    own = pairs_of(n)
+    center_of, balls_apart, arcs, swept, bend = own.center_of, own.balls_apart, own.arcs, own.swept, own.bend
+    slopes, bound, room_of, middle, meets = own.slopes, own.bound, own.room_of, own.middle, own.meets
+    radius_of = own.radius_of
+    normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
+    numbers = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
+
+    @named(f"arm_points_{n}").kernel
+    def points(
+        first: int,
+        # inputs
+        c: Collisions,
+        x: wp.array(dtype=values),
+        near: wp.float64,
+        # outputs
+        answers: wp.array(dtype=wp.uint8),
+        distances: wp.array(dtype=wp.float64),
+    ):
+        """Truth of configurations, and a lower bound of the distance to the next colliding one; none above ``near`` is told."""
+        t, _ = wp.tid()
+        t += first
+        p = x[t]
+        q, within, finite = middle(c, p, p), wp.bool(True), wp.bool(True)
+        for i in range(n):
+            finite = finite and wp.abs(p[i]) < _INFINITY
+            within = within and p[i] >= c.lower[i] and p[i] <= c.upper[i]
+        answers[t] = wp.uint8(_OUT)
+        distances[t] = _ZERO
+        if not finite:
+            return
+        turn = rotations_of(c.chain, q)
+        at = origins_of(c.chain, q, turn)
+        touches, unsure, nearest = wp.bool(False), wp.bool(False), near + wp.float64(0.0)
+        moving, center = wp.int32(-1), wp.vec3d()
+        for number in range(c.pairs.shape[0]):
+            pair = c.pairs[number]
+            room, reach = room_of(c, pair), c.speed[number]
+            if pair[1] != moving:
+                moving = pair[1]
+                center = center_of(c, turn, at, moving)
+            if balls_apart(c, turn, at, pair, center) - room > nearest * reach:
+                continue
+            a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
+            s = separation(c.bodies, pair[0], a, pair[1], b, room + nearest * reach)
+            gap = s.gap - room
+            if gap > _ZERO:
+                if gap < nearest * reach:
+                    nearest = wp.min(nearest, radius_of(c, turn, at, pair, s.normal, gap, reach))
+            else:
+                nearest = wp.float64(0.0)
+                if meets(c, s, pair, wp.float64(0.0)):
+                    touches = wp.bool(True)
+                    break
+                unsure = wp.bool(True)
+        if within and touches:
+            answers[t] = wp.uint8(_IN)
+        elif within and unsure:
+            answers[t] = wp.uint8(_UNDECIDED)
+        distances[t] = nearest
+
+    @named(f"arm_boxes_{n}").kernel
+    def boxes(
+        first: int,
+        # inputs
+        c: Collisions,
+        lower: wp.array(dtype=values),
+        upper: wp.array(dtype=values),
+        asked: int,
+        # outputs
+        answers: wp.array(dtype=wp.uint8),
+        levels: wp.array(dtype=wp.float64),
+        lines: wp.array(dtype=values),
+        axes: wp.array(dtype=wp.int32),
+        losses: wp.array(dtype=wp.float64),
+    ):
+        """What is certain about closed boxes of configurations, within the limits: that asked for, ``FREE``, ``FULL`` or ``HALVES``."""
+        t, _ = wp.tid()
+        t += first
+        answers[t] = wp.uint8(_OPEN)
+        if asked == _HALVES:
+            levels[t] = _ONE  # a half-space that holds everything
+            lines[t] = values()
+            axes[t] = 0
+            losses[t] = _ZERO
+        low, high = lower[t], upper[t]
+        half, within = values(), wp.bool(True)
+        for i in range(n):
+            if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
+                return
+            within = within and low[i] >= c.lower[i] and high[i] <= c.upper[i]
+        q, small = middle(c, low, high), wp.bool(True)
+        for i in range(n):
+            size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
+            half[i] = ((high[i] * _HALF - low[i] * _HALF) * _OUTWARD + size * _BLUR) / c.weights[i] * _OUTWARD
+            small = small and half[i] <= _LARGEST_HALF
+        turn = rotations_of(c.chain, q)
+        at = origins_of(c.chain, q, turn)
+        directions, left = normals(), numbers()
+        count, known = wp.int32(0), wp.bool(True)
+        lowest, slope, arc = wp.float64(wp.inf), values(), arcs(c, half)
+        moving, still, center, way = wp.int32(-1), wp.int32(-2), wp.vec3d(), wp.float64(0.0)
+        for number in range(c.pairs.shape[0]):
+            pair = c.pairs[number]
+            room = room_of(c, pair)
+            if pair[1] != moving:
+                moving = pair[1]
+                still = wp.int32(-2)
+                center = center_of(c, turn, at, moving)
+            if c.bodies.link[pair[0]] != still:
+                still = c.bodies.link[pair[0]]
+                way = swept(c, pair, arc)
+            if balls_apart(c, turn, at, pair, center) > room + way:
+                continue
+            a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
+            s = separation(c.bodies, pair[0], a, pair[1], b, room + way)
+            if asked == _FULL:
+                if within and meets(c, s, pair, way):
+                    answers[t] = wp.uint8(_FULL)
+                    return
+                continue
+            if s.gap > room + way:
+                continue
+            bent, value = bend(c, pair, half), -wp.float64(wp.inf)
+            if small and s.gap > -_INFINITY:
+                value = bound(c, turn, at, pair, s.normal, room, half, values()) - bent
+                if value > _ZERO:
+                    continue
+            if asked == _FREE:
+                return
+            known = known and count < _MOST_OPEN and value > -_INFINITY
+            if known:
+                for k in range(3):
+                    directions[count, k] = s.normal[k]
+                left[count] = number
+                count += 1
+                if value < lowest:
+                    lowest = value
+                    slope = slopes(c, turn, at, pair, s.normal, farthest(c.bodies, pair[1], b, -s.normal))
+        if asked == _FULL:
+            return
+        if known and count == 0:
+            answers[t] = wp.uint8(_FREE)
+            return
+        if not known:
+            return
+        level, worst = wp.float64(wp.inf), wp.int32(0)
+        for k in range(count):
+            pair = c.pairs[left[k]]
+            normal = wp.vec3d(directions[k, 0], directions[k, 1], directions[k, 2])
+            value = bound(c, turn, at, pair, normal, room_of(c, pair), half, slope) - bend(c, pair, half)
+            if value < level:
+                level, worst = value, k
+        # What the linear function loses is what the second order takes and what the corners' slopes differ by.
+        pair = c.pairs[left[worst]]
+        normal = wp.vec3d(directions[worst, 0], directions[worst, 1], directions[worst, 2])
+        other = c.bodies.link[pair[1]]
+        b = link(turn, at, other)
+        x = farthest(c.bodies, pair[1], b, -normal)
+        steps = slopes(c, turn, at, pair, normal, x)
+        axis, most, loss = wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
+        for i in range(n):
+            part = wp.abs(steps[i] - slope[i]) * half[i]
+            for j in range(n):
+                part += _HALF * c.reach[pair[1], wp.max(i, j)] * half[i] * half[j]
+            loss += part
+            if part > most:
+                axis, most = i, part
+        for i in range(n):
+            slope[i] = -slope[i] / c.weights[i]
+        levels[t] = -level
+        lines[t] = slope
+        axes[t] = axis
+        losses[t] = loss
+
+    return Kernels(points, boxes)

@@ -1,0 +1,335 @@
+"""Arms from URDF files, as robots' makers write them: the joints that move, in a chain, and convex hulls of the links' collision geometry.
+
+A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh. Read with yourdfpy, which is asked for when a file is read;
+what it would pass over without a word is looked for before (``_looked_through``).
+"""
+
+import io
+import math
+import os
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from warp_bounding.arms.arm import MOST_POINTS, WORLD, Arm, Body, Joint
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.formats.load import read_mesh_data
+
+SIDES = 16  # of a prism around a cylinder
+TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
+OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
+IN_ROBOT = {"link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"}
+IN_LINK = {"inertial", "visual", "collision", "sensor", "contact", "self_collision_checking"}
+ONCE = {"joint": ("parent", "child", "origin", "axis", "limit", "mimic"), "collision": ("geometry", "origin")}
+IN_JOINT = {*ONCE["joint"], "dynamics", "calibration", "safety_controller"}
+# Of elements that tell geometry the attributes that are known, and of how many numbers each is; of none where it is text or not read. What begins with + has to be there.
+ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
+    "parent": {"+link": ()},
+    "child": {"+link": ()},
+    "origin": {"xyz": (3,), "rpy": (3,)},
+    "axis": {"+xyz": (3,)},
+    "limit": {"lower": (1,), "upper": (1,)} | dict.fromkeys(("effort", "velocity", "acceleration", "deceleration", "jerk"), ()),
+    "mimic": {"+joint": (), "multiplier": (1,), "offset": (1,)},
+    "geometry": {},
+    "box": {"+size": (3,)},
+    "cylinder": {"+radius": (1,), "+length": (1,)},
+    "sphere": {"+radius": (1,)},
+    "mesh": {"+filename": (), "scale": (1, 3)},
+}  # fmt: skip
+NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+
+
+class _Step(NamedTuple):
+    """A joint that moves, and where it stands: its frame in that of the link before."""
+
+    joint: Any
+    origin: np.ndarray
+
+
+def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), name: str | None = None) -> Arm:
+    """The arm of a URDF file.
+
+    Args:
+        path: The file; meshes are looked for beside it and in the folders above it, and those of ``package://NAME/`` in folders NAME there, or of such a ``package.xml``.
+        held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A joint between equal limits stands, and so
+            does one that mimics a joint that stands; floating and planar joints can be held at 0 only.
+        touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that move, in order.
+        name: For people; the robot's own if ``None``.
+
+    Raises:
+        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one that mimics a joint that moves, a value beyond its joint's limits,
+            joints in no chain, no joint that moves, or if yourdfpy is not installed.
+
+    Example:
+        >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})
+        >>> [joint.name for joint in arm.joints]
+        ['shoulder', 'elbow']
+    """
+    (robot, notes), held = _read(Path(path)), {} if held is None else held
+    if not isinstance(held, Mapping):
+        raise IndicatorError(f"{path}: expected held to give a value for each name of a joint, got {held!r}")
+    held = {joint: _value(value, joint, path) for joint, value in held.items()}
+    if unknown := sorted(map(str, set(held) - {joint.name for joint in robot.joints})):
+        raise IndicatorError(f"{path}: held names no joint of it: {', '.join(unknown)}")
+    children: dict[str, list[Any]] = {}
+    for joint in robot.joints:
+        children.setdefault(joint.parent, []).append(joint)
+    roots = {link.name for link in robot.links} - {joint.child for joint in robot.joints}
+    if len(roots) != 1:
+        raise IndicatorError(f"{path}: expected one base, got {', '.join(sorted(roots)) or 'none'}")
+    links, bodies, steps = {link.name: link for link in robot.links}, [], []
+    named = {joint.name: joint for joint in robot.joints}
+
+    def visit(link: str, number: int, at: np.ndarray) -> None:
+        """Take a link and what is fixed to it, ``at`` in the frame of a joint that moves; then the joints that move it on."""
+        bodies.extend(_bodies(links[link], number, at, Path(path), notes))
+        onward = []
+        for joint in children.get(link, ()):
+            origin = at @ (np.eye(4) if joint.origin is None else joint.origin)
+            value = _standing(joint, named, held, path)
+            if value is not None:
+                visit(joint.child, number, origin @ _moved(joint, value))
+                continue
+            if joint.mimic is not None:
+                raise IndicatorError(f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}")  # fmt: skip
+            onward.append(_Step(joint, origin))
+        for step in onward:
+            if len(steps) != number + 1:
+                raise IndicatorError(
+                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither moves the other; hold one, "
+                    f"held={{{step.joint.name!r}: value}}"
+                )
+            steps.append(step)
+            visit(step.joint.child, number + 1, np.eye(4))
+
+    visit(roots.pop(), WORLD, np.eye(4))
+    if not steps:
+        raise IndicatorError(f"{path}: no joint moves; all are fixed, held, or between equal limits")
+    name, note = name or robot.name or Path(path).stem, "; ".join(dict.fromkeys(notes))
+    return Arm([_joint(*step, path) for step in steps], bodies, touching=touching, name=name, note=note)
+
+
+def _read(path: Path) -> tuple[Any, list[str]]:
+    """The robot of a file as yourdfpy holds it, and notes of what is not read."""
+    try:
+        import yourdfpy
+    except ImportError as error:
+        raise IndicatorError("URDF files need yourdfpy: pip install 'warp-bounding[arms]'") from error
+    if not path.is_file():
+        raise IndicatorError(f"{path}: no such file")
+    try:
+        robot = ElementTree.fromstring(path.read_bytes())
+        notes = _looked_through(robot)
+        same = io.BytesIO(ElementTree.tostring(robot))  # without comments, which yourdfpy takes for shapes
+        return yourdfpy.URDF.load(same, build_scene_graph=False, load_meshes=False).robot, notes
+    except Exception as error:  # whatever its reader raises, of XML and of what is in it
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise IndicatorError(f"{path}: no URDF that can be read ({reason})") from error
+
+
+def _looked_through(robot: ElementTree.Element) -> list[str]:
+    """Notes of what a file holds besides the arm; raises ``ValueError`` for what cannot be told, such as two links of one name."""
+    if macros := [element.tag for element in robot.iter() if "xacro" in element.tag]:
+        raise ValueError(f"expected a URDF file, got the macro {macros[0].rpartition('}')[2]}; let xacro write one")
+    if robot.tag != "robot":
+        raise ValueError(f"expected a robot, got {robot.tag}")
+    for kind in ("link", "joint"):
+        names = [element.get("name") for element in robot.findall(kind)]
+        if twice := {name for name in names if names.count(name) > 1}:
+            raise ValueError(f"expected each {kind} once, got two of {', '.join(map(str, sorted(twice, key=str)))}")
+    notes, bare, others = [], [], {element.tag for element in robot} - IN_ROBOT
+    for joint in robot.findall("joint"):
+        others |= _checked(joint, f"joint {joint.get('name')}", ("parent", "child"))
+    for link in robot.findall("link"):
+        for part in link.findall("collision"):
+            shapes = [len(geometry) for geometry in part.findall("geometry")]
+            if shapes != [1]:
+                raise ValueError(
+                    f"link {link.get('name')}: expected one geometry of one shape in a collision, got {shapes}"
+                )
+            others |= _checked(part, f"link {link.get('name')}")
+        if link.find("visual") is not None and link.find("collision") is None:
+            bare.append(str(link.get("name")))
+    notes += [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
+    others |= {element.tag for link in robot.findall("link") for element in link} - IN_LINK
+    return notes + [f"not read: elements {', '.join(sorted(others))}"] * bool(others)
+
+
+def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = ()) -> set[str]:
+    """Other elements of a joint or a collision; raises ``ValueError`` for one that is doubled or lacks, and for attributes that ``ATTRIBUTES`` does not let through."""
+    for tag in ONCE[whole.tag]:
+        if (count := len(whole.findall(tag))) > 1 or (tag in needed and not count):
+            raise ValueError(f"{where}: expected one {tag}, got {count or 'none'}")
+    for element in whole.iter():
+        if (known := ATTRIBUTES.get(element.tag)) is None:
+            continue
+        names = {name.lstrip("+"): counts for name, counts in known.items()}
+        if unknown := sorted(set(element.attrib) - set(names)):
+            raise ValueError(f"{where}: {element.tag}: expected {', '.join(names) or 'no attributes'}, got {', '.join(unknown)}")  # fmt: skip
+        if missing := [name[1:] for name in known if name[0] == "+" and name[1:] not in element.attrib]:
+            raise ValueError(f"{where}: {element.tag}: expected {', '.join(missing)}, got none")
+        for name, counts in names.items():
+            words = element.get(name, "").split()
+            good = len(words) in counts and all(NUMBER.fullmatch(word) and math.isfinite(float(word)) for word in words)
+            if counts and name in element.attrib and not good:
+                many = "1 finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} finite numbers"
+                raise ValueError(f"{where}: {element.tag}: expected {name} of {many}, got {element.get(name)!r}")
+    return {element.tag for element in whole.iter()} - {whole.tag, *(IN_JOINT if whole.tag == "joint" else ATTRIBUTES)}
+
+
+def _value(value, joint, path) -> float:
+    """A value at which a joint is held; the limits are checked where it stands."""
+    if isinstance(value, bool | np.bool_ | str | bytes) or np.ndim(value):
+        raise IndicatorError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}")
+    try:
+        return float(value)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise IndicatorError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}") from error
+
+
+def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, followed: int = 0) -> float | None:
+    """The value that a joint stands at; ``None`` of one that moves."""
+    value, limit = held.get(joint.name), joint.limit
+    if joint.type not in (*TURNING, *SLIDING, *FIXED) and value != 0:
+        known = ", ".join((*TURNING, *SLIDING, *FIXED))
+        raise IndicatorError(f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}; hold it at 0, held={{{joint.name!r}: 0}}")  # fmt: skip
+    limited = joint.type != "continuous" and limit is not None and None not in (limit.lower, limit.upper)
+    if value is not None:
+        if not np.isfinite(value) or (limited and joint.type not in FIXED and not limit.lower <= value <= limit.upper):
+            raise IndicatorError(f"{path}: joint {joint.name} is held at {value}, which is not within its limits")
+        return float(value)
+    if joint.type in FIXED:
+        return 0.0
+    if joint.mimic is not None:
+        leader = named.get(joint.mimic.joint)
+        if leader is None or followed > len(named):
+            raise IndicatorError(f"{path}: joint {joint.name} mimics {joint.mimic.joint}, which is no joint of its own")
+        value = _standing(leader, named, held, path, followed + 1)
+        return None if value is None else joint.mimic.multiplier * value + joint.mimic.offset
+    return float(limit.lower) if limited and limit.lower == limit.upper else None
+
+
+def _moved(joint, value: float) -> np.ndarray:
+    """The motion of a joint at a value that it stands at."""
+    if joint.type not in (*TURNING, *SLIDING):
+        return np.eye(4)
+    one = Joint(axis=_axis(joint), slides=joint.type in SLIDING, name=joint.name)
+    return Arm([one], [Body.sphere([0, 0, 0], 1.0, link=0)]).frames(np.array([[value]]))[0, 0]
+
+
+def _axis(joint) -> np.ndarray:
+    return np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, dtype=np.float64)
+
+
+def _joint(joint, origin: np.ndarray, path) -> Joint:
+    lower, upper, continuous = -np.pi, np.pi, joint.type == "continuous"
+    if not continuous:
+        limit = joint.limit
+        if limit is None or limit.lower is None or limit.upper is None:
+            raise IndicatorError(f"{path}: joint {joint.name} has no limits")
+        lower, upper = limit.lower, limit.upper
+    return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name, continuous)
+
+
+def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> list[Body]:
+    """A link's collision geometry, ``at`` in the frame of its joint; adds to the notes."""
+    found = []
+    for part in link.collisions:
+        pose = at @ (np.eye(4) if part.origin is None else part.origin)
+        shape, told = part.geometry, {"link": number, "name": part.name or link.name}
+        if shape.sphere is not None:
+            body = Body.sphere([0, 0, 0], shape.sphere.radius, **told)
+        elif shape.box is not None:
+            half = np.asarray(shape.box.size, dtype=np.float64) / 2
+            body = Body.box(-half, half, **told)
+        elif shape.cylinder is not None:
+            turn = 2 * np.pi * np.arange(SIDES) / SIDES
+            around = shape.cylinder.radius / np.cos(np.pi / SIDES) * OUTWARD
+            ring = np.stack([np.cos(turn) * around, np.sin(turn) * around], axis=1)
+            ends = [np.column_stack([ring, np.full(SIDES, side * shape.cylinder.length / 2)]) for side in (-1, 1)]
+            body = Body(np.concatenate(ends), **told)
+        elif shape.mesh is not None:
+            body = hull_of(_points(shape.mesh, path, notes), **told)
+        else:
+            raise IndicatorError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
+        found.append(body.moved(pose))
+    return found
+
+
+def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
+    """``(N, 3)``, the corners of a mesh's faces, scaled; metres."""
+    scale = np.asarray(1.0 if mesh.scale is None else mesh.scale, dtype=np.float64)
+    found = _mesh_file(mesh.filename, path)
+    if found is None:
+        raise IndicatorError(f"{path}: mesh {mesh.filename} is missing: not beside the file nor in the folders above it, or in no package of that name there")  # fmt: skip
+    vertices, faces, told = read_mesh_data(found)
+    told += ("glTF, whose y is up by its standard, is taken as it stands",) * (
+        found.suffix.lower() in (".glb", ".gltf")
+    )
+    notes.extend(f"{found.name}: {note}" for note in told)
+    return vertices[np.unique(faces)] * scale
+
+
+def _mesh_file(name: str, path: Path) -> Path | None:
+    """The nearest file that a URDF file names so, from its folder upwards; ``None`` if there is none."""
+    start = path.parent.resolve() if ".." in path.parts else path.parent.absolute()
+    scheme, apart, inside = name.rpartition("://")
+    package, _, within = inside.partition("/")
+    for folder in (start, *start.parents):
+        places = [folder / inside]
+        if scheme in ("package", "model"):
+            places += [folder / within] * (package in (folder.name, _package(folder)))
+        elif apart and scheme != "file":
+            return None
+        if found := next(
+            (place for place in places if os.path.isfile(place)), None
+        ):  # false of names that no system takes
+            return found
+    return None
+
+
+def _package(folder: Path) -> str | None:
+    """The name that a folder's ``package.xml`` gives it."""
+    try:
+        return (ElementTree.parse(folder / "package.xml").findtext("name") or "").strip()
+    except (OSError, ElementTree.ParseError):
+        return None
+
+
+def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
+    """A body that holds the convex hull of points ``(N, 3)``: itself, or of too many points a hull of some, grown by what is left out.
+
+    Raises:
+        IndicatorError: For points without a hull, such as all in a plane.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+    from trimesh.triangles import closest_point
+
+    points = np.asarray(points, dtype=np.float64)
+    try:
+        corners = points[ConvexHull(points).vertices]
+        if len(corners) <= MOST_POINTS:
+            return Body(corners, link=link, name=name)
+        chosen = corners[_spread(corners)]
+        hull = ConvexHull(chosen)
+    except (QhullError, ValueError) as error:
+        raise IndicatorError(f"{name}: its points have no convex hull of a volume") from error
+    outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
+    triangles, off = chosen[hull.simplices], 0.0
+    for x in outside:  # any point of the hull is no nearer than its nearest one
+        nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
+        off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
+    return Body(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name)
+
+
+def _spread(points: np.ndarray) -> np.ndarray:
+    """``MOST_POINTS`` indices of points, each the farthest from those before it."""
+    chosen, away = [0], np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < MOST_POINTS:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)

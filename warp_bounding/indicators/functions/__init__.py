@@ -1,1 +1,0 @@
-"""Shapes that formulas describe: functions of any number of coordinates, and an algebra of solids."""
