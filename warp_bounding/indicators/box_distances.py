@@ -12,6 +12,7 @@ import warp as wp
 from warp_bounding.arithmetic import UNIT64, round_down, round_up
 from warp_bounding.indicators.triangles.hierarchy import nodes_of, sorted_order
 from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.runtime.native import module_options
 
 DEEPEST = 32  # levels of a hierarchy: there are never more than 2^31 boxes
 SHORTER = 1.0 - 2.0**-48  # outweighs what a sum of some 16 squares and its root round
@@ -107,7 +108,7 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
             y[k] = wp.float64(x[k])
         return y
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", module_options=module_options())
     def find(
         first: int,
         # inputs
@@ -120,7 +121,8 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
         # outputs
         distance: wp.array(dtype=wp.float64),
     ):
-        i = first + wp.tid()
+        i, _ = wp.tid()
+        i += first
         p, found = x[i], wp.float64(wp.inf)
         stack, depth, node = stack_of(), wp.int32(0), wp.int32(0)
         while node >= 0:
@@ -219,7 +221,7 @@ def excess_kernel(n: int) -> wp.Kernel:
             y[k] = wp.float64(x[k])
         return y
 
-    @wp.kernel(enable_backward=False, module="unique")
+    @wp.kernel(enable_backward=False, module="unique", module_options=module_options())
     def find(
         first: int,
         # inputs
@@ -237,7 +239,8 @@ def excess_kernel(n: int) -> wp.Kernel:
         # outputs
         excess: wp.array(dtype=wp.float64),
     ):
-        item = first + wp.tid()
+        item, _ = wp.tid()
+        item += first
         low, high, f = box_lower[item], box_upper[item], values[item]
         centre, half, size = vector(), vector(), slack
         for k in range(n):

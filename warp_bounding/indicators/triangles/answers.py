@@ -40,6 +40,10 @@ from warp_bounding.indicators.triangles.hierarchy import (
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import module_options
 
+# Kernels that are asked apart are compiled apart.
+for _name in ("boxes", "segments", "planes", "clearances", "distances", "excesses"):
+    wp.set_module_options(module_options(), wp.get_module(f"{MODULE}.{_name}"))
+
 # --- Points, and boxes that are empty or inside -----------------------------------------------------------------------
 
 LIMIT = 2.0**200  # coordinates beyond it are not computed with: their products might overflow
@@ -92,7 +96,8 @@ def decide_points(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Is a point in the object?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(_point(m, x[i]))
 
 
@@ -138,7 +143,8 @@ def find_empty(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Is it certain that a closed box holds no point of the object?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(_empty(m, lower[i], upper[i]))
 
 
@@ -183,7 +189,8 @@ def find_inside(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Is it certain that a closed box lies in the object whole?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(_inside(m, lower[i], upper[i]))
 
 
@@ -316,7 +323,7 @@ def _decide_box(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> int:
     return _UNDECIDED
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.boxes")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.boxes")
 def decide_boxes(
     first: int,
     # inputs
@@ -327,7 +334,8 @@ def decide_boxes(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Does a closed box meet the object?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     answers[i] = wp.uint8(_decide_box(m, lower[i], upper[i]))
 
 
@@ -432,7 +440,7 @@ def _decide_segment(m: Mesh, start: wp.vec3d, end: wp.vec3d) -> int:
     return _UNDECIDED
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.segments")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.segments")
 def decide_segments(
     first: int,
     # inputs
@@ -443,7 +451,8 @@ def decide_segments(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Does a closed segment meet the object? One with a NaN does not."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     start, end = starts[i], ends[i]
     answer = _OUT
     if not (wp.isnan(start) or wp.isnan(end)):
@@ -497,7 +506,7 @@ def _decide_plane(t: Triangles, normal: wp.vec3d, point: wp.vec3d, margin: wp.fl
     return answer
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.planes")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.planes")
 def decide_planes(
     first: int,
     # inputs
@@ -508,7 +517,8 @@ def decide_planes(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Does a plane meet the object? One without a normal, or with numbers that are not finite, does not."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     normal, point = normals[i], points[i]
     length = largest(normal)
     answer = _OUT
@@ -534,7 +544,6 @@ _MOST_PROJECTIONS = wp.constant(MOST_PROJECTIONS)
 _CLOSE = wp.constant(wp.float64(CLOSE))
 _SHORTER = wp.constant(wp.float64(SHORTER))
 _INFINITY = wp.constant(wp.float64(float("inf")))
-wp.set_module_options(module_options(), wp.get_module("warp_bounding.indicators.triangles.clearances"))
 
 
 @wp.func
@@ -582,7 +591,7 @@ def _clearance(t: Triangles, centre: wp.vec3d, half: wp.vec3d) -> wp.float64:
     return wp.min(known[0], known[1])  # what was left out is farther than the distance that was found
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.clearances")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.clearances")
 def find_clearances(
     first: int,
     # inputs
@@ -593,7 +602,8 @@ def find_clearances(
     clearances: wp.array(dtype=wp.float64),
 ):
     """Lower bound of the distance from a closed box to the object; 0 where the box is not known to be outside."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     low, high = lower[i], upper[i]
     answer = wp.float64(0.0)
     if is_box(low, high):
@@ -627,7 +637,6 @@ DEEPEST = 32  # levels of a hierarchy: there are never more than 2^31 triangles
 _LONGER = wp.constant(wp.float64(LONGER))
 _GOOD = wp.constant(wp.float64(GOOD))
 Stack = wp.types.vector(length=DEEPEST, dtype=wp.int32)
-wp.set_module_options(module_options(), wp.get_module("warp_bounding.indicators.triangles.distances"))
 
 
 @wp.func
@@ -744,7 +753,7 @@ def _nearest(t: Triangles, x: wp.vec3d) -> wp.vec2d:
     return wp.vec2d(wp.min(known[0], known[1] * _SHORTER), known[1])
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.distances")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.distances")
 def find_distances(
     first: int,
     # inputs
@@ -754,7 +763,8 @@ def find_distances(
     bounds: wp.array(dtype=wp.vec2d),
 ):
     """Lower and upper bound of a point's distance to the object; 0 and infinity where nothing is known."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     p, zero = x[i], wp.float64(0.0)
     low, high = zero, _INFINITY
     if is_box(p, p):  # numbers that can be computed with
@@ -897,7 +907,7 @@ def _excess(
     return known
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.excesses")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.excesses")
 def find_excesses(
     first: int,
     # inputs
@@ -911,7 +921,8 @@ def find_excesses(
     excesses: wp.array(dtype=wp.float64),
 ):
     """Upper bound of a function's excess over the distance, in a box; ``least`` where it is less, any bound where it is above ``enough``."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     low, high, f = lower[i], upper[i], values[i]
     highest = f[0]
     size = wp.abs(f[0])

@@ -36,7 +36,6 @@ _HALF_CELL = wp.constant(wp.float64(0.5))
 _CELL = wp.constant(wp.vec3d(0.5, 0.5, 0.5))  # half of a cell's sides, and of a block's
 _BLOCK_OF_CELLS = wp.constant(wp.vec3d(BLOCK / 2, BLOCK / 2, BLOCK / 2))
 _TO_BLOCK_CENTRE = wp.constant(wp.vec3d((BLOCK - 1) / 2, (BLOCK - 1) / 2, (BLOCK - 1) / 2))
-wp.set_module_options(module_options(), wp.get_module("warp_bounding.indicators.triangles.voxelization"))
 
 
 @wp.func
@@ -74,7 +73,7 @@ def _occupy_cells(
     occupancy: wp.array3d(dtype=wp.uint8),
 ):
     """One triangle a thread. All threads write the same value, 1, so their order is of no account."""
-    tid = wp.tid()
+    tid, _ = wp.tid()
     a, b, c = vertices[faces[tid, 0]], vertices[faces[tid, 1]], vertices[faces[tid, 2]]
     margin = margins[tid]
     lower, upper = wp.min(a, wp.min(b, c)), wp.max(a, wp.max(b, c))
@@ -205,7 +204,8 @@ _UNKNOWN, _OUTSIDE, _ENCLOSED = wp.constant(UNKNOWN), wp.constant(OUTSIDE), wp.c
 _FREE, _UNWOUND, _TURNED = wp.constant(FREE), wp.constant(UNWOUND), wp.constant(TURNED)
 _INNER = wp.constant(wp.float64(INNER))
 _HALF = wp.constant(wp.float64(0.5))
-wp.set_module_options(module_options(), wp.get_module(MODULE))
+for _name in (MODULE, f"{MODULE}.voxelization", f"{MODULE}.winding"):
+    wp.set_module_options(module_options(), wp.get_module(_name))
 
 
 @wp.struct
@@ -300,7 +300,8 @@ def _join(
     joined: wp.array(dtype=wp.uint8),
 ):
     """Is the segment between two centres proven to cross no face?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     a, b = starts[i], ends[i]
     start, end = _centre(s, a[0], a[1], a[2]), _centre(s, b[0], b[1], b[2])
     joined[i] = wp.uint8(segment_is_free(faces, start, end, wp.float64(0.0)))
@@ -317,11 +318,12 @@ def _enclose(
     enclosed: wp.array(dtype=wp.uint8),
 ):
     """Is a centre proven to be enclosed?"""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     enclosed[i] = wp.uint8(is_enclosed(faces, _centre(s, cells[i][0], cells[i][1], cells[i][2])))
 
 
-@wp.kernel(enable_backward=False, module="warp_bounding.indicators.triangles.winding")
+@wp.kernel(enable_backward=False, module=f"{MODULE}.winding")
 def _wind(
     first: int,
     # inputs
@@ -332,7 +334,8 @@ def _wind(
     sides: wp.array(dtype=wp.uint8),
 ):
     """The side of a centre by its winding number, TURNED where that is below 0."""
-    i = first + wp.tid()
+    i, _ = wp.tid()
+    i += first
     x = _centre(s, cells[i][0], cells[i][1], cells[i][2])
     found = winding(faces, x)
     if found != _UNWOUND and found < 0:
