@@ -494,6 +494,7 @@ DAE = {
     "dae/not-shown": Case(file("a.dae", dae(mesh() + mesh("", ids="PAVG"))), "1 geometries", cubes()),
     "dae/animation": Case(file("a.dae", dae(more="<library_animations><animation/></library_animations>")), "animated", cubes()),
     "dae/counts": Case(file("a.dae", dae(mesh(TRIANGLES.replace('"12"', '"11"')))), "expected 11 triangles"),
+    "dae/no-count": Case(file("a.dae", dae(mesh(TRIANGLES.replace(' count="12"', "")))), "expected a count of triangles"),
     "dae/index-out-of-range": Case(file("a.dae", dae(mesh(points=V[:7]))), "got vertex 7"),
     "dae/cut": Case(file("a.dae", dae()[:-20]), "expected XML"),
     "dae/not-finite": Case(file("a.dae", dae(mesh(points=np.where(V == 1, np.nan, V)))), "finite"),
@@ -503,10 +504,10 @@ DAE = {
 
 
 def arm(geometry: str = '<mesh filename="a.stl"/>', more="", more_collision="", files: tuple[tuple[str, str | bytes], ...] = (("a.stl", binary_stl()),), start="<robot name='r'>",
-        more_link="", end="</robot>", more_joint="", origin="xyz='1 0 0'") -> Callable[[Path], Path]:  # fmt: skip
+        more_link="", end="</robot>", more_joint="", origin="xyz='1 0 0'", own=("", "", "")) -> Callable[[Path], Path]:  # fmt: skip
     """An arm of one joint whose link is a cube of a file."""
-    moved = f"<link name='bar'>{more_link}<collision><origin {origin}/><geometry>{geometry}</geometry>{more_collision}</collision></link>"
-    joint = "<joint name='j' type='revolute'><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>" + more_joint + "</joint>"  # fmt: skip
+    moved = f"<link name='bar'{own[0]}>{more_link}<collision{own[1]}><origin {origin}/><geometry>{geometry}</geometry>{more_collision}</collision></link>"
+    joint = f"<joint name='j' type='revolute'{own[2]}><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>" + more_joint + "</joint>"  # fmt: skip
     whole = f"{start}<link name='base'/>{moved}{joint}{more}{end}"
 
     def write(folder: Path) -> Path:
@@ -556,6 +557,8 @@ URDF = {
     "urdf/doubled": urdf("joint j: expected one origin, got 2", more_joint="<origin/><origin xyz='5 0 0'/>"),
     "urdf/lacking": urdf("cylinder: expected length", geometry="<cylinder radius='1'/>"),
     "urdf/other-attributes": urdf("got quat_xyzw", origin="xyz='1 0 0' quat_xyzw='0 0 1 0'"),
+    "urdf/attributes-of-links": urdf("attributes color of joint, drake_ignore of link, margin of collision", own=(" drake_ignore='0'", " margin='0.1'", " color='red'")),
+    "urdf/negative-sizes": urdf("radius of 1 finite number from 0, got '-1'", geometry="<cylinder radius='-1' length='1'/>"),
     "urdf/counts": urdf("xyz of 3 finite numbers", origin="xyz='1 0 0 7'"),
     "urdf/not-numbers": urdf("radius of 1 finite number, got '1_0'", geometry="<sphere radius='1_0'/>"),
     "urdf/comments": urdf(geometry="<!-- a cube --><mesh filename='a.stl'/>"),

@@ -40,6 +40,12 @@ ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "sphere": {"+radius": (1,)},
     "mesh": {"+filename": (), "scale": (1, 3)},
 }  # fmt: skip
+OWN = {
+    "link": {"name"},
+    "joint": {"name", "type"},
+    "collision": {"name"},
+}  # attributes of elements that hold others; more are noted
+SIZES = ("size", "radius", "length")  # attributes that are 0 or more
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
@@ -155,6 +161,9 @@ def _looked_through(robot: ElementTree.Element) -> list[str]:
         if link.find("visual") is not None and link.find("collision") is None:
             bare.append(str(link.get("name")))
     notes += [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
+    held = (element for tag in OWN for element in robot.iter(tag))
+    strange = {f"{name} of {element.tag}" for element in held for name in set(element.attrib) - OWN[element.tag]}
+    notes += [f"not read: attributes {', '.join(sorted(strange))}"] * bool(strange)
     others |= {element.tag for link in robot.findall("link") for element in link} - IN_LINK
     return notes + [f"not read: elements {', '.join(sorted(others))}"] * bool(others)
 
@@ -175,9 +184,11 @@ def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = (
         for name, counts in names.items():
             words = element.get(name, "").split()
             good = len(words) in counts and all(NUMBER.fullmatch(word) and math.isfinite(float(word)) for word in words)
+            good = good and (name not in SIZES or min(map(float, words)) >= 0)
             if counts and name in element.attrib and not good:
                 many = "1 finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} finite numbers"
-                raise ValueError(f"{where}: {element.tag}: expected {name} of {many}, got {element.get(name)!r}")
+                least = " from 0" * (name in SIZES)
+                raise ValueError(f"{where}: {element.tag}: expected {name} of {many}{least}, got {element.get(name)!r}")
     return {element.tag for element in whole.iter()} - {whole.tag, *(IN_JOINT if whole.tag == "joint" else ATTRIBUTES)}
 
 

@@ -171,8 +171,10 @@ class _File:
                 first = run[np.zeros_like(k) if part.tag == "trifans" else k] if len(k) else run[:0]
                 strips.append(np.stack([first, run[k + 1 + odd], run[k + 2 - odd]], axis=1))
             faces = as_faces(np.concatenate(strips), len(vertices))
-        if count >= 0 and len(sizes) != count:
-            raise ValueError(f"expected {count} {part.tag}, got {len(sizes)}")
+        if len(sizes) != count:
+            raise ValueError(
+                f"expected {'a count of' if count < 0 else count} {part.tag}, got {len(sizes)}{' without one' * (count < 0)}"
+            )
         return vertices, faces
 
     def _positions(self, vertices: Element) -> np.ndarray:

@@ -215,14 +215,20 @@ def _fields(path: Path) -> dict[str, str | list[str]]:
         elif key is not None and isinstance(found[key], list) and (item := re.match(r"\s*-\s+(\S+)$", line)):
             found[key].append(_unquoted(item[1]))
             continue
+        elif own:
+            raise IndicatorError(f"{path}: line {number} gives {own[1]} a second time")
         else:
-            raise IndicatorError(f"{path}: line {number} is not one of a ROS map: {line.strip()[:60]!r}")
+            raise IndicatorError(
+                f"{path}: line {number}: expected 'key: value' or '- number', got {line.strip()[:60]!r}"
+            )
         if open_.startswith("["):
             if open_.endswith("]"):
                 found[key], open_ = [_unquoted(word) for word in open_[1:-1].split(",")], ""
         elif open_:
             if open_[0] in "{|>&*!":
-                raise IndicatorError(f"{path}: line {number} is not one of a ROS map: {line.strip()[:60]!r}")
+                raise IndicatorError(
+                    f"{path}: line {number}: expected {key} as a word, a number or a list of them, got {open_[:60]!r}"
+                )
             found[key], open_ = _unquoted(open_), ""
     if open_:
         raise IndicatorError(f"{path}: the list of {key} has no end")
