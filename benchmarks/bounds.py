@@ -27,7 +27,7 @@ from shared.racing import clock, options, race, show, tell
 from warp_bounding.activations import SINE
 from warp_bounding.networks.network import Network
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.trainable_network import TrainableNetwork
+from warp_bounding.training.engine import TrainableNetwork
 
 SIZES = ((3, (50, 50)), (4, (75, 75)), (6, (50, 50)))
 CHUNKS = (512, 2048, 4096)

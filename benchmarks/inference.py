@@ -15,10 +15,10 @@ from shared.racing import clock, options, race, show, tell
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.training.engine.trainable_network import TrainableNetwork
+from warp_bounding.training.engine import TrainableNetwork
 
 CHUNKS = (2048, 4096, 8192, 16384, 32768, 65536)
 BEST_OF_CHUNKS = 5  # timings a chunk size gets to show that it is the best

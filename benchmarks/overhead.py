@@ -13,9 +13,9 @@ from shared.racing import clock, options, race, show, tell
 import warp_bounding as wb
 from sims.threads import threads_of
 from warp_bounding.bounders import METHODS
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime.launch import BLOCK, cpu_threads
 
 RECORDED = "Warp, recorded launch"

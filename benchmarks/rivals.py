@@ -29,8 +29,8 @@ from shared.racing import clock, race
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
 from sims.threads import threads_of
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.queries import QUERIES, oracle, sample
+from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime.launch import cpu_threads
 
 MARGIN, LENGTH = 0.012, 3.0  # object units; rays end outside of the object, as Embree's do

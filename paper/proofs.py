@@ -21,7 +21,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import QUERIES, oracle, sample
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
 
 __all__ = ["METHODS", "PROOF_COST", "ProofsRun", "Thresholds"]
 

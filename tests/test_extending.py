@@ -14,12 +14,12 @@ import warp_bounding as wb
 from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
 from warp_bounding.bounders import register, unregister
 from warp_bounding.bounders.bounder import Bounder, Option
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
 from warp_bounding.indicators import READERS
 from warp_bounding.kernels.source import Source
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof import soak
+from warp_bounding.queries.domain import Domain
 
 
 @dataclass(frozen=True)

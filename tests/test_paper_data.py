@@ -10,7 +10,7 @@ import pytest
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids import QuadricBounder
-from warp_bounding.geometry.enclosing_ellipsoid import GAP
+from warp_bounding.geometry import GAP
 from warp_bounding.indicators.formats.load import READERS
 
 DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / "shared" / "data")

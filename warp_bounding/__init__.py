@@ -109,8 +109,7 @@ _HOMES = {
     "warp_bounding.baking.library": ("BounderLibrary",),
     "warp_bounding.baking.stack": ("BounderStack",),
     "warp_bounding.choice": ("Choice", "choose", "choose_among"),
-    "warp_bounding.runtime.devices": ("device_of",),
-    "warp_bounding.runtime.launch": ("launch_on_cores",),
+    "warp_bounding.runtime.launch": ("device_of", "launch_on_cores"),
 }
 _MODULES = ("arms", "solids")
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}

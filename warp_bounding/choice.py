@@ -22,7 +22,6 @@ from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder,
 from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.bounders.mlp import RECIPES, Mlp, check_hidden
 from warp_bounding.bounders.mlp_distance import MlpDistance
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
 from warp_bounding.evaluation import ASKED, parts_of
 from warp_bounding.indicators import IndicatorGrid, load_indicator
@@ -31,15 +30,20 @@ from warp_bounding.indicators.recentred import own_coordinates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.devices import device_of
-from warp_bounding.runtime.launch import cpu_threads
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.launch import (
+    OutOfTimeError,
+    compile_seconds,
+    cpu_threads,
+    device_of,
+    limited,
+    working_seconds,
+)
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.runtime.whole_file import write_whole
-from warp_bounding.runtime.working_time import OutOfTimeError, compile_seconds, limited, working_seconds
 from warp_bounding.training import fit
-from warp_bounding.training.checks import check_numbers, check_regions, is_number, warn_of_restriction
-from warp_bounding.training.samples.callers import CallersQueries
-from warp_bounding.training.trainers import trainer_of
+from warp_bounding.training.fit import check_numbers, check_regions, is_number, trainer_of, warn_of_restriction
+from warp_bounding.training.samples import CallersQueries
 from warp_bounding.version import __version__
 
 __all__ = [

@@ -13,7 +13,6 @@ from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.volumes import Aabb
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
@@ -22,6 +21,7 @@ from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
+from warp_bounding.queries.region_domain import domain_of
 
 __all__ = [
     "ASKED",

@@ -6,8 +6,8 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.kernels.distances.batch import distance_kernel
-from warp_bounding.kernels.distances.batch import warp_kernel as distance_warp_kernel
+from warp_bounding.kernels.distance_batch import distance_kernel
+from warp_bounding.kernels.distance_batch import warp_kernel as distance_warp_kernel
 from warp_bounding.kernels.functions import batch_kernel, warp_kernel
 from warp_bounding.networks import tensor_cores
 
@@ -37,7 +37,7 @@ def prepare(folder: Path) -> None:
 
     from sims.assets import asset_mesh
     from sims.cloth.scene import SHAPES, shape
-    from warp_bounding.coordinates.domain import Domain
+    from warp_bounding.queries.domain import Domain
 
     folder.mkdir(parents=True, exist_ok=True)
     bunny = asset_mesh("bunny")

@@ -8,21 +8,21 @@ import torch
 from paper.parametric.direction_patches import DirectionPatches
 from paper.parametric.supports import ParametricSupport, to_local, v_per_unit
 from warp_bounding.bounders.volumes import kdop_directions
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.training.engine.clock import Clock, interrupts
-from warp_bounding.training.engine.team import single_threaded_torch
-from warp_bounding.training.learned_kdop.half_space_problems import HalfSpaceProblem, tensor
-from warp_bounding.training.learned_kdop.train import (
+from warp_bounding.queries.region_domain import RegionDomain
+from warp_bounding.training.engine import Clock, interrupts, single_threaded_torch
+from warp_bounding.training.learned_kdop import (
     FEW,
     FINALISTS,
     JITTER,
     MOST_SAMPLES,
     SAMPLES,
     STARTS,
+    HalfSpaceProblem,
     descend,
     of_length_1,
+    tensor,
 )
 
 __all__ = ["learned_normals"]

@@ -32,11 +32,11 @@ import numpy as np
 
 from paper.parametric.direction_patches import DirectionPatches
 from warp_bounding.arithmetic import UNIT64, gamma, round_up
-from warp_bounding.coordinates.base import UNIT_LIMIT, direction_rounding
-from warp_bounding.coordinates.object_support import CHUNK, ObjectSupport
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries.base import UNIT_LIMIT, direction_rounding
+from warp_bounding.queries.boundary import CHUNK, ObjectSupport
+from warp_bounding.queries.region_domain import RegionDomain
 
 __all__ = ["ParametricSupport", "directed", "limit_of", "to_local", "v_per_unit"]
 

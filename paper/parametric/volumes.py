@@ -15,12 +15,12 @@ from paper.parametric.supports import ParametricSupport, directed, limit_of, to_
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids import QuadricBounder
 from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
 from warp_bounding.evaluation import Rates, counted, truth_by
-from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_points
+from warp_bounding.geometry import enclosing_of_points
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import RegionDomain, domain_of
 
 __all__ = ["ParametricVolume", "fit", "rates"]
 

@@ -6,8 +6,6 @@ import warp as wp
 from bounding_shapes import EARLY, HIDDEN, object_points, shape, told_of
 from region_cases import hard_regions, ray_length
 
-pytest.importorskip("torch", reason="torch is not installed")
-
 import warp_bounding as wb
 from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS

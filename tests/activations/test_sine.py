@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from fused_activations import fused_sine
 
-from warp_bounding.activations.sine import LIMIT as SINE_LIMIT
-from warp_bounding.activations.sine import SINE
+from warp_bounding.activations import SINE, SINE_LIMIT
 
 F32 = np.float32
 sine, sine_error = SINE.value32, SINE.error

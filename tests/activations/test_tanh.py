@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 from fused_activations import fused_tanh
 
-from warp_bounding.activations.tanh import DENOMINATOR as TANH_DENOMINATOR
-from warp_bounding.activations.tanh import END as TANH_END
-from warp_bounding.activations.tanh import NUMERATOR as TANH_NUMERATOR
-from warp_bounding.activations.tanh import TANH
+from warp_bounding.activations import TANH, TANH_DENOMINATOR, TANH_END, TANH_NUMERATOR
 
 F32 = np.float32
 tanh32 = TANH.value32

@@ -8,13 +8,13 @@ from bounding_shapes import random_mlp, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import EVERYWHERE, NOWHERE, Lattice, Local
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import charted
 from warp_bounding.proof.parts import corners, in_part, meeting
 from warp_bounding.queries import sample
-from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training import fit_network, thresholds
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training import fit_network
 
 PARTS = 16
 QUERIES = {"ray": {"length": 0.6}, "box": {}}
@@ -101,7 +101,7 @@ def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
 @pytest.mark.slow
 def test_a_proof_without_time_is_told(monkeypatch):
     monkeypatch.setattr(fit_network, "REGION_PROOF_BOXES", 100)
-    monkeypatch.setattr(thresholds, "LARGEST_COST", -1.0)
+    monkeypatch.setattr(fit_network, "LARGEST_COST", -1.0)
     options = {"hidden": (16,), "steps": 200, "thresholds": 8, "device": "cpu", "progress": False}
     bounder = wb.fit(shape("c"), "ray", **options, length=0.6)
     assert bounder.certificate.kind == "statistical"

@@ -11,9 +11,9 @@ from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import attest, prove
+from warp_bounding.queries.region_domain import domain_of
 
 LENGTH = 0.75
 CLASSICS = (("aabb", "animated"), ("sphere", "c"))

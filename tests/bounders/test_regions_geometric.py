@@ -11,8 +11,7 @@ from region_cases import REGIONS, VOLUMES, cases, fitted_region, ray_length
 
 from warp_bounding.bounders import load, supports
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.assemble import TOOLS
-from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.functions import TOOLS, batch_kernel
 from warp_bounding.kernels.source import Lanes
 from warp_bounding.runtime.native import named, unique_name
 

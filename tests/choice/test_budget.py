@@ -21,7 +21,7 @@ from warp_bounding.choice import (
     needed,
     told_budget,
 )
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.solids import Box
 
 BLOCK = Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])

@@ -10,13 +10,13 @@ from located import EXACT, corners, located, plane_points, ray_distance, ray_poi
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.base import FAR, vector_type
-from warp_bounding.coordinates.maps import COORDINATES
-from warp_bounding.coordinates.region_domain import RegionDomain, domain_of, region_rounding
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.kernels.functions import Data
-from warp_bounding.queries import sample
+from warp_bounding.queries import QUERIES, sample
+from warp_bounding.queries.base import FAR
+from warp_bounding.queries.region_domain import RegionDomain, domain_of, region_rounding
+from warp_bounding.runtime.native import vector_type
 
 NAMES = ("c", "blob", "anisotropic", "mesh", "animated", pytest.param("five", marks=pytest.mark.slow))
 COUNT = 4000
@@ -283,7 +283,7 @@ def test_outside_the_range_of_time_the_answer_is_maybe(query, device, rng):
     """By however little; the object may be anywhere then."""
     grid = shape("animated")
     domain = domain_of(grid, query, 0.5)
-    assert len(domain.extra) == COORDINATES[query].extra_count(4, True)
+    assert len(domain.extra) == QUERIES[query].extra_count(4, True)
     start, end = grid.lower[0], grid.upper[0]
     away = np.concatenate([[0.0], 10.0 ** rng.uniform(-9, 6, 2000)])
     for sign, border in ((1, end), (-1, start)):

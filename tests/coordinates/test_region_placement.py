@@ -11,13 +11,13 @@ from placements import homogeneous, rotation
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.base import FAR
-from warp_bounding.coordinates.placement import Placement, placement_error
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.base import FAR
+from warp_bounding.queries.placement import Placement, placement_error
+from warp_bounding.queries.region_domain import domain_of
 
 NAMES = ("c", "blob", "animated")
 CLEAR = 1e-9  # cells: far above the float64 rounding of the tests' own maps

@@ -14,7 +14,6 @@ from bounding_shapes import object_points
 from region_cases import hard_regions
 
 from warp_bounding.bounders import Bounder, Data, DistanceBounder
-from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
@@ -23,8 +22,8 @@ from warp_bounding.proof.attest.falsify import Walk
 from warp_bounding.proof.attest.soak import random_world
 from warp_bounding.proof.distances.soak import DistancePositives
 from warp_bounding.queries import oracle
-from warp_bounding.queries.hard import FORMS, HardPositives
-from warp_bounding.queries.hard_shape import HardShapePositives
+from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives
+from warp_bounding.runtime.native import vector_type
 
 __all__ = ["Denied", "attack"]
 

@@ -17,9 +17,9 @@ from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade, DistanceBounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS
+from warp_bounding.queries.region_domain import domain_of
 
 SHAPES = ("c", "blob", "animated")
 ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}

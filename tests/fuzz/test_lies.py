@@ -17,10 +17,10 @@ from subjects import made, network, settled
 import warp_bounding as wb
 from warp_bounding.bounders import learned_kdop
 from warp_bounding.bounders.voxels import Voxels
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain, domain_of
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.proof.covers import box as boxes
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import RegionDomain, domain_of
 
 
 def proven(bounder, grid) -> bool:

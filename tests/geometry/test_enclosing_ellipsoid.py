@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.geometry import enclosing_ellipsoid as enclosing
-from warp_bounding.geometry.enclosing_ellipsoid import GAP, enclosing_ellipsoid, extreme_corners
+from warp_bounding import geometry as enclosing
+from warp_bounding.geometry import GAP, enclosing_ellipsoid, extreme_corners
 from warp_bounding.indicators import IndicatorGrid
 
 FAMILIES = ("trace", "diagonal", "determinant")

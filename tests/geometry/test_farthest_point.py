@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from warp_bounding.geometry.farthest_point import farthest
+from warp_bounding.geometry import farthest
 
 NEAR = 1e-11  # relative: how much farther than the farthest place that an ascent finds the bound may lie
 

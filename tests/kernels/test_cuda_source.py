@@ -9,11 +9,9 @@ from bounding_shapes import random_bounder, random_mlp, shape
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.kernels.functions import Data, batch_kernel
-from warp_bounding.networks.bound_kernel import _kernel as bound_kernel
-from warp_bounding.networks.bound_source import NetworkShape
-from warp_bounding.networks.charts.base import PlainChart
-from warp_bounding.networks.charts.box import BoxChart
-from warp_bounding.networks.charts.ray import RayChart
+from warp_bounding.networks.bounds import NetworkShape, PlainChart
+from warp_bounding.networks.bounds import _kernel as bound_kernel
+from warp_bounding.networks.charts import BoxChart, RayChart
 from warp_bounding.proof.search.depth_first_kernel import depth_first_kernel
 
 pytestmark = [

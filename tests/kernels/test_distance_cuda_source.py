@@ -8,12 +8,12 @@ from asking import check_compiles
 from distances import far
 
 from warp_bounding.bounders import DISTANCES
-from warp_bounding.kernels.distances.batch import (
+from warp_bounding.kernels.distance_batch import (
     box_kernel,
     distance_kernel,
+    lanes_kernel,
     lines_kernel,
 )
-from warp_bounding.kernels.distances.lanes import lanes_kernel
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),

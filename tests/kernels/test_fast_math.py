@@ -10,9 +10,9 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.coordinates.base import vector_type
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.kernels.functions import Data
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.native import vector_type
 
 ARCHITECTURE = 86
 FAST = "-march=native -mreassociate -freciprocal-math"  # the parts of -ffast-math that no macro tells of

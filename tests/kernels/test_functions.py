@@ -8,9 +8,9 @@ from asked_functions import QUERIES, ask, bounders, remade
 from bounding_shapes import shape
 
 from warp_bounding.bounders import METHODS
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import LABEL
+from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.native import identity, unique_name
 
 

@@ -13,8 +13,7 @@ from bounding_shapes import random_mlp, shape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warp_bounding.activations import ACTIVATIONS
-from warp_bounding.activations.sine import LIMIT as SINE_LIMIT
+from warp_bounding.activations import ACTIVATIONS, SINE_LIMIT
 from warp_bounding.networks.network import Network
 
 F32 = np.float32

@@ -5,11 +5,11 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import torch
 
 import warp_bounding as wb
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
 nn = torch.nn
 
 

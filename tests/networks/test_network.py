@@ -6,8 +6,7 @@ from bounding_shapes import NETWORKS, crossed, random_bounder, random_mlp, shape
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warp_bounding.activations import ACTIVATIONS
-from warp_bounding.activations.base import Curve
+from warp_bounding.activations import ACTIVATIONS, Curve
 from warp_bounding.bounders import METHODS
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network

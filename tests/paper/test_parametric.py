@@ -10,10 +10,10 @@ from bounding_shapes import shape
 from paper.parametric.direction_patches import DirectionPatches
 from paper.parametric.supports import ParametricSupport, limit_of, to_local
 from paper.parametric.volumes import fit, rates
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
 
 CLASSICS = ("aabb", "obb", "kdop", "sphere", "ellipsoid", "oriented-ellipsoid")
 REGIONS = ("ray", "plane", "box")

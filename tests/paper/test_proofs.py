@@ -110,7 +110,7 @@ def test_a_run_and_the_same_again(place, fits, capsys):
 
 def test_few_samples_ship_false_negatives(place, fits, capsys, monkeypatch):
     quick = ("--columns", "2d-point", "--methods", "mlp", "--samples", "2000", "--positives", "1")
-    monkeypatch.setattr("warp_bounding.queries.positives.CHUNK", 64)
+    monkeypatch.setattr("warp_bounding.queries.hard.CHUNK", 64)
     status, _, err = proofs(capsys, place, *quick, out="few")
     assert status == 0, err
     assert "a false negative by the prover" in err

@@ -17,10 +17,10 @@ from bounding_shapes import (
 )
 
 import warp_bounding as wb
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
+from warp_bounding.queries.domain import Domain
 
 
 def copy_of(bounder, tensors=None, domain=None):

@@ -12,9 +12,9 @@ import warp_bounding as wb
 from warp_bounding.bounders import file_format
 from warp_bounding.certificates.certificate import ABOUT
 from warp_bounding.certificates.statement import statement
-from warp_bounding.coordinates.domain import rounding_of_map
-from warp_bounding.coordinates.placement import Placement, placement_error
 from warp_bounding.errors import FileFormatError, QueryError
+from warp_bounding.queries.domain import rounding_of_map
+from warp_bounding.queries.placement import Placement, placement_error
 
 MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
 

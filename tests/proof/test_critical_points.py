@@ -18,11 +18,11 @@ from random_networks import random_monotone, random_network, random_supports
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.base import vector_type
 from warp_bounding.kernels.functions import Data
 from warp_bounding.proof import least_value, settle
 from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import oracle
+from warp_bounding.runtime.native import vector_type
 
 F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights

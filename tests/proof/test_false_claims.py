@@ -14,10 +14,10 @@ from warp_bounding.bounders import file_format
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Union
 from warp_bounding.certificates.claim import as_fitted, mismatch
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.shape import IN
 from warp_bounding.proof import prove, settle
+from warp_bounding.queries.domain import Domain
 
 BOX = trimesh.creation.box(extents=(1.0, 1.2, 0.8))
 MARGIN = 0.125

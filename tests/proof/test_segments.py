@@ -9,11 +9,11 @@ from bounding_shapes import fitted as hardly_fitted
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
+from warp_bounding.queries.region_domain import domain_of
 
 CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("mlp", "five"), ("local", "c"), ("local", "blob")]
 CASES += [("mlp&local", "blob"), ("mlp|local", "blob"), ("mlp-early|mlp&local", "blob")]

@@ -9,7 +9,7 @@ import trimesh
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.geometry.hull import few_points, hull_of
+from warp_bounding.geometry import few_points, hull_of
 from warp_bounding.indicators.shape import IN, OUT
 from warp_bounding.proof import prove, soak
 from warp_bounding.proof.attest.soak import CHUNK

@@ -6,9 +6,9 @@ import torch
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.queries.boundary import ENDS_SHARE, border_points
-from warp_bounding.training.samples.shape_point import ShapePointSamples
+from warp_bounding.queries.domain import Domain
+from warp_bounding.training.samples import ShapePointSamples
 
 COUNT = 4000
 BALL = trimesh.creation.icosphere(subdivisions=2)

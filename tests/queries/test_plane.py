@@ -8,7 +8,7 @@ from bounding_shapes import object_points, shape
 from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_vectors, sparse_grid
 
 from warp_bounding.errors import QueryError
-from warp_bounding.geometry.hull import components, connected_labels, hull_corners
+from warp_bounding.geometry import components, connected_labels, hull_corners
 from warp_bounding.queries.directions import sample_directions
 from warp_bounding.queries.plane import PLANE
 

@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from warp_bounding.coordinates.maps import COORDINATES, locate
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.queries import QUERIES, SampledOracle, check_query, oracle, sample
-from warp_bounding.queries.hard import HardPositives
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import HardPositives, draw_positives
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.queries.registry import locate
 
 
 class Cuboid(type(QUERIES["box"])):
@@ -17,16 +16,9 @@ class Cuboid(type(QUERIES["box"])):
     name = "cuboid"
 
 
-class CuboidCoordinates(type(COORDINATES["box"])):
-    """Theirs."""
-
-    name = "cuboid"
-
-
 @pytest.fixture
 def cuboid(monkeypatch):
     monkeypatch.setitem(QUERIES, "cuboid", Cuboid())
-    monkeypatch.setitem(COORDINATES, "cuboid", CuboidCoordinates())
     return "cuboid"
 
 
@@ -49,5 +41,5 @@ def test_and_has_coordinates(cuboid, rng):
     np.testing.assert_array_equal(domain.to_local(q), same.to_local(q))
     np.testing.assert_array_equal(domain.limit, same.limit)
     assert locate(cuboid, 3, False) == locate("box", 3, False)
-    assert COORDINATES[cuboid].extra_count(3, True) == 1
+    assert QUERIES[cuboid].extra_count(3, True) == 1
     assert domain.tested_as_region

@@ -9,8 +9,8 @@ from bounding_shapes import shape
 from region_queries import lattice_points, one_cell, small_vectors
 
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import QUERIES, SampledOracle, oracle, sample, sampled
-from warp_bounding.queries.sampled import points_per_region
+from warp_bounding.queries import QUERIES, SampledOracle, oracle, registry, sample
+from warp_bounding.queries.registry import points_per_region
 
 KINDS = ["ray", "plane", "box"]
 
@@ -87,7 +87,7 @@ def test_length_and_shape(device, rng):
 
 @pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
 @pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
-@pytest.mark.parametrize("kernel", [*(QUERIES[k].kernel(3) for k in KINDS), *(sampled._kernel(k, 3) for k in KINDS)])
+@pytest.mark.parametrize("kernel", [*(QUERIES[k].kernel(3) for k in KINDS), *(registry._kernel(k, 3) for k in KINDS)])
 def test_kernels_compile_for_cuda(kernel, tmp_path):
     wp.compile_aot_module(kernel.module, device=None, arch=86, module_dir=tmp_path)
     assert [*tmp_path.rglob("*.ptx"), *tmp_path.rglob("*.cubin")]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import warp as wp
 
-from warp_bounding.runtime import launch, working_time
+from warp_bounding.runtime import launch
 from warp_bounding.runtime.launch import BLOCK, BlockLaunch, cpu_threads, launch_blocks
 
 
@@ -224,17 +224,17 @@ def test_the_working_clock_stands_still_while_kernels_are_compiled(monkeypatch):
     monkeypatch.setattr(launch.time, "perf_counter", lambda: now[0])
     monkeypatch.setattr(launch.wp, "load_module", load_module)
     monkeypatch.setattr(launch, "_ready", set())
-    monkeypatch.setattr(working_time, "_own", working_time._Own())
-    before = working_time.working_seconds()
+    monkeypatch.setattr(launch, "_own", launch._Own())
+    before = launch.working_seconds()
     for _ in range(2):
         launch.ready(_visit, wp.get_device("cpu"))
-    assert working_time.compile_seconds() == seconds  # once
-    assert working_time.working_seconds() == before
+    assert launch.compile_seconds() == seconds  # once
+    assert launch.working_seconds() == before
     now[0] += 3.0
-    assert working_time.working_seconds() == before + 3.0
+    assert launch.working_seconds() == before + 3.0
     monkeypatch.setattr(launch, "_ready", set())
     other = threading.Thread(target=launch.ready, args=(_visit, wp.get_device("cpu")))
     other.start()
     other.join()
-    assert working_time.compile_seconds() == seconds
-    assert working_time.working_seconds() == before + 3.0 + seconds  # it goes on, and never back
+    assert launch.compile_seconds() == seconds
+    assert launch.working_seconds() == before + 3.0 + seconds  # it goes on, and never back

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.runtime.working_time import OutOfTimeError, limited, working_seconds
+from warp_bounding.runtime.launch import OutOfTimeError, limited, working_seconds
 from warp_bounding.solids import Box
 
 

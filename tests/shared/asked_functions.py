@@ -9,9 +9,9 @@ from bounding_shapes import EARLY, HIDDEN, shape
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.base import vector_type
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.kernels.functions import Data
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.native import vector_type
 
 QUERIES = ("point", "ray", "plane", "box")
 FEW = ("aabb", "bvh", "mlp")  # methods of regions: what tells data apart is the same text for all

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from warp_bounding.coordinates.base import vector_type
 from warp_bounding.kernels.functions import Data
+from warp_bounding.runtime.native import vector_type
 
 ARCHITECTURE = 86
 

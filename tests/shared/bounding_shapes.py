@@ -10,11 +10,11 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp import Mlp, encoding_tensors
 from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.networks import tensor_cores
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import domain_of
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits

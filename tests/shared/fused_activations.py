@@ -2,10 +2,8 @@
 
 import numpy as np
 
-from warp_bounding.activations import sine as sine_file
-from warp_bounding.activations.tanh import DENOMINATOR as TANH_DENOMINATOR
-from warp_bounding.activations.tanh import END as TANH_END
-from warp_bounding.activations.tanh import NUMERATOR as TANH_NUMERATOR
+from warp_bounding import activations as sine_file
+from warp_bounding.activations import TANH_DENOMINATOR, TANH_END, TANH_NUMERATOR
 
 F32 = np.float32
 

@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 
 from warp_bounding.bounders.mlp import Mlp, MonotoneMlp
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.queries.region_domain import domain_of
 
 
 def random_network(query: str, grid: IndicatorGrid, seed=0, activation="sin", hidden=(9, 7), gain=2.0) -> Mlp:

@@ -6,7 +6,7 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.coordinates.domain import Domain
+from warp_bounding.queries.domain import Domain
 
 # What the first lets through and the second denies would be lost, were the first one's kernel to ask the second.
 BOUNDERS = [METHODS[method].fit(shape("star"), Domain.of(shape("star")), device="cpu") for method in ("aabb", "sphere")]

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from bounding_shapes import shape, told_of
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-import warp_bounding as wb  # noqa: E402
-from warp_bounding.errors import BounderError, QueryError  # noqa: E402
-from warp_bounding.queries import sample  # noqa: E402
-from warp_bounding.training import fit_network as networks  # noqa: E402
-from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.thresholds import Costs  # noqa: E402
+import warp_bounding as wb
+from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.queries import sample
+from warp_bounding.training import fit_network as networks
+from warp_bounding.training.fit_network import Costs
+from warp_bounding.training.samples import Problem
 
 
 def few(name, method, query="point", **options):

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from bounding_shapes import HIDDEN, few, object_points, shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-import warp_bounding as wb  # noqa: E402
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.proof import Search  # noqa: E402
-from warp_bounding.training import fit_network as networks  # noqa: E402
-from warp_bounding.training.engine.clock import Clock  # noqa: E402
-from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.proof_time import DECAY, DECAY_ABOVE, MOST_DECAY, PROOF_GROWTH, UNTOLD  # noqa: E402
-from warp_bounding.training.recipes.loss import recipe_of  # noqa: E402
-from warp_bounding.training.recipes.paper import PaperTrainer  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
+import warp_bounding as wb
+from warp_bounding.proof import Search
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training import fit_network as networks
+from warp_bounding.training.engine import (
+    Clock,
+    single_threaded_torch,
+)
+from warp_bounding.training.fit_network import DECAY, DECAY_ABOVE, MOST_DECAY, PROOF_GROWTH, UNTOLD
+from warp_bounding.training.recipes.default import recipe_of
+from warp_bounding.training.recipes.paper import PaperTrainer
+from warp_bounding.training.samples import samples_of
 
 
 @pytest.fixture(autouse=True)

@@ -10,8 +10,8 @@ from bounding_shapes import object_points, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders.bvh import Bvh, build
-from warp_bounding.coordinates.domain import Domain
 from warp_bounding.proof import prove
+from warp_bounding.queries.domain import Domain
 
 fit_module = import_module("warp_bounding.training.fit")  # the package has a function of that name
 
@@ -46,7 +46,7 @@ def test_the_budget_of_a_hierarchy(monkeypatch, options, seconds):
 
 @pytest.mark.parametrize("method", ["learned-kdop", "relu-field"])
 def test_learned_closed_forms_leave_time_for_their_proof(monkeypatch, method):
-    trainers = pytest.importorskip("warp_bounding.training.trainers", reason="torch is not installed")
+    trainers = pytest.importorskip("warp_bounding.training.fit", reason="torch is not installed")
     given, real = [], trainers.TRAINERS[wb.METHODS[method]]
 
     def recorded(cls, problem, options, seconds, progress):

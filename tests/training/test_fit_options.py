@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from bounding_shapes import few, shape
 
-pytest.importorskip("torch", reason="torch is not installed")
-
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError
 

@@ -6,8 +6,7 @@ import pytest
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.solids import Sphere
-from warp_bounding.training.samples import samples_of
-from warp_bounding.training.samples.callers import CallersQueries
+from warp_bounding.training.samples import CallersQueries, samples_of
 
 BALL = Sphere([0.0, 0.0, 0.0], 1.0)
 

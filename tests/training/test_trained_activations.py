@@ -2,20 +2,23 @@
 
 import numpy as np
 import pytest
+import torch
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.activations import ACTIVATIONS  # noqa: E402
-from warp_bounding.bounders.mlp import Mlp  # noqa: E402
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.engine.trainable_network import Evaluator  # noqa: E402
-from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.recipes.default import NetworkTrainer  # noqa: E402
-from warp_bounding.training.recipes.early import _ExitTrainer  # noqa: E402
-from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
+from warp_bounding.activations import ACTIVATIONS
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training.engine import (
+    Evaluator,
+    single_threaded_torch,
+)
+from warp_bounding.training.recipes.default import NetworkTrainer
+from warp_bounding.training.recipes.early import _ExitTrainer
+from warp_bounding.training.recipes.plane import SupportTrainer
+from warp_bounding.training.samples import (
+    Problem,
+    samples_of,
+)
 
 HIDDEN = (7, 6)
 

@@ -6,7 +6,7 @@ import torch
 
 import warp_bounding as wb
 from sims.arm.robots import CELLS
-from warp_bounding.coordinates.region_domain import domain_of
+from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.training.recipes.default import WAVE_DECAY, NetworkTrainer
 from warp_bounding.training.samples import samples_of
 

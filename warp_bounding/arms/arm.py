@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from warp_bounding.errors import IndicatorError
-from warp_bounding.runtime.pickling import Picklable
+from warp_bounding.runtime.arrays import Picklable
 
 # --- Bodies -----------------------------------------------------------------------------------------------------------
 #

@@ -39,10 +39,8 @@ from warp_bounding.indicators.formats.load import READERS
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 from warp_bounding.queries import check_query
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.devices import device_of
-from warp_bounding.runtime.launch import cpu_threads
-from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.runtime.quiet import quiet_warp
+from warp_bounding.runtime.launch import cpu_threads, device_of
+from warp_bounding.runtime.progress import Progress, quiet_warp, reported
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, PAGE_FILE, FileKind, write_whole
 from warp_bounding.version import __version__
 
@@ -112,8 +110,8 @@ class Settings:
         """
         from warp_bounding.choice import check_methods, check_networks, check_prices, choose
         from warp_bounding.training import fit
-        from warp_bounding.training.checks import check_distance, check_numbers, check_regions
         from warp_bounding.training.distance import check_distance_options
+        from warp_bounding.training.fit import check_distance, check_numbers, check_regions
 
         function = fit if self.engine == "fit" else choose
         told = {p.name: p.default for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD}

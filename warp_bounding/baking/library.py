@@ -11,7 +11,7 @@ from typing import Any
 from warp_bounding.baking.stack import BounderStack
 from warp_bounding.bounders import Bounder, DistanceBounder, load
 from warp_bounding.errors import FileFormatError, QueryError
-from warp_bounding.runtime.pickling import Picklable
+from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, file_path
 
 __all__ = ["COLUMNS", "HASH_DIGITS", "MANIFEST", "BounderLibrary"]

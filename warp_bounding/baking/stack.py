@@ -12,13 +12,12 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Bounder, DistanceBounder
-from warp_bounding.coordinates.base import vector_type
 from warp_bounding.errors import QueryError
 from warp_bounding.kernels.functions import Data, point_func
 from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.arrays import flat_queries, new_output
 from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.runtime.native import named, unique_name, vector_type
 
 __all__ = ["BounderGroup", "BounderStack"]
 

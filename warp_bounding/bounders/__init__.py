@@ -32,7 +32,7 @@ from warp_bounding.bounders.volumes import Aabb, AabbDistance, Kdop, KdopDistanc
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.kernels.functions import Data
-from warp_bounding.runtime.compaction import compact
+from warp_bounding.runtime.arrays import compact
 
 __all__ = [
     "DISTANCES",

@@ -13,16 +13,15 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_bounding.coordinates.distance_domain import DistanceDomain
-from warp_bounding.coordinates.maps import COORDINATES
-from warp_bounding.coordinates.placement import Placement
-from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.recentred import Frame
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
 from warp_bounding.kernels.source import LABEL, Source
-from warp_bounding.runtime.arrays import flat_queries, memory_of, new_output
-from warp_bounding.runtime.compaction import Compaction, compact
+from warp_bounding.queries import QUERIES
+from warp_bounding.queries.distance import DistanceDomain
+from warp_bounding.queries.placement import Placement
+from warp_bounding.queries.region_domain import AnyDomain
+from warp_bounding.runtime.arrays import Compaction, compact, flat_queries, memory_of, new_output
 from warp_bounding.runtime.launch import BlockLaunch
 
 # --- origins ---------------------------------------------------------------------------------------------------------
@@ -424,7 +423,7 @@ class Asking(Framed, PicklableBounder, ABC):
         device = self.device
         if xform is not None or scale is not None:
             self.expect_local("xform= or scale=")
-        directed = COORDINATES[self.domain.query].directed
+        directed = QUERIES[self.domain.query].directed
         queries, count, double = self._flat(x, self.domain.columns, directed)
         placement, place = Placement.of(self.domain, xform, scale), None
         if placement is not None:

@@ -30,14 +30,14 @@ from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.batch import Asking
 from warp_bounding.bounders.file_format import save
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
-from warp_bounding.runtime.devices import device_of
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import AnyDomain
+from warp_bounding.runtime.launch import device_of
 
 # --- options ---------------------------------------------------------------------------------------------------------
 #

@@ -24,17 +24,17 @@ from warp_bounding.bounders.bounder import Bounder, Option, whole
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.mlp import HIDDEN
 from warp_bounding.bounders.volumes import CLIP, ROOM
-from warp_bounding.coordinates.base import GUARD, PARALLEL
-from warp_bounding.coordinates.distance_domain import DistanceDomain
-from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.box_distances import BoxDistances
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
+from warp_bounding.queries.base import GUARD, PARALLEL
+from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.plane import PLANE
+from warp_bounding.queries.region_domain import AnyDomain
 
 # --- hierarchies of boxes --------------------------------------------------------------------------------------------
 

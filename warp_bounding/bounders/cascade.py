@@ -31,8 +31,9 @@ from warp_bounding.certificates.claim import differing
 from warp_bounding.certificates.document import conjunction
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, literal, words_at
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, words_at
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.runtime.native import literal
 
 MOST_PARTS = 8
 

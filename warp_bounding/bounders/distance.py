@@ -29,12 +29,10 @@ from warp_bounding.bounders.batch import Framed, PicklableBounder
 from warp_bounding.bounders.bounder import Bounder, Option, taken
 from warp_bounding.bounders.file_format import save
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.distance_domain import DistanceDomain
-from warp_bounding.coordinates.domain import Domain, json_number
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.distances.batch import box_kernel, distance_kernel, lines_kernel
-from warp_bounding.kernels.distances.functions import (
+from warp_bounding.kernels.distance_batch import box_kernel, distance_kernel, lanes_kernel, lines_kernel
+from warp_bounding.kernels.distance_functions import (
     BOX_STEPS,
     SEGMENT_STEPS,
     box_func,
@@ -42,16 +40,14 @@ from warp_bounding.kernels.distances.functions import (
     ray_func,
     segment_func,
 )
-from warp_bounding.kernels.distances.lanes import lanes_kernel
-from warp_bounding.kernels.distances.source import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
+from warp_bounding.kernels.distances import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import LABEL
-from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.queries.distance import DISTANCE, DistanceDomain
+from warp_bounding.queries.domain import Domain, json_number
 from warp_bounding.queries.point import POINT
-from warp_bounding.runtime.arrays import new_output
-from warp_bounding.runtime.compaction import compact
-from warp_bounding.runtime.devices import device_of
-from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.arrays import compact, new_output
+from warp_bounding.runtime.launch import BlockLaunch, device_of
 
 # --- float64 queries -------------------------------------------------------------------------------------------------
 #

@@ -20,11 +20,11 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT32, round_down
 from warp_bounding.bounders.bounder import Option, one_of, whole
 from warp_bounding.bounders.distance import DistanceBounder
-from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.distances.source import FLUSHED, DistanceSource
+from warp_bounding.kernels.distances import FLUSHED, DistanceSource
 from warp_bounding.kernels.source import Lanes, fill
+from warp_bounding.queries.distance import DistanceDomain
 
 # --- stored values ---------------------------------------------------------------------------------------------------
 #

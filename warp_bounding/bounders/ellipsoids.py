@@ -1,6 +1,6 @@
 """Ellipsoids ``|A v + b|^2 <= r^2``. What ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid`` have in common.
 
-The three methods minimise a size over a family (``geometry.enclosing_ellipsoid``); their rounding is paid for in the threshold,
+The three methods minimise a size over a family (``geometry``); their rounding is paid for in the threshold,
 which the proof sets. Rays, planes and boxes are tested against the same ellipsoid (``ellipsoids.regions``), with the same threshold
 but for rounding.
 """
@@ -14,19 +14,17 @@ from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_up
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.volumes import SHORTENED, VolumeBounder, VolumeSource, VolumeTest, frame_norm
-from warp_bounding.coordinates.distance_domain import DistanceDomain
-from warp_bounding.coordinates.object_support import ObjectSupport
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.checked_inverse import checked_inverse
-from warp_bounding.geometry.enclosing_ellipsoid import enclosing_of_hull, enclosing_of_points, extreme_corners
-from warp_bounding.geometry.hull import whole_hull
+from warp_bounding.geometry import checked_inverse, enclosing_of_hull, enclosing_of_points, extreme_corners, whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.distances.source import DistanceSource
-from warp_bounding.kernels.source import Lanes, Source, fill, literal
-from warp_bounding.networks.box_bounds import BoxBounds
-from warp_bounding.queries.boundary import outline
+from warp_bounding.kernels.distances import DistanceSource
+from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.queries.boundary import ObjectSupport, outline
+from warp_bounding.queries.distance import DistanceDomain
+from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
+from warp_bounding.runtime.native import literal
 
 # --- ellipsoids ------------------------------------------------------------------------------------------------------
 

@@ -16,10 +16,10 @@ import safetensors
 import safetensors.numpy
 
 from warp_bounding.certificates.certificate import Subject
-from warp_bounding.coordinates.region_domain import SPACE
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.formats.load import MESH_READERS, READERS
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES
+from warp_bounding.queries.region_domain import SPACE
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
 from warp_bounding.version import __version__
 

@@ -26,12 +26,12 @@ from warp_bounding.bounders.volumes import (
     VolumeSource,
     kdop_directions,
 )
-from warp_bounding.coordinates.base import GUARD, PARALLEL
-from warp_bounding.coordinates.object_support import ObjectSupport
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS
+from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.queries.base import GUARD, PARALLEL
+from warp_bounding.queries.boundary import ObjectSupport
+from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #

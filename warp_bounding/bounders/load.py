@@ -11,14 +11,13 @@ from warp_bounding.bounders.distance import DISTANCES, DistanceBounder
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claims import check_claims
-from warp_bounding.coordinates.distance_domain import DistanceDomain
-from warp_bounding.coordinates.domain import json_number
-from warp_bounding.coordinates.region_domain import SPACE, RegionDomain
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.recentred import Frame
 from warp_bounding.indicators.shape import Pieces, dilated_digest
-from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.devices import device_of
+from warp_bounding.queries.distance import DISTANCE, DistanceDomain
+from warp_bounding.queries.domain import json_number
+from warp_bounding.queries.region_domain import SPACE, RegionDomain
+from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.whole_file import file_path
 
 

@@ -1,6 +1,6 @@
 """``mlp``: a multi-layer perceptron (the paper's OurNN), any widths and activation, with an optional encoding.
 
-The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``networks.heads``); the
+The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``Head``); the
 threshold on it is set by a proof or a search, not at a probability of one half.
 """
 
@@ -18,19 +18,18 @@ from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, whole
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import warp_kernel
-from warp_bounding.kernels.lattice import PER_WORD, level_text
-from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, literal
+from warp_bounding.kernels.source import DENIED, PER_WORD, Early, Lanes, Source, level_text
 from warp_bounding.networks import tensor_cores
-from warp_bounding.networks.box_bounds import BoxBounds
-from warp_bounding.networks.heads import head_of
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
-from warp_bounding.networks.network import Network
+from warp_bounding.networks.network import Network, head_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.box import BOX
+from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.native import literal
 
 # --- networks --------------------------------------------------------------------------------------------------------
 

@@ -27,11 +27,9 @@ from warp_bounding.bounders.mlp import (
     unpacked,
 )
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.distances.batch import warp_kernel
-from warp_bounding.kernels.distances.lanes import warp_lanes_kernel
-from warp_bounding.kernels.distances.source import FLUSHED, DistanceSource
-from warp_bounding.kernels.lattice import PER_WORD, level_text
-from warp_bounding.kernels.source import Lanes
+from warp_bounding.kernels.distance_batch import warp_kernel, warp_lanes_kernel
+from warp_bounding.kernels.distances import FLUSHED, DistanceSource
+from warp_bounding.kernels.source import PER_WORD, Lanes, level_text
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network

@@ -5,7 +5,7 @@ threshold each. Where the first is below its threshold the answer is *no*, which
 shorter network whose layers are shared, and every part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
 Where else the second, the *grant*, is above its threshold the answer is *maybe*, and no more is asked. That needs no
 proof, because *maybe* is never wrong; it may cost false positives, of which its threshold allows a few
-(``training.recipes.grants``). Without grants an exit would pay only where most queries are denied: where they mostly
+(``training.recipes.early``). Without grants an exit would pay only where most queries are denied: where they mostly
 meet the object, as rays, planes and boxes do, it is the *maybe* that can be told early.
 
 ``f`` is the output where no exit decides, ``DENIED``, a very low number, where the first to decide denies, and
@@ -27,11 +27,12 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import STEPS, Bounder
 from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp
-from warp_bounding.coordinates.domain import GROWTH
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import DENIED, GRANTED, Early, Lanes, literal
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.kernels.source import DENIED, GRANTED, Early, Lanes
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers
+from warp_bounding.queries.domain import GROWTH
+from warp_bounding.runtime.native import literal
 
 
 @dataclass(frozen=True)

@@ -16,14 +16,14 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, whole
-from warp_bounding.coordinates.base import direction_rounding
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.hull import components
+from warp_bounding.geometry import components
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.queries.base import direction_rounding
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #

@@ -30,13 +30,14 @@ from warp_bounding.bounders.cascade import ABOUT, check_objects
 from warp_bounding.certificates.certificate import Certificate
 from warp_bounding.certificates.claim import differing
 from warp_bounding.certificates.document import together
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import AnyDomain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.parts import part_of
 from warp_bounding.indicators.shape import Pieces, Shape
-from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, literal, words_at
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, words_at
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import AnyDomain
+from warp_bounding.runtime.native import literal
 
 # --- covers ----------------------------------------------------------------------------------------------------------
 #

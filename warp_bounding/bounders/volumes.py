@@ -18,21 +18,19 @@ import numpy as np
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.bounder import Bounder, Option
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
-from warp_bounding.coordinates.base import GUARD, PARALLEL
-from warp_bounding.coordinates.distance_domain import DistanceDomain
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.object_support import ObjectSupport
-from warp_bounding.coordinates.region_domain import AnyDomain, RegionDomain
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.checked_inverse import MOST_VERTEX_DIMENSIONS, checked_inverse, polytope_vertices
-from warp_bounding.geometry.hull import whole_hull
+from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS, checked_inverse, polytope_vertices, whole_hull
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
-from warp_bounding.networks.box_bounds import BoxBounds
-from warp_bounding.queries.boundary import outline
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.queries.base import GUARD, PARALLEL
+from warp_bounding.queries.boundary import ObjectSupport, outline
+from warp_bounding.queries.distance import DistanceDomain
+from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.point import POINT
+from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 
 # --- volumes ---------------------------------------------------------------------------------------------------------
 #
@@ -122,7 +120,7 @@ class VolumeBounder(Bounder):
         return whole_hull(shape) is not None
 
     def least(self, grid: Shape) -> tuple[float, int]:
-        """See ``Bounder``; of a shape without cells over the hull of the object (``geometry.hull``)."""
+        """See ``Bounder``; of a shape without cells over the hull of the object (``geometry``)."""
         if isinstance(grid, IndicatorGrid):
             return super().least(grid)
         hull, volume = whole_hull(grid), self.volume or self

@@ -12,11 +12,11 @@ import numpy as np
 
 from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.queries.domain import GROWTH, Domain
 
 MOST_CELLS = 2**31 - 1  # kernels count cells in 32 bits
 MOST_ALONG = 2**24  # cells along an axis, which float32 can tell apart

@@ -7,10 +7,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.recentred import Frame
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import RegionDomain
 
 __all__ = ["ABOUT", "Certificate", "Subject", "fn_rate_bound"]
 

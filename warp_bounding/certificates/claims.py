@@ -11,9 +11,9 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.certificates.certificate import Certificate, Subject, fn_rate_bound
-from warp_bounding.coordinates.domain import DELTA_LARGEST_SHARE
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.domain import DELTA_LARGEST_SHARE
 
 __all__ = ["check_claims"]
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from warp_bounding.certificates.certificate import Certificate, Subject
-from warp_bounding.coordinates.placement import placement_allowance
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.placement import placement_allowance
 
 __all__ = ["COMPOSED", "conjunction", "document", "least_allowance", "shown", "together"]
 

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from warp_bounding.bounders import Bounder, Certificate
 from warp_bounding.errors import BoundingWarning
-from warp_bounding.runtime import quiet
-from warp_bounding.runtime.devices import device_of
+from warp_bounding.runtime import progress
+from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.progress import bar
 
 __all__ = [
@@ -96,7 +96,7 @@ def quiet_warp(device: str | None = None) -> None:
     Raises:
         DeviceError: If there is no such device.
     """
-    quiet.quiet_warp()
+    progress.quiet_warp()
     if device is not None:
         device_of(device)
 

@@ -21,7 +21,7 @@ import warp as wp
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.joints import Joints
-from warp_bounding.runtime.pickling import Picklable
+from warp_bounding.runtime.arrays import Picklable
 
 # --- What may be asked for --------------------------------------------------------------------------------------------
 #

@@ -8,7 +8,7 @@ from functools import cache
 import warp as wp
 
 from warp_bounding.activations import ACTIVATIONS
-from warp_bounding.coordinates.base import Numbers
+from warp_bounding.runtime.native import Numbers
 
 __all__ = ["kdop_kernel", "mlp_kernel"]
 

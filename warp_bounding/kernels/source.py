@@ -19,15 +19,11 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.coordinates.base import literal
-from warp_bounding.coordinates.maps import COORDINATES
 from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity
-
-__all__ = ["ALIGN", "DENIED", "GRANTED", "LABEL", "Early", "Lanes", "Source", "aligned", "fill", "literal", "words_at"]
 
 DENIED = -(2.0**127)  # f where an early test has said no
 GRANTED = -DENIED / 2  # f where an early test has said maybe; so that the difference of both is finite in float32
@@ -86,7 +82,7 @@ class Source:
     @property
     def start(self) -> int:
         """Index in ``parameters`` where the method's own numbers begin, a multiple of ``ALIGN``."""
-        extra = COORDINATES[self.query].extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
+        extra = QUERIES[self.query].extra_count(self.ndim, self.time) + NUMBERS * self.ndim * self.joints
         return aligned(LABEL + 3 * self.ndim + 1 + extra)
 
     @property
@@ -116,7 +112,7 @@ class Source:
     @property
     def coordinates(self) -> int:
         """Numbers ``v`` that the body computes with: n, 2 n, or n + 1 (a plane's normal and offset)."""
-        return COORDINATES[self.query].ndim(self.ndim)
+        return QUERIES[self.query].coordinates(self.ndim)
 
     @property
     def tested_as_point(self) -> bool:
@@ -175,3 +171,50 @@ def fill(text: str, **values: object) -> str:
 def words_at(whole: str, place: int | str) -> str:
     """A C declaration of ``words`` that begin at a place of those at the pointer ``whole``, for a member's text."""
     return f"const struct {{ const unsigned int* data; }} words = {{{whole} + {place}}}; (void)words;"
+
+
+# A lattice of parts in native code: where v lies among the edges of each axis, and the level, a byte, that stands
+# there.
+#
+# Comparisons with edges are exact, so every device finds the same part of the domain, and what is proven of a part
+# holds for each v in it.
+
+PER_WORD = 4  # levels, a byte each, in a word
+
+# The index of v's part, in array order: along each axis, how many edges v has reached.
+_PLACE = {
+    True: "I part_ = {};\n$axes",
+    False: "int part_ = 0;\n$axes",
+}
+_AXIS = {
+    True: "{ I i = {}; for (int e = $first; e < $last; ++e) i -= v[$k] >= w[e]; part_ = part_ * $count + i; }",
+    False: "{ int i = 0; for (int e = $first; e < $last; ++e) i += v[$k] >= w[e]; part_ = part_ * $count + i; }",
+}
+_LEVEL = {
+    True: """
+V level_;
+{
+    int at_[L]; float found_[L];  // in memory: lanes of a vector are dear one by one
+    *(J*)at_ = part_;
+    for (int l = 0; l < L; ++l) found_[l] = (float)(words.data[at_[l] >> 2] >> (8 * (at_[l] & 3)) & 255u);
+    level_ = *(const V*)found_;
+}
+""",
+    False: "const float level_ = (float)(words.data[part_ >> 2] >> (8 * (part_ & 3)) & 255u);\n",
+}
+
+
+def level_text(shape: tuple[int, ...], first: int, vector: bool) -> str:
+    """C statements that compute ``level_`` from ``v``, ``w`` and ``words``.
+
+    Args:
+        shape: Parts along each axis of v.
+        first: Index in ``w`` of the first edge; those of each axis in turn.
+        vector: Whether v has a query in each lane.
+    """
+    lines = []
+    for k, count in enumerate(shape):
+        if count > 1:
+            lines.append(fill(_AXIS[vector], k=k, first=first, last=first + count - 1, count=count))
+        first += count - 1
+    return fill(_PLACE[vector], axes="\n".join(lines)) + _LEVEL[vector]

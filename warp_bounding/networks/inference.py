@@ -11,10 +11,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from warp_bounding.activations import SINE, activation_of
-from warp_bounding.activations.base import constants
+from warp_bounding.activations import SINE, activation_of, constants
 from warp_bounding.kernels.source import Lanes, Source
-from warp_bounding.networks.heads import Head, head_of
+from warp_bounding.networks.network import Head, head_of
 
 __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 

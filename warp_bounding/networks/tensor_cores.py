@@ -29,8 +29,7 @@ from warp_bounding.kernels.source import fill
 
 if TYPE_CHECKING:
     from warp_bounding.networks.inference import MlpSource
-    from warp_bounding.networks.network import Network
-    from warp_bounding.networks.rounding import Layer
+    from warp_bounding.networks.network import Layer, Network
 
 __all__ = ["BLOCK", "VERIFIED", "TensorCores", "fits", "lowered", "numbers", "rounding", "text", "threads"]
 
@@ -345,7 +344,7 @@ def _chain(products: list[np.ndarray], start: np.ndarray) -> tuple[np.ndarray, n
 
 
 def rounding(network: "Network") -> float:
-    """Bound of the error of f as the text computes it, as ``networks.rounding.measure`` has it of float32.
+    """Bound of the error of f as the text computes it, as ``networks.network.measure`` has it of float32.
 
     It is infinite where a number is out of range.
     """

@@ -39,7 +39,7 @@ from warp_bounding.newton import kernels
 from warp_bounding.newton.kernels import BLOCKS, ask_distances_in_lanes, ask_hulls, runs_of
 from warp_bounding.newton.placing import Hull, Placed, place_shapes
 from warp_bounding.newton.shapes import Shapes, contact_gap
-from warp_bounding.runtime.compaction import Compaction
+from warp_bounding.runtime.arrays import Compaction
 from warp_bounding.runtime.launch import BlockLaunch, ready
 
 

@@ -11,14 +11,12 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.coordinates.base import Numbers, literal
-from warp_bounding.kernels.distances.assemble import LANES, texts_of
-from warp_bounding.kernels.distances.functions import distance_func
-from warp_bounding.kernels.distances.source import DistanceSource
+from warp_bounding.kernels.distance_functions import distance_func
+from warp_bounding.kernels.distances import LANES, DistanceSource, texts_of
 from warp_bounding.kernels.functions import Words, point_func
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.newton.placing import IN_SUM, Hull, Placed
-from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.runtime.native import Numbers, literal, named, unique_name
 
 _SUM_ROUNDING = wp.constant(IN_SUM)
 

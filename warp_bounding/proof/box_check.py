@@ -15,7 +15,7 @@ from warp_bounding.proof.prove import charted
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.proof.search.depth_first import ChartedPositives
 from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["NARROWEST", "Failed", "check_boxes", "check_charted", "check_parts"]
 

@@ -32,7 +32,7 @@ from warp_bounding.proof.prove import charted
 from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.shape_check import CHUNK, SUSPECTS, Checked, check_regions, check_shape, points_outside
 from warp_bounding.queries import QUERIES, decision
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify"]
 

@@ -10,10 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from warp_bounding.bounders.mlp import Lattice, Mlp
-from warp_bounding.networks.charts.part import FARTHEST, PartChart
+from warp_bounding.networks.charts import FARTHEST, PartChart
 from warp_bounding.proof.search.best_first import Search
 from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum, divided
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["in_part", "least_by_part", "meeting"]
 

@@ -27,7 +27,7 @@ from warp_bounding.proof.search.vacancy import ShapePositives
 from warp_bounding.proof.shape_regions import least_region
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["charted", "least_value", "prove", "prove_or_attest", "settle"]
 

@@ -26,12 +26,12 @@ from warp_bounding.bounders.distance import DISTANCES, DistanceBounder, VolumeDi
 from warp_bounding.bounders.mlp import Local, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
-from warp_bounding.coordinates.distance_domain import DistanceDomain
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.joints import Joints
-from warp_bounding.networks.bound_kernel import bound_boxes
-from warp_bounding.networks.charts.segment import SegmentChart
+from warp_bounding.networks.bounds import bound_boxes
+from warp_bounding.networks.charts import SegmentChart
 from warp_bounding.proof.search.best_first import halve
+from warp_bounding.queries.distance import DistanceDomain
 
 __all__ = ["clear_segments"]
 

@@ -14,7 +14,7 @@ from warp_bounding.proof.search.best_first import halve
 from warp_bounding.proof.search.vacancy import NARROWEST, Positives, ShapePositives
 from warp_bounding.proof.shape_regions import ShapeRegions, coarse_cells
 from warp_bounding.queries.boundary import border_points
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["CHUNK", "SUSPECTS", "Checked", "check_regions", "check_shape", "points_outside"]
 

@@ -15,14 +15,14 @@ import numpy as np
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import OUT, Shape
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.search.best_first import Search, minimum
 from warp_bounding.proof.search.depth_first import charted_minimum
 from warp_bounding.proof.search.half_space import HeldBounds
 from warp_bounding.proof.search.vacancy import NARROWEST, Positives
 from warp_bounding.queries import QUERIES
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["ShapeRegions", "coarse_cells", "least_region"]
 

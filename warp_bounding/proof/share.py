@@ -9,7 +9,7 @@ from warp_bounding.certificates.claim import as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.proof.search.vacancy import ShapePositives
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["Share", "proven_share"]
 

@@ -1,23 +1,63 @@
-"""What a kind of query is: one object that knows all that this floor says of it.
+"""What a kind of query is: one object that knows its numbers, sampler, exact truth, hard positives, and the map to what a bounder computes with.
 
 A kind is written in a file of its own and put into ``queries.QUERIES`` under its name; everybody else finds it there,
 and higher floors keep what they know of it under the same name. Nobody compares the name itself.
+
+*Local space* is object space mapped by ``x -> (x - center) * scale``; the domain is about [-1, 1]^n there. A query
+becomes numbers ``v`` of that space: coordinates of points, displacements, normals. The C text that computes them is
+given ``V q[]`` (the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the
+functions ``root`` and ``over`` (``kernels``). It sets ``V v[]`` and clears two masks: ``testable`` (false: the query
+cannot be tested, the answer is *maybe*, whatever ``inside`` says: a number that is not finite, a direction without a
+usable length, an inverted box, a region that is given from too far away or lies outside the range of time) and
+``inside`` (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never
+negated. Where a shape is placed, ``q`` are numbers in the world and ``place`` is ``Placement.values``: another text
+moves q into object space first.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
 
+from warp_bounding.arithmetic import UNIT32, gamma, round_up
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import IN, OUT, Shape
-from warp_bounding.queries.exact import oracle_kernel
-from warp_bounding.runtime.launch import launch_blocks
+from warp_bounding.queries.exact import ExactOracle, oracle_kernel
 
-__all__ = ["ExactOracle", "Query"]
+FAR = 8.0  # of |a|_1, a region's point in local space: one from farther away that may meet the domain is *maybe*
+FARTHEST_SUM = 2.0**60  # of |a|_1: beyond it a region is *maybe* in any case, as sums with it could overflow
+# A direction whose largest |entry| is outside of these is *maybe*, so that products with it neither overflow nor
+# vanish.
+DIRECTION_SMALLEST, DIRECTION_LARGEST = 2.0**-90, 2.0**90
+PARALLEL = 2.0**-80  # local units: a ray whose w is at most this on an axis counts as parallel to that axis' faces
+GUARD = 16 * UNIT32  # relative room in the test against the domain: over three times its rounding
+SUMMED = 2.0**-17  # relative, of an offset: above what a sum of n <= 64 products rounds, n + 12 units
+LATER = 4 * GUARD  # relative, of coordinate 0 at a ray's end: above the rounding of it, n + 18 units
+# The largest |entry| of a computed unit vector, times a stretch. It does not grow with n: the norm is the root of a
+# sum of non-negative squares, and rounding is monotonic, so the sum is at least the rounded square of each entry. With
+# e_k the entry before the last division, norm >= |e_k| (1 - u)^(3/2); the quotient and the product round once more: 4
+# units.
+UNIT_LIMIT = 1 + gamma(16)
+
+
+class WorldMap(NamedTuple):
+    """A placement before rounding, float64.
+
+    Attributes:
+        matrix: M, from the world's axes to the object's.
+        forward: M^-1, from the object's axes to the world's.
+        translation: Where the object's origin stands in the world.
+        translation_error: By how much each of its numbers changes when it is rounded to float32.
+    """
+
+    matrix: np.ndarray
+    forward: np.ndarray
+    translation: np.ndarray
+    translation_error: np.ndarray
+
 
 # of ``distribution``, before the words of the kind
 UNIFORM = "half uniform queries that meet the object (or as many as an equal number of draws gives, where they are rare), half "
@@ -34,7 +74,7 @@ class Query(ABC):
         every: In words, all queries of the kind; ``{length}`` stands for the length.
         hard_positives: In words, the half of ``draw_positives`` that is drawn to be missed.
         oracle_body: C text of the exact truth (``exact.loop_snippet``).
-        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``sampled``), by its paper's
+        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``registry.SampledOracle``), by its paper's
             recipe.
         hard_draw: C text of a hard positive (``hard``): from a point ``p`` of the object to a query's numbers ``a[N]``
             and ``b[N]``.
@@ -42,6 +82,9 @@ class Query(ABC):
         hard_certain: C text that clears ``sure`` unless the rounded query ``x`` meets the cell for certain. It is given
             ``cell``, ``at``, ``vector``, ``normal`` and their errors, ``rho``, ``slack`` and ``inset`` (``hard``).
         hard_certain_placed: The same for a query in the world, where it is another text.
+        directed: Of each n of a query's numbers, whether they are a direction without a length; else they are a point.
+        map_text: The C text from the numbers ``q`` to the coordinates ``v``.
+        placed_text: The C text that moves q from the world into the object's space; it runs before ``map_text``.
     """
 
     name: str
@@ -55,6 +98,9 @@ class Query(ABC):
     hard_to_world: ClassVar[str]
     hard_certain: ClassVar[str]
     hard_certain_placed: ClassVar[str] = ""
+    directed: ClassVar[tuple[bool, ...]]
+    map_text: ClassVar[str]
+    placed_text: ClassVar[str]
 
     @property
     def positive(self) -> str:
@@ -165,73 +211,74 @@ class Query(ABC):
         """Of each component ``(V, 2 n)`` hull corners and a cell at each, for ``hard_draw``; zeros where it needs none."""
         return [np.zeros((1, 2 * grid.ndim))]
 
+    # --- the map to coordinates v ------------------------------------------------------------------------------------
+    # A ``domain`` is a ``Domain`` or ``RegionDomain`` of this kind, ``base`` its domain of points.
 
-class ExactOracle:
-    """The exact truth for queries of a kind: its kernel decides nearly all, ``Query.truth`` the others.
+    def coordinates(self, n: int) -> int:
+        """Number of coordinates ``v`` for an object of dimension n."""
+        return self.columns(n)
 
-    Args:
-        kind: Of the queries.
-        grid: The object.
-        device: Warp device; the default device if ``None``.
-        length: Of rays, object units.
-        kernel: See ``exact.oracle_kernel``.
-        arrays: What the kernel reads besides, by name; ``map`` is appended to what all kernels find there.
+    def extra_count(self, n: int, time: bool) -> int:
+        """How many numbers ``extra`` there are: the kind's own, and one more where coordinate 0 is time."""
+        return int(time)
 
-    Attributes:
-        device: Where the kernel runs.
-        undecided: How many queries of the last call went to the host.
-    """
+    def stretch(self, base, length: float | None) -> np.ndarray:
+        """``(n,)`` float32, a ray's displacement in local space, per axis and unit direction; ones for others."""
+        return np.ones(base.ndim, np.float32)
 
-    def __init__(
-        self, kind: Query, grid: IndicatorGrid, device: str | None, length: float, kernel: wp.Kernel, arrays: dict
-    ):
-        self.kind, self.grid, self.device, self.undecided = kind, grid, wp.get_device(device), 0
-        self.columns, self.length, self._kernel = kind.columns(grid.ndim), float(length), kernel
-        own = [grid.cells_per_unit, grid.offset, np.array(grid.shape), arrays.get("map", np.zeros(0)).reshape(-1)]
-        types = {"map": wp.float64, "numbers": wp.float64, "indices": wp.int32, "cells": wp.uint8}
-        held = {**dict.fromkeys(types, np.zeros(1)), **arrays, "map": np.concatenate(own)}
-        self._inputs = [wp.array(held[k].reshape(-1), dtype=t, device=self.device) for k, t in types.items()]
+    def extra(self, domain) -> np.ndarray:
+        """float32, the kind's own part of ``extra``."""
+        return np.zeros(0, np.float32)
 
-    def _answers(self, q: np.ndarray, seed: int = 0, given: np.ndarray | None = None) -> np.ndarray:
-        """``(N,)`` uint8: 0, 1, or 2 for undecided.
+    def limit(self, domain) -> np.ndarray:
+        """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""
+        return self._by_part(domain.base.limit, round_up(domain.stretch * UNIT_LIMIT))
+
+    def delta(self, domain) -> np.ndarray:
+        """``(ndim,)`` float64, the input error of ``v`` that proofs cover."""
+        base = domain.base
+        return self._by_part(base.delta, direction_rounding(base.ndim) * domain.stretch.astype(np.float64))
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        """``v`` ``(N, ndim)`` of finite queries ``(N, m)`` that meet the domain, in float64."""
+        parts = np.split(q, len(self.directed), axis=1)
+        for k, part in enumerate(parts):
+            if self.directed[k]:
+                parts[k] = part / np.linalg.norm(part, axis=1, keepdims=True) * domain.stretch.astype(np.float64)
+            else:
+                parts[k] = domain.base.to_local(part)
+        return np.concatenate(parts, axis=1)
+
+    def to_object(self, domain, v: np.ndarray) -> np.ndarray:
+        """A query ``(N, m)`` float64 in object space for each ``v`` ``(N, ndim)``."""
+        stretch, parts = domain.stretch.astype(np.float64), np.split(v, len(self.directed), axis=1)
+        both = zip(parts, self.directed, strict=True)
+        return np.concatenate([p / stretch if directed else domain.base.to_object(p) for p, directed in both], axis=1)
+
+    def _by_part(self, point: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        return np.concatenate([direction if directed else point for directed in self.directed])
+
+    @abstractmethod
+    def rounding(self, base, length: float | None) -> np.ndarray:
+        """``(n,)``: how far, per axis of local space, the computed query may pass a point of the exact one."""
+
+    def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
+        """What the kernels read of a placement besides translation and matrix."""
+        return []
+
+    @abstractmethod
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        """``(n,)``, local units: how far a moved query may pass a point of the exact one; infinite without a bound.
+
+        See ``domain``.
 
         Args:
-            q: ``(N, m)`` float32.
-            seed: That the kernel sees.
-            given: ``(N,)`` uint8 that it finds in ``out``.
+            domain: The bounder's.
+            world: The map.
+            input_unit: By how much the numbers were rounded before they were moved, relatively.
         """
-        out = wp.empty(len(q), dtype=wp.uint8, device=self.device)
-        if given is not None:
-            out = wp.array(given, dtype=wp.uint8, device=self.device)
-        flat = wp.array(q.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)
-        inputs = [flat, len(q), 0, *self._inputs, wp.float64(self.length), wp.uint32(seed % 2**32)]
-        launch_blocks(self._kernel, len(q), inputs, [out], self.device, first_index=2)
-        return out.numpy()
 
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        """The truth for queries.
 
-        Args:
-            q: ``(N, m)`` float32, object space. Invalid queries (NaN, infinity, zero direction or normal, min > max)
-                meet nothing here; bounders answer *maybe* to them.
-
-        Returns:
-            ``(N,)`` bool.
-
-        Raises:
-            QueryError: For another shape.
-        """
-        with np.errstate(over="ignore"):
-            q = np.ascontiguousarray(q, dtype=np.float32)
-        if q.ndim != 2 or q.shape[1] != self.columns:
-            raise QueryError(f"{self.kind.name} queries must have shape (N, {self.columns}), got {q.shape}")
-        if len(q) == 0:
-            return np.zeros(0, dtype=bool)
-        answer = self._answers(q)
-        undecided = np.flatnonzero(answer == 2)
-        self.undecided = len(undecided)
-        truth = answer == 1
-        for index in undecided:
-            cells = self.kind.near(self.grid, q[index])
-            truth[index] = self.kind.truth(self.grid, q[index, None], self.length, cells)[0]
-        return truth
+def direction_rounding(ndim: int) -> float:
+    """Relative error of an entry of a unit direction: two divisions, the norm of n squares, a float64 input."""
+    return gamma(ndim + 10)

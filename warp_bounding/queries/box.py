@@ -2,18 +2,20 @@
 
 Per axis the closed cells that meet the box are a range of integers, found exactly (``Coordinate``); a summed-area
 table then counts the occupied cells of the block with 2^n look-ups (Crow 1984). Nothing is ever undecided.
+
+Boxes: ``v = (low, high)``, the corners in local space, cut at the domain; a moved box is the one around it.
 """
 
 import numpy as np
 
+from warp_bounding.arithmetic import TINY, UNIT32
 from warp_bounding.indicators.grid import IndicatorGrid, summed_area
 from warp_bounding.indicators.shape import OUT, Shape
-from warp_bounding.queries.base import Query
+from warp_bounding.queries.base import Query, WorldMap
 from warp_bounding.queries.directions import NARROW
+from warp_bounding.queries.domain import GROWTH, Domain, at_points, input_rounding
 from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.queries.point import POINT
-
-__all__ = ["BOX"]
 
 # Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW``
 # makes the box thin, 1 reaches the end of the domain. Half of all sides touch p or are narrow.
@@ -154,6 +156,53 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
         n = grid.ndim
         ends = [POINT.nudged(grid, x[:, part], move[:, part]) for part in (slice(n), slice(n, None))]
         return np.concatenate([np.minimum(*ends), np.maximum(*ends)], axis=1)
+
+    # --- the map to coordinates v ------------------------------------------------------------------------------------
+
+    directed = (False, False)
+    map_text = """
+for (int k = 0; k < AXES; ++k) {
+    const V low = (q[k] - center[k]) * scale[k], high = (q[AXES + k] - center[k]) * scale[k];
+    const V top = zero + limit[k], bottom = zero - limit[k];
+    testable = testable & (q[k] <= q[AXES + k]);
+    const auto within = (low <= top) & (high >= bottom);
+    inside = inside & within;
+    v[k] = low < bottom ? bottom : low;
+    v[k] = v[k] > top ? top : v[k];
+    v[AXES + k] = high < bottom ? bottom : high;
+    v[AXES + k] = v[AXES + k] > top ? top : v[AXES + k];
+    if (TIME && k == 0) testable = testable & (low <= zero + extra[0]) & (high >= zero - extra[0]);
+}
+"""
+    placed_text = """
+V below[AXES], above[AXES];  // the box around the moved one (Arvo 1990)
+for (int k = 0; k < AXES; ++k) {
+    testable = testable & (q[k] <= q[AXES + k]);
+    below[k] = q[k] - place[k], above[k] = q[AXES + k] - place[k];
+    testable = testable & ((below[k] - below[k]) == zero) & ((above[k] - above[k]) == zero);
+}
+for (int k = 0; k < AXES; ++k) {
+    V low = zero, high = zero;
+    for (int j = 0; j < AXES; ++j) {
+        const V s = below[j] * place[AXES + AXES * k + j], t = above[j] * place[AXES + AXES * k + j];
+        low = low + (s < t ? s : t);
+        high = high + (s < t ? t : s);
+    }
+    q[k] = low, q[AXES + k] = high;
+    testable = testable & ((low - low) == zero) & ((high - high) == zero);  // an overflow
+}
+"""
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        return input_rounding(base.center, base.scale, base.limit.astype(np.float64), base.lower, base.upper)
+
+    def to_local(self, domain, q: np.ndarray) -> np.ndarray:
+        limit = domain.limit.astype(np.float64)
+        return np.clip(super().to_local(domain, q), -limit, limit)
+
+    def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        base = domain.base
+        return (at_points(base, world, input_unit) * base.scale.astype(np.float64) * (1 + 4 * UNIT32) + TINY) * GROWTH
 
 
 BOX = BoxQuery()

@@ -9,23 +9,18 @@ is computed too (Knuth's TwoSum), so that signs of ``face - t`` are exact and it
 from fractions import Fraction
 from functools import cache
 from math import ceil, floor, lcm
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
 
+from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.runtime.launch import BLOCK
+from warp_bounding.runtime.launch import BLOCK, launch_blocks
 from warp_bounding.runtime.native import named
 
-__all__ = [
-    "COORDINATE",
-    "RELATIVE_ERROR",
-    "any_occupied",
-    "cell_coordinates",
-    "integers",
-    "oracle_kernel",
-    "rational_map",
-]
+if TYPE_CHECKING:
+    from warp_bounding.queries.base import Query
 
 RELATIVE_ERROR = 2.0**-48  # 32 roundings of float64: no quantity that carries it goes through more than 16 (n <= 16)
 
@@ -156,3 +151,74 @@ def any_occupied(grid: IndicatorGrid, lower: list[Fraction], upper: list[Fractio
     half = Fraction(1, 2)
     cells = [slice(max(0, ceil(a - half)), max(0, floor(b + half) + 1)) for a, b in zip(lower, upper, strict=True)]
     return bool(grid.occupancy[tuple(cells)].any())
+
+
+class ExactOracle:
+    """The exact truth for queries of a kind: its kernel decides nearly all, ``Query.truth`` the others.
+
+    Args:
+        kind: Of the queries.
+        grid: The object.
+        device: Warp device; the default device if ``None``.
+        length: Of rays, object units.
+        kernel: See ``oracle_kernel``.
+        arrays: What the kernel reads besides, by name; ``map`` is appended to what all kernels find there.
+
+    Attributes:
+        device: Where the kernel runs.
+        undecided: How many queries of the last call went to the host.
+    """
+
+    def __init__(
+        self, kind: "Query", grid: IndicatorGrid, device: str | None, length: float, kernel: wp.Kernel, arrays: dict
+    ):
+        self.kind, self.grid, self.device, self.undecided = kind, grid, wp.get_device(device), 0
+        self.columns, self.length, self._kernel = kind.columns(grid.ndim), float(length), kernel
+        own = [grid.cells_per_unit, grid.offset, np.array(grid.shape), arrays.get("map", np.zeros(0)).reshape(-1)]
+        types = {"map": wp.float64, "numbers": wp.float64, "indices": wp.int32, "cells": wp.uint8}
+        held = {**dict.fromkeys(types, np.zeros(1)), **arrays, "map": np.concatenate(own)}
+        self._inputs = [wp.array(held[k].reshape(-1), dtype=t, device=self.device) for k, t in types.items()]
+
+    def _answers(self, q: np.ndarray, seed: int = 0, given: np.ndarray | None = None) -> np.ndarray:
+        """``(N,)`` uint8: 0, 1, or 2 for undecided.
+
+        Args:
+            q: ``(N, m)`` float32.
+            seed: That the kernel sees.
+            given: ``(N,)`` uint8 that it finds in ``out``.
+        """
+        out = wp.empty(len(q), dtype=wp.uint8, device=self.device)
+        if given is not None:
+            out = wp.array(given, dtype=wp.uint8, device=self.device)
+        flat = wp.array(q.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)
+        inputs = [flat, len(q), 0, *self._inputs, wp.float64(self.length), wp.uint32(seed % 2**32)]
+        launch_blocks(self._kernel, len(q), inputs, [out], self.device, first_index=2)
+        return out.numpy()
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """The truth for queries.
+
+        Args:
+            q: ``(N, m)`` float32, object space. Invalid queries (NaN, infinity, zero direction or normal, min > max)
+                meet nothing here; bounders answer *maybe* to them.
+
+        Returns:
+            ``(N,)`` bool.
+
+        Raises:
+            QueryError: For another shape.
+        """
+        with np.errstate(over="ignore"):
+            q = np.ascontiguousarray(q, dtype=np.float32)
+        if q.ndim != 2 or q.shape[1] != self.columns:
+            raise QueryError(f"{self.kind.name} queries must have shape (N, {self.columns}), got {q.shape}")
+        if len(q) == 0:
+            return np.zeros(0, dtype=bool)
+        answer = self._answers(q)
+        undecided = np.flatnonzero(answer == 2)
+        self.undecided = len(undecided)
+        truth = answer == 1
+        for index in undecided:
+            cells = self.kind.near(self.grid, q[index])
+            truth[index] = self.kind.truth(self.grid, q[index, None], self.length, cells)[0]
+        return truth

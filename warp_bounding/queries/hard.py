@@ -16,20 +16,23 @@ all that it is made of. Their points lie ``INSIDE``, a billionth of a cell, insi
 The numbers depend on the seed and the number of the query alone: not on device, threads or how the work is divided.
 """
 
+from collections.abc import Iterator, Sequence
 from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
+from warp_bounding.arithmetic import UNIT32
+from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.queries.base import Query
+from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.exact import COORDINATE, RELATIVE_ERROR
 from warp_bounding.queries.registry import QUERIES
 from warp_bounding.runtime.launch import BLOCK, launch_blocks
 from warp_bounding.runtime.native import named
-
-__all__ = ["FORMS", "HardPositives", "World"]
 
 FORMS = ("float32", "float64", "placed")
 TRIES = 12  # draws of one query before it is given up
@@ -267,3 +270,128 @@ class HardPositives:
         kernel = _kernel(self.kind, n, form)
         launch_blocks(kernel, count, inputs, [out, certain], self.device, first_index=3)
         return out.reshape((count, self.columns)), certain
+
+
+# Hard positives of a shape without cells: points of its border, moved by less and less, and regions that pass these.
+#
+# Each is checked by the shape, which counts only what certainly meets it.
+#
+# The stream depends on the seed alone, as that of ``hard`` does: the pool of border points belongs to the seed, and
+# query i is a pool point and a move that belong to (seed, chunk of i).
+
+POOL = 1 << 17  # border points
+MOVES = (2.0**-26, 2.0**-8)  # of the shape's longest side: the least and the largest move
+STILL = 0.25  # share of queries that are the border points themselves
+
+
+class HardShapePositives:
+    """A stream of hard positives of one shape, as ``hard.HardPositives`` is of a grid.
+
+    Args:
+        query: Kind of query.
+        shape: The object.
+        length: Of a ray, object units.
+        device: Warp device of the queries; the default device if ``None``.
+
+    Raises:
+        QueryError: If the shape cannot tell which regions of this kind meet it.
+    """
+
+    def __init__(self, query: str, shape: Shape, length: float = 1.0, device=None):
+        self.kind = QUERIES[query]
+        if not self.kind.decides(shape):
+            raise QueryError(f"{shape.name}: cannot tell which {query} queries meet it; give a resolution")
+        self.query, self.shape, self.length, self.device = query, shape, float(length), wp.get_device(device)
+        self.columns, self.placeable = self.kind.columns(shape.ndim), not self.kind.is_region
+        self._seed, self._pool = None, None
+
+    def draw(
+        self, seed: int, first: int, count: int, form: str = "float32", world: World | None = None
+    ) -> tuple[wp.array, wp.array]:
+        """See ``HardPositives.draw``; regions are not placed in the world."""
+        if seed != self._seed:
+            self._seed, self._pool = seed, border_points(self.shape, POOL, np.random.default_rng([seed, 5]))
+        rng, n = np.random.default_rng([seed, first]), self.shape.ndim
+        x = self._pool[rng.integers(POOL, size=count)]
+        size = np.exp2(rng.uniform(*np.log2(MOVES), count)) * float(self.shape.extent.max())
+        x = x + (rng.random(count) >= STILL)[:, None] * size[:, None] * rng.uniform(-1, 1, (count, n))
+        if form == "placed":
+            q = (x @ world.forward.T + world.translation).astype(np.float32)
+            back = (q.astype(np.float64) - world.translation) @ world.inverse.T
+            terms = (np.abs(q) + np.abs(world.translation)) @ np.abs(world.inverse).T
+            room = UNIT32 * 2.0**-20 * terms  # of the way back in float64: generous
+            certain = self.shape.inside(back - room, back + room)
+        else:
+            q = self.kind.barely(self.shape, x, rng, self.length, True)
+            q = q if form == "float64" else q.astype(np.float32)
+            certain = self.kind.decide(self.shape, q, self.length) == IN
+        number = wp.float64 if form == "float64" else wp.float32
+        arrays = (np.ascontiguousarray(q), number), (certain.astype(np.uint8), wp.uint8)
+        return tuple(wp.array(values, dtype=dtype, device=self.device) for values, dtype in arrays)
+
+
+# Random positives, half of them where bounders fail first: what statistics about false negatives are drawn from.
+#
+# Half are the protocol's own random queries whose truth is *yes* (fewer where hardly any is: both proposals are then
+# drawn equally often, and all of their positives are taken); the other half pass a random point of the object, on
+# faces, edges and corners of its boundary cells for the most part, and barely: rays that begin or end there or lie in
+# a face, boxes that are thin, small or only touch, slabs that reach the domain's border, planes through it. What a
+# bounder clips is among them: rays that start outside the domain, boxes that reach out of it, planes given by a point
+# outside, directions of any length. Every one is checked by the exact oracle after its numbers were rounded to
+# float32.
+
+RARE = 0.05  # of the draws: where fewer meet the object, all that do are taken, not as many of either half
+CHUNK = 200_000  # draws of either half at a time
+SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
+
+
+def draw_positives(
+    query: str,
+    grid: IndicatorGrid,
+    count: int,
+    seed: int | Sequence[int],
+    device=None,
+    length=1.0,
+    *,
+    outside: bool = True,
+) -> Iterator[np.ndarray]:
+    """Fresh independent positives, in chunks.
+
+    Args:
+        query: Kind of query.
+        grid: The object.
+        count: How many in all; at least that many come.
+        seed: Of the samples.
+        device: Warp device of the oracle.
+        length: Of a ray.
+        outside: Queries that are given by points outside the domain are among them.
+
+    Yields:
+        ``(N, m)`` float32 queries, all of them positive.
+    """
+    rng = np.random.default_rng([*([seed] if isinstance(seed, (int, np.integer)) else seed), 20_24])
+    kind = QUERIES[query]
+    pool = np.empty((0, grid.ndim)) if isinstance(grid, IndicatorGrid) else border_points(grid, POOL, rng)
+    truth, done, rare = kind.oracle(grid, device, length), 0, None
+    while done < count:
+        uniform = kind.sample(grid, CHUNK, rng)
+        points = pool[rng.integers(len(pool), size=CHUNK)] if len(pool) else _boundary_points(grid, CHUNK, rng)
+        hard = kind.barely(grid, points, rng, length, outside).astype(np.float32)
+        uniform, hard = uniform[truth(uniform)], hard[truth(hard)]
+        half = min(len(uniform), len(hard))
+        if rare is None:  # decided once: the distribution is the same in all chunks
+            rare = half < RARE * CHUNK
+        part = np.concatenate([uniform, hard] if rare else [uniform[:half], hard[:half]])
+        done += len(part)
+        yield part
+
+
+def _boundary_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    """``(count, n)`` float64 points of the object, object space."""
+    cells = grid.boundary if len(grid.boundary) else grid.occupied
+    cells = np.where(
+        rng.random((count, 1)) < 0.9, *(c[rng.integers(len(c), size=count)] for c in (cells, grid.occupied))
+    )
+    offset = rng.uniform(-0.5, 0.5, cells.shape)
+    offset = np.where(rng.random(cells.shape) < SNAPPED, np.copysign(0.5, offset), offset)
+    return grid.position(cells + offset)

@@ -2,16 +2,18 @@
 
 The oracle decides in float64, where the cell coordinate of a float32 point is exact (see ``IndicatorGrid``): a point
 on the face between two cells belongs to both.
+
+Points: ``v = (x - center) * scale``, inside where ``|v| <= limit``; see ``domain`` for what that rounds.
 """
 
 import numpy as np
 
+from warp_bounding.arithmetic import TINY, UNIT32
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.queries.base import Query
+from warp_bounding.queries.base import Query, WorldMap
+from warp_bounding.queries.domain import GROWTH, Domain, at_points, rounding_of_map
 from warp_bounding.queries.exact import any_occupied, rational_map
-
-__all__ = ["POINT"]
 
 _BODY = """
 int first[N], last[N], cell[N];  // cells that the point may lie in, two where it lies on a face
@@ -90,6 +92,37 @@ for (int k = 0; k < N; ++k) {
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Points moved by shares ``(N, n)`` of the domain, and not out of it."""
         return np.clip(x + move * (grid.upper - grid.lower), grid.lower, grid.upper)
+
+    # --- the map to coordinates v ------------------------------------------------------------------------------------
+
+    directed = (False,)
+    map_text = """
+for (int k = 0; k < AXES; ++k) {
+    v[k] = (q[k] - center[k]) * scale[k];
+    const auto within = (v[k] <= limit[k]) & (v[k] >= -limit[k]);
+    inside = inside & within;
+    if (k < FREE) testable = testable & within;  // outside, the object may be anywhere
+}
+"""
+    placed_text = """
+V d[AXES];
+for (int k = 0; k < AXES; ++k) d[k] = q[k] - place[k];
+for (int k = 0; k < AXES; ++k) {
+    V x = d[0] * place[AXES + AXES * k];
+    for (int j = 1; j < AXES; ++j) x = x + d[j] * place[AXES + AXES * k + j];
+    q[k] = x;
+}
+"""
+
+    def extra_count(self, n: int, time: bool) -> int:
+        return 0
+
+    def rounding(self, base: Domain, length: float | None) -> np.ndarray:
+        return rounding_of_map(base.limit.astype(np.float64))
+
+    def placed_rounding(self, domain: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+        moved = at_points(domain, world, input_unit) * domain.scale.astype(np.float64) * (1 + 4 * UNIT32)
+        return (moved + self.rounding(domain, None) + TINY) * GROWTH
 
 
 POINT = PointQuery()

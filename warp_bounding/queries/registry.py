@@ -1,20 +1,21 @@
-"""The kinds of query by name, and what is most often asked of one."""
+"""The kinds of query by name, what is most often asked of one, the C text of its map, and the paper's labels."""
 
 from collections.abc import Callable
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.joints import TEXT
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE, DistanceQuery
+from warp_bounding.queries.exact import ExactOracle, oracle_kernel
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
-
-__all__ = ["QUERIES", "QUERY_KINDS", "check_query", "decision", "described", "oracle", "sample"]
 
 QUERIES: dict[str, Query] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more entry
 QUERY_KINDS = QUERIES.keys()
@@ -59,3 +60,135 @@ def oracle(
         QueryError: For an unknown kind, or a length that is negative or not finite.
     """
     return QUERIES[check_query(query)].oracle(grid, device, length)
+
+
+_FRAME = """
+auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
+{{
+    constexpr int AXES = {n}, FREE = {free};
+    constexpr bool TIME = FREE > 0, PLACED = {placed};
+    (void)TIME;
+    {no_place}
+    for (int k = 1; k < {columns}; ++k) testable = testable & ((q[k] - q[k]) == zero);
+    {moving}
+    {text}
+}}
+"""
+
+
+def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = False) -> str:
+    """The C text from a query's numbers to the coordinates ``v``.
+
+    Args:
+        query: Kind of query.
+        n: Dimension of the indicator.
+        free: Queries outside the domain on one of the first so many axes are answered with maybe: 1 where coordinate 0
+            is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and maybe
+            one that only just reaches into it.
+        placed: ``q`` are in the world, and the text may change them.
+        joints: ``q`` are values of joints, with their numbers at ``extra``; points only.
+    """
+    kind = QUERIES[query]
+    text = f"{TEXT} {{ const V* q = turned; {kind.map_text} }}" if joints else kind.map_text
+    return _FRAME.format(
+        n=n,
+        free=int(free),
+        placed=str(placed).lower(),
+        no_place="" if placed else "const float* place = nullptr; (void)place;",
+        columns=kind.columns(n),
+        moving=f"{{ {kind.placed_text} }}" if placed else "",
+        text=text,
+    )
+
+
+# The ``sampled`` protocol: the paper's labels, ``any()`` over random points of the region (DESIGN section 6).
+#
+# 500 points of a region, 1500 in four dimensions; of a ray uniform in t over [0, length], of a box uniform inside, of
+# a plane all coordinates but the first uniform in [-3, 3] (in the frame where the grid's outer cell centres are 0 and
+# 1), the first solved for; a plane whose normal has no first component yields no points. The generator is
+# counter-based and keyed by the seed and the query's own bits: a query has one label, in any batch and on every device
+# up to the last bits of a square root. A region that the *exact* oracle calls empty is not sampled at all. That is
+# fast, and it excludes phantom hits: a point may be rounded off its region into a cell, but never makes a region
+# positive that meets no cell.
+
+PLANE_SPAN = 3.0  # free coordinates of a plane's points are uniform in [-3, 3], as in the paper
+
+
+def points_per_region(ndim: int) -> int:
+    """The paper's number of points: 500, and 1500 in four dimensions (and more)."""
+    return 500 if ndim < 4 else 1500
+
+
+def _body(kind: Query, ndim: int) -> str:
+    return f"""
+struct Generator {{  // PCG-RXS-M-XS 32 (O'Neill 2014), keyed by a hash of the seed and the query
+    unsigned int state;
+    void absorb(unsigned int word) {{ state ^= word; (*this)(); }}
+    unsigned int operator()() {{
+        state = state * 747796405u + 2891336453u;
+        unsigned int word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+        return (word >> 22u) ^ word;
+    }}
+}};
+if (out.data[i] != 1) break;  // the exact truth
+Generator generator;
+generator.state = (unsigned int)seed;
+unsigned int key = generator();
+for (int k = 0; k < 2 * N; ++k) {{
+    union {{ float f; unsigned int u; }} bits;
+    bits.f = q[k];
+    generator.state = key ^ bits.u;
+    key = generator() + 0x9e3779b9u * (unsigned int)(k + 1);
+}}
+generator.state = key;
+const auto uniform = [&]() {{ return ((double)generator() + 0.5) * 0x1p-32; }};
+double size = 0.0;
+for (int k = 0; k < N; ++k) size += (double)q[N + k] * (double)q[N + k];
+size = sqrt(size);
+constexpr int COUNT = {points_per_region(ndim)};
+for (int sample = 0; sample < COUNT; ++sample) {{
+    double y[N];
+    {kind.sampled_point}
+    long long index = 0;
+    bool inside = true;
+    for (int k = 0; k < N; ++k) {{
+        const double t = floor(y[k] * map.data[k] - map.data[N + k] + 0.5), r = map.data[2 * N + k];
+        inside &= t >= 0.0 && t < r;
+        index = index * (long long)r + (t >= 0.0 && t < r ? (long long)t : 0);
+    }}
+    if (inside && cells.data[index]) {{ answer = 1; break; }}
+}}
+"""
+
+
+def _kernel(query: str, ndim: int) -> wp.Kernel:
+    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, _body(QUERIES[query], ndim))
+
+
+class SampledOracle(ExactOracle):
+    """The paper's labels. They are a subset of the exact ones: sampling misses thin hits and invents none.
+
+    Args:
+        query: ``ray``, ``plane`` or ``box``; ``point`` gives the exact labels, a point being all of its region.
+        grid: The object.
+        device: Warp device; the default device if ``None``.
+        seed: Of the random points.
+        length: Of rays, object units.
+    """
+
+    def __init__(self, query: str, grid: IndicatorGrid, device: str | None = None, seed: int = 0, length: float = 1.0):
+        kind = QUERIES[check_query(query)]
+        self.kind, self.seed, self._exact = kind, int(seed), kind.oracle(grid, device, length)
+        if not kind.is_region:
+            return
+        free = (grid.upper - grid.lower) / (grid.sample_upper - grid.sample_lower)  # of the domain, in the frame
+        with np.errstate(divide="ignore"):
+            outside = np.log1p(-np.prod(free[1:] / (2 * PLANE_SPAN)))
+        arrays = {"map": np.concatenate([grid.lower, grid.upper, [outside]]), "cells": grid.occupancy.astype(np.uint8)}
+        super().__init__(kind, grid, device, length, _kernel(query, grid.ndim), arrays)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        return super().__call__(q) if self.kind.is_region else self._exact(q)
+
+    def _answers(self, q: np.ndarray) -> np.ndarray:
+        return super()._answers(q, self.seed, self._exact(q).astype(np.uint8))

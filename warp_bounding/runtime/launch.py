@@ -10,29 +10,105 @@ A *block* is what one item of a CPU launch (one ``wp.tid()``) handles; *threads*
 A kernel is compiled, or loaded from Warp's cache, before its first launch; ``working_seconds`` stands still meanwhile.
 """
 
+import contextlib
+import math
 import os
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
-from threading import Lock, Thread, Timer
+from threading import Lock, Thread, Timer, local
 from time import perf_counter
 
 import warp as wp
 
-from warp_bounding.runtime.working_time import compiled_for, working_seconds
+from warp_bounding.errors import DeviceError
 
-__all__ = [
-    "BLOCK",
-    "BlockLaunch",
-    "cpu_threads",
-    "launch_blocks",
-    "launch_on_cores",
-    "ready",
-    "run_shares",
-]
+# Warp devices by the names that users give.
+
+
+def device_of(name: str | wp.Device | None) -> wp.Device:
+    """The Warp device of this name; the default device if ``None``.
+
+    Raises:
+        DeviceError: If this machine has none of this name.
+
+    Example:
+        >>> wb.device_of("cpu").is_cpu
+        True
+    """
+    try:
+        if name == "cuda" and not wp.get_cuda_device_count():  # Warp would print errors of the driver
+            raise ValueError("no CUDA device")
+        return wp.get_device(name)
+    except (TypeError, ValueError, RuntimeError) as reason:
+        names = [str(device) for device in wp.get_devices()]
+        known = f"one of {', '.join(names)}" if len(names) > 1 else ", ".join(names)
+        raise DeviceError(f"there is no such device on this machine: expected {known}, got {name!r}") from reason
+
+
+# The clock of budgets, which stands still while kernels are compiled, and limits of time for work that has none of its
+# own.
+#
+# A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget
+# should know nothing.
+
+
+class OutOfTimeError(Exception):
+    """Work in ``limited`` has taken longer than it may."""
+
+
+class _Own(local):
+    """What each thread has for itself: another one's compiling would turn its clock back."""
+
+    compiling = 0.0  # seconds that it has spent on compiling
+    end = math.inf  # of its work, by its own clock
+
+
+_own = _Own()
+
+
+def compiled_for(seconds: float) -> None:
+    """Tell the clock that this thread has just compiled for so long."""
+    _own.compiling += seconds
+
+
+def compile_seconds() -> float:
+    """Time that this thread has spent on compiling and loading the library's kernels."""
+    return _own.compiling
+
+
+def working_seconds() -> float:
+    """The clock of budgets: ``time.perf_counter``, but it stands still while this thread compiles kernels.
+
+    Raises:
+        OutOfTimeError: In ``limited``, after its time.
+    """
+    now = time.perf_counter() - _own.compiling
+    if now > _own.end:
+        raise OutOfTimeError
+    return now
+
+
+@contextlib.contextmanager
+def limited(seconds: float) -> Iterator[None]:
+    """Work of this thread that may take so many ``working_seconds``, for what has no limit of its own, such as proofs of closed forms.
+
+    It ends at its first look at that clock, or its first launch of a kernel for one use, after this time. A limit within another one ends no
+    later than that.
+
+    Raises:
+        OutOfTimeError: Where the work did not end in time; what it was making is lost.
+    """
+    before = _own.end
+    _own.end = min(before, working_seconds() + seconds)
+    try:
+        yield
+    finally:
+        _own.end = before
+
 
 BLOCK = 512  # queries of a block of a batch kernel; on CUDA one
 SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves

@@ -12,7 +12,19 @@ from typing import Any
 
 import warp as wp
 
-__all__ = ["STRICT", "identity", "module_options", "named", "unique_name"]
+Numbers = wp.array(dtype=wp.float32)
+
+
+@cache
+def vector_type(length: int) -> Any:
+    """A vector of so many float32 numbers, Warp's own where it has a name."""
+    own = {2: wp.vec2, 3: wp.vec3, 4: wp.vec4}
+    return own[length] if length in own else wp.types.vector(length=length, dtype=wp.float32)
+
+
+def literal(value: float) -> str:
+    """A float32 constant in C, exactly."""
+    return f"{float(value).hex()}f"
 
 
 # LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms, motions and

@@ -1,42 +1,40 @@
 """``fit``: from a shape to a bounder, in a given time. ``METHODS`` has the methods, ``trainers`` how each is made."""
 
+import math
+import sys
 import time
-from dataclasses import replace
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
+
+import numpy as np
 
 from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
 from warp_bounding.bounders.batch import in_frame
 from warp_bounding.bounders.bounder import settled
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.mlp import THRESHOLDS
-from warp_bounding.coordinates.region_domain import domain_of
-from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.bounders.learned_kdop import LearnedKdop
+from warp_bounding.bounders.mlp import THRESHOLDS, Mlp
+from warp_bounding.bounders.relu_field import ReluField
+from warp_bounding.errors import BounderError, BoundingWarning, QueryError
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.parts import SIDES, Complement
 from warp_bounding.indicators.recentred import parted
-from warp_bounding.indicators.shape import Shape, check_memory
+from warp_bounding.indicators.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.proof import prove_or_attest
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.devices import device_of
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.launch import compile_seconds, device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.runtime.working_time import compile_seconds
-from warp_bounding.training.checks import (
-    check_distance,
-    check_extent,
-    check_numbers,
-    check_regions,
-    warn_of_coarse_cells,
-    warn_of_restriction,
-)
 from warp_bounding.training.distance import fit_distance
-from warp_bounding.training.problem import Problem
-from warp_bounding.training.samples.callers import CallersQueries
-from warp_bounding.training.trainers import trainer_of
-
-__all__ = ["LEAST_SHARE", "SHAPE_BOXES", "SHAPE_EPS", "Stopwatch", "described", "fit"]
+from warp_bounding.training.fit_network import fit_network
+from warp_bounding.training.learned_kdop import train_learned_kdop
+from warp_bounding.training.relu_field import train_relu_field
+from warp_bounding.training.samples import CallersQueries, Problem, Trained
 
 FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
 COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
@@ -285,3 +283,140 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
         occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
     )
     return grid
+
+
+# How the bounders of a class are made from a shape: in closed form by the class itself, or as ``TRAINERS`` says.
+#
+# ``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which holds
+# for its subclasses too.
+
+KDOP_SECONDS = 10.0  # training longer does not make learned half-spaces tighter
+
+
+@dataclass(frozen=True)
+class Trainer:
+    """How the bounders of a class are made.
+
+    Attributes:
+        train: Called with the class, the problem, the values of all of the class's options, the seconds that training
+            may take, and a function for progress or ``None``.
+        proves: ``train`` sets threshold and certificate itself. In a cascade such trainers share the rest of the budget
+            equally. Where ``train`` does not, ``fit`` calls ``prove`` afterwards, and before a trainer that proves it
+            gets the share ``fit.FRONT_SHARE`` only.
+        most_seconds: ``fit`` gives no more seconds, because they would make nothing tighter.
+    """
+
+    train: Callable[[type[Bounder], Problem, dict[str, Any], float, Progress | None], Trained]
+    proves: bool = False
+    most_seconds: float = math.inf
+
+
+def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], seconds: float, _) -> Trained:
+    """The volume that the class computes."""
+    if cls.takes_seconds:
+        options = options | {"seconds": math.inf if problem.repeatable else seconds}
+    return cls.fit(problem.grid, problem.domain, device=problem.device, **options), {}
+
+
+TRAINERS: dict[type[Bounder], Trainer] = {
+    Bounder: Trainer(_closed_form),
+    LearnedKdop: Trainer(train_learned_kdop, most_seconds=KDOP_SECONDS),
+    ReluField: Trainer(train_relu_field),
+    Mlp: Trainer(fit_network, proves=True),
+}
+
+
+def trainer_of(cls: type[Bounder]) -> Trainer:
+    """How bounders of a class are made: its own entry of ``TRAINERS``, or the nearest base's."""
+    return next(TRAINERS[base] for base in cls.__mro__ if base in TRAINERS)
+
+
+# What ``fit`` refuses before any time is spent, each in one line.
+
+PACKAGE = __name__.split(".")[0]
+CLOSE = ". If its inside counts, close it first: docs/guide/shapes.md has two ways, for small holes and for scans"
+
+
+def check_numbers(budget: float, seed: int, margin: float) -> None:
+    """Refuse a budget, a seed or a margin that makes no sense, with ``BounderError``."""
+    if not is_number(budget) or budget <= 0:
+        raise BounderError(f"budget must be a positive number of seconds, got {budget!r}")
+    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or not 0 <= seed < 2**63:
+        raise BounderError(f"seed must be a whole number from 0 to 2^63 - 1, got {seed!r}")
+    if not is_number(margin) or margin < 0:
+        raise BounderError(f"margin must be a length of at least 0, got {margin!r}")
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is a finite number, and no truth value."""
+    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
+    """Refuse a margin that leaves nothing of the object's form, before any time is spent on it."""
+    extent = float(shape.extent.max())
+    if margin > extent and not force:
+        raise BounderError(
+            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it all "
+            "the same"
+        )
+
+
+def warn_of_coarse_cells(grid: IndicatorGrid) -> None:
+    """Warn where cells reach farther beyond the object than the margin: that costs false positives."""
+    size = 1 / float(grid.cells_per_unit[-1])
+    if 0 < grid.margin < size:
+        finer = math.ceil(grid.resolution * size / grid.margin)
+        advice = (
+            f"resolution={finer} has cells of the margin's size"
+            if finer <= MAX_RESOLUTION
+            else "give a finer resolution"
+        )
+        text = (
+            f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: the object's cells at resolution "
+            f"{grid.resolution} are bounded, and they are wider than the margin; {advice}"
+        )
+        _warn(text)
+
+
+def warn_of_restriction(shape: Shape) -> None:
+    """Warn where not all of what a user may mean is bounded, such as the inside of an open mesh."""
+    if text := getattr(shape, "restriction", ""):  # what only has a ``to_grid`` of its own says nothing of it
+        _warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
+
+
+def _warn(text: str) -> None:
+    """Warn whoever has called the package, so that what one call says twice is shown once."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == PACKAGE:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, BoundingWarning, stacklevel=level)
+
+
+def check_distance(method: str, length, side: str, last, queries) -> None:
+    """Refuse what only other queries have."""
+    if not isinstance(method, str):
+        raise BounderError(f"method must be a name, got {method!r}")
+    for name, given, default in (
+        ("length", length, None),
+        ("last", last, None),
+        ("side", side, SIDES[0]),
+    ):
+        if given != default:
+            raise BounderError(f"{name} is not for distances, got {name}={given!r}")
+    if queries is not None:
+        raise BounderError("queries are not for distances, which have no false positives of their own")
+
+
+def check_regions(query: str, method: str, length: float | None, side: str) -> None:
+    """Refuse what other kinds of query have, or none."""
+    if not isinstance(method, str):
+        raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
+    if side not in SIDES:
+        raise BounderError(f"side must be one of {', '.join(SIDES)}, got {side!r}")
+    if side == SIDES[1] and QUERIES[query].is_region:
+        raise BounderError(f"side={side} is for point queries, got {query} queries")
+    if length is not None and not QUERIES[query].has_length:
+        raise BounderError(f"length is for ray queries, got length={length} for {query} queries")
+    if length is not None and (not is_number(length) or length <= 0):
+        raise BounderError(f"length must be a positive number, got {length!r}")

@@ -19,8 +19,6 @@ from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Region, check_cover
 from warp_bounding.bounders.volumes import Aabb, VolumeBounder
 from warp_bounding.certificates.document import conjunction
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator
@@ -30,13 +28,22 @@ from warp_bounding.indicators.recentred import own_coordinates
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points
+from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.point import POINT
-from warp_bounding.runtime.devices import device_of
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.checks import check_numbers, warn_of_restriction
-from warp_bounding.training.fit import LEAST_SHARE, SHAPE_BOXES, SHAPE_EPS, Stopwatch, described
-from warp_bounding.training.problem import Problem
-from warp_bounding.training.trainers import trainer_of
+from warp_bounding.training.fit import (
+    LEAST_SHARE,
+    SHAPE_BOXES,
+    SHAPE_EPS,
+    Stopwatch,
+    check_numbers,
+    described,
+    trainer_of,
+    warn_of_restriction,
+)
+from warp_bounding.training.samples import Problem
 
 __all__ = ["hierarchy"]
 

@@ -22,9 +22,8 @@ from warp_bounding.bounders.relu_field import (
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
 from warp_bounding.runtime.progress import Progress
-from warp_bounding.training.engine.clock import Clock, geometric, interrupts
-from warp_bounding.training.engine.team import single_threaded_torch
-from warp_bounding.training.problem import Problem, Trained
+from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
+from warp_bounding.training.samples import Problem, Trained
 
 __all__ = ["train_relu_field"]
 

@@ -7,8 +7,8 @@ from bounding_shapes import SHAPES, domain_points, object_points, shape
 from region_cases import cases, fitted_region
 
 from warp_bounding.bounders.bvh import Bvh, build, inner_nodes, leaves_for_bytes
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
+from warp_bounding.queries.region_domain import domain_of
 
 
 def leaf_cells(tree, shape_of_grid) -> np.ndarray:

@@ -15,12 +15,12 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.mlp import Mlp, Occupancy
 from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.coordinates.base import vector_type
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import DENIED, GRANTED
 from warp_bounding.queries import sample
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.native import vector_type
 
 CASES = {  # shape, query, hidden, activation: 2D to 4D, animated, one exit and two
     "points": ("blob", "point", (13, 10), "sin"),

@@ -10,10 +10,10 @@ from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import MonotoneMlp
-from warp_bounding.coordinates.domain import Domain
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.region_domain import domain_of
 
 ACTIVATIONS = ("tanh", "relu")
 SHAPES = ("c", "blob", "animated")  # 2D, 3D, 4D

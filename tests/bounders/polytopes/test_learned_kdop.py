@@ -9,13 +9,13 @@ from bounding_shapes import object_points, shape
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
 from warp_bounding.bounders.volumes import kdop_directions
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.training import fit
-from warp_bounding.training.learned_kdop.train import train_learned_kdop
-from warp_bounding.training.problem import Problem
+from warp_bounding.training.learned_kdop import train_learned_kdop
+from warp_bounding.training.samples import Problem
 
 CASES = [
     *(("c", query) for query in ("point", "ray", "plane", "box")),

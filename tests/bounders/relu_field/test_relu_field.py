@@ -9,12 +9,12 @@ from bounding_shapes import object_points, shape
 import warp_bounding as wb
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.relu_field import FieldMap, ReluField, positive_boxes
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.positives import draw_positives
-from warp_bounding.training.problem import Problem
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.training.relu_field import train_relu_field
+from warp_bounding.training.samples import Problem
 
 CASES = [
     ("c", "point"),

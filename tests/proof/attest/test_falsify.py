@@ -9,7 +9,7 @@ from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
 from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import oracle
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
 
 QUERIES = ("point", "ray", "plane", "box")
 

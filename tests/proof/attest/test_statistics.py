@@ -15,7 +15,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import attempt_confidence, attest, certify, fn_rate_bound, fresh_seed, prove, try_positives
 from warp_bounding.queries import QUERIES, oracle
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
 
 
 @pytest.mark.parametrize("count", [1, 10, 3000, 1_000_000])

@@ -12,7 +12,7 @@ from warp_bounding.proof import certify, charted, least_value, prove
 from warp_bounding.proof.covers.ray import single_cells
 from warp_bounding.proof.search.depth_first import charted_minimum, prove_target
 from warp_bounding.queries import oracle
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
 from warp_bounding.training.samples import samples_of
 
 CASES = [("ray", "c"), ("ray", "single"), ("ray", "small"), ("box", "c"), ("box", "single"), ("box", "small")]

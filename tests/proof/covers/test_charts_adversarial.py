@@ -9,16 +9,16 @@ import pytest
 from bounding_shapes import shape
 
 from warp_bounding.bounders.mlp import Mlp, encoding_tensors
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof import certify, charted, prove
 from warp_bounding.proof.covers.plane import SupportGap
 from warp_bounding.proof.covers.ray import single_cells
 from warp_bounding.proof.search.best_first import minimum
 from warp_bounding.proof.search.depth_first import STACK, _fill, charted_minimum, prove_target
 from warp_bounding.queries import oracle
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
 
 HIDDEN = (9, 7)  # of every network: each other size costs a compilation
 NETWORKS = [("ray", "sin", 0), ("ray", "relu", 0), ("ray", "tanh", 0), ("ray", "sin", 1), ("box", "sin", 0)]

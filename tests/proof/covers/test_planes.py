@@ -7,12 +7,12 @@ from random_networks import random_supports
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.hull import hull_corners
+from warp_bounding.geometry import hull_corners
 from warp_bounding.proof import certify, minimum, prove
 from warp_bounding.proof.covers.plane import SupportGap
-from warp_bounding.queries.positives import draw_positives
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
 
 SHAPES = ("c", "blob", "anisotropic", "animated")
 

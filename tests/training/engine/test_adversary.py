@@ -1,21 +1,22 @@
 """The adversarial search finds what random positives do not, and is repeatable where it is told its rounds."""
 
 import pytest
+import torch
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.training.engine import adversary  # noqa: E402
-from warp_bounding.training.engine.adversary import adversarial_minimum  # noqa: E402
-from warp_bounding.training.engine.trainable_network import TrainableNetwork  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training import engine
+from warp_bounding.training.engine import (
+    TrainableNetwork,
+    adversarial_minimum,
+)
+from warp_bounding.training.samples import samples_of
 
 
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
     for name, value in {"STARTS": 4096, "WALKED": 1024, "KEPT": 512}.items():
-        monkeypatch.setattr(adversary, name, value)
+        monkeypatch.setattr(engine, name, value)
 
 
 def problem(name, query, seed=0):

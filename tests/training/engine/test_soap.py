@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.training.engine import soap as module  # noqa: E402
-from warp_bounding.training.engine.soap import EIGEN_EVERY, Soap  # noqa: E402
-from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
+from warp_bounding.training import engine as module
+from warp_bounding.training.engine import (
+    EIGEN_EVERY,
+    Soap,
+    single_threaded_torch,
+)
 
 SHAPES = [(6, 9), (1, 7), (7, 1), (1, 1), (2, 30), (25, 26)]
 STEPS, CHANGE = 135, 95  # of a sequence of gradients; where it becomes another, in the middle between two refinements

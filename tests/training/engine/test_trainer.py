@@ -2,15 +2,18 @@
 
 import numpy as np
 import pytest
+import torch
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.bounders.mlp import Mlp  # noqa: E402
-from warp_bounding.coordinates.domain import Domain  # noqa: E402
-from warp_bounding.training.engine.clock import Clock  # noqa: E402
-from warp_bounding.training.engine.team import Team, single_threaded_torch  # noqa: E402
-from warp_bounding.training.engine.trainable_network import Evaluator, TrainableNetwork  # noqa: E402
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.queries.domain import Domain
+from warp_bounding.training.engine import (
+    Clock,
+    Evaluator,
+    Team,
+    TrainableNetwork,
+    single_threaded_torch,
+)
 
 NETWORKS = [  # coordinates, hidden, activation, octaves
     (3, (7,), "sin", 0),

@@ -4,18 +4,20 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.bounders.mlp_early import MlpEarly  # noqa: E402
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.queries import oracle, sample  # noqa: E402
-from warp_bounding.training.engine.clock import Clock  # noqa: E402
-from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.recipes.default import NetworkTrainer  # noqa: E402
-from warp_bounding.training.recipes.early import EarlyTrainer, train_exits  # noqa: E402
-from warp_bounding.training.recipes.plane import SupportTrainer  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
+from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training.engine import (
+    Clock,
+    single_threaded_torch,
+)
+from warp_bounding.training.recipes.default import NetworkTrainer
+from warp_bounding.training.recipes.early import EarlyTrainer, train_exits
+from warp_bounding.training.recipes.plane import SupportTrainer
+from warp_bounding.training.samples import (
+    Problem,
+    samples_of,
+)
 
 HIDDEN = (12, 10)
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-import warp_bounding as wb  # noqa: E402
-from warp_bounding.kernels.source import GRANTED  # noqa: E402
-from warp_bounding.queries import oracle, sample  # noqa: E402
-from warp_bounding.training.recipes.grants import COST  # noqa: E402
+import warp_bounding as wb
+from warp_bounding.kernels.source import GRANTED
+from warp_bounding.queries import oracle, sample
+from warp_bounding.training.recipes.early import COST
 
 STEPS = {"point": 200, "ray": 100, "plane": 300, "box": 100}
 

@@ -2,18 +2,19 @@
 
 import numpy as np
 import pytest
+import torch
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-import warp_bounding as wb  # noqa: E402
-from warp_bounding.bounders.mlp import MonotoneMlp  # noqa: E402
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.errors import BounderError  # noqa: E402
-from warp_bounding.training.engine.clock import Clock  # noqa: E402
-from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.recipes.monotone import MonotoneTrainer  # noqa: E402
-from warp_bounding.training.samples.least_box import LeastBoxes  # noqa: E402
+import warp_bounding as wb
+from warp_bounding.bounders.mlp import MonotoneMlp
+from warp_bounding.errors import BounderError
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training.engine import (
+    Clock,
+    single_threaded_torch,
+)
+from warp_bounding.training.recipes.monotone import MonotoneTrainer
+from warp_bounding.training.samples import LeastBoxes
 
 
 def samples_of(name, seed=0):

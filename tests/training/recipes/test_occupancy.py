@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.bounders.mlp import Occupancy  # noqa: E402
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.queries import oracle, sample  # noqa: E402
-from warp_bounding.training.engine.clock import Clock  # noqa: E402
-from warp_bounding.training.engine.team import single_threaded_torch  # noqa: E402
-from warp_bounding.training.problem import Problem  # noqa: E402
-from warp_bounding.training.recipes.occupancy import OccupancyTrainer  # noqa: E402
+from warp_bounding.bounders.mlp import Occupancy
+from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training.engine import (
+    Clock,
+    single_threaded_torch,
+)
+from warp_bounding.training.recipes.occupancy import OccupancyTrainer
+from warp_bounding.training.samples import Problem
 
 HIDDEN = (16, 16)
 

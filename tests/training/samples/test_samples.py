@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+import torch
 from bounding_shapes import SHAPES, shape
 
-torch = pytest.importorskip("torch", reason="torch is not installed")
-
-from warp_bounding.coordinates.region_domain import domain_of  # noqa: E402
-from warp_bounding.errors import BounderError  # noqa: E402
-from warp_bounding.queries import oracle  # noqa: E402
-from warp_bounding.training.samples import samples_of  # noqa: E402
+from warp_bounding.errors import BounderError
+from warp_bounding.queries import oracle
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training.samples import samples_of
 
 KINDS = ("point", "ray", "box")
 COUNT = 1500

@@ -27,7 +27,7 @@ __all__ = ["UNKNOWN", "Cells", "Placement", "Threshold", "Wanted", "grid_of"]
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
 # Of the largest coordinate: how far cells may be from where they were asked for, as decimal fractions are not exact. It is within what
-# ``coordinates.domain.POSITIONS_ROUNDING`` leaves for the rounding of positions.
+# ``queries.domain.POSITIONS_ROUNDING`` leaves for the rounding of positions.
 ON_LATTICE = Fraction(1, 2**48)
 UNKNOWN = ("occupied", "free")
 _COMPARISONS = MappingProxyType({"<=": np.less_equal, "<": np.less, ">=": np.greater_equal, ">": np.greater})

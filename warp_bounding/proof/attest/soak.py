@@ -30,8 +30,7 @@ from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.attest.statistics import fresh_seed
 from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
 from warp_bounding.queries import QUERIES
-from warp_bounding.queries.hard import FORMS, HardPositives, World
-from warp_bounding.queries.hard_shape import HardShapePositives
+from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives, World
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 
 __all__ = ["CHUNK", "Soak", "random_world", "soak", "soak_grid"]

@@ -26,8 +26,8 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.proof.search.best_first import Search
 from warp_bounding.queries import QUERIES
-from warp_bounding.queries.positives import draw_positives
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["CONFIDENCE", "attempt_confidence", "attest", "fn_rate_bound", "fresh_seed", "try_positives"]
 

@@ -12,7 +12,7 @@ from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid, summed_area
-from warp_bounding.networks.charts.box import BoxChart
+from warp_bounding.networks.charts import BoxChart
 from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import ChartedPositives
 

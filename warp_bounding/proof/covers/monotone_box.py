@@ -10,7 +10,7 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import MonotoneMlp
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 
 __all__ = ["LeastBox", "of_points"]
 

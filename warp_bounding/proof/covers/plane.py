@@ -20,9 +20,9 @@ from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry.hull import Hull, hull_of
+from warp_bounding.geometry import Hull, hull_of
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers.base import Cover
 
 __all__ = ["PlaneCover", "SupportGap"]

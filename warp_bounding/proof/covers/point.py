@@ -5,7 +5,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.networks.charts.base import PlainChart
+from warp_bounding.networks.bounds import PlainChart
 from warp_bounding.proof.covers.base import Cover, positive_boxes
 from warp_bounding.proof.search.depth_first import ChartedPositives
 

@@ -1,4 +1,4 @@
-"""Rays that meet an object, as boxes of the chart ``networks.charts.ray``, by where a ray first enters the object.
+"""Rays that meet an object, as boxes of the chart ``networks.charts.RayChart``, by where a ray first enters the object.
 
 z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1 there
 (w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's surface.
@@ -22,11 +22,11 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.coordinates.region_domain import RegionDomain
 from warp_bounding.indicators.grid import IndicatorGrid, blocks_of
-from warp_bounding.networks.charts.ray import RayChart
+from warp_bounding.networks.charts import RayChart
 from warp_bounding.proof.covers.base import Cover
 from warp_bounding.proof.search.depth_first import ChartedPositives
+from warp_bounding.queries.region_domain import RegionDomain
 
 __all__ = ["RayCover", "single_cells"]
 

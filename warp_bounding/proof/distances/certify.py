@@ -16,7 +16,7 @@ from warp_bounding.proof.distances.checkpoint import Checkpoint
 from warp_bounding.proof.distances.excesses import excess_within
 from warp_bounding.proof.distances.prove import TOUCHED
 from warp_bounding.proof.shape_check import points_outside
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["certify_distance"]
 

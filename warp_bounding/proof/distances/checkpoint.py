@@ -19,8 +19,8 @@ from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.shape import Shape
+from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable, file_path, write_whole
-from warp_bounding.runtime.working_time import working_seconds
 from warp_bounding.version import __version__
 
 __all__ = ["Boxes", "Checkpoint", "Left"]

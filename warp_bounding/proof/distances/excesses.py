@@ -17,7 +17,7 @@ from warp_bounding.proof.distances.bars import Bars, excesses_at
 from warp_bounding.proof.distances.checkpoint import Boxes, Checkpoint, Left
 from warp_bounding.proof.search.best_first import halve
 from warp_bounding.queries.boundary import border_points
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["excess_within", "excesses", "largest_excess", "worst_points"]
 

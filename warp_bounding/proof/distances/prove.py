@@ -16,7 +16,7 @@ from warp_bounding.certificates.document import document
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances.excesses import largest_excess
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
 

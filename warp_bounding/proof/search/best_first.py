@@ -17,7 +17,7 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.proof.search.vacancy import Positives
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 
 __all__ = ["WORST", "Search", "halve", "lowest", "minimum"]
 

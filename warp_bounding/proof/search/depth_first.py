@@ -18,15 +18,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import warp as wp
 
-from warp_bounding.networks.bound_kernel import bound_boxes, double_array
-from warp_bounding.networks.box_bounds import BoxBounds
-from warp_bounding.networks.charts.base import Chart
+from warp_bounding.networks.bounds import BoxBounds, Chart, bound_boxes, double_array
 from warp_bounding.networks.network import Network
 from warp_bounding.proof.search.best_first import Search, lowest
 from warp_bounding.proof.search.depth_first_kernel import KEPT, STACK, depth_first_kernel
 from warp_bounding.proof.search.pace import Pace
-from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import launch_blocks, working_seconds
 
 __all__ = ["ChartedPositives", "Descent", "charted_minimum", "divided", "prove_target"]
 

@@ -13,9 +13,8 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.activations.base import constant, constants
-from warp_bounding.networks.bound_source import NetworkShape, body, lanes_text, load_text
-from warp_bounding.networks.bound_text import AXIS
+from warp_bounding.activations import constant, constants
+from warp_bounding.networks.bounds import AXIS, NetworkShape, body, lanes_text, load_text
 from warp_bounding.runtime.native import named, unique_name
 
 __all__ = ["KEPT", "STACK", "depth_first_kernel"]

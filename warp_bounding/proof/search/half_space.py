@@ -5,9 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.arithmetic import UNIT64
-from warp_bounding.coordinates.domain import GROWTH, Domain
 from warp_bounding.indicators.shape import HalfSpaces
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.queries.domain import GROWTH, Domain
 
 __all__ = ["HeldBounds", "bound_in_half_spaces"]
 

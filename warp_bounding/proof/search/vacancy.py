@@ -13,7 +13,7 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.networks.box_bounds import BoxBounds
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.search.half_space import HeldBounds, bound_in_half_spaces
 
 __all__ = ["LONGEST_TO_SPLIT", "NARROWEST", "Positives", "ShapePositives"]

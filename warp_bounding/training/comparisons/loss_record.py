@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from warp_bounding.coordinates.region_domain import domain_of
 from warp_bounding.queries.point import POINT
-from warp_bounding.training.engine.clock import Clock
-from warp_bounding.training.engine.team import single_threaded_torch
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training.engine import Clock, single_threaded_torch
 from warp_bounding.training.recipes.paper import PaperRecipe, PaperTrainer
 from warp_bounding.training.samples import samples_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
-from warp_bounding.training.engine.team import single_threaded_torch
+from warp_bounding.training.engine import single_threaded_torch
 
 __all__ = ["plain_field"]
 

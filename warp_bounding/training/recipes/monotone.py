@@ -15,11 +15,9 @@ import math
 import numpy as np
 import torch
 
-from warp_bounding.training.engine.soap import Soap
-from warp_bounding.training.engine.trainable_network import TrainableNetwork
-from warp_bounding.training.recipes.default import NetworkTrainer
-from warp_bounding.training.recipes.loss import Recipe
-from warp_bounding.training.samples.least_box import LeastBoxes, LeastBoxesOfShape
+from warp_bounding.training.engine import Soap, TrainableNetwork
+from warp_bounding.training.recipes.default import NetworkTrainer, Recipe
+from warp_bounding.training.samples import LeastBoxes, LeastBoxesOfShape
 
 __all__ = ["MonotoneTrainer"]
 

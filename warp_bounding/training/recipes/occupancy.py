@@ -10,14 +10,10 @@ import torch
 from torch.nn.functional import binary_cross_entropy_with_logits
 
 from warp_bounding.activations import activation_of
-from warp_bounding.networks.heads import head_of
+from warp_bounding.networks.network import head_of
 from warp_bounding.queries import oracle
-from warp_bounding.training.engine.clock import Clock, cosine, geometric
-from warp_bounding.training.engine.row_network import RowNetwork, tensors_of
-from warp_bounding.training.engine.soap import Soap
-from warp_bounding.training.engine.team import Team
-from warp_bounding.training.engine.trainable_network import TrainableNetwork
-from warp_bounding.training.problem import Problem
+from warp_bounding.training.engine import Clock, RowNetwork, Soap, Team, TrainableNetwork, cosine, geometric, tensors_of
+from warp_bounding.training.samples import Problem
 
 __all__ = ["OccupancyTrainer"]
 

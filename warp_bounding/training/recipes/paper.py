@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import torch
 
-from warp_bounding.training.engine.clock import Clock
+from warp_bounding.training.engine import Clock
 from warp_bounding.training.recipes.default import NetworkTrainer
 
 __all__ = ["PaperRecipe", "PaperTrainer"]

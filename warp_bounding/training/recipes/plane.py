@@ -3,7 +3,7 @@
 For a normal m (its largest entry 1) the object's planes ``m . y = c`` have ``-h(-m) <= c <= h(m)``. The network's H
 and G overestimate ``h(m)`` and ``h(-m)`` by gaps; the threshold is the least gap, so false positives are what the
 gaps exceed it by, times the density of the queries' offsets there. The loss is that mean, plus a soft maximum of what
-falls short, ever sharper: no label is needed, the supports are known exactly (``geometry.hull``).
+falls short, ever sharper: no label is needed, the supports are known exactly (``geometry``).
 """
 
 import copy
@@ -13,11 +13,18 @@ import numpy as np
 import torch
 
 from warp_bounding.activations import activation_of
-from warp_bounding.coordinates.object_support import ObjectSupport
-from warp_bounding.training.engine.clock import Clock, cosine, geometric
-from warp_bounding.training.engine.row_network import RowNetwork, initial, initial_layers, tensors_of
-from warp_bounding.training.engine.soap import Soap
-from warp_bounding.training.problem import Problem
+from warp_bounding.queries.boundary import ObjectSupport
+from warp_bounding.training.engine import (
+    Clock,
+    RowNetwork,
+    Soap,
+    cosine,
+    geometric,
+    initial,
+    initial_layers,
+    tensors_of,
+)
+from warp_bounding.training.samples import Problem
 
 __all__ = ["SupportTrainer"]
 

@@ -1,0 +1,656 @@
+"""What a hidden layer applies to its sums: the contract, the rectified linear unit, the hyperbolic tangent, the sine, and all by name.
+
+An activation is one object, an entry of ``ACTIVATIONS``; one that is defined elsewhere is registered by ``register``. Its slopes lie between
+-1 and 1: rounding and bounds are passed on through it undiminished.
+"""
+
+import math
+from abc import ABC, abstractmethod
+from functools import lru_cache
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.arithmetic import TINY, UNIT32, gamma
+from warp_bounding.errors import BounderError
+from warp_bounding.kernels.source import Lanes
+from warp_bounding.runtime.native import literal
+
+if TYPE_CHECKING:
+    import torch
+
+
+class Activation(ABC):
+    """What a hidden layer applies to each of its sums.
+
+    Attributes:
+        name: As users and files say it, and a part of names in C.
+        plain: Warp's own Python of ``statement``: a ``wp.func`` of one float.
+        limit: Largest |argument| for which ``error`` holds.
+        largest: Bound of |value|; where it is ``None``, |value| <= |argument|.
+        bends: Whether bounds enclose it by a cubic (``curve``) rather than by a line (``relax``).
+        wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells
+            apart.
+        support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
+            trained: initial weights are uniform in +-gain / sqrt(inputs).
+        falling: Share of a monotone network's neurons that fall as the box grows: 0 for odd activations, to which
+            they would add nothing.
+        mean: About the mean output of a monotone network's first layer, in units of that layer's gain.
+    """
+
+    name: ClassVar[str]
+    plain: ClassVar[wp.Function]
+    limit: ClassVar[float] = np.inf
+    largest: ClassVar[float | None] = None
+    bends: ClassVar[bool] = False
+    wave: ClassVar[bool] = False
+    support_gains: ClassVar[tuple[float, float]] = (1.7, 1.7)
+    falling: ClassVar[float] = 0.0
+    mean: ClassVar[float] = 0.0
+
+    @property
+    def monotone(self) -> "Activation":
+        """The activation that stands in for this one in a monotone network; itself if it never falls."""
+        return self
+
+    # --- inference, float32 ------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def statement(self, lanes: Lanes, target: str, z: str) -> str:
+        """A C statement that sets ``target`` to the value at ``z``, both of type ``V``."""
+
+    @abstractmethod
+    def value32(self, z: np.ndarray) -> np.ndarray:
+        """NumPy twin of ``statement``: the same float32 operations, without fused multiply-adds."""
+
+    @abstractmethod
+    def error(self, limit: float) -> float:
+        """Bound of ``|computed - true value|`` for float32 arguments up to ``limit``, fused or not."""
+
+    # --- bounds, float64 ---------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def value(self, z: np.ndarray) -> np.ndarray:
+        """The value at each of an array's numbers, as exactly as their type allows."""
+
+    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
+        """A line with a band that holds the values at arguments ``z + l + y``; of activations that do not bend.
+
+        The part l of an argument is linear in the coordinates of a box, all that is not linear is y.
+
+        Args:
+            z: ``(N, H)``, centres of the arguments.
+            near: ``(N, H)``, ``|l| <= near``.
+            noise: ``(N, H)``, ``|y| <= noise``; near and noise are not both 0.
+
+        Returns:
+            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y)`` to
+            within ``spread``, and bend is 0. The caller adds what float64 rounds.
+        """
+        raise NotImplementedError(f"{self.name}: an activation whose `bends` is False defines `relax`")
+
+    def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> "Curve":
+        """A cubic with a band that holds the values at arguments ``z + l + p + y``; of activations that bend.
+
+        The part l of an argument is linear in the coordinates of a box, p is a quadratic form, y is all the rest.
+
+        Args:
+            z: ``(N, H)``, centres of the arguments.
+            near: ``(N, H)``, ``|l| <= near``.
+            radius: ``(N, H)``, ``|p| <= radius``.
+            noise: ``(N, H)``, ``|y| <= noise``; not all of the three are 0.
+
+        Returns:
+            The cubic and its band; the caller adds what float64 rounds.
+        """
+        raise NotImplementedError(f"{self.name}: an activation whose `bends` is True defines `curve`")
+
+    @abstractmethod
+    def relaxation(self) -> str:
+        """C lambdas for bounds: ``act_<name>(z)``, and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
+
+        Of an activation that bends, the second is ``curve_<name>(z, near, radius, noise, slope, mean, lean, bend, cube,
+        cross, spread)``. They do the operations of ``value``, ``relax`` and ``curve``, in type ``V``: doubles, one a
+        lane (``I`` are as many ``long long``), or on CUDA one double; ``zero`` is 0 of that type.
+        """
+
+    # --- training ----------------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def torch_value(self, z: "torch.Tensor", out: "torch.Tensor | None" = None) -> "torch.Tensor":
+        """The value in torch, which autograd knows."""
+
+    @abstractmethod
+    def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
+        """Write the derivative at z, where ``h`` is the value, into ``out``."""
+
+
+class Curve(NamedTuple):
+    """A cubic enclosure of an activation; each attribute ``(N, H)``.
+
+    The value at ``z + l + p + y`` is ``mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p`` to within
+    ``spread``.
+    """
+
+    mean: np.ndarray
+    slope: np.ndarray
+    lean: np.ndarray
+    bend: np.ndarray
+    cube: np.ndarray
+    cross: np.ndarray
+    spread: np.ndarray
+
+
+def constant(value: float) -> str:
+    """A float64 number as C text, exactly."""
+    return float(value).hex()
+
+
+def constants(**values: int) -> str:
+    """C declaration of integer constants, by name."""
+    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
+
+
+def polynomial(coefficients: tuple[float, ...], s: str) -> str:
+    """C expression of a float32 polynomial in ``s``, lowest power first, by Horner's rule."""
+    text = literal(coefficients[-1])
+    for c in reversed(coefficients[:-1]):
+        text = f"{literal(c)} + {s} * ({text})"
+    return text
+
+
+# The rectified linear unit, ``max(z, 0)``: exact in float32.
+#
+# Its relaxation is the chord of an interval, moved down by half of the corner's distance from it, with a band of that
+# half-width.
+
+
+@wp.func
+def _plain_relu(z: float):
+    return wp.max(z, 0.0)
+
+
+class _Relu(Activation):
+    name = "relu"
+    plain = _plain_relu
+    falling, mean = 0.5, 0.3  # half of a monotone network's neurons fall: those are concave, the others convex
+
+    def statement(self, lanes: Lanes, target: str, z: str) -> str:
+        if lanes.vector:
+            return f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}"
+        return f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
+
+    def value32(self, z: np.ndarray) -> np.ndarray:
+        return np.maximum(z, np.float32(0))
+
+    def error(self, limit: float) -> float:
+        return 0.0
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        return np.maximum(z, 0.0)
+
+    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
+        width = near + noise
+        low, high = z - width, z + width
+        slope = np.clip(high / (2 * width), 0.0, 1.0)
+        spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
+        return slope, slope * z + spread, np.zeros_like(z), spread
+
+    def relaxation(self) -> str:
+        return """
+auto act_relu = [&](V z) { return z > zero ? z : zero; };
+auto relax_relu = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread) {
+    const V d = near + noise; const V low = z - d; const V high = z + d; V s = high / (d + d);
+    s = s < zero ? zero : s; s = s > zero + 1.0 ? zero + 1.0 : s;
+    V e = s * low * -0.5; e = low < zero ? e : zero; e = high > zero ? e : zero;
+    slope = s; mean = s * z + e; bend = zero; spread = e;
+};
+"""
+
+    def torch_value(self, z: "torch.Tensor", out: "torch.Tensor | None" = None) -> "torch.Tensor":
+        import torch
+
+        return torch.clamp(z, min=0, out=out)
+
+    def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
+        import torch
+
+        torch.gt(z, 0, out=out)
+
+
+RELU = _Relu()
+
+
+# The hyperbolic tangent.
+#
+# In float32 the argument is clamped to ``+-END``, and an odd polynomial of degree 7 is divided by an even one of degree
+# 8, all of whose coefficients are positive; ``error`` bounds the distance from the true tanh. The libraries' ``tanhf``
+# differ from device to device and promise nothing.
+#
+# The relaxation is linear, one slope on both sides, ``s = tanh'(q) = 1 - tanh(q)^2``: on an interval ``tanh x - s x``
+# is extreme at the ends, or where ``tanh' x = s``, that is at q and -q, if they lie inside. So the values there give
+# the tightest band of that slope, and any q is sound. In a narrow interval that does not hold 0, q is the centre,
+# elsewhere about where tanh is as steep as its chord. Where the slope is off by the error e of the computed tanh, the
+# extremes lie elsewhere, but inside an interval of half-width d they are larger by no more than ``2 e 2 d``. Where the
+# band of slope 0 is narrower, that is taken.
+
+# tanh z = z P(z^2) / Q(z^2) on |z| <= END, minimax; beyond, the value at the end. Lowest power first, Q(0) = 1.
+TANH_END = 7.75
+TANH_NUMERATOR = tuple(map(float.fromhex, ("0x1.fffffp-1", "0x1.08eea2p-3", "0x1.845ce8p-9", "0x1.844d3ep-17")))
+TANH_DENOMINATOR = tuple(
+    map(float.fromhex, ("0x1p+0", "0x1.d9cc2cp-2", "0x1.86f718p-6", "0x1.f8404ap-13", "0x1.0d4bf8p-22"))
+)
+DIVISION = 4  # roundings that a division counts for: correctly rounded it is one, CUDA's fast one errs by two units
+
+# The float64 tanh of bounds is 1 - 2 / (E + 1), E = exp(2 |x|) as the 64th power of a Taylor polynomial of degree 16,
+# |x| cut at 20. The remainder is 1e-18; the polynomial's positive terms round by at most 4 u, the squarings make 64
+# times that of it and add 63 u. So E has a relative error of at most 3.6e-14, and tanh an error of at most 2e-14 (and
+# 9e-18 of the cut). NumPy's tanh is better.
+TANH_SLACK = 1e-13
+CUT, SQUARINGS, DEGREE = 20.0, 6, 16
+NARROW = 1.0  # half-width up to which an interval that does not hold 0 takes its centre as q
+FLATTER = 0.2  # in other intervals q is divided by 1 + FLATTER times the half-width; any number is sound
+
+_P, _Q = (
+    wp.types.vector(length=4, dtype=float)(*TANH_NUMERATOR),
+    wp.types.vector(length=5, dtype=float)(*TANH_DENOMINATOR),
+)
+
+
+@wp.func
+def _plain_tanh(z: float):
+    z = wp.clamp(z, -TANH_END, TANH_END)
+    s = z * z
+    numerator = _P[0] + s * (_P[1] + s * (_P[2] + s * _P[3]))
+    denominator = _Q[0] + s * (_Q[1] + s * (_Q[2] + s * (_Q[3] + s * _Q[4])))
+    return z * numerator / denominator
+
+
+class _Tanh(Activation):
+    name = "tanh"
+    plain = _plain_tanh
+    largest = 1.0
+
+    def statement(self, lanes: Lanes, target: str, z: str) -> str:
+        return (
+            f"{{ V z_ = {z}; const V zero_ = {{}}; const V end_ = zero_ + {literal(TANH_END)}; "
+            "z_ = z_ > end_ ? end_ : z_; z_ = z_ < -end_ ? -end_ : z_; const V s_ = z_ * z_; "
+            f"{target} = over(z_ * ({polynomial(TANH_NUMERATOR, 's_')}), {polynomial(TANH_DENOMINATOR, 's_')}); }}"
+        )
+
+    def value32(self, z: np.ndarray) -> np.ndarray:
+        f = np.float32
+        z = np.clip(z, f(-TANH_END), f(TANH_END))
+        numerator, denominator = (_horner([f(c) for c in cs], z * z) for cs in (TANH_NUMERATOR, TANH_DENOMINATOR))
+        return z * numerator / denominator
+
+    def error(self, limit: float) -> float:
+        """Bound of ``|computed - tanh|``; about 2e-6, whatever the limit."""
+        return _tanh_error()
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        return np.tanh(z)
+
+    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
+        width = near + noise
+        low, high, away, third = z - width, z + width, np.abs(z), width / np.sqrt(3.0)
+        q = (0.96 * np.maximum(away, third) + 0.4 * np.minimum(away, third)) / (1 + FLATTER * width)
+        q = np.maximum(np.where((away >= width) & (width <= NARROW), away, q), away - width)
+        at_low, at_high, at_q = np.tanh(low), np.tanh(high), np.tanh(q)
+        slope = 1 - at_q * at_q
+        first, last, inner = at_low - slope * low, at_high - slope * high, at_q - slope * q
+        most, least = np.maximum(first, last), np.minimum(first, last)
+        most = np.where((q <= high) & (q >= low), np.maximum(most, inner), most)
+        least = np.where((-q <= high) & (-q >= low), np.minimum(least, -inner), least)
+        flat = at_high - at_low < most - least
+        most, least = np.where(flat, at_high, most), np.where(flat, at_low, least)
+        slope = np.where(flat, 0.0, slope)
+        spread = (most - least) / 2 + 4 * TANH_SLACK * (1 + width)
+        return slope, (most + least) / 2 + slope * z, np.zeros_like(z), spread
+
+    def relaxation(self) -> str:
+        factorial = np.cumprod([1.0, *range(1, DEGREE + 1)])
+        power = " ".join(f"e = e * w + {constant(1 / f)};" for f in factorial[-2::-1])
+        return f"""
+auto act_tanh = [&](V x) {{
+    V a = x < zero ? -x : x; a = a > {CUT} ? zero + {CUT} : a; const V w = a * {constant(2.0 / 2**SQUARINGS)};
+    V e = zero + {constant(1 / factorial[-1])}; {power} {"e = e * e;" * SQUARINGS}
+    const V t = 1.0 - 2.0 / (e + 1.0); return x < zero ? -t : t;
+}};
+auto relax_tanh = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& spread) {{
+    const V d = near + noise; const V low = z - d; const V high = z + d;
+    const V away = z < zero ? -z : z; const V third = d * {constant(3.0**-0.5)};
+    V q = (away > third ? away * 0.96 + third * 0.4 : third * 0.96 + away * 0.4) / (d * {FLATTER} + 1.0);
+    q = ((away >= d) & (d <= {NARROW})) ? away : q; q = q < away - d ? away - d : q;
+    const V at_low = act_tanh(low); const V at_high = act_tanh(high); const V at_q = act_tanh(q);
+    V s = 1.0 - at_q * at_q;
+    const V first = at_low - s * low; const V last = at_high - s * high; const V inner = at_q - s * q;
+    V most = first > last ? first : last; V least = first > last ? last : first;
+    most = ((q <= high) & (q >= low) & (inner > most)) ? inner : most;
+    least = ((-q <= high) & (-q >= low) & (-inner < least)) ? -inner : least;
+    const V step = at_high - at_low; const V gap = most - least;
+    s = step < gap ? zero : s; most = step < gap ? at_high : most; least = step < gap ? at_low : least;
+    slope = s; mean = (most + least) * 0.5 + s * z; bend = zero;
+    spread = (most - least) * 0.5 + (d + 1.0) * {constant(4 * TANH_SLACK)};
+}};
+"""
+
+    def torch_value(self, z: "torch.Tensor", out: "torch.Tensor | None" = None) -> "torch.Tensor":
+        import torch
+
+        return torch.tanh(z, out=out)
+
+    def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
+        import torch
+
+        torch.mul(h, h, out=out).neg_().add_(1)
+
+
+def _horner(coefficients: list[np.float32], s: np.ndarray) -> np.ndarray:
+    value = coefficients[-1]
+    for c in reversed(coefficients[:-1]):
+        value = c + s * value
+    return value
+
+
+@lru_cache(maxsize=1)
+def _tanh_error() -> float:
+    """Bound of ``|computed tanh - true tanh|`` for any float32 argument, fused or not.
+
+    With ``R = N / M``, ``N(x) = x P(x^2)`` and ``M(x) = Q(x^2)``, on a grid of spacing h over [0, END]: between two
+    grid points ``D = R - tanh`` is within ``h^2/8 max|D''|`` of a straight line. N, M and their derivatives have no
+    negative coefficients, so they grow, and on ``[a, b]`` ``|R''| <= (N''(b) M(b) + N(b) M''(b)) / M(a)^2 + 2 M'(b)
+    (N'(b) M(b) + N(b) M'(b)) / M(a)^3``; ``|tanh''| <= 4 / (3 sqrt 3)``. Beyond the end the true tanh lies between
+    its value there and 1.
+
+    Rounding: the term of ``s^k`` in a polynomial passes at most ``2 k + 1`` roundings of its own and those of k
+    factors s, and no term is negative. The division by a computed ``Q (1 + t)``, ``|t| <= g``, adds ``g / (1 - g)``.
+    """
+    x = np.linspace(0.0, TANH_END, 1 << 16)
+    h = float(x[1] - x[0])
+    n, m = np.zeros(2 * len(TANH_NUMERATOR)), np.zeros(2 * len(TANH_DENOMINATOR) - 1)
+    n[1::2], m[::2] = TANH_NUMERATOR, TANH_DENOMINATOR
+    (n0, n1, n2), (m0, m1, m2) = ([np.polynomial.Polynomial(c).deriv(d)(x) for d in range(3)] for c in (n, m))
+    least = m0[:-1]
+    bent = (n2 * m0 + n0 * m2)[1:] / least**2 + 2 * (m1 * (n1 * m0 + n0 * m1))[1:] / least**3
+    approximation = float(np.abs(n0 / m0 - np.tanh(x)).max()) + h * h / 8 * (float(bent.max()) + 0.77)
+    approximation = max(approximation, abs(1.0 - float(n0[-1] / m0[-1]))) + 1e-14  # 1e-14: float64 evaluation
+    # The rounding of N and of M relative to M's least value; N = x P has one more, that of the product with x.
+    n[1::2] *= [gamma(3 * k + 2) for k in range(len(TANH_NUMERATOR))]
+    m[::2] *= [gamma(3 * k + 1) for k in range(len(TANH_DENOMINATOR))]
+    above, below = (np.polynomial.Polynomial(c)(x)[1:] / least for c in (n, m))
+    ratio = n0[1:] / least
+    evaluation = (above + ratio * (below / (1 - below) + gamma(DIVISION))) * (1 + 1e-5)  # 1e-5: errors of errors
+    return (approximation + float(evaluation.max())) * (1 + 1e-9) + 16 * TINY
+
+
+TANH = _Tanh()
+
+
+# The sine.
+#
+# In float32 it is a range reduction ``r = z - n pi`` in two steps and an odd polynomial of degree 7; ``error`` bounds
+# its distance from the true sine, for arguments up to ``limit``; networks that reach farther are refused. The
+# libraries' ``sinf`` differ from device to device and promise nothing.
+#
+# The relaxation (``curve``) encloses the sine around a centre z by a cubic with a band. The argument is ``z + x``, ``x
+# = l + p + y``: l is linear in the coordinates of a box, ``|l| <= near``, p is a quadratic form, ``|p| <= radius``,
+# and of y only ``|y| <= noise`` is known. With ``w = p + y``, ``W = radius + noise`` and ``D = near + W``, so that
+# ``|x| <= D``, of ``sin(z + x) = sin z cos x + cos z sin x``
+#
+# * ``cos x`` lies within ``D^4 / 192 + D^6 / 720`` of ``1 - D^4 / 192 + (D^2 / 24 - 1/2) x^2``: the series
+#   ``1 - x^2/2 + x^4/24 - ...`` alternates, and ``u^2`` is within 1/8 of ``u - 1/8`` on [0, 1], ``u = x^2 / D^2``;
+# * ``sin x`` lies within ``D^5 / 1920 + D^7 / 5040`` of ``(1 - D^4 / 384) x + (D^2 / 96 - 1/6) x^3``: its series
+#   alternates too, and ``x^5`` is within ``D^5 / 16`` of ``(20 D^2 x^3 - 5 D^4 x) / 16`` (Chebyshev).
+#
+# Only l may be squared and cubed, and multiplied by p. As ``0 <= w^2 <= W^2`` and ``0 <= l^2 <= near^2``,
+#
+# * ``x^2 = l^2 + 2 l p + 2 l y + w^2`` is within ``2 near noise + W^2 / 2`` of ``l^2 + 2 l p + W^2 / 2``;
+# * ``x^3 = l^3 + 3 l^2 w + 3 l w^2 + w^3`` is within ``3/2 near^2 W + 3/2 near W^2 + W^3 / 4`` of ``l^3 + 3/2 near^2 w
+#   + 3/2 W^2 l + 3/4 W^2 w``; w is x less l, which ``lean`` accounts for.
+#
+# Where it is narrower, the even part is the line for which ``cos x`` is ``1 - D^2 / 4``, within ``D^2 / 4``, and the
+# odd part the line ``(1 - D^2 / 8) x``, within ``D^3 / 24 + D^5 / 120``: ``x^3`` is within ``D^3 / 4`` of ``3 D^2 x /
+# 4``. Where the whole is no narrower than [-1, 1], it is the constant 0 with that band.
+
+# PI_HIGH has 8 significant bits, so n * PI_HIGH is exact for |n| < 2^16; PI_LOW is the float32 nearest the rest.
+INVERSE_PI = float(np.float32(1.0 / math.pi))
+PI_HIGH = 3.140625
+PI_LOW = float(np.float32(math.pi - PI_HIGH))
+# 1.5 * 2^23: for |x| < 2^22, x + MAGIC is rounded to an integer n, whose parity is the lowest bit of the float32
+# pattern.
+MAGIC = 12582912.0
+# sin r is about r + c3 r^3 + c5 r^5 + c7 r^7 for |r| <= REDUCED, a minimax fit rounded to float32. Nothing rests on how
+# good it is: ``_polynomial_error`` bounds the error of these very numbers.
+COEFFICIENTS = tuple(float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1.83c008p-13"))
+SINE_LIMIT = 4096.0  # largest |argument| of the certified range
+# Just above pi / 2: the reduced argument r, its error included, stays under it for |z| <= LIMIT (asserted in
+# ``error``).
+REDUCED = 1.5725
+
+# Bound of the error of the float64 sine and cosine of bounds for |z| <= 4000 pi: Taylor remainders under 7e-12 (degrees 15
+# and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``curve``
+# adds 4 SLACK (1 + D^2 + D^4) to its band: at x, mean, slopes, curves and band carry no more such errors together.
+#
+# Why it is enough up to 4000 pi > 3 LIMIT + 1: a network's arguments are certified up to LIMIT = 2^12 for activations of
+# size at most 1. In bounds, a neuron's ``mean`` is within ``spread`` of a value, so at most 2 where the constant 0 is
+# not taken; less the middle of a quadratic form, at most 1 (``bounds.ROOM``), it is at most 3. So sums of means
+# are at most three times as large as those of values, and the centre is off by one more middle.
+SINE_SLACK = 1e-11
+# Pi in three float64 parts: the first 34 bits, exact times n <= 2^12 (|z| <= 4000 pi); the next 32 bits; the rest.
+PI_PARTS = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a6p-33"), float.fromhex("0x1.3198a2e037073p-68"))
+
+_S1, _S2, _S3 = COEFFICIENTS
+
+
+@wp.func
+def _plain_sine(z: float):
+    q = z * INVERSE_PI + MAGIC
+    n = q - MAGIC
+    r = (z - n * PI_HIGH) - n * PI_LOW
+    s = r * r
+    p = r + (r * s) * (_S1 + s * (_S2 + s * _S3))
+    if int(n) & 1:
+        p = -p
+    return p
+
+
+class _Sine(Activation):
+    name = "sin"
+    plain = _plain_sine
+    limit, largest = SINE_LIMIT, 1.0
+    bends = True
+    wave, support_gains = True, (3.0, 1.7)
+
+    @property
+    def monotone(self) -> Activation:
+        """A monotone network needs an activation that never falls, and has tanh in the sine's place."""
+        return TANH
+
+    def statement(self, lanes: Lanes, target: str, z: str) -> str:
+        s1, s2, s3 = (literal(c) for c in COEFFICIENTS)
+        body = (
+            f"V q_ = z_ * {literal(INVERSE_PI)} + {literal(MAGIC)}; V n_ = q_ - {literal(MAGIC)}; "
+            f"V r_ = (z_ - n_ * {literal(PI_HIGH)}) - n_ * {literal(PI_LOW)}; V s_ = r_ * r_; "
+            f"V p_ = r_ + (r_ * s_) * ({s1} + s_ * ({s2} + s_ * {s3})); "
+        )
+        if lanes.vector:
+            sign = f"{target} = (V)((I)p_ ^ ((I)q_ << 31));"  # bit 0 of q_ is the parity of n_
+        else:
+            sign = (
+                "union { float f; unsigned int i; } a_, b_; a_.f = p_; b_.f = q_; "
+                f"a_.i ^= b_.i << 31; {target} = a_.f;"
+            )
+        return f"{{ V z_ = {z}; {body}{sign} }}"
+
+    def value32(self, z: np.ndarray) -> np.ndarray:
+        f = np.float32
+        q = z * f(INVERSE_PI) + f(MAGIC)
+        n = q - f(MAGIC)
+        r = (z - n * f(PI_HIGH)) - n * f(PI_LOW)
+        r2 = r * r
+        s1, s2, s3 = (f(c) for c in COEFFICIENTS)
+        p = r + (r * r2) * (s1 + r2 * (s2 + r2 * s3))
+        return np.where(q.view(np.int32) & 1, -p, p)
+
+    def error(self, limit: float) -> float:
+        """Bound of ``|computed - sine|``; about 1.3e-6 for small limits.
+
+        Raises:
+            ValueError: If ``limit`` is outside the certified range.
+        """
+        if not 0 <= limit <= SINE_LIMIT:
+            raise ValueError(f"the sine is certified for arguments up to {SINE_LIMIT}, got {limit}")
+        u = UNIT32
+        # n is within 1/2 + 3 u |z| / pi of z / pi: it is rounded to an integer, the product is rounded, and so is 1 /
+        # pi.
+        count = limit / math.pi + 1.0  # bound of |n|
+        reduced = math.pi / 2 + 3 * u * limit
+        # n * PI_HIGH is exact; each subtraction rounds once; n * PI_LOW rounds once unless fused; the rest of pi is
+        # left out.
+        rest = abs(math.pi - PI_HIGH - PI_LOW) + 2e-16  # 2e-16: pi itself in float64
+        first = u * (reduced + count * PI_LOW)
+        reduction = first + u * count * PI_LOW + u * (reduced + first) + count * rest
+        reduced += reduction
+        assert reduced <= REDUCED, "the certified range of the sine outgrew its polynomial"
+        # Roundings that a term of the polynomial meets on its way, counted for the unfused evaluation.
+        s1, s2, s3 = (abs(c) for c in COEFFICIENTS)
+        x = REDUCED
+        evaluation = gamma(1) * x + gamma(5) * s1 * x**3 + gamma(8) * s2 * x**5 + gamma(10) * s3 * x**7
+        return (_polynomial_error() + evaluation + reduction) * (1 + 1e-9) + 16 * TINY
+
+    def value(self, z: np.ndarray) -> np.ndarray:
+        return np.sin(z)
+
+    def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> Curve:
+        sine, cosine = np.sin(z), np.cos(z)
+        bent = radius + noise
+        size = near + bent
+        d2, n2, w2 = size * size, near * near, bent * bent
+        d4, d3, even, odd = d2 * d2, d2 * size, np.abs(sine), np.abs(cosine)
+        bend, cube = sine * (d2 / 24 - 0.5), cosine * (d2 / 96 - 1 / 6)
+        height, rise = np.abs(bend), np.abs(cube)
+        even_line = even * (d2 / 4)
+        even_curve = even * (d4 * (1 / 192 + d2 / 720)) + height * (2 * near * noise + w2 / 2)
+        odd_line = odd * (d3 * (1 / 24 + d2 / 120))
+        odd_curve = odd * (d4 * size * (1 / 1920 + d2 / 5040)) + rise * (1.5 * near * bent * size + w2 * bent / 4)
+        bends, twists = even_curve < even_line, odd_curve < odd_line
+        mean = np.where(bends, sine * (1 - d4 / 192) + bend * w2 / 2, sine * (1 - d2 / 4))
+        slope = np.where(twists, cosine * (1 - d4 / 384) + cube * (1.5 * n2 + 0.75 * w2), cosine * (1 - d2 / 8))
+        lean = np.where(twists, cube * (0.75 * w2 - 1.5 * n2), 0.0)
+        bend, cube = np.where(bends, bend, 0.0), np.where(twists, cube, 0.0)
+        spread = np.minimum(even_curve, even_line) + np.minimum(odd_curve, odd_line) + 4 * SINE_SLACK * (1 + d2 + d4)
+        heights = np.abs(bend) * near * (near / 2 + 2 * radius) + np.abs(cube) * n2 * near / 4
+        flat = spread + heights > 1
+        parts = (np.where(flat, 0.0, part) for part in (mean, slope, lean, bend, cube, 2 * bend))
+        return Curve(*parts, np.where(flat, 1.0, spread))
+
+    def relaxation(self) -> str:
+        return f"""{_sincos()}
+auto act_sin = [&](V z) {{ V s, c; sincos(z, s, c); return s; }};
+auto curve_sin = [&](V z, V near, V radius, V noise, V& slope, V& mean, V& lean, V& bend, V& cube, V& cross, V& spread) {{
+    V s, c; sincos(z, s, c);
+    const V w = radius + noise; const V d = near + w; const V d2 = d * d; const V n2 = near * near; const V w2 = w * w;
+    const V d4 = d2 * d2; const V even = s < zero ? -s : s; const V odd = c < zero ? -c : c;
+    const V k2 = s * (d2 * {constant(1 / 24)} - 0.5); const V k3 = c * (d2 * {constant(1 / 96)} - {constant(1 / 6)});
+    const V height = k2 < zero ? -k2 : k2; const V rise = k3 < zero ? -k3 : k3;
+    const V even_line = even * d2 * 0.25;
+    const V even_curve = even * d4 * (d2 * {constant(1 / 720)} + {constant(1 / 192)})
+        + height * (near * noise * 2.0 + w2 * 0.5);
+    const V odd_line = odd * d2 * d * (d2 * {constant(1 / 120)} + {constant(1 / 24)});
+    const V odd_curve = odd * d4 * d * (d2 * {constant(1 / 5040)} + {constant(1 / 1920)})
+        + rise * (near * w * d * 1.5 + w2 * w * 0.25);
+    const auto bends = even_curve < even_line; const auto twists = odd_curve < odd_line;
+    const V e = (bends ? even_curve : even_line) + (twists ? odd_curve : odd_line)
+        + (d2 + d4 + 1.0) * {constant(4 * SINE_SLACK)};
+    const V size = e + (bends ? height * near * (near * 0.5 + radius * 2.0) : zero)
+        + (twists ? rise * n2 * near * 0.25 : zero);
+    const auto flat = size > zero + 1.0;
+    const V m = bends ? s - s * d4 * {constant(1 / 192)} + k2 * w2 * 0.5 : s - s * d2 * 0.25;
+    const V a = twists ? c - c * d4 * {constant(1 / 384)} + k3 * (n2 * 1.5 + w2 * 0.75) : c - c * d2 * 0.125;
+    const V b = twists ? k3 * (w2 * 0.75 - n2 * 1.5) : zero;
+    const V k = bends ? k2 : zero; const V t = twists ? k3 : zero;
+    slope = flat ? zero : a; mean = flat ? zero : m; lean = flat ? zero : b; bend = flat ? zero : k; cross = bend + bend;
+    cube = flat ? zero : t; spread = flat ? zero + 1.0 : e;
+}};
+"""
+
+    def torch_value(self, z: "torch.Tensor", out: "torch.Tensor | None" = None) -> "torch.Tensor":
+        import torch
+
+        return torch.sin(z, out=out)
+
+    def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
+        import torch
+
+        torch.cos(z, out=out)
+
+
+def _sincos() -> str:
+    """A C lambda ``sincos(z, s, c)``: Taylor polynomials at ``z - n pi``, n = round(z / pi), negated where n is odd."""
+    high, middle, low = (constant(part) for part in PI_PARTS)
+    factorial = np.cumprod([1.0, *range(1, 17)])
+    s_terms = [constant((-1) ** (k // 2) / factorial[k]) for k in range(1, 16, 2)]
+    c_terms = [constant((-1) ** (k // 2) / factorial[k]) for k in range(0, 17, 2)]
+    return f"""
+auto sincos = [&](V z, V& s, V& c) {{
+    const V q = z * {constant(1 / np.pi)} + 6755399441055744.0; const V n = q - 6755399441055744.0; // 1.5 * 2^52
+    const V r = ((z - n * {high}) - n * {middle}) - n * {low}; const V r2 = r * r;
+    V s_ = zero + {s_terms[-1]}; {" ".join(f"s_ = s_ * r2 + {t};" for t in reversed(s_terms[:-1]))} s_ = s_ * r;
+    V c_ = zero + {c_terms[-1]}; {" ".join(f"c_ = c_ * r2 + {t};" for t in reversed(c_terms[:-1]))}
+#if !defined(__CUDA_ARCH__)
+    const I sign = (I)q << 63; s = (V)((I)s_ ^ sign); c = (V)((I)c_ ^ sign); // bit 0 of q is the parity of n
+#else
+    const bool odd = ((long long)n) & 1; s = odd ? -s_ : s_; c = odd ? -c_ : c_;
+#endif
+}};"""
+
+
+@lru_cache(maxsize=1)
+def _polynomial_error() -> float:
+    """Proven bound of ``|p(r) - sin r|`` on ``|r| <= REDUCED``, with p's coefficients as stored, no rounding.
+
+    On a grid of spacing h the error ``e(r) = p(r) - sin r`` and its derivative are evaluated in float64; between grid
+    points e moves by at most ``h/2 max|e'|``, and e' by at most ``h/2 max|e''|``, where ``|e''|`` is bounded term by
+    term.
+    """
+    s1, s2, s3 = COEFFICIENTS
+    r = np.linspace(0.0, REDUCED, 1 << 16)  # e is odd
+    h = float(r[1] - r[0])
+    difference = r + s1 * r**3 + s2 * r**5 + s3 * r**7 - np.sin(r)
+    slope = 1 + 3 * s1 * r**2 + 5 * s2 * r**4 + 7 * s3 * r**6 - np.cos(r)
+    x = REDUCED
+    curvature = 1.0 + 6 * abs(s1) * x + 20 * abs(s2) * x**3 + 42 * abs(s3) * x**5
+    largest_slope = float(np.abs(slope).max()) + h / 2 * curvature
+    return float(np.abs(difference).max()) + h / 2 * largest_slope + 1e-14  # 1e-14: float64 evaluation, values under 4
+
+
+SINE = _Sine()
+
+
+ACTIVATIONS: dict[str, Activation] = {each.name: each for each in (SINE, RELU, TANH)}
+DEFAULT = SINE  # activation of hidden layers; the positional encoding consists of sines whatever theirs is
+
+
+def register(activation: Activation) -> None:
+    """Make an activation that is defined elsewhere known by its name, to ``fit`` and ``load`` too.
+
+    Raises:
+        BounderError: If its name is taken, or cannot be a part of names in C.
+    """
+    if not activation.name.isidentifier() or not activation.name.isascii():
+        raise BounderError(f"an activation's name must be letters, digits and underscores, got {activation.name!r}")
+    if ACTIVATIONS.setdefault(activation.name, activation) is not activation:
+        raise BounderError(f"there is another activation of the name {activation.name!r} already")
+
+
+def activation_of(name) -> Activation:
+    """The activation of a name.
+
+    Raises:
+        BounderError: If there is none of this name.
+    """
+    if not isinstance(name, str) or name not in ACTIVATIONS:
+        raise BounderError(f"activation must be one of {', '.join(ACTIVATIONS)}, got {name!r}")
+    return ACTIVATIONS[name]

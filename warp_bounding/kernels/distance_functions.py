@@ -1,0 +1,344 @@
+"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; of any source.
+
+``distance_func`` is native text (``assemble``), and all others ask it, so they are the same function in
+Warp's own Python for every source and device.
+
+*Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther than the radius,
+the point ``x = a + t w`` is computed; each of its numbers is off by at most ``u (2 t |w_k| + |x_k|) (1 + 3 u)``, or ``3 u`` more of ``|w_k|`` where w is a
+difference of float32 numbers, and ``(n + 6) u`` more where w is a direction that was scaled to a length; altogether by at most
+``room = BLUR (|a|_1 + |w|_1) + LEAST``, ``BLUR = (n + 16) u``. Where ``g(x) > radius + room``, every point within
+``g(x) - radius - room`` of the exact point at t is farther than the radius from the object. So t may grow by that over the length of the
+segment: the length is rounded up, the quotient and the new t down, by more than their operations round. A march begins where the segment enters the box that
+holds the object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
+first contact. Batches march in lanes (``lanes``), by the same steps.
+
+*Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more than both ways together: ``|w|`` in space
+and the object's speed times ``|w_0|``. Their sum is what is called the length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of time is told
+nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole closes around a
+point and touches nothing.
+
+*Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
+longest side at c, which is a float32 number, so that the halves cover the box exactly; its sides in time count times
+the *pace*, which g falls by at most, since the object may enclose points
+that it does not touch, and g at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the
+answer is
+*maybe*. The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the
+domain is asked, since the object lies there.
+"""
+
+from functools import cache
+
+import warp as wp
+
+from warp_bounding.arithmetic import UNIT32
+from warp_bounding.kernels.distances import HEADER, HEADER_OF_TIME, DistanceSource, function_snippet
+from warp_bounding.kernels.functions import Data, Words
+from warp_bounding.kernels.source import LABEL
+from warp_bounding.queries.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
+from warp_bounding.runtime.native import Numbers, named, unique_name, vector_type
+
+# From when to when may a segment meet the object at all? Only while it is in the box that holds the object, dilated by
+# the radius.
+#
+# With the names of ``functions``: the exact point at a time t of [0, 1] is within ``room`` of ``a + t w`` in every
+# coordinate, the radius contained. So where contact is possible, ``a_k + t w_k`` lies between ``center_k - far`` and
+# ``center_k + far``, ``far = half_k + room`` and what these sums round, on every axis of space. A difference of
+# float32 numbers and a quotient round by one unit each, which ``SHORTER`` and ``LONGER`` outweigh; the sign of both is
+# exact. Numbers that are set to zero err by less than ``LEAST``, which is added to far once more.
+
+LEAST = 2.0**-100  # object units: above what results that are set to zero take
+LONGER = 1.0 + 2.0**-19  # outweighs the rounding of a length of up to 64 numbers
+SHORTER = 1.0 - 2.0**-21  # outweighs the rounding of a difference, a quotient and a sum
+FINITE = 3.0e38
+SUMS = 16.0 * UNIT32  # of all numbers that are added up: more than six roundings
+
+
+@cache
+def owns_func(source: DistanceSource) -> wp.Function:
+    """``owns(w) -> bool``: are these data of this source? Of others nothing is told, and the domain that is read is another."""
+    first, second = (wp.uint32(bits) for bits in source.tag)
+
+    @named(unique_name(source, "owns")).func
+    def owns(w: Numbers) -> bool:
+        if w.shape[0] < LABEL:
+            return False
+        return (
+            wp.cast(w[0], wp.uint32) == first
+            and wp.cast(w[1], wp.uint32) == second
+            and w.shape[0] >= wp.cast(w[2], wp.int32)
+        )
+
+    return owns
+
+
+@cache
+def clip_func(source: DistanceSource) -> wp.Function:
+    """``vec2 = clip(data, a, w, room)``: contact is only possible from the first of these times to the second; never where that is less."""
+    vector, n, time, owns = vector_type(source.ndim), source.ndim, int(source.time), owns_func(source)
+    center, limit, unit = LABEL, LABEL + source.ndim, LABEL + 2 * source.ndim + 1
+
+    @named(unique_name(source, "clip")).func
+    def clip(data: Data, a: vector, w: vector, room: float) -> wp.vec2:
+        span = wp.vec2(0.0, 1.0)
+        if not owns(data.parameters) or not room < FINITE:
+            return span
+        for k in range(time, n):
+            at = float(data.parameters[center + k])
+            half = float(data.parameters[limit + k] * data.parameters[unit])
+            far = half + room + ((wp.abs(at) + half + room) * SUMS + LEAST)
+            low, high = at - far - a[k], at + far - a[k]
+            if w[k] == 0.0:
+                if low > 0.0 or high < 0.0:
+                    span[0] = 2.0
+            else:
+                enter, leave = low / w[k], high / w[k]
+                if w[k] < 0.0:
+                    enter, leave = high / w[k], low / w[k]
+                if enter * SHORTER > span[0]:
+                    span[0] = enter * SHORTER
+                if leave * LONGER < span[1]:
+                    span[1] = leave * LONGER
+        return span
+
+    return clip
+
+
+SEGMENT_STEPS = 32  # evaluations of a segment or a ray at most, where no number is given
+BOX_STEPS = 64  # evaluations of a box
+SHORTEST = 2.0**-58  # object units, added to a length: above what squares that are set to zero take
+MOST_LEVELS = 62  # halvings of a box
+
+
+@cache
+def distance_func(source: DistanceSource) -> wp.Function:
+    """``distance(data: Data, x: vec_n) -> float32``, g of one point; 0 for the data of another source."""
+    name, vector = named(unique_name(source, "distance")), vector_type(source.ndim)
+
+    @name.func_native(function_snippet(source))
+    def native_distance(parameters: Numbers, words: Words, q: vector) -> float: ...
+
+    @name.func
+    def distance(data: Data, x: vector) -> float:
+        return native_distance(data.parameters, data.words, x)
+
+    return distance
+
+
+def _named(source: DistanceSource, role: str) -> named:
+    return named(unique_name(source, role))
+
+
+@cache
+def clock_func(source: DistanceSource) -> wp.Function:
+    """``clock(data) -> vec3``: the middle and half of the range of time, and the speed; zeros of a shape at rest."""
+    numbers, limit, time = LABEL + 2 * source.ndim, LABEL + source.ndim, source.time
+
+    @_named(source, "clock").func
+    def clock(data: Data) -> wp.vec3:
+        told, w = wp.vec3(), data.parameters
+        if time and w.shape[0] > numbers + 5:
+            told = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
+        return told
+
+    return clock
+
+
+@cache
+def room_func(source: DistanceSource) -> wp.Function:
+    """``room(a, w, length, radius, clock)``: what g must exceed, for the radius and for what rounds; infinite for numbers that cannot be marched."""
+    vector, n, blur, time = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32, int(source.time)
+
+    @_named(source, "room").func
+    def room(a: vector, w: vector, length: float, radius: float, clock: wp.vec3) -> float:
+        size = wp.float32(0.0)
+        for k in range(n):
+            if k < time:
+                size += clock[2] * (wp.abs(a[k]) + wp.abs(w[k]))
+            else:
+                size += wp.abs(a[k]) + wp.abs(w[k])
+        if radius >= 0.0 and size < FINITE and length < FINITE:
+            return (radius + size * blur + LEAST) * LONGER
+        return wp.inf
+
+    return room
+
+
+@cache
+def segment_line(source: DistanceSource) -> wp.Function:
+    """``(w, length) = line(start, end, clock)``: a segment as ``start + t w``, its length rounded up, infinite where it leaves the range of time."""
+    vector, n, time = vector_type(source.ndim), source.ndim, int(source.time)
+
+    @_named(source, "segment_line").func
+    def line(start: vector, end: vector, clock: wp.vec3):
+        w, square = end - start, wp.float32(0.0)
+        for k in range(time, n):
+            square += w[k] * w[k]
+        length = wp.sqrt(square) * LONGER + SHORTEST
+        if time:
+            length = (length + clock[2] * wp.abs(w[0]) * LONGER) * LONGER
+            if not (wp.abs(start[0] - clock[0]) <= clock[1] and wp.abs(end[0] - clock[0]) <= clock[1]):
+                length = wp.inf
+        return w, length
+
+    return line
+
+
+@cache
+def ray_line(source: DistanceSource) -> wp.Function:
+    """``(w, length) = line(direction, length)``: a ray's displacement, and its length rounded up; infinite without a usable direction."""
+    vector, n = vector_type(source.ndim), source.ndim
+
+    @_named(source, "ray_line").func
+    def line(direction: vector, length: float):
+        largest, square = wp.float32(0.0), wp.float32(0.0)
+        finite = wp.bool(True)
+        for k in range(n):
+            largest = wp.max(largest, wp.abs(direction[k]))
+            finite = finite and direction[k] - direction[k] == 0.0
+        w, long = vector(), wp.float32(wp.inf)
+        if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
+            d = direction / largest
+            for k in range(n):
+                square += d[k] * d[k]
+            w = d * (length / wp.sqrt(square))
+            long = length * LONGER + SHORTEST
+        return w, long
+
+    return line
+
+
+@cache
+def march_func(source: DistanceSource) -> wp.Function:
+    """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
+    distance, vector, clip = distance_func(source), vector_type(source.ndim), clip_func(source)
+
+    @_named(source, "march").func
+    def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
+        span = clip(data, a, w, room)
+        t, last, maybe, going = span[0], span[1], wp.bool(True), wp.int32(steps)
+        if t > last:
+            t, maybe, going = wp.float32(1.0), wp.bool(False), wp.int32(0)
+        while going > 0:
+            going -= 1
+            free = distance(data, a + w * t) - room
+            after = (t + free * SHORTER / length) * SHORTER
+            if not (free > 0.0 and after > wp.max(t, LEAST)):
+                going = wp.int32(0)
+            else:
+                t = after
+                if after >= last:
+                    t, maybe = wp.float32(1.0), wp.bool(False)
+                    going = wp.int32(0)
+        return maybe, t
+
+    return march
+
+
+@cache
+def segment_func(source: DistanceSource) -> wp.Function:
+    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
+    march, vector = march_func(source), vector_type(source.ndim)
+    line, room, clock_of = segment_line(source), room_func(source), clock_func(source)
+
+    @_named(source, "segment").func
+    def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
+        clock = clock_of(data)
+        w, length = line(start, end, clock)
+        maybe, t = march(data, start, w, length, room(start, w, length, radius, clock), steps)
+        return maybe, t
+
+    return segment
+
+
+@cache
+def ray_func(source: DistanceSource) -> wp.Function:
+    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
+    march, vector = march_func(source), vector_type(source.ndim)
+    line, room = ray_line(source), room_func(source)
+
+    @_named(source, "ray").func
+    def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
+        w, long = line(direction, length)
+        maybe, t = march(data, origin, w, long, room(origin, w, long, radius, wp.vec3()), steps)
+        return maybe, t
+
+    return ray
+
+
+@cache
+def box_func(source: DistanceSource) -> wp.Function:
+    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object? See module."""
+    distance, vector, n = distance_func(source), vector_type(source.ndim), source.ndim
+    name, center, limit = _named(source, "box"), LABEL, LABEL + source.ndim
+    unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
+    pace_at = LABEL + 2 * source.ndim + HEADER + HEADER_OF_TIME - 1
+    owns = owns_func(source)
+
+    @name.func
+    def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
+        low, high, clock = vector(), vector(), clock_of(data)
+        empty, real, pace = wp.bool(False), owns(data.parameters), wp.float32(0.0)
+        if real:
+            if time:
+                pace = float(data.parameters[pace_at])
+            for k in range(n):
+                real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
+                if k < time:
+                    low[k] = lower[k]
+                    high[k] = upper[k]
+                    real = real and lower[k] >= clock[0] - clock[1] and upper[k] <= clock[0] + clock[1]
+                else:
+                    # rounded outwards: three operations
+                    at = float(data.parameters[center + k])
+                    half = float(data.parameters[limit + k] * data.parameters[unit])
+                    room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
+                    low[k] = wp.max(lower[k], at - half - room)
+                    high[k] = wp.min(upper[k], at + half + room)
+                    empty = empty or low[k] > high[k]
+        if not real:
+            return True
+        if empty:
+            return False
+        path, level, left = wp.uint64(0), wp.int32(0), wp.int32(steps)
+        while left > 0:
+            left -= 1
+            first = low + vector()  # copies
+            last = high + vector()
+            c, square, moved = vector(), wp.float32(0.0), wp.float32(0.0)
+            for turn in range(level + 1):  # down the path, and at its end the centre
+                axis, longest = wp.int32(0), wp.float32(-1.0)
+                for k in range(n):
+                    side = last[k] - first[k]
+                    if k < time:
+                        side = side * pace
+                    if side > longest:
+                        axis, longest = k, side
+                if turn < level:
+                    middle = first[axis] * 0.5 + last[axis] * 0.5
+                    if (path >> wp.uint64(level - 1 - turn)) & wp.uint64(1) == wp.uint64(0):
+                        last[axis] = middle
+                    else:
+                        first[axis] = middle
+            for k in range(n):
+                c[k] = first[k] * 0.5 + last[k] * 0.5
+                reach = wp.max(last[k] - c[k], c[k] - first[k])
+                if k < time:
+                    moved = pace * reach * LONGER
+                else:
+                    square += reach * reach
+            g = distance(data, c)
+            if g > (wp.sqrt(square) * LONGER + SHORTEST + moved) * LONGER:
+                while level > 0 and path & wp.uint64(1) == wp.uint64(1):
+                    path = path >> wp.uint64(1)
+                    level -= 1
+                if level == 0:
+                    return False
+                path = path | wp.uint64(1)
+            elif g > 0.0 and level < MOST_LEVELS:
+                path = path << wp.uint64(1)
+                level += 1
+            else:
+                left = wp.int32(0)
+        return True
+
+    return box

@@ -1,0 +1,318 @@
+"""The contract of a distance's native source, and what float32 makes of it.
+
+A method gives C text that computes a number ``f`` from local coordinates v (``DistanceDomain``), such that the exact function
+F satisfies ``F(v) + threshold <= d(v)``: d is the local distance to the object, ``-threshold`` the *slack* of the method and of its rounding.
+What is around it (``assemble``) makes of it a number ``g(x) <= distance(x, object)`` for every float32 x:
+
+* Where ``whole``, f is asked of v itself, and ``g' = f + threshold - share (|v|_1 + |f|)``.
+* Else it is asked of p, the point of the domain that is nearest to v, and ``g' = r - share (|v|_1 + r)`` with
+  ``r^2 = |v - p|^2 + max(f(p) + threshold, 0)^2`` (``queries.distance`` says why that bounds the distance).
+* ``g = g' unit`` where ``g' > TINIEST``, else 0, also for NaN and infinity.
+
+*Why no rounding can make g too large*, with u = 2^-24 and n coordinates. Let v be as computed, exact v off by at most ``u |v|_1`` in all
+(a difference rounds once and the scale is a power of two), and ``d`` the local distance at the computed v: the true one is at least
+``d - u |v|_1 (1 + u)``. The method proves ``f <= F + E + growth u (|v|_1 + |f|)`` for the computed f, growth 0 unless ``whole``, and
+``threshold <= L - E`` where ``d - F >= L``; so ``f + threshold <= d + growth u (|v|_1 + |f|)``. The sum rounds by a factor 1 + u where it is
+positive, and else nothing is claimed. In the second way the n differences, n + 1 squares, their sums and the root make r
+at most ``d (1 + (n + 8) u)``. A computed ``share (...)`` is at least ``1 - (n + 5) u`` times the exact one, and the last difference rounds by
+1 + u. So g' stays under the true distance if ``share (1 - (n + 5) u)`` is at least ``(n + 10 + growth) u`` for the part ``|f|`` or r, and
+``(2 + growth) u`` for the part ``|v|_1``: ``share_of`` is ``(2 n + 32 + growth) u``. Fused operations round less often, and
+any order of sums is covered. Where coordinate 0 is time it is off by ``u |v_0|`` at most. There d may jump, where a
+hole closes, but F does not, and what holds of the computed v_0 is
+what F + threshold says there: it falls by ``rate`` times as much at most (``DistanceBounder``), which growth contains;
+outside the range of time g is 0. Results that are subnormal, or set to zero, err by under ``(4 n + 8) TINY`` before the
+root, and so by under 2^-61 behind it:
+all of that is under ``TINIEST``, which is added to E (``FLUSHED``). Where numbers overflow, ``|v|_1`` or f is infinite and g' is NaN or minus
+infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' unit`` is exact.
+"""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+from warp_bounding.arithmetic import UNIT32
+from warp_bounding.kernels.functions import TOOLS, read_rows
+from warp_bounding.kernels.source import LABEL, Lanes, Source, aligned, fill
+from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.runtime.native import literal
+
+TINIEST = 2.0**-60  # local units: a smaller g' counts as 0
+FLUSHED = 2.0**-60  # local units: more than what subnormal results make of f and of r; every E contains it
+HEADER = 4  # numbers behind center and limit: scale, unit, threshold, share
+HEADER_OF_TIME = 3  # and where coordinate 0 is time: its scale, the speed, and the pace
+MOST_DIMENSIONS = 64  # sums then round by less than the argument above allows for
+
+
+def share_of(ndim: int, growth: float) -> float:
+    """The share of a query's size that rounding may take, and is taken off."""
+    return (2 * ndim + 32 + growth) * UNIT32
+
+
+@dataclass(frozen=True)
+class DistanceSource(Source):
+    """What a distance's native code depends on; a method adds its sizes.
+
+    ``parameters`` begin with the label, then ``center[n] limit[n] scale unit threshold share``, and of a shape that
+    moves ``time_scale speed pace``; the
+    method's numbers follow from ``start`` on. Only methods that are asked in the domain know time.
+    """
+
+    query: str = field(default=DISTANCE.name, kw_only=True)
+
+    whole: ClassVar[bool] = True  # f is asked of v wherever it is, not of the nearest point of the domain
+
+    @property
+    def start(self) -> int:
+        return aligned(LABEL + 2 * self.ndim + HEADER + (HEADER_OF_TIME if self.time else 0))
+
+    @property
+    def columns(self) -> int:
+        return self.ndim
+
+    @property
+    def coordinates(self) -> int:
+        return self.ndim
+
+    @property
+    def is_region(self) -> bool:
+        return False
+
+    @property
+    def tested_kind(self) -> str:
+        return self.query
+
+    @property
+    def tested_ndim(self) -> int:
+        return self.ndim
+
+
+# The C text around the ``body`` of a distance: the batch kernel, and the function for other kernels (see ``source``).
+#
+# V is a vector of queries, one in each lane, or a float.
+
+TOOLS_TOO = (
+    TOOLS
+    + """
+#if !defined(__CUDA_ARCH__)
+auto size_of = [](auto x) { return __builtin_elementwise_abs(x); };
+auto most = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
+auto least = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
+#else
+auto size_of = [](float x) { return fabsf(x); };
+auto most = [](float a, float b) { return fmaxf(a, b); };
+auto least = [](float a, float b) { return fminf(a, b); };
+#endif
+"""
+)
+
+PARTS = """
+const float* center = parameters.data + $label;
+const float* limit = center + N;
+const float scale = center[2 * N], unit = center[2 * N + 1], threshold = center[2 * N + 2], share = center[2 * N + 3];
+const float* w = parameters.data + $start;
+(void)limit; (void)w;
+$clock
+"""
+CLOCK = {False: "", True: "const float time_scale = center[2 * N + 4];"}
+
+# From q to v, which f is asked of; ``away`` is |v|_1, ``beyond`` the squared way to the domain.
+BEFORE = {
+    True: """
+V away = zero;
+#pragma unroll
+for (int k = 0; k < N; ++k) {
+    v[k] = (q[k] - center[k]) * scale;
+    away = away + size_of(v[k]);
+}
+""",
+    False: """
+V away = zero, beyond = zero;
+#pragma unroll
+for (int k = 0; k < N; ++k) {
+    v[k] = (q[k] - center[k]) * $scale;
+    away = away + size_of(v[k]);
+    if ($free) continue;
+    const V p = least(most(v[k], zero - limit[k]), zero + limit[k]), r = v[k] - p;
+    beyond = beyond + r * r;
+    v[k] = p;
+}
+""",
+}
+
+# From f to g.
+AFTER = {
+    True: """
+V g = f + threshold;
+g = g - share * (away + size_of(f));
+g = g > zero + $tiniest ? g * unit : zero;
+""",
+    False: """
+const V h = most(f + threshold, zero);
+V g = root(beyond + h * h);
+g = g - share * (away + g);
+g = g > zero + $tiniest ? g * unit : zero;
+$then
+""",
+}
+THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
+
+LANES = """
+#if defined(__AVX512F__)
+constexpr int L = $avx512;
+#else
+constexpr int L = $other;
+#endif
+typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef int I __attribute__((vector_size(4 * L)));
+typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));
+const V zero = {};
+"""
+
+_BATCH = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#endif
+constexpr int N = $n, M = N;
+$parts
+$tools
+#if !defined(__CUDA_ARCH__)  // a block of queries, one in each lane
+$lanes
+const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
+for (int i = begin; i < end; i += L) {
+    const int m = end - i < L ? end - i : L;
+    $read
+    $before
+    V f;
+    $body
+    $after
+    $store
+}
+#else  // one query
+typedef float V;
+const float zero = 0.0f;
+const int i = block;
+if (i >= count) return;
+V q[N], v[N];
+#pragma unroll
+for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
+$before
+V f;
+$scalar_body
+$after
+$store_one
+#endif
+"""
+
+# 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of threads.
+_WARP = """
+#if defined(__CUDA_ARCH__)
+typedef float V;
+constexpr int N = $n, M = N;
+const float zero = 0.0f;
+$parts
+$tools
+const float* tensor = numbers.data;
+for (int from = block / 32 * 32; from < count; from += gridDim.x * blockDim.x) {
+    const int i = from + 8 * (block & 3) + (block & 31) / 4;
+    const bool own = i < count;
+    V q[N], v[N];
+#pragma unroll
+    for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
+    $before
+    V f;
+    $body
+    const float threshold = tensor[0];
+    $after
+    if (own) $store_one
+}
+#endif
+"""
+
+_STORE = {
+    True: "if (m == L) *(V*)(out.data + i) = g; else for (int l = 0; l < m; ++l) out.data[i + l] = g[l];",
+    False: """
+    V r = zero + radius.data[0];
+    if (many) for (int l = 0; l < m; ++l) r[l] = radius.data[i + l];
+    const I maybe = ~(g > r);
+    const B bytes = __builtin_convertvector(maybe & 1, B);
+    if (m == L) *(B*)(out.data + i) = bytes;
+    else for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l];
+""",
+}
+_STORE_ONE = {True: "out.data[i] = g;", False: "out.data[i] = !(g > radius.data[many * i]);"}
+
+_FUNCTION = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#endif
+constexpr int N = $n;
+$tools
+auto bits = [](float x) { union { float f; unsigned int i; } u; u.f = x; return u.i; };
+const float* label = parameters.data;
+const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
+if (numbers < $label || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return 0.0f;
+if (bits(label[0]) != ${first}u || bits(label[1]) != ${second}u) return 0.0f;  // another function's data
+if (numbers < bits(label[2]) || fields < bits(label[3])) return 0.0f;
+$parts
+float v[N];
+const float zero = 0.0f;
+#define V float
+$before
+#undef V
+#if !defined(__CUDA_ARCH__)
+$function_body
+#else
+typedef float V;
+V f;
+$scalar_body
+#endif
+{
+    typedef float V;
+    $after
+    return g;
+}
+"""
+
+
+_AXES = {
+    False: {"scale": "scale", "free": "false"},
+    True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"},
+}
+
+
+def texts_of(source: DistanceSource) -> dict[str, object]:
+    """What the batch kernel and the function have in common."""
+    return {
+        "n": source.ndim,
+        "label": LABEL,
+        "parts": fill(PARTS, label=LABEL, start=source.start, clock=CLOCK[source.time]),
+        "tools": TOOLS_TOO,
+        "before": fill(BEFORE[source.whole], **_AXES[source.time]),
+        "after": fill(AFTER[source.whole], tiniest=literal(TINIEST), then=THEN[source.time]),
+        "scalar_body": source.body(Lanes(vector=False)),
+    }
+
+
+def batch_snippet(source: DistanceSource, values: bool) -> str:
+    """The body of a batch kernel: distances where ``values``, else 1 where they are not proven to exceed a radius."""
+    texts = texts_of(source) | {
+        "block": source.block,
+        "lanes": fill(LANES, **source.width),
+        "read": read_rows(source.ndim, source.width),
+        "body": source.body(Lanes(vector=True)),
+        "store": _STORE[values],
+        "store_one": _STORE_ONE[values],
+    }
+    return fill(_BATCH, **texts)
+
+
+def warp_snippet(source: DistanceSource, values: bool, body: str) -> str:
+    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that all lanes of a warp run together."""
+    return fill(_WARP, **texts_of(source), store_one=_STORE_ONE[values], body=body)
+
+
+def function_snippet(source: DistanceSource) -> str:
+    """The body of the function for other kernels: a point ``q``; returns g, and 0 for the data of another source."""
+    first, second = source.tag
+    texts = texts_of(source) | {"function_body": source.function_body(), "first": first, "second": second}
+    return fill(_FUNCTION, **texts)

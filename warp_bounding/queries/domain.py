@@ -1,0 +1,350 @@
+"""From object coordinates to the coordinates that a bounder computes with, and what rounding does on the way.
+
+A point ``x`` in object space becomes ``v = (x - center) * scale``, two float32 operations. ``center`` and ``scale``
+are float32 numbers, so the map itself is exact and only its evaluation rounds: relatively, by ``gamma(2)``. Input
+given in float64 is rounded to float32 first. Every ``v`` that the pipeline can make of a point of the object is within
+``delta`` of the exact one, and proofs run over the object widened by ``delta``. It is chosen larger than the rounding
+of this map needs (a 4096th of a cell), so that the rounding of a placement, given at query time, fits in as well;
+``Placement`` checks that it does.
+
+``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
+the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
+Where the object is unbounded (``Complement``) the answer outside is *maybe* on every axis, and proofs run over
+all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is mapped (``joints``).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators.joints import Joints
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.base import DIRECTION_SMALLEST, FAR, WorldMap
+
+DELTA_SHARE = (
+    1.0 / 4096.0
+)  # of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
+# Times what the map rounds: room for a placement, which joints that are turned back do not have.
+PLACED, TURNED = 4.0, 1.0 + 2.0**-4
+DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
+EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
+LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
+# Leaves room, 2^-44 of the largest coordinate, for the float64 rounding of cells' positions far from the origin, and of the difference
+# between a query and a frame's origin (2^-53 of it).
+POSITIONS_ROUNDING = 1.0 + 2.0**-20
+DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
+GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class Domain:
+    """The box that a bounder was made for, and the map to local space, where that box is about [-1, 1]^n.
+
+    Attributes:
+        center: ``(n,)`` float32, object space.
+        scale: ``(n,)`` float32, per object unit; ``v`` runs over about [-1, 1].
+        limit: ``(n,)`` float32: a query with a larger ``|v|`` is certainly outside; on the axis of time, one with no
+            larger ``|v|`` is certainly inside.
+        delta: ``(n,)`` float64, input error that the proofs cover, in units of ``v``.
+        time: Coordinate 0 is time: outside its range the answer is *maybe*.
+        lower: ``(n,)`` float64, lower corner of the domain in object space.
+        upper: ``(n,)`` float64, upper corner.
+        unbounded: The object may be anywhere outside the domain: there the answer is *maybe*.
+        joints: Limits and periods, where the coordinates are those of joints.
+    """
+
+    center: np.ndarray
+    scale: np.ndarray
+    limit: np.ndarray
+    delta: np.ndarray
+    time: bool
+    lower: np.ndarray
+    upper: np.ndarray
+    unbounded: bool = False
+    joints: Joints | None = None
+
+    query = "point"
+    length = None
+    oracle_length = 1.0
+    tested_as_point = True  # ``v`` is one point of the space that is bounded
+    tested_as_region = False
+
+    @classmethod
+    def of(cls, shape: Shape, *, least_delta: np.ndarray | float = 0.0) -> "Domain":
+        """The domain of a shape.
+
+        Args:
+            shape: The object.
+            least_delta: ``(n,)``, units of ``v``: ``delta`` is at least this.
+
+        Raises:
+            IndicatorError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``; the input error
+                would exceed a 16th of one), or the shape is too large or too small for float32 arithmetic.
+        """
+        lower, upper = shape.frame
+        if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():
+            found = ", ".join(f"{e:.3g}" for e in upper - lower)
+            raise IndicatorError(
+                f"{shape.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units"
+            )
+        center = ((lower + upper) / 2).astype(np.float32)
+        scale = (2 / (upper - lower)).astype(np.float32)
+        detail = scale / shape.details_per_unit
+        extent = np.maximum(np.abs(lower - center), np.abs(upper - center)) * scale.astype(np.float64) * GROWTH
+        needed = input_rounding(center, scale, extent, lower, upper, shape.joints)
+        turns = np.zeros(len(lower)) if shape.joints is None else np.array(shape.joints.period)
+        room = np.where(turns > 0, TURNED, PLACED)
+        delta = np.maximum(np.maximum(DELTA_SHARE * detail, room * needed), least_delta)
+        if (delta > shape.largest_delta * detail).any():
+            axis = int(np.argmax(delta / detail))
+            raise IndicatorError(
+                f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at coordinates up to "
+                f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a lower resolution"
+            )
+        limit = round_up(extent + delta * (1 + 1e-6))
+        if shape.time:
+            inner = min(upper[0] - center[0], center[0] - lower[0]) * float(scale[0])
+            limit[0] = round_down(inner - 2 * needed[0])
+        return cls(center, scale, limit, delta, shape.time, lower, upper, shape.unbounded, shape.joints)
+
+    def fault(self, blur: np.ndarray | float = 0.0) -> str | None:
+        """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them.
+
+        Args:
+            blur: ``(n,)``, object units: what ``delta`` must hold besides (``indicators.recentred``).
+        """
+        arrays = [self.center, self.scale, self.limit, self.delta, self.lower, self.upper]
+        if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:
+            return "the domain's numbers are not finite or not one per axis"
+        extents = self.upper - self.lower
+        if not ((extents >= EXTENTS[0]) & (extents <= EXTENTS[1]) & (self.scale > 0)).all():
+            return "the domain's extents or scale are impossible"
+        if self.joints is not None and (len(self.joints.lower) != self.ndim or self.joints.fault()):
+            return "the limits and periods of joints are none, or not one per axis"
+        low, high = -self.to_local(self.lower), self.to_local(self.upper)
+        if not ((np.minimum(low, high) >= LIMIT_LEAST) & (self.limit <= LIMIT_MOST)).all():
+            return "the domain's map does not take it to about [-1, 1]"
+        extent = np.maximum(low, high) * GROWTH
+        needed = input_rounding(self.center, self.scale, extent, self.lower, self.upper, self.joints)
+        blurred = blur * self.scale.astype(np.float64) * GROWTH
+        if not (needed * POSITIONS_ROUNDING + blurred <= self.delta).all():
+            return "the domain's delta does not cover the rounding of its own map"
+        covered = self.limit >= np.maximum(low, high) * (1 + 1e-12) + self.delta
+        if self.time:
+            covered[0] = 0 < self.limit[0] <= (np.minimum(low, high) - needed - blurred)[0]
+        return None if covered.all() else "the domain's limit does not fit its corners"
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.center)
+
+    space_ndim = columns = ndim  # the dimension of the object, and how many numbers a query has
+
+    @cached_property
+    def reach(self) -> np.ndarray:
+        """``(n,)`` float64: largest coordinates of a point of the domain, in absolute value, object space."""
+        return np.maximum(np.abs(self.lower), np.abs(self.upper)) + self.delta / self.scale.astype(np.float64)
+
+    @property
+    def base(self) -> "Domain":
+        """The domain of points: this one."""
+        return self
+
+    @property
+    def header(self) -> np.ndarray:
+        """float32 numbers in front of the threshold in a kernel's ``parameters``."""
+        return np.concatenate([self.center, self.scale, self.limit])
+
+    @property
+    def extra(self) -> np.ndarray:
+        """float32 numbers behind the threshold: those of joints."""
+        return np.zeros(0, np.float32) if self.joints is None else self.joints.numbers
+
+    def to_local(self, x: np.ndarray) -> np.ndarray:
+        """``v`` of object coordinates ``(..., n)``, in float64."""
+        return (np.asarray(x, dtype=np.float64) - self.center) * self.scale.astype(np.float64)
+
+    def to_object(self, v: np.ndarray) -> np.ndarray:
+        """Object coordinates of ``v``, in float64."""
+        return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
+
+    def widened(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The boxes, in ``v``, that hold every input the pipeline can make from boxes in object space (P_delta).
+
+        Args:
+            lower: ``(N, n)`` float64, object space.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            Lower and upper corners ``(N, n)`` float64, cut at ``limit`` (the domain test lets nothing else through).
+        """
+        reach = self.delta * GROWTH + 1e-15 * (1 + np.abs(self.to_local(self.lower)))
+        limit = self.limit.astype(np.float64)
+        return np.maximum(self.to_local(lower) - reach, -limit), np.minimum(self.to_local(upper) + reach, limit)
+
+    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The boxes in object space that hold every point of which the pipeline can make a v in boxes of ``v``.
+
+        Args:
+            lower: ``(N, n)`` float64, coordinates ``v``.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            Lower and upper corners ``(N, n)`` float64; a query given in float64 counts as it is given.
+        """
+        scale, center = self.scale.astype(np.float64), self.center.astype(np.float64)
+        reach = self.delta * GROWTH
+        low, high = (lower - reach) / scale, (upper + reach) / scale
+        room = 8 * UNIT64 * (np.maximum(np.abs(low), np.abs(high)) + np.abs(center))  # of five roundings
+        return low + center - room, high + center + room
+
+    def to_dict(self) -> dict:
+        """JSON-ready numbers; float32 values survive the trip exactly."""
+        arrays = {k: getattr(self, k) for k in ("center", "scale", "limit", "delta", "lower", "upper")}
+        flags = {"time": self.time} | ({"unbounded": True} if self.unbounded else {})
+        flags |= {} if self.joints is None else {"joints": self.joints.to_dict()}
+        return {k: [float(a) for a in v] for k, v in arrays.items()} | flags
+
+    @classmethod
+    def from_dict(cls, values: dict) -> "Domain":
+        """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
+        arrays = {k: np.array([json_number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", *DOUBLE)}
+        with np.errstate(over="ignore"):
+            single = {k: a.astype(np.float32) for k, a in arrays.items() if k not in DOUBLE}
+        rounded = [k for k, a in single.items() if not (a == arrays[k]).all()]
+        if rounded:
+            raise ValueError(f"the domain's {rounded[0]} must be float32 numbers, got {values[rounded[0]]}")
+        flags = {"time": values["time"], "unbounded": values.get("unbounded", False)}
+        flags = {name: json_bool(value, name) for name, value in flags.items()}
+        joints = Joints.from_dict(values["joints"], json_number) if "joints" in values else None
+        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, **flags, joints=joints)
+        fault = domain.fault()
+        if fault:
+            raise ValueError(fault)
+        return domain
+
+
+def json_number(value: Any, name: str) -> float:
+    """``value`` as a float, if it is a JSON number; raises ``ValueError`` for anything else, also for ``true``."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"{name} must be a number, got {value!r}")
+    return float(value)
+
+
+def json_bool(value: Any, name: str) -> bool:
+    """``value`` itself, if it is a JSON truth value; raises ``ValueError`` for anything else."""
+    if not isinstance(value, bool):
+        raise ValueError(f"{name} must be true or false, got {value!r}")
+    return value
+
+
+def rounding_of_map(extent: np.ndarray) -> np.ndarray:
+    """Largest error of the evaluated ``(x - center) * scale`` for ``|v| <= extent``: two roundings, relative."""
+    return gamma(2) * extent
+
+
+def input_rounding(center, scale, extent, lower, upper, joints: Joints | None = None) -> np.ndarray:
+    """Largest error of ``v`` for a point of the domain given in float64: its own rounding, that of turning it back, then the map's."""
+    reach = np.maximum(np.abs(lower), np.abs(upper))
+    reach = reach if joints is None else np.maximum(reach, joints.reach)
+    flushed = 2 * TINY * scale.astype(np.float64) + TINY  # the input or the difference set to zero; the product
+    return rounding_of_map(extent) + UNIT32 * reach * scale.astype(np.float64) * (1 + gamma(2)) + flushed
+
+
+# What a placement rounds: on every axis, how far a moved query may be from where it should be, at most (float64).
+#
+# With D = q - translation, exact, the kernels compute ``M D`` for points of queries, ``M d`` for directions and ``N n``
+# for normals, N = M^-T. The moved float32 numbers *are* a query in object space, and everything behind them counts as
+# for any such query, so this file only asks how far its exact region R' passes a point x of the exact region R of the
+# numbers given. Directions are free in the proofs (P holds rays and planes of every direction), so what turns one only
+# matters by what it moves.
+#
+# * *Distances.* ``|error of M D| <= alpha + beta |a|_1``, a the point in local space: relative errors, of n + 3
+#   roundings at most, and the translation's.
+# * *Rays.* The moved direction is off by e, ``|e| <= epsilon |M d|``, since ``|M d| >= |d| / |M^-1|``: off by an angle
+#   of sine epsilon, and the unit vectors by ``epsilon (1 + epsilon)``. After t, at most ``length`` and the way to the
+#   domain, x is passed by t times that.
+# * *Planes*, ``e . (y - a) = 0`` in local space, the largest entry of e scaled to 1: ``|error of e_k| <= tau_k``. At a
+#   point y of the domain the plane is off by ``sum tau_k (|y_k| + |a_k|) + sum |error of a_k|`` in the offset, and so
+#   at most by this along that entry's axis.
+# * *Boxes* are the box around what they become; without a rotation (a signed permutation of the axes) that is the
+#   region itself. A corner with products ``|M_kj D_j|`` larger than those of x lies farther out than x by their
+#   difference, and rounds by a share of them; so for boxes of any size x is passed by no more than what a point
+#   rounds, which is x itself.
+#
+# All of this holds for any invertible matrix M, with the norms of M and M^-1 themselves; nothing counts on a rotation.
+# Rays and planes with ``|a|_1 <= FAR`` are tested; those from farther away are denied, or are *maybe*, and the kernel
+# widens the domain by ``drift |a|_1`` before it denies one.
+
+HOST = 64 * UNIT64  # relative to a row's largest entry: above what the host rounds in M and N in float64
+SLOPE = 1.05  # factor of drift, for the exact |a|_1 and a few roundings: errors under STEEPEST each change it by less
+STEEPEST = 0.01  # relative errors of a moved point or direction beyond which a placement is refused
+
+
+def far_point_error(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, float]:
+    """``(n,)``, local units: error of a moved point with ``|a|_1 <= FAR``; and the largest exact ``|a|_1`` of one.
+
+    Both are infinite without a bound.
+    """
+    scale = base.scale.astype(np.float64)
+    alpha, beta = alpha_beta(base, world, input_unit)
+    slope = float((scale * beta).sum())
+    if not slope < STEEPEST:
+        return np.full(base.ndim, np.inf), np.inf
+    farthest = (FAR * (1 + gamma(base.ndim + 4)) + float((scale * alpha).sum())) / (1 - slope)
+    return scale * (alpha + beta * farthest), farthest
+
+
+def at_points(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+    """``(n,)``, object units: error of a moved point of the domain."""
+    n, farthest = base.ndim, np.abs(world.forward) @ base.reach  # the largest |q - translation|
+    rounded = world.translation_error + input_unit * (np.abs(world.translation) + farthest)
+    size = np.abs(world.matrix)
+    moved = size @ (gamma(n + 3) * (farthest + rounded) + rounded)
+    moved += _host(size) * (farthest + rounded).sum()
+    return moved + (n + 2) * TINY * (1 + size.sum(axis=1))  # results that are subnormal
+
+
+def _host(size: np.ndarray) -> np.ndarray:
+    """``(n,)``: error of an entry of a row, from the host, or because it is subnormal."""
+    return HOST * size.max(axis=1) + 2 * TINY
+
+
+def alpha_beta(base: Domain, world: WorldMap, input_unit: float) -> tuple[np.ndarray, np.ndarray]:
+    """``alpha`` ``(n,)`` and ``beta`` ``(n,)`` of *Distances*, object units.
+
+    What rounds are the input, the difference, the entries of M, n products and their n - 1 sums.
+    """
+    n, scale = base.ndim, base.scale.astype(np.float64)
+    size, forward = np.abs(world.matrix), np.abs(world.forward)
+    relative = size * (gamma(n + 3) + input_unit * (1 + gamma(n + 3))) + _host(size)[:, None]
+    fixed = world.translation_error + input_unit * np.abs(world.translation) + 2 * TINY
+    alpha = relative @ (forward @ np.abs(base.center.astype(np.float64))) + (size * (1 + gamma(n + 4))) @ fixed
+    alpha += _host(size) * fixed.sum() + (n + 3) * TINY * (1 + size.sum(axis=1))
+    return alpha, (relative @ forward / scale).max(axis=1)
+
+
+def _flushed(n: int) -> float:
+    """Relative to a direction's largest entry: the error of entries that are set to zero before or after the move."""
+    return (n + 1) * TINY / DIRECTION_SMALLEST
+
+
+def turn(world: WorldMap, n: int, input_unit: float) -> float:
+    """``epsilon`` of *Rays*: the relative error of a moved direction."""
+    size = np.linalg.norm(world.matrix, axis=1)
+    entries = size * (gamma(n + 3) + input_unit + _flushed(n)) + _host(np.abs(world.matrix)) * np.sqrt(n)
+    return float(np.linalg.norm(entries) * np.linalg.norm(world.forward, 2) + n * _flushed(n)) * GROWTH
+
+
+def tilt(base: Domain, world: WorldMap, input_unit: float) -> np.ndarray:
+    """``tau`` of a normal: ``e = N n / scale``, and ``|n| <= |N^-1 scale| |e| <= |N^-1 scale| sqrt(n) max |e|``."""
+    n, scale, normals = base.ndim, base.scale.astype(np.float64), world.forward.T
+    size = np.linalg.norm(normals, axis=1)
+    entries = size * (gamma(n + 3) + input_unit + _flushed(n)) + _host(np.abs(normals)) * np.sqrt(n)
+    back = np.linalg.norm(world.matrix.T * scale, 2) * np.sqrt(n)  # N^-1 = M^T
+    return (entries / scale * back + _flushed(n) * scale.max() / scale) * GROWTH

@@ -1,0 +1,583 @@
+"""What trains networks in short steps on a CPU: threads, the clock, an optimiser, networks with hand-written gradients, and an adversary."""
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from threading import local
+
+import numpy as np
+import torch
+
+from warp_bounding.activations import Activation, activation_of
+from warp_bounding.bounders.mlp import encoding_tensors
+from warp_bounding.runtime.launch import cpu_threads, run_shares, working_seconds
+from warp_bounding.runtime.progress import Progress
+from warp_bounding.training.samples import Samples
+
+# Shares of a job on the library's own threads, each of which runs torch on one core.
+#
+# Torch's own thread pool spins at its barriers, which costs a multiple of these short steps wherever another process
+# uses a core; threads that sleep in the operating system do not.
+
+_own = local()  # of each thread
+CHUNK = 1024  # things that a thread does at a time, such as samples that it evaluates
+
+
+class Team:
+    """Runs ``job(k)`` for k in 0 .. size - 1, the number of threads; as many as launches use if ``None``."""
+
+    def __init__(self, size: int | None = None):
+        self.size = size or cpu_threads()
+
+    def run(self, job: Callable[[int], None]) -> None:
+        """Run a job on every thread, without autograd, and wait for all; an error in one is raised here."""
+
+        def share(index: int) -> None:
+            if not hasattr(_own, "single"):  # torch keeps this number for each thread
+                _own.single = torch.set_num_threads(1)
+            with torch.no_grad():
+                job(index)
+
+        run_shares([partial(share, index) for index in range(self.size)])
+
+    def share(self, index: int, count: int) -> slice:
+        """Thread ``index``'s part of ``count`` things."""
+        return slice(*(count * k // self.size for k in (index, index + 1)))
+
+    def over(self, count: int, job: Callable[[int, slice], None]) -> None:
+        """Run ``job(k, part)`` over ``count`` things: thread k goes through its share in parts of at most ``CHUNK``."""
+
+        def go(index: int) -> None:
+            own = self.share(index, count)
+            for start in range(own.start, own.stop, CHUNK):
+                job(index, slice(start, min(start + CHUNK, own.stop)))
+
+        self.run(go)
+
+
+@contextlib.contextmanager
+def single_threaded_torch() -> Iterator[None]:
+    """Torch on one thread and without autograd, as it was before afterwards."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        with torch.no_grad():
+            yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+# A training budget, in seconds or in steps, as a fraction that schedules are written in, and the schedules.
+#
+# Whoever trains tells the clock how it goes, and the clock tells the user.
+
+FASTER = 2.0  # largest factor by which the used fraction may go on faster when more time is reserved
+
+
+class Clock:
+    """How much of a budget is used up.
+
+    Args:
+        seconds: From now on; compiling kernels takes none (``working_seconds``).
+        steps: Number of steps; if given, time plays no role and runs are repeatable.
+        progress: Called with done, total and a note, or ``None``.
+        share: The part of the user's progress that is training; proofs come behind it.
+    """
+
+    def __init__(self, seconds: float, steps: int | None = None, progress: Progress | None = None, share: float = 1.0):
+        self.progress, self.share = progress, share
+        self.started, self.total, self.limit, self.count = working_seconds(), seconds, steps, 0
+        self.reserved = 0.0  # seconds at the end that belong to the proof
+        self._from = (0.0, 0.0)  # seconds since the start and used fraction, from which the fraction grows evenly
+
+    def tell(self, used: float, note: str) -> None:
+        """Say how training goes at a used fraction."""
+        if self.progress:
+            self.progress(min(used, 1.0) * self.share, 1.0, note)
+
+    def reserve(self, seconds: float, used: float | None = None) -> None:
+        """Keep other seconds at the end for the proof; the used fraction goes on evenly, so that schedules do not jump.
+
+        It goes on from ``used``, where the time since then was not training; from the present one if ``None``.
+        """
+        now, used = self.seconds, min(self.fraction() if used is None else used, 1.0)
+        left = max(self.total - self.reserved - now, 0.0)
+        self._from = (now, used)
+        self.reserved = min(seconds, self.total - now - left / FASTER)
+
+    @property
+    def seconds(self) -> float:
+        """Since the start, without those for compiling kernels."""
+        return working_seconds() - self.started
+
+    @property
+    def timed(self) -> bool:
+        """Whether the budget is in seconds."""
+        return self.limit is None
+
+    def fraction(self) -> float:
+        """Share of the training budget that is used; 1 at its end."""
+        if self.limit is not None:
+            return self.count / self.limit
+        (begin, used), now, end = self._from, self.seconds, self.total - self.reserved
+        return used + (1 - used) * (now - begin) / (end - begin) if now < end else 1.0
+
+    def steps(self) -> Iterator[tuple[int, float]]:
+        """Steps from 0 on, each with the used fraction at its begin, until the budget is used up; they are counted."""
+        step = 0
+        while (used := self.fraction()) < 1:
+            yield step, used
+            step += 1
+            self.count += 1
+
+
+def geometric(begin: float, end: float, used: float) -> float:
+    """Geometric from ``begin`` to ``end`` while ``used`` goes from 0 to 1."""
+    return begin * (end / begin) ** used
+
+
+def cosine(rate: float, end: float, warm_up: float, used: float) -> float:
+    """A learning rate that rises linearly during the warm-up, and falls by half a cosine.
+
+    Args:
+        rate: The highest rate.
+        end: The rate at the end, as a share of the highest.
+        warm_up: Used fraction at which the rate is highest.
+        used: Used fraction of the budget.
+    """
+    warm = min(1.0, (used + 1e-3) / warm_up)
+    return rate * warm * (end + (1 - end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0))))
+
+
+def interrupts(job: Callable[[], None]) -> bool:
+    """Do a job; returns whether Ctrl-C ended it, in which case the caller takes what has been learned so far."""
+    try:
+        job()
+    except KeyboardInterrupt:
+        return True
+    return False
+
+
+# SOAP: Adam in the slowly rotating eigenbasis of Shampoo's factors, with bounded updates.
+#
+# The method is that of Vyas et al. 2024, arXiv 2409.11321. At these sizes (50 x 51) the factors cost little, and the
+# steps are worth several of Adam's.
+#
+# A factor of little rank has eigenvectors that carry no gradient: which ones they are is decided by rounding, and
+# differs from one linear algebra library to the next. The published method keeps each coordinate's second moment while
+# the basis below it turns; where such an eigenvector turns into the gradient, a moment that has decayed to nothing
+# divides one that has not, and the step has no bound. Three things keep every step sound, whatever ``eigh`` and ``qr``
+# return, as long as it is orthogonal:
+#
+# * second moments are rotated with the basis, as the variances of uncorrelated coordinates;
+# * they count as no less than the float32 rounding of the largest one (``NOISE``), so that noise is not scaled up to a
+#   step;
+# * no rotated coordinate moves by more than ``Soap.bound`` times the rate, which is what Adam's own moments of one
+#   sequence of numbers can reach at most. In a basis that stands still the bound is never met.
+
+FACTOR_DECAY = 0.95  # decay of Shampoo's factors, a step
+EIGEN_EVERY = 10  # steps between two refinements of the eigenvectors
+# Least root of a second moment, relative to the largest of a matrix in its eigenbasis: twenty times what two products
+# of 50 x 50 matrices round; 1e-4 occurs in fits.
+NOISE = 1e-5
+SMALLEST = 1e-30  # added to that least root, so that a gradient of exactly zero moves nothing
+
+
+class _State:
+    """Moments and factors of one ``(out, in)`` matrix."""
+
+    def __init__(self, weight: torch.Tensor):
+        rows, columns = weight.shape
+        self.left, self.right = torch.zeros(rows, rows), torch.zeros(columns, columns)
+        self.left_basis, self.right_basis = torch.eye(rows), torch.eye(columns)
+        self.mean, self.square = torch.zeros(rows, columns), torch.zeros(rows, columns)
+
+
+class Soap:
+    """Optimiser over a list of matrices, which it changes in place.
+
+    Args:
+        weights: ``(out, in)`` float32 matrices; of a single row only the columns are rotated.
+        beta1: Decay of the first moment.
+        beta2: Decay of the second moment, more than ``beta1**2``.
+
+    Attributes:
+        bound: A coordinate in the eigenbasis moves by at most this times the learning rate, a step.
+        count: Steps so far.
+
+    Raises:
+        ValueError: For decays under which Adam's steps have no bound.
+    """
+
+    def __init__(self, weights: list[torch.Tensor], beta1: float, beta2: float):
+        if not 0 <= beta1 * beta1 < beta2 < 1:
+            raise ValueError(f"beta2 must be under 1 and above the square of beta1, got {beta2} and beta1 {beta1}")
+        self.weights, self.beta1, self.beta2, self.count = weights, beta1, beta2, 0
+        # By Cauchy and Schwarz, of a mean and a second moment of the same numbers; 1 where both decay alike.
+        self.bound = (1 - beta1) / math.sqrt((1 - beta2) * (1 - beta1 * beta1 / beta2))
+        self._states = [_State(weight) for weight in weights]
+
+    def step(self, gradients: list[torch.Tensor], rate: float) -> None:
+        """One step with this learning rate."""
+        self.count += 1
+        bias = math.sqrt(1 - self.beta2**self.count) / (1 - self.beta1**self.count)
+        for weight, gradient, state in zip(self.weights, gradients, self._states, strict=True):
+            self._update(weight, gradient, state, rate, bias)
+
+    def _update(self, weight: torch.Tensor, gradient: torch.Tensor, state: _State, rate: float, bias: float) -> None:
+        two_sided = weight.shape[0] > 1
+        if two_sided:
+            state.left.mul_(FACTOR_DECAY).addmm_(gradient, gradient.T, alpha=1 - FACTOR_DECAY)
+        state.right.mul_(FACTOR_DECAY).addmm_(gradient.T, gradient, alpha=1 - FACTOR_DECAY)
+        if self.count == 1:
+            state.right_basis = _eigenvectors(state.right)
+            if two_sided:
+                state.left_basis = _eigenvectors(state.left)
+        state.mean.lerp_(gradient, 1 - self.beta1)
+        rotated, mean = gradient @ state.right_basis, state.mean @ state.right_basis
+        if two_sided:
+            rotated, mean = state.left_basis.T @ rotated, state.left_basis.T @ mean
+        state.square.mul_(self.beta2).addcmul_(rotated, rotated, value=1 - self.beta2)
+        root = state.square.sqrt()
+        root.clamp_min_(root.max() * NOISE + SMALLEST)
+        change = mean.mul_(bias).div_(root).clamp_(-self.bound, self.bound) @ state.right_basis.T
+        weight.add_(state.left_basis @ change if two_sided else change, alpha=-rate)
+        if self.count % EIGEN_EVERY == 0:
+            if two_sided:
+                state.left_basis, turn = _refine(state.left, state.left_basis)
+                state.square = turn @ state.square
+            state.right_basis, turn = _refine(state.right, state.right_basis)
+            state.square = state.square @ turn.T
+
+
+def _eigenvectors(factor: torch.Tensor) -> torch.Tensor:
+    return torch.linalg.eigh(factor.double())[1].flip(1).float().contiguous()
+
+
+def _refine(factor: torch.Tensor, basis: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """One step of orthogonal iteration.
+
+    Returns:
+        The new basis, and the share ``(new, old)`` of each old coordinate's variance that each new one takes.
+    """
+    image = factor @ basis
+    order = (image * basis).sum(0).argsort(descending=True)
+    refined = torch.linalg.qr(image[:, order])[0].contiguous()
+    return refined, (refined.T @ basis).square_()
+
+
+# A small network of rows in torch, for autograd: several outputs, trained as a whole or only its last layer.
+#
+# Layers are ``(out, in + 1)`` matrices, the last column the biases.
+
+
+def initial(generator: torch.Generator, rows: int, inputs: int, gain: float = 1.0) -> torch.Tensor:
+    """``(rows, inputs + 1)``, uniform in ``+-1 / sqrt(inputs)``; ``gain`` times that, but for the biases."""
+    layer = (torch.rand(rows, inputs + 1, generator=generator) * 2 - 1) / math.sqrt(inputs)
+    layer[:, :-1] *= gain
+    return layer
+
+
+def initial_layers(widths: list[int], gains: tuple[float, float], generator: torch.Generator) -> list[torch.Tensor]:
+    """Random layers between ``widths``, with gains of the first and of later hidden ones; the output's gain is 1."""
+    each = [gains[0], *[gains[1]] * (len(widths) - 3), 1.0]
+    return [initial(generator, h, k, gain) for gain, (k, h) in zip(each, pairwise(widths), strict=True)]
+
+
+class RowNetwork:
+    """Hidden layers and linear outputs: ``fixed`` hidden layers, which stay as they are, and layers that are trained."""
+
+    def __init__(self, layers: list[torch.Tensor], activation: Activation, fixed: tuple[torch.Tensor, ...] = ()):
+        self.layers, self.activation, self.fixed = [layer.requires_grad_(True) for layer in layers], activation, fixed
+
+    def __call__(self, h: torch.Tensor) -> torch.Tensor:
+        """Outputs ``(N, outputs)`` of rows ``(N, inputs)``."""
+        with torch.no_grad():
+            for layer in self.fixed:
+                h = self.hidden(layer, h)
+        for layer in self.layers[:-1]:
+            h = self.hidden(layer, h)
+        return torch.addmm(self.layers[-1][:, -1], h, self.layers[-1][:, :-1].T)
+
+    def hidden(self, layer: torch.Tensor, h: torch.Tensor) -> torch.Tensor:
+        """Activations behind a layer."""
+        return self.activation.torch_value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
+
+    def copy(self) -> list[torch.Tensor]:
+        """The layers that are trained, as they are now."""
+        return [layer.detach().clone() for layer in self.layers]
+
+
+def tensors_of(layers: list[torch.Tensor]) -> dict[str, np.ndarray]:
+    """Layers as a bounder stores them."""
+    out = {}
+    for index, layer in enumerate(layers):
+        out[f"layers.{index}.weight"] = layer[:, :-1].numpy().copy()
+        out[f"layers.{index}.bias"] = layer[:, -1].numpy().copy()
+    return out
+
+
+# A small network in torch with a hand-written backward pass, for many short steps on a CPU.
+#
+# Autograd's bookkeeping and fresh allocations cost more than the arithmetic at these sizes, so forward, backward and
+# the gradient in the input run in preallocated buffers. Columns are samples: data is ``(features + 1, N)``, its last
+# row ones, so that a layer's weight and bias are one ``(out, in + 1)`` matrix.
+
+
+class TrainableNetwork:
+    """Parameters of a network, flat and as one matrix a layer.
+
+    Args:
+        ndim: Number of coordinates ``v``.
+        hidden: Hidden widths.
+        activation: A name in ``ACTIVATIONS``.
+        octaves: Octaves of the positional encoding; 0 for none.
+    """
+
+    def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0):
+        self.ndim, self.hidden, self.activation, self.octaves = ndim, hidden, activation, octaves
+        self.act = activation_of(activation)
+        fixed = encoding_tensors(ndim, octaves)
+        self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
+        self.widths = [ndim + 2 * ndim * octaves, *hidden, 1]
+        self.flat = torch.zeros(sum(o * (i + 1) for i, o in pairwise(self.widths)))
+        self.layers = self.split(self.flat)
+
+    def split(self, flat: torch.Tensor) -> list[torch.Tensor]:
+        """Views of a flat vector, one ``(out, in + 1)`` matrix a layer."""
+        views, start = [], 0
+        for i, o in pairwise(self.widths):
+            views.append(flat[start : start + o * (i + 1)].view(o, i + 1))
+            start += o * (i + 1)
+        return views
+
+    def initialise(self, first: float, later: float, generator: torch.Generator) -> None:
+        """Uniform weights in ``+-gain / sqrt(inputs)``; the gains are ``first``, then ``later``, of the output 1."""
+        for layer, values in zip(self.layers, initial_layers(self.widths, (first, later), generator), strict=True):
+            layer.copy_(values)
+
+    def encode(self, v: torch.Tensor) -> torch.Tensor:
+        """Columns ``(n, N)`` as the network's input ``(features + 1, N)``."""
+        out = torch.ones(self.widths[0] + 1, v.shape[1])
+        out[: self.ndim] = v
+        if self.encoding:
+            weight, bias = self.encoding.values()
+            out[self.ndim : -1] = torch.sin(weight @ v + bias[:, None])
+        return out
+
+    def decode_gradient(self, gradient: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
+        """Gradient in ``v`` ``(n, N)`` from the gradient in the network's input, without its row of ones."""
+        if not self.encoding:
+            return gradient
+        weight, bias = self.encoding.values()
+        slope = torch.cos(weight @ v + bias[:, None]) * gradient[self.ndim :]
+        return gradient[: self.ndim] + weight.T @ slope
+
+    def tensors(self, flat: torch.Tensor | None = None) -> dict[str, np.ndarray]:
+        """The parameters as a bounder stores them."""
+        fixed = {name: value.numpy().copy() for name, value in self.encoding.items()}
+        return fixed | tensors_of(self.layers if flat is None else self.split(flat))
+
+
+class Evaluator:
+    """Forward and backward passes of one thread, in buffers of its own; the network's parameters are only read."""
+
+    def __init__(self, network: TrainableNetwork):
+        self.network = network
+        self.gradient = torch.zeros_like(network.flat)
+        self.gradients = network.split(self.gradient)
+        self._buffers: dict[int, tuple[list[torch.Tensor], ...]] = {}
+
+    def _buffer(self, count: int) -> tuple[list[torch.Tensor], ...]:
+        if count not in self._buffers:
+            hidden = self.network.hidden
+            outputs = [torch.ones(h + 1, count) for h in hidden]
+            scratch = [[torch.empty(h, count) for h in hidden] for _ in range(3)]
+            self._buffers[count] = (outputs, *scratch, [torch.empty(1, count)])
+        return self._buffers[count]
+
+    def forward(self, x: torch.Tensor, *, keep: bool = False) -> torch.Tensor:
+        """Outputs ``(N,)`` for columns ``x``, valid until the next call; ``keep`` what ``backward`` needs."""
+        outputs, values, slopes, _, last = self._buffer(x.shape[1])
+        act = self.network.act
+        for index, layer in enumerate(self.network.layers[:-1]):
+            torch.mm(layer, x, out=values[index])
+            act.torch_value(values[index], out=outputs[index][:-1])
+            if keep:
+                act.torch_slope(values[index], outputs[index][:-1], slopes[index])
+            x = outputs[index]
+        return torch.mm(self.network.layers[-1], x, out=last[0])[0]
+
+    def backward(self, x: torch.Tensor, weight: torch.Tensor) -> None:
+        """Add ``sum_i weight_i d f(x_i) / d parameters`` to ``gradient``; ``forward(x, keep=True)`` comes first."""
+        outputs, _, slopes, scratch, _ = self._buffer(x.shape[1])
+        signal = weight.view(1, -1)
+        for index in range(len(self.network.layers) - 1, -1, -1):
+            below = outputs[index - 1] if index else x
+            self.gradients[index].addmm_(signal, below.T.contiguous())  # the product with a transposed view is slower
+            if index:
+                torch.mm(self.network.layers[index][:, :-1].T, signal, out=scratch[index - 1])
+                signal = scratch[index - 1].mul_(slopes[index - 1])
+
+    def input_gradient(self, x: torch.Tensor) -> torch.Tensor:
+        """``d f / d x`` ``(features, N)``."""
+        self.forward(x, keep=True)
+        slopes = self._buffer(x.shape[1])[2]
+        signal = torch.ones(1, x.shape[1])
+        for index in range(len(self.network.layers) - 1, 0, -1):
+            signal = (self.network.layers[index][:, :-1].T @ signal).mul_(slopes[index - 1])
+        return self.network.layers[0][:, :-1].T @ signal
+
+
+# The least value of a network over all positives of a kind of query, as far as a search finds it.
+#
+# The prover starts from what this finds, and where it does not end in its time, this sets the threshold. Starts are the
+# samples' own positives, which prefer what barely touches, and the worst ones that training knew. All walk down f by
+# projected gradient steps whose length adapts to each: longer after a success, shorter after a failure. The lowest are
+# kept, few of a kind, walked to a standstill and mixed with relatives (a random step sideways) and fresh starts, until
+# several rounds in a row have not found anything lower.
+#
+# Limits: this is a search, not a proof. f has many narrow basins; one that no start falls into is missed. What it
+# returns earns no confidence by itself: a bound on the rate of false negatives comes from fresh samples afterwards.
+
+STARTS, WALKED = 65536, 16384  # fresh starts of a round, of which the lowest so many are walked
+KEPT = 4096  # the lowest states ever found, which are kept from round to round
+# At most CROWD kept states lie in a box of v of the width BOX (the domain's is 2), so that they do not all end in one
+# basin.
+CROWD, BOX = 4, 0.125
+WALK, POLISH = 6, 12  # steps of fresh starts and of kept states in a round
+LONGEST, SHORTEST = 2.0, 1e-3  # lengths of a step, cells
+GROWTH, SHRINK = 1.6, 0.4  # factors of a step's length after a success and after a failure
+QUIET = 8  # rounds without an improvement that end the search
+# Least decrease that counts as an improvement, relative to the standard deviation of f over the kept states, or to 1.
+IMPROVEMENT = 1e-4
+
+
+@dataclass(frozen=True)
+class Adversary:
+    """What a search found."""
+
+    value: float  # least value of f, in float32
+    states: torch.Tensor  # ``(S, K)``, the worst positives, ascending by f
+    worst: np.ndarray  # ``(K, ndim)`` float64, their coordinates ``v``
+    values: torch.Tensor  # ``(K,)``, f there
+    rounds: int  # rounds of the search
+    complete: bool  # whether the search ended by itself, not by its time
+    seconds: float  # its time
+
+
+def adversarial_minimum(
+    samples: Samples, network: TrainableNetwork, seconds: float, states: torch.Tensor | None = None, rounds: int = 1000
+) -> Adversary:
+    """Search for the least value of a network over positives.
+
+    Args:
+        samples: Samples of the kind of query.
+        network: The network; not changed.
+        seconds: Time limit.
+        states: ``(S, N)``, positives known to be hard.
+        rounds: Largest number of rounds; with unlimited time the search is repeatable.
+    """
+    started = working_seconds()
+    with single_threaded_torch():
+        search = _Search(samples, network, states)
+        quiet = count = 0
+        while count < rounds and quiet < QUIET and (not count or working_seconds() - started < seconds):
+            before = float(search.values[0]) if len(search.values) else float("inf")
+            search.round()
+            count += 1
+            scale = float(search.values.std()) if len(search.values) > 1 else 1.0
+            quiet = 0 if float(search.values[0]) < before - IMPROVEMENT * max(1.0, scale) else quiet + 1
+        v = samples.coordinates(search.states).T.double().numpy()
+    return Adversary(
+        float(search.values[0]), search.states, v, search.values, count, quiet >= QUIET, working_seconds() - started
+    )
+
+
+class _Search:
+    def __init__(self, samples: Samples, network: TrainableNetwork, states: torch.Tensor | None):
+        self.samples, self.network, self.team = samples, network, Team()
+        self.workers = [Evaluator(network) for _ in range(self.team.size)]
+        states = samples.positives(0) if states is None else states
+        self.states, self.values, self.steps = states, self.evaluate(states), torch.full((states.shape[1],), 0.4)
+
+    def evaluate(self, states: torch.Tensor) -> torch.Tensor:
+        values = torch.empty(states.shape[1])
+
+        def job(index: int, part: slice) -> None:
+            x = self.network.encode(self.samples.coordinates(states[:, part]))
+            values[part] = self.workers[index].forward(x)
+
+        self.team.over(states.shape[1], job)
+        return values
+
+    def walk(self, states: torch.Tensor, steps: torch.Tensor, moves: int):
+        """States, values and steps after some moves, none of which leads upwards."""
+        states, values, steps = states.clone(), torch.empty(states.shape[1]), steps.clone()
+
+        def job(index: int, part: slice) -> None:
+            here, step, worker = states[:, part], steps[part], self.workers[index]
+            v = self.samples.coordinates(here)
+            slope, f = self._slope(worker, v)
+            for move in range(moves):
+                there = self.samples.move(here, slope.clone(), step)
+                v = self.samples.coordinates(there)
+                if move < moves - 1:
+                    slope_there, f_there = self._slope(worker, v)
+                else:
+                    slope_there, f_there = slope, worker.forward(self.network.encode(v)).clone()
+                better = f_there < f
+                here, slope = torch.where(better, there, here), torch.where(better, slope_there, slope)
+                f = torch.where(better, f_there, f)
+                step = torch.where(better, step * GROWTH, step * SHRINK).clamp_(SHORTEST, LONGEST)
+            states[:, part], values[part], steps[part] = here, f, step
+
+        begin = states.clone()
+        self.team.over(states.shape[1], job)
+        settled = self.samples.settled(begin, states)
+        if settled is states:
+            return states, values, steps
+        values, before = self.evaluate(settled), self.evaluate(begin)
+        lower = values < before
+        return torch.where(lower, settled, begin), torch.minimum(values, before), steps
+
+    def _slope(self, worker: Evaluator, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        x = self.network.encode(v)
+        slope = self.network.decode_gradient(worker.input_gradient(x), v)
+        return slope, worker.forward(x).clone()
+
+    def round(self) -> None:
+        fresh = self.samples.positives(STARTS)
+        lowest = self.evaluate(fresh).topk(WALKED, largest=False)[1]
+        random = torch.rand(WALKED, generator=self.samples.generator)
+        fresh, values, steps = self.walk(fresh[:, lowest], 0.05 * 20.0**random, WALK)
+        pools = [(fresh, values, steps)]
+        if self.states.shape[1]:
+            pools.append(self.walk(self.states, self.steps, POLISH))
+            sideways = torch.randn(self.samples.ndim, self.states.shape[1], generator=self.samples.generator)
+            length = 0.05 * 40.0 ** torch.rand(self.states.shape[1], generator=self.samples.generator)
+            relatives = self.samples.settled(self.states, self.samples.move(self.states, sideways, length))
+            pools.append(self.walk(relatives, length * 0.5, WALK))
+        states, values, steps = (torch.cat(parts, -1) for parts in zip(*pools, strict=True))
+        order = _spread(self.samples.coordinates(states), values.argsort())
+        self.states, self.values, self.steps = states[:, order], values[order], steps[order]
+
+
+def _spread(v: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
+    """The first ``KEPT`` of an order ``(N,)`` of which no more than ``CROWD`` are in one small box of ``v`` ``(ndim, N)``.
+
+    Without it, a pool of the worst positives ends as copies of the very worst one.
+    """
+    box = torch.floor(v.index_select(1, order) / BOX).long()
+    key = torch.zeros(box.shape[1], dtype=torch.int64)
+    for row in box:
+        key = key * 1_000_003 + row  # collisions only drop a sample
+    key, place = key.sort(stable=True)
+    index = torch.arange(len(key))
+    first = torch.where(torch.cat([torch.ones(1, dtype=torch.bool), key[1:] != key[:-1]])[: len(key)], index, 0)
+    alone = torch.empty(len(key), dtype=torch.bool)
+    alone[place] = index - first.cummax(0)[0] < CROWD
+    return order[alone][:KEPT]

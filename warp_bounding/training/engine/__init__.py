@@ -1,1 +1,0 @@
-"""What trains: the trainable network, its optimiser, its adversary, threads and the clock."""

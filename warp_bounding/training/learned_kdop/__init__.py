@@ -1,1 +1,0 @@
-"""Half-spaces that are learned."""
