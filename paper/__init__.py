@@ -1,6 +1,5 @@
-"""The paper's Table 1 and figures, reproduced, and what a proof is worth: resumable runs over objects, queries and methods, and what is written of them.
+"""The paper's tables and figures, reproduced, and what a proof is worth; resumable runs over objects, queries and methods: ``python -m paper``.
 
-``columns`` says what the table is, ``run`` and ``proofs`` measure, ``folder`` keeps what is measured (``rows``), ``pages`` show it.
-``figures`` are the figures, by the protocol and with the tools of ``drawing``.
-Importing these imports neither torch nor matplotlib.
+``table`` says what the tables are made of, ``data`` which objects there are, ``results`` reads and writes, ``cells`` fits. Each table and its page is a
+file of its name; ``figures`` and ``gallery`` are the figures, drawn with ``drawing``.
 """

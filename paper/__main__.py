@@ -2,11 +2,9 @@
 
 from warp_bounding.cli import app_of, main
 
-__all__ = ["run"]
-
 
 def _app():
-    from paper.commands import figures, proofs, recipes, speed, table1
+    from paper import figures, proofs, recipes, speed, table1
 
     about = "The paper's tables and figures, computed and drawn: resumable at any moment."
     return app_of("paper", about, (table1, recipes, speed, proofs, figures))

@@ -1,48 +1,99 @@
 """What a proof is worth: networks with the threshold that sampling suggests, and with the one that is proven, side by side.
 
-For each network of a ``table1`` folder: the least f over a million fresh hard positives, as an honest practitioner would set the
-threshold; the proven one; false positives at both, on the same random queries. Then the prover and a walk look for a
-positive below the sampled threshold (and below 0, which is an output of 0.5): a query that the exact oracle affirms and the deployed
-kernel denies, that is a false negative that sampling would have shipped. Resumable like ``run``, network by network.
+For each network of a ``table1`` folder: the least f over a million fresh hard positives, as an honest practitioner would set the threshold; the
+proven one; false positives at both, on the same random queries. Then the prover and a walk look for a positive below the sampled threshold (and
+below 0, which is an output of 0.5): a query that the exact oracle affirms and the deployed kernel denies, that is a false negative that sampling
+would have shipped.
 """
 
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
-from paper.plan import Job
-from paper.run import Run
-from paper.settings import ProofSettings
+from paper import results, table1
+from paper.cells import Cell, Columns, Count, Data, Methods, Objects, Out, Seconds, about, fitted, load, missing, select
+from paper.results import Rows, markdown, names
+from paper.table import COLUMNS, Variant, budget_text, column_of
+from warp_bounding.cli.output import quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.proof.attest.falsify import Walk, queries_at
 from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.hard import draw_positives
 
-__all__ = ["METHODS", "PROOF_COST", "ProofsRun", "Thresholds"]
-
-METHODS = ("mlp", "monotone-mlp")
+NAME = "proofs"
+CSV = names("""dimension object query method search fp_zero fn_zero hard_fn_zero missed_zero fp_sampled fn_sampled
+    missed_sampled found_by depth depth_std depth_fp fp_proven fn_proven positives sampled proven lower_bound
+    upper_bound gap rounding_bound boxes proof_seconds counterexample counterexample_f shipped certificate
+    fp_shipped fit_seconds samples hard_positives seconds budget fitted seed threads indicator versions""")
+DEFAULTS = {"positives": 1_000_000, "samples": 400_000, "seconds": 60.0, "table": None}
+METHODS = [Variant("mlp"), Variant("monotone-mlp")]
 DISTANCES = ("plane",)  # queries whose networks learn distances, and no output between 0 and 1
 LOWEST = 2048  # of the hard positives: where searches begin
-PROOF_COST = 1e-4  # share of all queries that a proof's gap may cost in false positives
-SMALLEST_GAP = 1e-6  # of a search, in units of f
+PROOF_COST, SMALLEST_GAP = 1e-4, 1e-6  # share of all queries that a proof's gap may cost; its least, in units of f
 
 
-@dataclass(frozen=True)
+def command(
+    data: Data,
+    table: Annotated[str, typer.Option(help="Folder of a table1 run with its bounders; others are fitted anew.")],
+    out: Out,
+    columns: Columns = None,
+    methods: Methods = None,
+    objects: Objects = None,
+    positives: Annotated[int | None, typer.Option(help="Hard positives of a sampled threshold (default: 1e6)")] = None,
+    samples: Count = None,
+    seconds: Seconds = None,
+) -> int:
+    """Find what networks thresholded by sampling would have missed, and what a proof costs instead.
+
+    Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false
+    negative at its proven threshold, or the run was stopped.
+    """
+    fits = table1.DEFAULTS | results.read_settings(Path(table))[0]
+    quiet_warp(fits["device"])
+    given = {"positives": positives, "samples": samples, "seconds": seconds}
+    chosen = {"columns": columns, "methods": methods, "objects": objects}
+    line = results.command_line(NAME, data=data, table=table, out=out, **chosen, **given)
+    cells = select(data, columns, methods, objects, METHODS)
+    with results.opened(Path(out), NAME, CSV, DEFAULTS, given | {"table": fits}) as folder:
+        left = [cell for cell, _ in missing(cells, folder)]
+        if left:
+            folder.remember(line)
+
+        def measure(cell: Cell) -> str:
+            bounder, where = load(Path(table) / results.BOUNDERS / f"{cell.file}.safetensors", cell, fits), "table"
+            if bounder is None:
+                bounder, where = fitted(folder, cell, fits), "here"
+            row = (
+                about(cell, bounder, fits) | measured(bounder, cell, folder.settings, fits["seed"]) | {"fitted": where}
+            )
+            folder.append(row)
+            folder.write(results.PAGE, page(folder))
+            rates = f"{row['fp_sampled']:.3f} -> {row['fp_proven']:.3f} % false positives"
+            missed = f"a false negative by the {row['found_by']}" if row["missed_sampled"] else "none found"
+            return f"proof {row['search']} in {row['proof_seconds']:.1f} s, {rates}; at the sampled minimum: {missed}"
+
+        done = results.work(folder, left, measure, lambda cell: cell.title)
+        folder.write(results.PAGE, page(folder))
+    print(told(folder.rows))
+    print(f"{len(folder.rows)} networks; the tables are {folder.path / results.PAGE}")
+    return int(not done or any(r["fn_proven"] for r in folder.rows))
+
+
 class Thresholds:
     """f over random queries, once: rates at any threshold come from it.
 
-    Attributes:
+    Args:
         values: ``(N,)`` f as the device computes it; +inf where the answer is *maybe* without asking, -inf for *no*.
         truth: ``(N,)`` bool.
     """
 
-    values: np.ndarray
-    truth: np.ndarray
+    def __init__(self, values: np.ndarray, truth: np.ndarray):
+        self.values, self.truth = values, truth
 
     @classmethod
     def of(cls, bounder: Any, grid: Any, samples: int, seed: int) -> "Thresholds":
@@ -59,74 +110,60 @@ class Thresholds:
         """False negatives, a count."""
         return int(((self.values < np.float32(threshold)) & self.truth).sum())
 
-    @property
-    def spread(self) -> float:
-        """Standard deviation of f."""
-        return float(np.std(self.values[np.isfinite(self.values)], dtype=np.float64))
-
     def room(self, least: float) -> float:
         """How far below ``least`` a threshold may lie before it costs ``PROOF_COST`` in false positives."""
         negatives = self.values[~self.truth & np.isfinite(self.values)]
-        below = np.sort(negatives[negatives < least])[::-1]
-        count = int(PROOF_COST * len(self.values))
+        below, count = np.sort(negatives[negatives < least])[::-1], int(PROOF_COST * len(self.values))
         return max(float(least - below[count]), SMALLEST_GAP) if len(below) > count else 1e-3
 
 
-class ProofsRun(Run):
-    """Measures networks with both thresholds."""
-
-    def __init__(self, table: Path, *inputs):
-        """Find out which networks are missing.
-
-        Args:
-            table: The ``table1`` folder. Networks that it does not have are fitted and kept in the run's own folder.
-            inputs: See ``Run``.
-        """
-        super().__init__(*inputs)
-        self._table = table
-
-    def measure(self, job: Job, grid: Any) -> None:
-        path = self._table / "bounders" / f"{job.file}.safetensors"
-        bounder, where = self.load(path, grid), "table"
-        if bounder is None:
-            bounder, where = self.load(self.folder.bounder(job.file), grid), "here"
-        if bounder is None:
-            bounder = self.fit(job, grid, lambda *_: None)
-        measured = _measured(job, grid, bounder, self.folder.settings, self.heed)
-        self.add(job, bounder, fitted=where, **measured)
-
-
-def _measured(job: Job, grid, bounder, s: ProofSettings, heed: Callable[[], None]) -> dict[str, Any]:
-    """The fields of a row that are measured."""
-    rates = Thresholds.of(bounder, grid, s.samples, s.fits.sample_seed)
-    hard, lowest = _hard_positives(bounder, grid, s.positives, s.positives_seed)
-    sampled = float(hard.min())
-    twin = bounder.to(str(bounder.device))
-    started = time.perf_counter()
-    known = _has_output(bounder) and job.variant.method == "mlp"  # others are searched over other numbers
-    points = _as_asked(bounder, lowest) if known else None
-    search = prove(twin, grid, seconds=s.seconds, eps=rates.room(sampled), points=points)
+def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str, Any]:
+    """The columns of a row that are measured; those about threshold 0 are ``None`` where the network has no output between 0 and 1."""
+    grid, has_output = cell.grid, cell.column.query not in DISTANCES
+    rates = Thresholds.of(bounder, grid, s["samples"], seed + 1)
+    hard, lowest = hard_positives(
+        bounder, grid, s["positives"], seed + 424_243
+    )  # not the seed of any fit or certificate
+    sampled, copy, started = float(hard.min()), bounder.to(str(bounder.device)), time.perf_counter()
+    points = (
+        as_asked(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
+    )  # others are searched over other numbers
+    search = prove(copy, grid, seconds=s["seconds"], eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
-    _check(bounder, search)
-    heed()
-    walk = Walk(twin, grid, s.fits.seed)
-    start, _ = walk.around(queries_at(twin, grid, search.worst)) if len(search.worst) else (lowest[:0], None)
+    certificate = bounder.certificate
+    if certificate is not None and certificate.proven and search.upper_bound < certificate.lower_bound:
+        shown = f"f >= {certificate.lower_bound:.6g}"
+        raise BounderError(
+            f"the certificate says {shown}, the prover found a positive with f = {search.upper_bound:.6g}"
+        )
+    results.heed()
+    walk = Walk(copy, grid, seed)
+    start = walk.around(queries_at(copy, grid, search.worst))[0] if len(search.worst) else lowest[:0]
     found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}
-    x, f, found_by = _counterexample(twin, grid, found, sampled)
-    missed = x is not None
-    proven, shipped = float(twin.threshold), float(bounder.threshold)
+    x, f, found_by = counterexample(copy, grid, found, sampled)
+    missed, proven, shipped = x is not None, float(copy.threshold), float(bounder.threshold)
+    upper_bound = min(float(search.upper_bound), *(float(values.min(initial=np.inf)) for _, values in found.values()))
     all_found = np.concatenate([hard, *(values for _, values in found.values())])
-    least = (float(values.min(initial=np.inf)) for _, values in found.values())
-    upper_bound = min(float(search.upper_bound), *least)
+    zero = dict.fromkeys(("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero"))
+    if has_output:
+        everything = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
+        missed_zero = counterexample(copy, grid, everything, 0.0)[0] is not None
+        zero = {
+            "fp_zero": rates.fp(0.0),
+            "fn_zero": rates.fn(0.0),
+            "hard_fn_zero": int((hard < 0).sum()),
+            "missed_zero": int(missed_zero),
+        }
+    spread = float(np.std(rates.values[np.isfinite(rates.values)], dtype=np.float64))
     return {
+        **zero,
         "search": "complete" if search.complete else "cut short",
-        **_at_zero(twin, grid, rates, hard, lowest, found),
         "fp_sampled": rates.fp(sampled),
         "fn_sampled": rates.fn(sampled),
         "missed_sampled": int(missed),
         "found_by": found_by,
         "depth": sampled - f if missed else None,
-        "depth_std": (sampled - f) / rates.spread if missed else None,
+        "depth_std": (sampled - f) / spread if missed else None,
         "depth_fp": rates.fp(f) - rates.fp(sampled) if missed else None,
         "fp_proven": rates.fp(proven),
         "fn_proven": rates.fn(proven) + int((all_found < np.float32(proven)).sum()),
@@ -143,17 +180,13 @@ def _measured(job: Job, grid, bounder, s: ProofSettings, heed: Callable[[], None
         "counterexample_f": f if missed else None,
         "shipped": shipped,
         "fp_shipped": rates.fp(shipped),
-        "fit_seconds": (bounder.info.get("training") or {}).get("seconds"),
         "hard_positives": len(hard),
+        "samples": s["samples"],
+        "seconds": s["seconds"],
     }
 
 
-def _has_output(bounder) -> bool:
-    """Whether its network has an output between 0 and 1; those of planes learn distances."""
-    return bounder.query_kind not in DISTANCES
-
-
-def _as_asked(bounder, x: np.ndarray) -> np.ndarray:
+def as_asked(bounder: Any, x: np.ndarray) -> np.ndarray:
     """``v`` of queries, without rays from outside the domain: a device moves these to where they enter it first."""
     v = bounder.domain.to_local(x)
     if not QUERIES[bounder.query_kind].has_length:
@@ -162,19 +195,7 @@ def _as_asked(bounder, x: np.ndarray) -> np.ndarray:
     return v[(np.abs(v[:, : base.ndim]) <= base.limit).all(axis=1)]
 
 
-def _check(bounder, search) -> None:
-    """Two searches cannot contradict each other: a positive lies above every bound that is proven.
-
-    Raises:
-        BounderError: If they do.
-    """
-    certificate = bounder.certificate
-    if certificate is not None and certificate.proven and search.upper_bound < certificate.lower_bound:
-        found, shown = search.upper_bound, certificate.lower_bound
-        raise BounderError(f"the certificate says f >= {shown:.6g}, the prover found a positive with f = {found:.6g}")
-
-
-def _hard_positives(bounder, grid, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+def hard_positives(bounder: Any, grid: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """F of fresh hard positives, and the lowest of these, lowest first."""
     values, lowest, least = [], [], []
     for x in draw_positives(bounder.query_kind, grid, count, seed, bounder.device, bounder.domain.oracle_length):
@@ -187,17 +208,7 @@ def _hard_positives(bounder, grid, count: int, seed: int) -> tuple[np.ndarray, n
     return np.concatenate(values), np.concatenate(lowest)[order]
 
 
-def _at_zero(bounder, grid, rates: Thresholds, hard: np.ndarray, lowest: np.ndarray, found: dict) -> dict:
-    """The row's fields about threshold 0; see ``ProofRow``."""
-    names = ("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero")
-    if not _has_output(bounder):
-        return dict.fromkeys(names)
-    found = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
-    missed = _counterexample(bounder, grid, found, 0.0)[0] is not None
-    return dict(zip(names, (rates.fp(0.0), rates.fn(0.0), int((hard < 0).sum()), int(missed)), strict=True))
-
-
-def _counterexample(bounder, grid, found: dict, threshold: float) -> tuple[np.ndarray | None, float, str]:
+def counterexample(bounder: Any, grid: Any, found: dict, threshold: float) -> tuple[np.ndarray | None, float, str]:
     """The deepest query found below a threshold, its f and who found one, once oracle and kernel have been asked again.
 
     Args:
@@ -215,3 +226,89 @@ def _counterexample(bounder, grid, found: dict, threshold: float) -> tuple[np.nd
     if not truth[0] or shipped.query(x).numpy()[0] != 0:
         return None, 0.0, ""
     return x[0], float(bounder.values(x).numpy()[0]), "prover" if "prover" in below else "walk"
+
+
+# --- the page ----------------------------------------------------------------------------------------------------------
+
+
+def told(rows: Rows) -> str:
+    """What was found, in one sentence."""
+    if not rows:
+        return "No network has been measured yet."
+    missed, zero = [r for r in rows if r["missed_sampled"]], [r["missed_zero"] for r in rows]
+    return (
+        f"Of {len(rows)} networks thresholded at their minimum over at least {min(r['hard_positives'] for r in rows):,} hard "
+        f"positives, {len(missed)} had a false negative that the search found ({sum(r['found_by'] == 'prover' for r in missed)} "
+        f"from the prover's own lowest points); of the {sum(z is not None for z in zero)} with an output between 0 and 1, "
+        f"{sum(map(bool, zero))} had one when thresholded at 0.5; at the proven threshold, {sum(r['fn_proven'] > 0 for r in rows)}."
+    )
+
+
+def _mean(values: Iterable[float | None], digits: int = 3, worst: bool = False) -> str:
+    """Mean of what is known, and the largest where wanted."""
+    known = [v for v in values if v is not None]
+    text = f"{sum(known) / len(known):,.{digits}f}" if known else "–"
+    return f"{text} ({max(known):,.{digits}f})" if known and worst else text
+
+
+def _share(group: Rows, count: str, total: str) -> str:
+    """Mean of counts in per cent of their totals."""
+    return _mean((None if r[count] is None else 100 * r[count] / r[total] for r in group), 4)
+
+
+Cells = dict[str | None, Callable[[Any], str]]
+SHIPPED: Cells = {
+    "networks": lambda g: str(len(g)),
+    "with a FN at output 0.5": lambda g: _of(r["missed_zero"] for r in g),
+    "FN rate there, uniform, %": lambda g: _share(g, "fn_zero", "samples"),
+    "FN rate there, hard positives, %": lambda g: _share(g, "hard_fn_zero", "hard_positives"),
+    "with a FN at the sampled minimum": lambda g: f"**{sum(r['missed_sampled'] for r in g)}** of {len(g)}",
+    "found from the prover's points": lambda g: str(sum(r["found_by"] == "prover" for r in g)),
+    "depth, std of f, mean (worst)": lambda g: _mean((r["depth_std"] for r in g), worst=True),
+    "depth, FP %, mean (worst)": lambda g: _mean((r["depth_fp"] for r in g), worst=True),
+}
+COSTS: Cells = {
+    "searches complete": lambda g: f"{sum(r['search'] == 'complete' for r in g)} of {len(g)}",
+    "FP % at output 0.5": lambda g: _mean(r["fp_zero"] for r in g),
+    "FP % sampled": lambda g: _mean(r["fp_sampled"] for r in g),
+    "FP % proven": lambda g: f"**{_mean(r['fp_proven'] for r in g)}**",
+    "cost of the proof, FP %, mean (worst)": lambda g: _mean((r["fp_proven"] - r["fp_sampled"] for r in g), worst=True),
+    "FN found at the proven threshold": lambda g: str(sum(r["fn_proven"] for r in g)),
+    "gap, worst": lambda g: f"{max(r['gap'] for r in g):.2g}",
+    "boxes, mean": lambda g: _mean((r["boxes"] for r in g), 0),
+    "seconds, mean (worst)": lambda g: _mean((r["proof_seconds"] for r in g), 2, worst=True),
+}
+EVERY: Cells = {
+    None: lambda r: column_of(r).title,
+    "object": lambda r: r["object"],
+    "method": lambda r: r["method"],
+    "search": lambda r: r["search"],
+    "FN at 0.5": lambda r: "–" if r["missed_zero"] is None else "yes" if r["missed_zero"] else "none found",
+    "FN at the sampled minimum": lambda r: f"yes, by the {r['found_by']}" if r["missed_sampled"] else "none found",
+    "FP % sampled": lambda r: f"{r['fp_sampled']:.3f}",
+    "FP % proven": lambda r: f"{r['fp_proven']:.3f}",
+    "depth, std": lambda r: "" if r["depth_std"] is None else f"{r['depth_std']:.3g}",
+    "boxes": lambda r: f"{r['boxes']:,}",
+    "s": lambda r: f"{r['proof_seconds']:.2f}",
+}
+
+
+def _of(counts: Iterable[int | None]) -> str:
+    known = [c for c in counts if c is not None]
+    return f"{sum(known)} of {len(known)}" if known else "–"
+
+
+def page(folder: results.Folder) -> str:
+    """The whole page."""
+    rows, lines = folder.rows, []
+    for method in sorted({r["method"] for r in rows}):
+        own = [r for r in rows if r["method"] == method]
+        groups = {c.title: group for c in COLUMNS if (group := [r for r in own if column_of(r) == c])}
+        groups |= {"*all*": own} if len(groups) > 1 else {}
+        for title, cells in (("what sampling would have shipped", SHIPPED), ("what the proof costs", COSTS)):
+            body = ([name, *(cell(group) for cell in cells.values())] for name, group in groups.items())
+            lines += [f"## {method}: {title}", "", *markdown([None, *cells], body), ""]
+    order = sorted(rows, key=lambda r: (COLUMNS.index(column_of(r)), r["object"], r["method"]))
+    every = markdown(list(EVERY), ([cell(r) for cell in EVERY.values()] for r in order), 6)
+    lines += ["## Every network", "", *every] if rows else []
+    return folder.page(NAME, told=told(rows), tables=lines, budget_text=budget_text(folder.settings["table"]))

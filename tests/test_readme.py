@@ -209,7 +209,7 @@ def test_commands_in_prose_are_understood(words):
 
 @pytest.mark.parametrize(
     "words",
-    ["warp-bounding fit", "warp-bounding nothing", "python benchmarks/none.py", "python benchmarks/points.py --dat x", "pip install .[none]"],
+    ["warp-bounding fit", "warp-bounding nothing", "python benchmarks/none.py", "python benchmarks/chosen.py --dat x", "pip install .[none]"],
 )  # fmt: skip
 def test_commands_that_are_none_are_not_understood(words):
     with pytest.raises(Exception):  # noqa: B017, PT011 - the parser's own, of several kinds

@@ -1,0 +1,181 @@
+"""A cell of the paper's tables: a method, a kind of query, an object; which there are, and how the bounder of one is fitted."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import typer
+
+from paper.data import Object, grid_of, objects_in, select_objects
+from paper.results import Folder, heed, say, versions
+from paper.table import DISTANCE, MADE, SPACES, VARIANTS, Column, Variant, budget_of, select_columns, select_methods
+from warp_bounding.bounders import METHODS, DistanceBounder
+from warp_bounding.bounders.bounder import taken
+from warp_bounding.bounders.mlp_distance import MlpDistance
+from warp_bounding.certificates.claim import as_fitted
+from warp_bounding.errors import BounderError, BoundingError, IndicatorError
+from warp_bounding.queries.distance import METRICS
+from warp_bounding.runtime.launch import cpu_threads
+
+DIGEST = 16  # characters of the SHA-256 of an object's cells
+IDENTITY = ("dimension", "object", "query", "method", "space", "leaves")  # columns of a row that say whose it is
+
+Out = Annotated[str, typer.Option(help="Folder for the results; an earlier run there is continued.")]
+Data = Annotated[str, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")]
+MaybeData = Annotated[str | None, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")]
+Columns = Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray (default: all)")]
+Methods = Annotated[str | None, typer.Option(help="Such as aabb,bvh,bvh-64,mlp (default: all)")]
+Objects = Annotated[str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1 (default: all)")]
+Budget = Annotated[str | None, typer.Option(help="Seconds of learned fits, as in 20,3d=40,3d-ray:mlp=90")]
+Seconds = Annotated[float | None, typer.Option(help="Time for each fit, or each proof")]
+Count = Annotated[int | None, typer.Option(help="Random queries")]
+Seed = Annotated[int | None, typer.Option(help="Random seed of the fits; the queries have the next ones (default: 0)")]
+
+
+class Cell(NamedTuple):
+    """A bounder of a method, for a kind of query, of an object."""
+
+    thing: Object
+    column: Column
+    variant: Variant
+
+    @property
+    def file(self) -> str:
+        """Name of its bounder's file; all kinds of query share a distance."""
+        column = f"{self.column.ndim}d" if self.variant.method == DISTANCE else self.column.name
+        return f"{column}.{self.thing.name}.{self.variant.name}"
+
+    @property
+    def title(self) -> str:
+        """For people."""
+        return f"{self.column.name} {self.thing.name}: {self.variant.label}"
+
+    @property
+    def grid(self) -> Any:
+        """Its object, as read."""
+        return grid_of(self.thing)
+
+    @property
+    def identity(self) -> tuple:
+        """The values of ``IDENTITY``."""
+        space = self.variant.space_in(self.column)
+        return self.column.ndim, self.thing.name, self.column.query, self.variant.method, space, self.variant.leaves
+
+
+Source = str | Callable[[list[int]], list[Object]]  # a data folder, or a function of dimensions
+
+
+def select(source: Source, columns: str | None, methods: str | None, objects: str | None,
+           among: Sequence[Variant] = VARIANTS) -> list[Cell]:  # fmt: skip
+    """The cells that words of a command line name; what cannot be read is refused.
+
+    The first object of every column comes first, and of these what is cheap: all columns show something soon, and what
+    an interrupted run shows is the same objects for every method.
+
+    Raises:
+        BoundingError: For a word that names nothing, or if no method can answer any of the columns' queries.
+    """
+    wanted, variants = select_columns(columns), select_methods(methods, among)
+    dimensions = list(dict.fromkeys(c.ndim for c in wanted))
+    found = objects_in(Path(source), dimensions) if isinstance(source, str) else source(dimensions)
+    found = select_objects(found, objects)
+    cells = [Cell(o, c, v) for c in wanted for v in variants if v.space_in(c) for o in found if o.ndim == c.ndim]
+    if not cells:
+        names, queries = (", ".join(dict.fromkeys(each.name for each in own)) for own in (variants, wanted))
+        raise BounderError(f"nothing to measure: {names} cannot bound {queries} of these objects")
+    for thing in dict.fromkeys(cell.thing for cell in cells):
+        grid_of(thing)
+    rank = {o: [other for other in found if other.ndim == o.ndim].index(o) for o in found}
+    return sorted(cells, key=lambda cell: (rank[cell.thing], cell.variant.learned))
+
+
+def missing(cells: Iterable[Cell], folder: Folder, column: str = "", kinds: Sequence[str] = ("",)) -> list:
+    """What a folder lacks: pairs of a cell and the kind of row (protocol, device, ...) that a column of the CSV tells.
+
+    Raises:
+        IndicatorError: If an object is not the one that was measured before.
+    """
+    digests: dict[tuple, set[str]] = {}
+    there = set()
+    for row in folder.rows:
+        digests.setdefault((row["dimension"], row["object"]), set()).add(row["indicator"])
+        identity = (row.get(name, SPACES[0] if name == "space" else None) for name in IDENTITY)
+        there.add((tuple(identity), row.get(column, "")))
+    left = [(cell, kind) for cell in cells for kind in kinds if (cell.identity, kind) not in there]
+    for thing in {cell.thing for cell, _ in left}:
+        if digests.get((thing.ndim, thing.name), set()) - {grid_of(thing).digest[:DIGEST]}:
+            other = f"not the object that {folder.path} was measured on; choose another --out"
+            raise IndicatorError(f"{thing.path}: {other}")
+    return left
+
+
+def about(cell: Cell, bounder: Any, settings: dict[str, Any]) -> dict[str, Any]:
+    """The columns that several files have: whose row it is, and what it was made with."""
+    certificate, seconds = bounder.certificate, None if bounder.certificate is None else bounder.certificate.seconds
+    spent = (getattr(bounder, "info", None) or {}).get("training") or {}
+    return {
+        **dict(zip(IDENTITY, cell.identity, strict=True)),
+        "certificate": certificate.kind if certificate else "",
+        "fit_seconds": round(spent["seconds"], 3) if "seconds" in spent else None,
+        "proof_seconds": None if seconds is None else round(float(seconds), 3),
+        "nbytes": int(bounder.nbytes),
+        "hidden": "-".join(map(str, cell.column.hidden)),
+        "threads": cpu_threads(),
+        "indicator": cell.grid.digest[:DIGEST],
+        "versions": versions(),
+        "budget": budget_of(settings, cell.column, cell.variant) if "budget" in settings else None,
+        **{key: value for key, value in settings.items() if key not in ("budget", "budgets", "hidden", "library")},
+    }
+
+
+def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
+    """The bounder of an earlier run, unless there is none, or it is damaged or of something else; people are told."""
+    from warp_bounding.bounders import load
+
+    if not path.exists():
+        return None
+    try:
+        bounder = load(path, device=settings.get("device", "cpu"))
+    except BoundingError as error:
+        say(f"{error}; fitted again")
+        return None
+    grid = as_fitted(bounder, cell.grid) if isinstance(bounder, DistanceBounder) else cell.grid
+    if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, settings["seed"]):
+        return bounder
+    say(f"{path}: fitted to another object or with another seed; fitted again")
+    return None
+
+
+def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
+    """The bounder of a cell: an earlier run's, or fitted and kept; a cascade's last part is that of its own row, if it is there.
+
+    Args:
+        folder: Where it is kept.
+        cell: Not a parametric one.
+        settings: ``budget``, ``budgets``, ``seed``, ``length``; ``activation`` and ``device`` if not the defaults.
+    """
+    path, variant, query = folder.bounder(cell.file), cell.variant, cell.column.kind
+    if (bounder := load(path, cell, settings)) is not None:
+        return bounder
+    from warp_bounding import training
+    from warp_bounding.bounders import save
+
+    made, device = MADE.get(variant.method), settings.get("device", "cpu")
+    widths = tuple(width // (made.narrower if made else 1) for width in cell.column.hidden)
+    told = {"hidden": widths, "activation": settings.get("activation"), "leaves": variant.leaves}
+    if variant.method == DISTANCE:
+        known = [option.name for option in MlpDistance.options_taken()]
+        options = {"query": "distance", "method": MlpDistance.method, "metric": METRICS[1]}
+    else:
+        method, last = "mlp" if made else variant.method, cell._replace(variant=Variant(variant.last))
+        known = taken((METHODS[name] for name in method.split("+")), query.name)
+        options = {"query": query.name, "method": method} | ({"length": settings["length"]} if query.has_length else {})
+        if last != cell and (found := load(folder.bounder(last.file), last, settings)) is not None:
+            options["last"] = found
+    options |= {name: value for name, value in told.items() if name in known and value is not None}
+    options |= {"budget": budget_of(settings, cell.column, variant), "seed": settings["seed"], "device": device}
+    bounder = getattr(training, made.by if made else "fit")(cell.grid, **options, **(made.options if made else {}))
+    heed()
+    path.parent.mkdir(exist_ok=True)
+    save(bounder, path)
+    return bounder

@@ -1,1 +1,0 @@
-"""The commands that make the paper's tables and figures."""

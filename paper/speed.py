@@ -1,0 +1,355 @@
+"""The paper's Table 2, its supplement's table of speeds and its early-out plot, measured: methods raced on every device.
+
+Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 2, Eq. 6, Section *Early-out*; its supplement.
+
+A machine's speed drifts with whatever else it does. So what is compared is taken within a round, in which every method is
+asked once, and the median over rounds counts. Every race has the network without exits among its methods: what is added to
+a folder later is compared by the ratio to that.
+"""
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+import typer
+
+from paper import results
+from paper.cells import Budget, Cell, Columns, MaybeData, Methods, Objects, Out, Seed, about, fitted, missing, select
+from paper.data import objects_in, own_objects, usual
+from paper.drawing import INK, PALE, page_of
+from paper.results import Rows, markdown, names
+from paper.table import COLUMNS, MADE, PAPER, VARIANTS, Column, Variant, budget_text, budgets_in, column_of, variant_of
+from warp_bounding.cli.options import whole_number
+from warp_bounding.cli.output import quiet_warp
+from warp_bounding.errors import BounderError
+from warp_bounding.queries import sample
+
+NAME, OWNED = "speed", ("early_out.png", "early_out.svg")
+CSV = names("""dimension object query method space leaves device device_name ns ratio ratio_low ratio_high reference
+    fp_rate fn positives certificate nbytes fit_seconds budget queries rounds samples seed length threads
+    indicator versions""")
+DATA, OWN = "data", "generated"  # whose objects are raced
+DEFAULTS = {"queries": 2_000_000, "rounds": 9, "samples": 400_000, "budget": 20.0, "budgets": "", "seed": 0}
+DEFAULTS |= {"length": 1.0, "shapes": DATA}
+QUICK = {"budget": "2,relu-field=1,learned-kdop=1", "queries": "200000", "rounds": 5, "samples": "50000"}
+REFERENCE, EARLY, BOX = Variant("mlp"), Variant("mlp-early"), Variant("aabb")
+# Where no methods are named: an occupancy network has the code of the reference, and distances are asked otherwise.
+RACED = [v for v in VARIANTS if v.conservative and v.leaves is None and v.method not in MADE and not v.parametric]
+QUERY_SEED = 2  # added to the fits' for the queries of a race
+TABLE_2, QUERIES = Column(3, "ray"), 10_000_000  # the column of Table 2; what a time in milliseconds is for
+PAPER_DEVICE = "RTX 3090"
+Number = Annotated[str | None, typer.Option(help="A count, such as 2e6")]
+
+
+def command(
+    out: Out,
+    data: MaybeData = None,  # without it, shapes of our own are raced
+    quick: Annotated[bool, typer.Option("--quick", help="Short fits and few queries: under five minutes.")] = False,
+    columns: Columns = None,
+    methods: Methods = None,
+    objects: Objects = None,
+    devices: Annotated[str | None, typer.Option(help="Warp devices, such as cpu,cuda:0 (default: all)")] = None,
+    budget: Budget = None,
+    queries: Number = None,
+    rounds: Annotated[int | None, typer.Option(help="Rounds of each race (default: 9)")] = None,
+    samples: Number = None,
+    seed: Seed = None,
+) -> int:
+    """Measure how fast every method answers, on every device, as in the paper's Table 2 and its supplement.
+
+    Of each dimension one object is raced, the bunny where the data has one, or those that are named. Kill it whenever
+    you like: the same command goes on where it stopped. Exit status 1: a cell failed, a method that promises to have no
+    false negative had one, or the run was stopped.
+    """
+    told = {"budget": budget, "queries": queries, "rounds": rounds, "samples": samples, "seed": seed}
+    chosen = {"columns": columns, "methods": methods, "objects": objects, "devices": devices}
+    line = results.command_line(NAME, data=data, out=out, **chosen, **told, quick=quick)
+    given: dict[str, Any] = {
+        name: QUICK.get(name) if quick and value is None else value for name, value in told.items()
+    }
+    given |= {name: whole_number(name, given[name]) for name in ("queries", "samples") if given[name] is not None}
+    given |= budgets_in(given["budget"], DEFAULTS["budget"]) if given["budget"] is not None else {}
+    given["shapes"] = OWN if data is None else DATA
+    quiet_warp()
+    raced = [v for v in RACED if not quick or v.method in PAPER["fp_rate"]]
+    raced = raced if methods is None else [v for v in VARIANTS if not v.parametric]  # those are NumPy
+
+    def source(dimensions: list[int]):
+        there = own_objects(dimensions) if data is None else objects_in(Path(data), dimensions)
+        return usual(there) if objects is None else there
+
+    kinds, cells = devices_named(devices), select(source, columns, methods, objects, raced)
+    with results.opened(Path(out), NAME, CSV, DEFAULTS, given, owned=OWNED) as folder:
+        groups: dict[tuple, list[Cell]] = {}
+        for cell, device in missing(cells, folder, "device", kinds):
+            groups.setdefault((COLUMNS.index(cell.column), cell.thing, device), []).append(cell)
+        if groups:
+            folder.remember(line)
+
+        def measure(key: tuple) -> str:
+            rows = _raced(folder, groups[key], key[2])
+            for row in rows:
+                folder.append(row)
+            folder.write(results.PAGE, page(folder))
+            return ", ".join(f"{variant_of(r).label} {r['ns']:.3g} ns ({r['ratio']:.3f})" for r in rows)
+
+        title = lambda key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}"  # noqa: E731
+        done = results.work(folder, sorted(groups), measure, title)
+        for kind, content in early_plot(devices_of(folder.rows)).items():
+            folder.write(f"early_out.{kind}", content)
+        folder.write(results.PAGE, page(folder))
+    missed = sum(r["fn"] for r in folder.rows if variant_of(r).conservative)
+    if missed:
+        results.say(f"promise broken: {missed:,} false negatives of methods that promise none")
+    print(f"{len(folder.rows)} cells; the tables are {folder.path / results.PAGE}")
+    return int(bool(missed or not done))
+
+
+def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[dict[str, Any]]:
+    """Rows of the methods of a column and an object on a device, raced together with the reference."""
+    import warp as wp
+
+    from warp_bounding.evaluation import evaluate
+
+    s, grid, reference = folder.settings, cells[0].grid, cells[0]._replace(variant=REFERENCE)
+    bounders = {cell: fitted(folder, cell, s) for cell in dict.fromkeys([*cells, reference])}
+    rng = np.random.default_rng(s["seed"] + QUERY_SEED)
+    x = np.asarray(sample(reference.column.query, grid, s["queries"], rng), dtype=np.float32)
+    times = race({cell: b.to(device) for cell, b in bounders.items()}, wp.array(x, device=device), s["rounds"])
+    rows = []
+    for cell in cells:
+        ratios, rates = times[cell] / times[reference], evaluate(bounders[cell], grid, s["samples"], seed=s["seed"] + 1)
+        results.heed()
+        row = about(cell, bounders[cell], s) | {"reference": REFERENCE.method}
+        row |= {"device": device, "device_name": device_name(device)}
+        row |= {"ns": float(np.median(times[cell])) / s["queries"] * 1e9, "ratio": float(np.median(ratios))}
+        row |= {"ratio_low": float(ratios.min()), "ratio_high": float(ratios.max())}
+        row |= {"fp_rate": float(rates.fp_rate), "fn": int(rates.fn), "positives": float(rates.positives)}
+        rows.append(row)
+    return rows
+
+
+def race(bounders: Mapping[Any, Any], queries: Any, rounds: int) -> dict[Any, np.ndarray]:
+    """Seconds of every bounder in every round, ``(rounds,)``; before the first each has been asked once, and who begins moves on.
+
+    Args:
+        bounders: All on the device of the queries.
+        queries: ``(N, columns)`` float32, a Warp array.
+        rounds: How many.
+    """
+    import warp as wp
+
+    prepared = {name: bounder.prepare(queries) for name, bounder in bounders.items()}
+    names, times = list(prepared), {name: np.zeros(rounds) for name in prepared}
+    for each in prepared.values():  # compiled, and its memory touched
+        each.launch()
+    for number in range(rounds):
+        first = number % len(names)
+        for name in (*names[first:], *names[:first]):
+            results.heed()
+            wp.synchronize_device(queries.device)
+            start = time.perf_counter()
+            prepared[name].launch()
+            wp.synchronize_device(queries.device)
+            times[name][number] = time.perf_counter() - start
+    return times
+
+
+def devices_named(text: str | None) -> tuple[str, ...]:
+    """Aliases of Warp devices; of all that are there for ``None``. Raises ``BounderError`` if there is no such device."""
+    import warp as wp
+
+    there = [device.alias for device in wp.get_devices()]
+    words = there if text is None else [word.strip() for word in text.split(",")]
+    for word in words:
+        if word not in there:
+            raise BounderError(f"devices must be among {', '.join(there)}, got {word!r}")
+    return tuple(dict.fromkeys(words))
+
+
+def device_name(alias: str) -> str:
+    """What a device is, for people; of a CPU the model, where the system tells."""
+    import warp as wp
+
+    device, info = wp.get_device(alias), Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if device.is_cpu and info.exists() else []
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), device.name)
+
+
+# --- means, gains, break-evens -----------------------------------------------------------------------------------------
+
+
+class BreakEven(NamedTuple):
+    """When a method pays in comparison with another one, by what a test of the geometry costs (Eq. 6)."""
+
+    least: float  # it pays where a test costs more than this; 0 where it always may
+    most: float  # it pays where a test costs less than this; infinite where no price is too high
+    factor: float  # ``least`` as a multiple of a query of the other method
+
+
+def break_even(time: float, rate: float, other_time: float, other_rate: float) -> BreakEven:
+    """Eq. 6: ``time + rate t < other_time + other_rate t`` for a price t of one test of the geometry, solved for t.
+
+    Args:
+        time: Of one query, in any unit; prices are in the same.
+        rate: False positives as a share of all queries.
+        other_time: Of one query of the method that it is compared with.
+        other_rate: Its false positives.
+    """
+    if rate < other_rate:
+        least, most = max((time - other_time) / (other_rate - rate), 0.0), math.inf
+    elif rate > other_rate:
+        least, most = 0.0, max((other_time - time) / (rate - other_rate), 0.0)
+    else:
+        least, most = 0.0, math.inf if time < other_time else 0.0
+    return BreakEven(least, most, least / other_time)
+
+
+class Mean(NamedTuple):
+    """A method in a column: means over objects, those of times geometric."""
+
+    ns: float  # a query
+    ratio: float  # its time over that of ``mlp`` in the same rounds
+    fp_rate: float  # per cent
+
+
+def devices_of(rows: Rows) -> dict[str, dict[tuple[Variant, Column], Mean]]:
+    """Means by device, method and column, in the table's order."""
+    groups: dict[str, dict] = {}
+    for row in sorted(rows, key=lambda r: (VARIANTS.index(variant_of(r)), COLUMNS.index(column_of(r)))):
+        groups.setdefault(row["device"], {}).setdefault((variant_of(row), column_of(row)), []).append(row)
+    return {device: {key: _mean(group) for key, group in own.items()} for device, own in groups.items()}
+
+
+def _mean(rows: Rows) -> Mean:
+    ns, ratio = (float(np.exp(np.mean(np.log([row[name] for row in rows])))) for name in ("ns", "ratio"))
+    return Mean(ns, ratio, float(np.mean([row["fp_rate"] for row in rows])))
+
+
+def gains_of(cells: Mapping[tuple[Variant, Column], Mean]) -> dict[Column, float]:
+    """Time of ``mlp`` over that of ``mlp-early``, by column, the largest last."""
+    both = [c for c in COLUMNS if (REFERENCE, c) in cells and (EARLY, c) in cells]
+    found = {c: cells[REFERENCE, c].ratio / cells[EARLY, c].ratio for c in both}
+    return dict(sorted(found.items(), key=lambda pair: pair[1]))
+
+
+def paper_gains() -> dict[Column, float]:
+    """Time of the paper's network over that of the one with exits, by column."""
+    return {c: PAPER["ms"]["mlp"][c] / PAPER["ms"]["mlp-early"][c] for c in COLUMNS}
+
+
+# --- the page and the plot ---------------------------------------------------------------------------------------------
+
+
+def page(folder: results.Folder) -> str:
+    """The whole page."""
+    lines, names = [], {r["device"]: r["device_name"] for r in folder.rows}
+    for device, cells in devices_of(folder.rows).items():
+        lines += [f"## {device}: {names[device]}", ""]
+        if any(column == TABLE_2 for _, column in cells):
+            lines += [f"### {TABLE_2.title}s (the paper's Table 2)", "", *_table_2(cells), ""]
+        lines += ["### Every column: milliseconds for 10 million queries", "", *_every(cells, relative=False), ""]
+        lines += ["### Every column: time over that of `mlp`", "", *_every(cells, relative=True), ""]
+        if gains := gains_of(cells):
+            faster, mean = sum(gain > 1 for gain in gains.values()), 100 * (float(np.mean(list(gains.values()))) - 1)
+            lines += [
+                f"`mlp-early` is faster than `mlp` in {faster} of {len(gains)} columns, by {mean:.1f} % on average.",
+                "",
+            ]
+    objects = ", ".join(f"{name} in {n}D" for n, name in sorted({(r["dimension"], r["object"]) for r in folder.rows}))
+    where = "shapes of our own" if folder.settings["shapes"] == OWN else "objects of the paper's data"
+    values = {"objects": objects or "none", "where": where, "budget_text": budget_text(folder.settings)}
+    return folder.page(NAME, devices=lines or ["Nothing has been measured yet."], **values)
+
+
+def _table_2(cells: Mapping[tuple[Variant, Column], Mean]) -> list[str]:
+    heads = [
+        "",
+        "ms for 10 million",
+        "billions a second",
+        "time / mlp",
+        "FP %",
+        "pays from, ms",
+        "pays from, × a query",
+    ]
+    lines, whole, ours = [], PAPER["ms"]["mlp"][TABLE_2], cells.get((EARLY, TABLE_2))
+    mlp = cells.get((REFERENCE, TABLE_2))
+    for variant, cell in ((v, cell) for (v, column), cell in cells.items() if column == TABLE_2):
+        ms, price, factor = variant.paper(TABLE_2, "ms"), "–", "–"
+        texts = [_ms(cell.ns * QUERIES / 1e6, 1), f"{1 / cell.ns:.3f}", f"{cell.ratio:.3f}", f"{cell.fp_rate:.2f}"]
+        if ours and mlp and variant != EARLY:  # prices in milliseconds for ``QUERIES`` tests
+            unit = mlp.ns * QUERIES / 1e6
+            even = break_even(ours.ratio * unit, ours.fp_rate / 100, cell.ratio * unit, cell.fp_rate / 100)
+            never, always = even.least >= even.most, even.least == 0 and even.most == math.inf
+            price = _ms(even.least, 1) if math.isinf(even.most) else f"below {_ms(even.most, 1)}"
+            price = "always" if always else "never" if never else price
+            factor = f"{even.factor:.1f}" if even.least > 0 and not never else "–"
+        if ms is not None:
+            theirs = (f"{ms:g}", f"{QUERIES / ms / 1e6:.2f}", f"{ms / whole:.3f}", f"{variant.paper(TABLE_2):g}")
+            texts = [f"{a} ({b})" for a, b in zip(texts, theirs, strict=True)]
+            ratio = variant.paper(TABLE_2, "ratio")
+            price += "" if ratio is None else f" ({ratio:.2f})"
+        lines.append([variant.label, *texts, price, factor])
+    return markdown(heads, lines)
+
+
+def _ms(ms: float, digits: int = 0) -> str:
+    """With so many digits behind the point; a few milliseconds with more."""
+    return f"{ms:.{digits}f}" if ms >= 3.0 else f"{ms:.2g}"
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio >= 0.1 else f"{ratio:.3f}"
+
+
+def _every(cells: Mapping[tuple[Variant, Column], Mean], *, relative: bool) -> list[str]:
+    def told(variant: Variant, column: Column) -> str:
+        cell, ms = cells.get((variant, column)), variant.paper(column, "ms")
+        if cell is None:
+            return "…" if variant.space_in(column) else "–"
+        whole = PAPER["ms"]["mlp"][column]
+        theirs = "" if ms is None else f" ({_times(ms / whole)})" if relative else f" ({ms:g})"
+        return (_times(cell.ratio) if relative else _ms(cell.ns * QUERIES / 1e6)) + theirs
+
+    columns = [c for c in COLUMNS if any(c == column for _, column in cells)]
+    variants = dict.fromkeys(variant for variant, _ in cells)
+    return markdown([None, *(c.title for c in columns)], ([v.label, *(told(v, c) for c in columns)] for v in variants))
+
+
+def early_plot(devices: Mapping[str, Mapping[tuple[Variant, Column], Mean]]) -> dict[str, bytes]:
+    """The paper's early-out plot: time without exits over that with exits, by column; file content by format."""
+    series = {f"ours, {device}": gains for device, cells in devices.items() if (gains := gains_of(cells))}
+    if not series:
+        return {}
+    columns, first, theirs = list(next(iter(series.values()))), next(iter(devices.values())), paper_gains()
+    series = {f"the paper's, {PAPER_DEVICE}": {c: theirs[c] for c in columns}} | series
+
+    def named(column: Column) -> str:
+        """† where the network is hardly tighter than a box: it had no time to learn."""
+        box, own = first.get((BOX, column)), first[REFERENCE, column].fp_rate
+        return column.title.replace(" ", "\n") + (" †" if box and own >= 0.9 * box.fp_rate else "")
+
+    def fill(figure) -> None:
+        figure.set_size_inches(8.6, 4.2)
+        figure.set_layout_engine("constrained")
+        panel = figure.subplots()
+        width, places = 0.8 / len(series), np.arange(len(columns))
+        colours = ("#8a939b", "#d1420a", "#f0a30a", "#a8323e", "#7a2f00")
+        for number, ((name, gains), colour) in enumerate(zip(series.items(), colours, strict=False)):
+            values = np.array([gains.get(c, np.nan) for c in columns])
+            bars = panel.bar(places + (number + 0.5) * width - 0.4, values, width * 0.92, color=colour)
+            bars.set_label(f"{name} (mean gain {100 * (np.nanmean(values) - 1):+.0f} %)")
+            panel.bar_label(bars, fmt="%.2f", fontsize=7, padding=2, color=INK)
+        panel.axhline(1.0, color=INK, linewidth=1, zorder=0.9)
+        panel.set_xticks(places, [named(c) for c in columns])
+        panel.set_ylabel("time without exits / time with exits")
+        panel.set_title("Early exits: how many times as fast, by column (over 1 is a gain)", loc="left")
+        panel.grid(axis="y", color=PALE, linewidth=0.8)
+        panel.set_axisbelow(True)
+        panel.legend(frameon=False)
+        panel.spines[["top", "right"]].set_visible(False)
+
+    return page_of(fill)

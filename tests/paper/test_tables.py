@@ -1,0 +1,289 @@
+"""Real runs of the commands on small objects: measured once, resumed after any end, with one clear line for what is wrong."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import check_bad, run
+
+import warp_bounding as wb
+from paper import proofs
+from paper.table import HIDDEN
+from warp_bounding.errors import BounderError
+from warp_bounding.queries import oracle
+
+ROOT = Path(__file__).parents[2]
+QUICK = ("--columns", "2d-point,2d-ray", "--methods", "aabb,voxels", "--samples", "5000")
+
+
+def rows(place, name):
+    with (place / f"{name}.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def contents(place):
+    return {p: p.read_bytes() for p in place.rglob("*") if p.is_file()}
+
+
+def test_a_table_and_the_same_again(data, tmp_path, capsys):
+    table = ("table1", "--out", tmp_path / "out", "--data", data)
+    status, _, err = run(capsys, *table, *QUICK)
+    assert status == 0, err
+    found = rows(tmp_path / "out", "table1")
+    assert len(found) == 8  # two objects: points of both methods, rays of a box in both spaces
+    assert {row["fn"] for row in found} == {"0"}
+    assert {row["certificate"] for row in found} == {"proven", ""}  # parametric volumes have none
+    page = (tmp_path / "out/README.md").read_text()
+    assert "| aabb (parametric) | = |" in page
+    assert "{" not in page
+    assert (tmp_path / "out/rank.png").read_bytes().startswith(b"\x89PNG")
+    before = contents(tmp_path / "out")
+    assert run(capsys, *table, *QUICK)[0] == 0
+    assert contents(tmp_path / "out") == before
+    (tmp_path / "out/README.md").unlink()
+    assert run(capsys, "table1", "--out", tmp_path / "out")[0] == 0
+    assert contents(tmp_path / "out") == before
+    fitted = {p: p.stat().st_mtime_ns for p in (tmp_path / "out/bounders").iterdir()}
+    assert run(capsys, *table, *QUICK, "--protocol", "both")[0] == 0
+    assert len(rows(tmp_path / "out", "table1")) == 16
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out/bounders").iterdir()} == fitted
+    next(iter(fitted)).write_text("{")
+    assert run(capsys, *table, "--columns", "2d-point", "--methods", "voxels,aabb", "--protocol", "sampled")[0] == 0
+
+
+def test_one_distance_serves_all_its_columns(data, tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(HIDDEN, 2, (8,))
+    words = ("--columns", "2d", "--methods", "distance", "--objects", "disc", "--budget", 1, "--samples", 2000)
+    status, _, err = run(capsys, "table1", "--out", tmp_path, "--data", data, *words)
+    assert status == 0, err
+    found = rows(tmp_path, "table1")
+    assert sorted(row["query"] for row in found) == ["box", "point", "ray"]
+    assert all(row["fn"] == "0" and row["certificate"] == "proven" for row in found)
+    assert [path.name for path in (tmp_path / "bounders").iterdir()] == ["2d.disc.distance.safetensors"]
+
+
+def test_killed_half_way_and_resumed(data, tmp_path, capsys):
+    words = ["table1", "--out", str(tmp_path / "out"), "--data", str(data), "--samples", "2000"]
+    words += ["--columns", "2d", "--methods", "aabb"]
+    process = subprocess.Popen([sys.executable, "-m", "paper", *words], env=os.environ | {"PYTHONPATH": str(ROOT)})
+    table = tmp_path / "out/table1.csv"
+    while not (table.exists() and table.read_bytes().count(b"\n") > 2):
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    first = rows(tmp_path / "out", "table1")
+    with table.open("a") as file:
+        file.write("2,disc,point,aa")  # what a power cut may leave
+    status, _, err = run(capsys, *words)
+    assert status == 0, err
+    final = rows(tmp_path / "out", "table1")
+    assert final[: len(first)] == first
+    assert len({tuple(r[k] for k in ("object", "query", "method", "space")) for r in final}) == len(final) == 2 * 7
+
+
+def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
+    image = data / "2D/disc.png"
+    table = ("table1", "--out", tmp_path / "out", "--data", data)
+    bad = {
+        "table1": (
+            *(("--columns", "5d-point"), ("--methods", "magic"), ("--objects", "2d/zz"), ("--protocol", "guess")),
+            *(("--budget", "0"), ("--preset", "day"), ("--samples", "many"), ("--seed", "-1"), ("--device", "cuda:99")),
+            *(("--columns", "4d-ray", "--methods", "relu-field"), ("--data", "nowhere"), ("--columns", "3d")),
+        ),
+        "speed": (("--methods", "magic"), ("--devices", "cuda:7"), ("--queries", "many"), ("--rounds", "0")),
+        "proofs": (("--table", "nowhere"), ("--table", data), ("--methods", "aabb"), ("--seconds", "-1")),
+        "figures": (("nobody",), ("objects",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere")),
+    }
+    for name, cases in bad.items():
+        for words in cases:
+            usual = {
+                "table1": ("--data", data),
+                "speed": (),
+                "figures": (),
+                "proofs": ("--data", data, "--table", "t"),
+            }[name]
+            check_bad(*run(capsys, name, "--out", tmp_path / "out", *usual, *words))
+            assert not (tmp_path / "out").exists(), (name, words)
+    check_bad(*run(capsys, "recipes", "--data", data, "--table", tmp_path))
+    assert run(capsys, *table, "--columns", "2d-point", "--methods", "aabb", "--samples", "100")[0] == 0
+    before, pixels = contents(tmp_path / "out"), image.read_bytes()
+    check_bad(*run(capsys, *table, "--samples", "200"))
+    for words in (("--ways", "magic"), ("--columns", "2d-plane"), ("--seconds", "0"), ("--objects", "cow")):
+        check_bad(*run(capsys, "recipes", "--data", data, "--table", tmp_path / "out", *words))
+    assert contents(tmp_path / "out") == before
+    assert image.read_bytes() == pixels
+
+
+def test_another_object_is_refused(data, tmp_path, capsys):
+    table = ("table1", "--out", tmp_path / "out", "--data", tmp_path / "own", "--methods", "aabb", "--samples", "100")
+    (tmp_path / "own/2D").mkdir(parents=True)
+    image = tmp_path / "own/2D/disc.png"
+    image.write_bytes((data / "2D/disc.png").read_bytes())
+    assert run(capsys, *table, "--columns", "2d-point")[0] == 0
+    image.write_bytes((data / "2D/half.png").read_bytes())
+    code = "from paper.__main__ import run; run({!r})".format([*map(str, table), "--columns", "2d-box"])
+    own = {"capture_output": True, "text": True, "check": False, "env": os.environ | {"PYTHONPATH": str(ROOT)}}
+    done = subprocess.run([sys.executable, "-c", code], **own)
+    assert done.returncode == 2
+    assert "not the object that" in done.stderr
+
+
+def test_a_race_and_what_is_added_is_raced_with_the_reference(tmp_path, capsys, monkeypatch):
+    pytest.importorskip("torch", reason="torch is not installed")
+    from paper import speed
+
+    words = (
+        "speed",
+        "--out",
+        tmp_path,
+        "--columns",
+        "2d-point",
+        "--queries",
+        "5000",
+        "--rounds",
+        "3",
+        "--samples",
+        "5000",
+    )
+    words += ("--devices", "cpu", "--budget", "0.5")
+    status, _, err = run(capsys, *words, "--methods", "aabb,mlp")
+    assert status == 0, err
+    first = rows(tmp_path, "speed")
+    assert [(row["method"], row["fn"]) for row in first] == [("aabb", "0"), ("mlp", "0")]
+    assert [first[1][name] for name in ("ratio", "ratio_low", "ratio_high")] == ["1.0"] * 3
+    raced, race = [], speed.race
+    monkeypatch.setattr(speed, "race", lambda bounders, *rest: raced.append(list(bounders)) or race(bounders, *rest))
+    assert run(capsys, *words, "--methods", "aabb,kdop")[0] == 0
+    assert [[cell.variant.method for cell in cells] for cells in raced] == [["kdop", "mlp"]]
+    assert rows(tmp_path, "speed")[:2] == first
+    assert "{" not in (tmp_path / "README.md").read_text()
+
+
+@pytest.mark.slow
+def test_recipes_have_their_rows_in_the_tables_page(data, tmp_path, capsys):
+    table = (
+        "table1",
+        "--data",
+        data,
+        "--out",
+        tmp_path,
+        "--columns",
+        "2d-point",
+        "--methods",
+        "aabb",
+        "--samples",
+        "5000",
+    )
+    assert run(capsys, *table)[0] == 0
+    words = ("recipes", "--data", data, "--table", tmp_path, "--objects", "2d/disc", "--columns", "2d-point")
+    words += ("--ways", "default,paper", "--seconds", "5", "--samples", "5000")
+    status, _, err = run(capsys, *words)
+    assert status == 0, err
+    found = rows(tmp_path / "recipes", "recipes")
+    assert [(row["way"], row["steps_asked"], row["fn"]) for row in found] == [
+        ("default", "", "0"),
+        ("paper", "70000", "0"),
+    ]
+    assert "| 2D point | disc | paper |" in (tmp_path / "README.md").read_text()
+    assert run(capsys, *words)[0] == 0
+    assert rows(tmp_path / "recipes", "recipes") == found
+
+
+# --- what a proof is worth ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def table(tmp_path, monkeypatch):
+    """A folder of ``table1`` without any bounder; networks are small."""
+    from paper import results, table1
+
+    monkeypatch.setitem(HIDDEN, 2, (8,))
+    with results.opened(tmp_path / "table", "table1", table1.CSV, table1.DEFAULTS, {"budget": 0.5}):
+        pass
+    return tmp_path / "table"
+
+
+def run_proofs(capsys, data, table, *words):
+    """Rows with their networks, and what was said."""
+    own = (
+        "--columns",
+        "2d-point,2d-plane",
+        "--methods",
+        "mlp",
+        "--objects",
+        "2d/disc",
+        "--samples",
+        "4000",
+        "--seconds",
+        "5",
+        *words,
+    )
+    out = table.parent / "out"
+    status, _, err = run(capsys, "proofs", "--data", data, "--table", table, "--out", out, *own)
+    shape, found = wb.load_indicator(data / "2D/disc.png"), rows(out, "proofs")
+    files = [out / f"bounders/2d-{row['query']}.disc.mlp.safetensors" for row in found]
+    return status, [(row, wb.load(file, device="cpu")) for row, file in zip(found, files, strict=True)], shape, err
+
+
+def test_networks_with_both_thresholds(data, table, capsys):
+    status, found, shape, err = run_proofs(capsys, data, table, "--positives", "20000")
+    assert status == 0, err
+    assert len(found) == 2
+    for row, network in found:
+        assert (row["search"], row["fn_proven"], row["fitted"]) == ("complete", "0", "here")
+        value = {name: float(row[name]) for name in ("proven", "sampled", "lower_bound", "upper_bound", "fp_shipped")}
+        assert value["proven"] <= value["sampled"]
+        assert value["lower_bound"] <= value["upper_bound"] <= value["sampled"] + 1e-6
+        assert value["fp_shipped"] == pytest.approx(wb.evaluate(network, shape, 4000, seed=1).fp_rate)
+        assert (row["missed_zero"] == "") == (row["query"] == "plane")
+    assert "{" not in (table.parent / "out/README.md").read_text()
+
+
+def test_few_samples_ship_false_negatives(data, table, capsys, monkeypatch):
+    monkeypatch.setattr("warp_bounding.queries.hard.CHUNK", 64)
+    status, found, shape, err = run_proofs(capsys, data, table, "--positives", "1")
+    assert status == 0, err
+    missed = [(row, network) for row, network in found if row["missed_sampled"] == "1"]
+    assert missed
+    for row, network in missed:
+        x = np.array([list(map(float, row["counterexample"].split()))], np.float32)
+        assert oracle(row["query"], shape, "cpu")(x).all()
+        assert network.values(x).numpy()[0] == np.float32(row["counterexample_f"])
+        assert network.freeze(float(row["sampled"]), None).query(x).numpy()[0] == 0
+        assert network.freeze(float(row["proven"]), None).query(x).numpy()[0] == 1
+
+
+def test_a_contradiction_and_a_failed_proof_are_told(data, table, capsys, monkeypatch):
+    """If a positive lies below what a certificate says, one of the proofs is wrong: that must not pass for a row."""
+    from dataclasses import replace
+
+    prove = proofs.prove
+
+    def wrong(bounder, grid, **options):
+        search = prove(bounder, grid, **options)
+        return replace(search, upper_bound=search.lower_bound - 1.0, lower_bound=search.lower_bound - 1.5)
+
+    def none(*_, **__):
+        raise BounderError("no proof\nyet")
+
+    for fake, told in ((wrong, "the prover found a positive with f ="), (none, "2d-point disc: mlp: no proof yet")):
+        monkeypatch.setattr(proofs, "prove", fake)
+        status, found, _, err = run_proofs(capsys, data, table, "--positives", "500")
+        assert (status, found) == (1, [])
+        assert told in err
+
+
+def test_rates_at_any_threshold():
+    inf = np.inf
+    values, truth = np.array([-inf, -1, 0, 1, inf, 2], np.float32), np.array([0, 1, 0, 0, 0, 1], bool)
+    rates = proofs.Thresholds(values, truth)
+    assert [round(rates.fp(t), 3) for t in (-2.0, 0.5, 3.0)] == [50.0, 33.333, 16.667]
+    assert [rates.fn(t) for t in (-2.0, 0.5, 3.0)] == [0, 1, 2]
+    assert rates.room(2.0) == pytest.approx(1.0)
