@@ -27,7 +27,7 @@ fuzz: $(VENV)/.test
 	$(BIN)/python tests/fuzz --minutes $(MINUTES) --seed $(SEED) --out out/fuzz
 
 bench: $(VENV)/.sims
-	$(BIN)/python benchmarks/inference.py
+	$(BIN)/python benchmarks/rivals.py --groups points --out out/bench
 	$(BIN)/python benchmarks/overhead.py
 
 # execute the notebooks, in place

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
-from shared.kept_rows import KeptRows
+from shared import KeptRows, nanoseconds
 
 import warp_bounding as wb
 from sims.arm.demo import specs_of
@@ -192,7 +192,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
             "proven_share": 1.0
             if bounder.certificate.proven
             else proven_share(bounder, shape, seconds=SHARE_SECONDS, places=PLACES, side=SIDE).volume,
-            "nanoseconds": nanoseconds(bounder, samples[0].x),
+            "nanoseconds": nanoseconds(bounder, np.resize(samples[0].x, (TIMED, shape.ndim)), ROUNDS),
         }
 
         def ask(x: np.ndarray) -> np.ndarray:
@@ -209,20 +209,6 @@ def nbytes_of(joints: int, options: dict) -> int:
     """Bytes of a network's numbers and of its parts' thresholds."""
     widths = (joints, *options["hidden"], 1)
     return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("thresholds", 0)
-
-
-def nanoseconds(bounder: wb.Bounder, x: np.ndarray) -> float:
-    """Of one configuration in a batch, the fastest of ``ROUNDS``."""
-    import warp as wp
-
-    x = np.resize(x, (TIMED, x.shape[1]))
-    queries, out = wp.array(x, dtype=float, device="cpu"), wp.empty(TIMED, dtype=wp.uint8, device="cpu")
-    asked, times = bounder.prepare(queries, out=out), []
-    for _ in range(ROUNDS + 1):
-        start = time.perf_counter()
-        asked.launch()
-        times.append(time.perf_counter() - start)
-    return 1e9 * min(times[1:]) / TIMED
 
 
 def page(kept: KeptRows, command: str) -> str:

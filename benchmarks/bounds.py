@@ -22,7 +22,7 @@ from itertools import pairwise, product
 import numpy as np
 import torch
 import warp as wp
-from shared.racing import clock, options, race, show, tell
+from shared import clock, options, race, show, tell
 
 from warp_bounding.activations import SINE
 from warp_bounding.networks.network import Network

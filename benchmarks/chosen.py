@@ -8,7 +8,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from shared.kept_rows import KeptRows
+from shared import KeptRows
 
 import warp_bounding as wb
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import trimesh
 import warp as wp
-from shared.kept_rows import KeptRows
+from shared import KeptRows
 
 import warp_bounding as wb
 from warp_bounding.proof import soak

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from shared.kept_rows import KeptRows
-from shared.racing import race
+from shared import KeptRows, evaluations, race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
@@ -80,17 +79,6 @@ def on_one_core(kernel: wp.Kernel, inputs: list, out: wp.array) -> float:
     return float(np.median(taken)) / len(out) * 1e9
 
 
-def evaluations(bounder: wb.DistanceBounder, a: np.ndarray, b: np.ndarray) -> float:
-    """Of a segment, mean: a march ends where it is clear, or where a step gains nothing."""
-    going, last, total = np.ones(len(a), bool), np.zeros(len(a), np.float32), 0
-    for steps in range(1, STEPS + 1):
-        total += int(going.sum())
-        maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=steps))
-        going &= (maybe == 1) & (t > last)
-        last = t
-    return total / len(a)
-
-
 class Asked:
     """The mesh, and what all bounders of its distance are asked."""
 
@@ -121,7 +109,7 @@ class Asked:
         row = {"label": label, "bytes": bounder.nbytes, "certificate": bounder.certificate.kind}
         row["rates"] = [100 * float(((g <= r * half) & (self.away > r * half)).mean()) for r in RADII]
         row["segments"] = 100 * float(((maybe == 1) & (self.truth == OUT)).mean())
-        row["evaluations"] = evaluations(bounder, self.a, self.b)
+        row["evaluations"] = float(evaluations(bounder, self.a, self.b, STEPS).mean())
         row |= {name: 1e9 * float(np.median(times[name][:, 0])) / count for name, (_, count) in ways.items()}
         row["ns_kernel"] = on_one_core(asking(bounder), [bounder.data, self.points], self.found)
         return row

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
-from shared.kept_rows import KeptRows
+from shared import KeptRows, evaluations
 
 import warp_bounding as wb
 from sims.arm.exact import Hulls
@@ -32,19 +32,6 @@ def edges_of(place: Workplace) -> tuple[np.ndarray, np.ndarray]:
     near = cKDTree(states).query(states, NEIGHBOURS + 1)[1][:, 1:]
     first = rng.integers(len(states), size=EDGES)
     return states[first], states[near[first, rng.integers(NEIGHBOURS, size=EDGES)]]
-
-
-def evaluations(bounder: wb.DistanceBounder, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """``(N,)`` int, of each edge: a march ends where it is clear, or where a step gains nothing."""
-    going, last, count = np.ones(len(a), bool), np.zeros(len(a), np.float32), np.zeros(len(a), int)
-    for steps in range(1, STEPS + 1):
-        count += going
-        maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=steps))
-        going &= (maybe == 1) & (t > last)
-        last = t
-        if not going.any():
-            break
-    return count
 
 
 def main() -> int:
@@ -71,7 +58,7 @@ def main() -> int:
             **own,
         )
         attack = soak(bounder, place.shape, options.attacked, seed=1)
-        count, cleared = evaluations(bounder, a, b), bounder.segments(a, b, steps=STEPS)[0].numpy() == 0
+        count, cleared = evaluations(bounder, a, b, STEPS), bounder.segments(a, b, steps=STEPS)[0].numpy() == 0
         assert not (cleared & hits).any()
         row = {
             "label": label,

@@ -10,13 +10,12 @@ the end, and by ``--page`` alone.
 import argparse
 import sys
 import tempfile
-import time
 import warnings
 from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from shared.kept_rows import KeptRows
+from shared import KeptRows, nanoseconds
 
 import warp_bounding as wb
 from warp_bounding.proof import soak
@@ -84,19 +83,6 @@ def aligned_area(mesh: wb.IndicatorMesh) -> float:
     return float(100 * area[np.abs(normals).max(axis=1) > 0.999999 * area].sum() / area.sum())
 
 
-def nanoseconds(bounder: wb.Bounder, mesh: wb.IndicatorMesh) -> float:
-    """Of one random point in a batch, the fastest of ``ROUNDS``."""
-    import warp as wp
-
-    x = np.random.default_rng(5).uniform(mesh.sample_lower, mesh.sample_upper, (TIMED, 3)).astype(np.float32)
-    queries, out, times = wp.array(x, dtype=wp.vec3, device="cpu"), wp.empty(TIMED, dtype=wp.uint8, device="cpu"), []
-    for _ in range(ROUNDS + 1):
-        start = time.perf_counter()
-        bounder.query(queries, out=out)
-        times.append(time.perf_counter() - start)
-    return 1e9 * min(times[1:]) / TIMED
-
-
 def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attacked: int) -> dict:
     """One row."""
     margin = MARGIN * float(mesh.extent.max())
@@ -110,7 +96,8 @@ def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attack
         fitted.save(file)
         bounder = wb.load(file, device="cpu")
     rates, proof = wb.evaluate(bounder, mesh, SAMPLES), wb.certify(bounder, mesh, margin=margin)
-    attack = soak(bounder, mesh, attacked, seed=1)
+    attack, wide = soak(bounder, mesh, attacked, seed=1), mesh.dilated(margin)
+    timed = np.random.default_rng(5).uniform(wide.sample_lower, wide.sample_upper, (TIMED, 3)).astype(np.float32)
     return {
         "label": label,
         "bytes": bounder.nbytes,
@@ -122,7 +109,7 @@ def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attack
         "attacked": attack.done,
         "missed": attack.missed,
         "certificate": proof.kind,
-        "nanoseconds": round(nanoseconds(bounder, mesh.dilated(margin)), 2),
+        "nanoseconds": round(nanoseconds(bounder, timed, ROUNDS), 2),
         "fit_seconds": round(fitted.info["training"]["seconds"] - fitted.info["training"]["compile_seconds"], 1),
         "proof_seconds": fitted.certificate.seconds,
         "certify_seconds": proof.seconds,

@@ -8,7 +8,7 @@ import statistics
 
 import numpy as np
 import warp as wp
-from shared.racing import clock, options, race, show, tell
+from shared import clock, options, race, show, tell
 
 import warp_bounding as wb
 from sims.threads import threads_of

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from shared.kept_rows import KeptRows
+from shared import KeptRows
 
 import warp_bounding as wb
 from sims.particles.broad import Everyone, OfMotion

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from shared.racing import options, show
+from shared import options, show
 
-from paper.shapes import find_shapes
+from paper.data import objects_in
 from warp_bounding.bounders import METHODS
 from warp_bounding.indicators import load_indicator
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
@@ -78,7 +78,7 @@ def main() -> None:
     wp.config.quiet = True
     result = {}
     for ndim in arguments.dims:
-        grids = [load_indicator(shape.path) for shape in find_shapes(arguments.data, [ndim])]
+        grids = [load_indicator(shape.path) for shape in objects_in(arguments.data, [ndim])]
         for place, query in enumerate(QUERY_KINDS):
             ours = column(grids, query)
             for name, value in ours.items():

@@ -22,24 +22,73 @@ import numpy as np
 import torch
 import trimesh
 import warp as wp
-from inference import CHUNKS, chunked, in_kernel, network
-from shared.kept_rows import KeptRows
-from shared.racing import clock, race
+from shared import KeptRows, clock, race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
 from sims.threads import threads_of
+from warp_bounding.bounders import METHODS
 from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime.launch import cpu_threads
+from warp_bounding.training.engine import TrainableNetwork
 
 MARGIN, LENGTH = 0.012, 3.0  # object units; rays end outside of the object, as Embree's do
 NETWORKS = ((24, 24), (50, 50))
 LEAVES = (64, 256)
 ONE_CORE = "one core"
+CHUNKS = (2048, 4096, 8192, 16384, 32768, 65536)  # rows that torch is given at a time: the best of these
 PAUSE = 0.02  # seconds; torch's threads wait busily after their work, and would be in the way of the next one
 PRODUCT, PRODUCT_OF_GPU = 1024, 8192  # rows and columns of the matrices whose product is the rate of multiply-adds
 Calls = dict[str, Callable]
+
+
+class Sine(torch.nn.Module):
+    """The paper's activation."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        """Elementwise sine."""
+        return torch.sin(x)
+
+
+def network(domain: Domain, activation: str, hidden: tuple[int, ...]):
+    """A bounder with random weights of the usual size, and the same network as a torch module in object coordinates."""
+    trained = TrainableNetwork(3, hidden, activation)
+    trained.initialise(20.0 if activation == "sin" else 3.0, 3.0, torch.Generator().manual_seed(0))
+    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0}
+    bounder = METHODS["mlp"](domain, trained.tensors(), sizes, "cpu").freeze(0.0, None)
+    modules = []
+    for index, layer in enumerate(trained.layers):
+        linear = torch.nn.Linear(layer.shape[1] - 1, layer.shape[0])
+        with torch.no_grad():
+            weight, bias = layer[:, :-1].clone(), layer[:, -1].clone()
+            if index == 0:  # v = (x - center) * scale goes into the first layer: torch pays nothing for the map
+                weight, bias = (
+                    weight * torch.from_numpy(domain.scale),
+                    bias - weight @ torch.from_numpy(domain.scale * domain.center),
+                )
+            linear.weight.copy_(weight)
+            linear.bias.copy_(bias)
+        modules += [linear, Sine() if activation == "sin" else torch.nn.ReLU()]
+    return bounder, torch.nn.Sequential(*modules[:-1])
+
+
+def in_kernel(bounder, points: wp.array, out: wp.array):
+    """A launch of somebody's own kernel that calls the bounder's function; Warp runs it on one core."""
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        out[i] = wp.uint8(0)
+        if wp.static(bounder.func)(data, q[i]):
+            out[i] = wp.uint8(1)
+
+    return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device=out.device)
+
+
+def chunked(function, x: torch.Tensor, size: int):
+    """``function`` over chunks of rows."""
+    return lambda: [function(part) for part in x.split(size)]
 
 
 @wp.kernel(enable_backward=False)
@@ -323,6 +372,7 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1_000_000)
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--device", default="cpu")
+    parser.add_argument("--groups", default="points,rays,labels,pairs of Newton", help="some of them")
     options = parser.parse_args()
     wp.config.quiet = True
     torch.set_num_threads(cpu_threads())
@@ -336,7 +386,7 @@ def main() -> int:
     if options.device == "cpu":
         groups["pairs of Newton"] = lambda: pairs(options.device)
     for group, made in groups.items():
-        if not kept.have(group=group):
+        if group in options.groups.split(",") and not kept.have(group=group):
             for row in measured(group, *made(), options.rounds, options.device):
                 kept.add(row)
     kept.write(page(kept, f"python benchmarks/rivals.py {' '.join(sys.argv[1:])}"))

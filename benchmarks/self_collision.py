@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import warp_bounding as wb
-from paper.run import versions
+from paper.results import versions
 from sims.arm.demo import Example, specs_of
 from sims.arm.exact import Hulls
 from sims.arm.robots import CELLS

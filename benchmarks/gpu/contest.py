@@ -33,7 +33,7 @@ def ns(call, count: int, repeats: int = 9, calls: int = 10) -> list[float]:
 def prepare(folder: Path) -> None:
     """Bounders and a mesh, so that the machine with the card needs no reader of meshes and fits nothing."""
     sys_path()
-    from inference import network
+    from rivals import network
 
     from sims.assets import asset_mesh
     from sims.cloth.scene import SHAPES, shape
@@ -426,7 +426,7 @@ def cull(arguments) -> dict:
     """Ms of Newton's particle-shape pass in a captured graph, without and with a cull."""
     sys_path()
     import newton
-    import newton_map.__main__ as newton_map
+    import newton_map
 
     from warp_bounding.newton import cull as newton_cull
 

@@ -1,4 +1,4 @@
-"""When a cull of Newton's particle-shape pass pays: `python benchmarks/newton_map --out results/newton`.
+"""When a cull of Newton's particle-shape pass pays: `python benchmarks/newton_map.py --out results/newton`.
 
 Bunnies and stars stand in a square on a ground plane, turned, every third on a body, with particles between and above them, spread evenly. A cell of the map is a number of
 particles, of meshes, and a contact gap. A round moves the particles and bodies, then times `collide` of that very state without a cull, with one that has no bounders, so that of
@@ -28,7 +28,7 @@ from warp_bounding.newton import ParticleCull
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python has put this folder there, not the one above it
 
-from shared.kept_rows import KeptRows
+from shared import KeptRows
 
 PARTICLES, MESHES, GAPS = (1_000, 10_000, 50_000, 100_000), (1, 4, 16, 64), (0.01, 0.05, 0.2)
 SPACING, TOP = 2.4, 2.5  # from one mesh to the next; how high particles are; metres (a bunny is 1.6 high)
@@ -259,7 +259,7 @@ def main() -> None:
     if not kept.rows:
         sys.exit(f"newton_map: there are no rows in {options.out}; run it without --page")
     told = [word for word in sys.argv[1:] if word != "--page"]
-    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map", *told])))
+    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map.py", *told])))
     if _is_map(kept):
         drawn(kept, options.out / "map.png")
 

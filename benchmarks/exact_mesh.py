@@ -1,4 +1,4 @@
-"""What a mesh answers without a grid, in millions a second: `python benchmarks/exact_mesh [--mesh FILE] [--moving]`.
+"""What a mesh answers without a grid, in millions a second: `python benchmarks/exact_mesh.py [--mesh FILE] [--moving]`.
 
 Points and boxes lie near the border of the dilated mesh, where a branch and bound asks; segments, planes and large
 boxes are drawn from all of the domain. Seconds are those of the processor, so a busy machine does not matter; rates are

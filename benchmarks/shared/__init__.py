@@ -1,1 +1,0 @@
-"""What several benchmarks share: timing in turns, and rows that are kept."""
