@@ -1,25 +1,29 @@
-"""Choices: the cheapest of what was measured, whatever is asked, and nothing lost when it is stopped."""
+"""Choices: the cheapest of what was measured, within the budget, and nothing lost when it is stopped."""
 
+import copy
+import itertools
 import json
+import time
 
 import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.choice import Work, cost_plot
+from warp_bounding import choice as module
+from warp_bounding.choice import Row, cheapest, cost_plot, duration
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
-from warp_bounding.solids import Sphere
+from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.solids import Box, Sphere
 
 DISK = np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5  # of cells: fitted in no time
-BALL = Sphere([0.0, 0.0, 0.0], 1.0)
+BALL = Sphere([0.0, 0.0, 0.0], 1.0).to_grid(resolution=12)
 QUIET = {"device": "cpu", "progress": False}
-FEW = ("aabb", "obb", "bvh", "mlp")  # methods that bound a ball in little time
-SMALL = {**QUIET, "networks": (), "budget": 240.0, "methods": FEW}  # closed forms take no longer than they need
+SMALL = {**QUIET, "networks": (), "budget": 240.0, "methods": ("aabb", "obb", "bvh", "mlp")}
 
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """Closed forms are fitted once: choices of the same queries go on in the same folder, whatever the price and the memory."""
+    """Closed forms are fitted once: choices of the same queries go on in the same folder."""
     return {**SMALL, "folder": tmp_path_factory.mktemp("choice") / "c"}
 
 
@@ -32,14 +36,18 @@ def points():
 def chosen(points, kept):
     closed = wb.choose(BALL, narrow_ns=2000.0, queries=points, **kept)
     room = closed.about["seconds"] + 8.0  # for one network
-    return wb.choose(BALL, narrow_ns=2000.0, queries=points, **{**kept, "networks": ((8, 8),), "budget": room})
+    return wb.choose(BALL, narrow_ns=2000.0, queries=points, **{**kept, "networks": ((8,),), "budget": room})
 
 
-def test_the_cheapest_is_chosen_and_proven(chosen, points):
+def rows_of(choice):
+    return {row.label: row for row in choice.rows}
+
+
+def test_the_cheapest_is_chosen_and_proven(chosen, points, rng):
     able = [row for row in chosen.rows if not row.why_not]
     assert chosen.row.cost == min(row.cost for row in able)
     assert chosen.bounder.certificate.proven
-    assert {"none", "aabb", "obb", "mlp 8-8"} <= {row.label for row in chosen.rows}
+    assert {"none", "aabb", "obb", "mlp 8"} <= set(rows_of(chosen))
     assert chosen.positives == pytest.approx(BALL.contains(points).mean(), abs=0.02)
     for row in able:
         assert row.missed == 0
@@ -47,149 +55,254 @@ def test_the_cheapest_is_chosen_and_proven(chosen, points):
         assert row.share >= chosen.positives
     assert chosen.prices[0].price == 0
     assert chosen.label in [stretch.label for stretch in chosen.prices]
-    assert chosen.label in chosen.why
-
-
-def test_what_is_told_is_what_the_bounder_does(chosen):
-    fresh = np.random.default_rng(4).uniform(-1.4, 1.4, (50_000, 3)).astype(np.float32)
+    fresh = rng.uniform(-1.4, 1.4, (50_000, 3)).astype(np.float32)
     assert chosen.bounder.query(fresh).numpy().mean() == pytest.approx(chosen.row.share, abs=0.02)
     assert json.loads(json.dumps(chosen.to_dict()))["label"] == chosen.label
+    assert cost_plot(chosen).startswith(b"\x89PNG")
 
 
-def test_a_free_narrow_phase_needs_nobody(points, kept):
-    choice = wb.choose(BALL, narrow_ns=0.0, queries=points, **kept)
+def test_prices_overhead_and_memory_decide(points, kept):
+    given = {"queries": points, **kept}
+    free = wb.choose(BALL, narrow_ns=0.0, **given)
+    assert (free.bounder, free.label) == (None, "none")
+    assert wb.choose(BALL, narrow_ns=500.0, **given).bounder is not None
+    choice = wb.choose(BALL, narrow_ns=500.0, overhead_ns=500.0, **given)
     assert choice.bounder is None
-    assert choice.label == "none"
-    assert "none pays" in choice.why
-
-
-def test_memory_is_a_limit(points, kept):
-    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, memory=100, **kept)
-    assert choice.bounder.nbytes <= 100
-    assert any("memory" in row.why_not for row in choice.rows)
+    assert all(row.nanoseconds > 500 for row in choice.rows if row.label != "none" and not row.why_not)
+    small = wb.choose(BALL, narrow_ns=1e5, memory=100, **given)
+    assert small.bounder.nbytes <= 100
+    assert any("memory" in row.why_not for row in small.rows)
     with pytest.raises(BounderError, match=r"no candidate has 3 bytes or less; the nearest is aabb with 64"):
-        wb.choose(BALL, narrow_ns=1e5, queries=points, memory=3, **kept)
+        wb.choose(BALL, narrow_ns=1e5, memory=3, **given)
 
 
-def test_bounders_of_ones_own_are_measured_too(points, kept):
-    own = wb.fit(BALL, method="obb", device="cpu")
-    choice = wb.choose(BALL, narrow_ns=1e5, queries=points, bounders={"mine": own}, **kept)
-    assert "mine" in {row.label for row in choice.rows}
-    with pytest.raises(BounderError, match="expected ones of point queries in 3D"):
-        wb.choose(BALL, "point", narrow_ns=1.0, bounders={"rays": wb.fit(BALL.to_grid(resolution=8), "ray", "aabb", device="cpu")}, **SMALL)  # fmt: skip
-
-
-def test_what_denies_too_much_is_not_chosen(points, kept):
-    wrong = wb.fit(BALL, method="obb", device="cpu")
+def test_bounders_of_ones_own_are_measured_and_wrong_ones_not_chosen(points, kept):
+    own, wrong = (wb.fit(BALL, method="obb", device="cpu") for _ in range(2))
     wrong.freeze(0.9, wrong.certificate)
-    choice = wb.choose(BALL, narrow_ns=1e6, queries=points, bounders={"wrong": wrong}, **kept)
-    row = next(row for row in choice.rows if row.label == "wrong")
-    assert row.missed > 0
-    assert "denies" in row.why_not
+    choice = wb.choose(BALL, narrow_ns=1e6, queries=points, bounders={"mine": own, "wrong": wrong}, **kept)
+    rows = rows_of(choice)
+    assert not rows["mine"].why_not
+    assert rows["wrong"].missed > 0
+    assert "denies" in rows["wrong"].why_not
     assert choice.label != "wrong"
+    rays = wb.fit(BALL, "ray", "aabb", device="cpu")
+    with pytest.raises(BounderError, match="expected ones of point queries in 3D"):
+        wb.choose(BALL, "point", narrow_ns=1.0, bounders={"rays": rays}, **SMALL)
 
 
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
 def test_other_kinds_of_query(query):
-    grid = BALL.to_grid(resolution=8)
-    choice = wb.choose(
-        grid, query, narrow_ns=1e4, **{**SMALL, "budget": 12.0, "methods": ("aabb", "bvh", "distance-grid")}
-    )
+    given = {**SMALL, "budget": 12.0, "methods": ("aabb", "bvh", "distance-grid")}
+    choice = wb.choose(BALL, query, narrow_ns=1e4, **given)
     assert choice.row.cost <= 1e4
-    asked = [row for row in choice.rows if row.label.startswith("distance-grid")]
-    assert len(asked) == (0 if query == "plane" else 2)
+    distances = [row for row in choice.rows if row.label.startswith("distance-grid")]
+    assert len(distances) == (0 if query == "plane" else 2)
     assert not any("denies" in row.why_not for row in choice.rows)
 
 
-def test_distances_are_asked_as_they_answer(rng):
-    """A distance stands in for a bounder of rays: the share it leaves is what it answers."""
-    grid = BALL.to_grid(resolution=8)
-    far = wb.fit(grid, "distance", "distance-grid", nodes=16, device="cpu")
+def test_distances_answer_in_the_place_of_bounders(rng):
+    far = wb.fit(BALL, "distance", "distance-grid", nodes=16, device="cpu")
     x = np.concatenate([rng.uniform(-2, 2, (4000, 3)), rng.normal(size=(4000, 3))], axis=1).astype(np.float32)
-    choice = wb.choose(
-        grid, "ray", narrow_ns=1e7, queries=x, length=0.7, bounders={"far": far}, **{**SMALL, "methods": ()}
-    )
-    assert isinstance(choice.bounder, wb.DistanceBounder)
-    assert [row.label for row in choice.rows] == ["far", "none"]
+    given = {**SMALL, "methods": (), "bounders": {"far": far}}
+    choice = wb.choose(BALL, "ray", narrow_ns=1e7, queries=x, length=0.7, **given)
+    assert (choice.bounder.query_kind, [row.label for row in choice.rows]) == ("distance", ["far", "none"])
     assert choice.row.share == pytest.approx(far.rays(x, length=0.7)[0].numpy().mean(), abs=0.03)
     with pytest.raises(BounderError, match="expected ones of plane queries in 3D"):
-        wb.choose(grid, "plane", narrow_ns=1.0, bounders={"far": far}, **SMALL)
+        wb.choose(BALL, "plane", narrow_ns=1.0, **given)
 
 
-def test_the_overhead_of_asking_counts(points, kept):
-    given = {"narrow_ns": 500.0, "queries": points, **kept}
-    assert wb.choose(BALL, **given).bounder is not None
-    choice = wb.choose(BALL, overhead_ns=500.0, **given)
-    assert choice.bounder is None
-    asked = [row for row in choice.rows if row.label != "none" and not row.why_not]  # the slow may have left some out
-    assert asked
-    assert all(row.nanoseconds > 500 for row in asked)
+def test_it_goes_on_where_it_was_killed(tmp_path, monkeypatch):
+    given = {"narrow_ns": 2000.0, "methods": ("aabb", "sphere", "bvh"), "folder": tmp_path / "c", **QUIET}
+    real, begun = module.fit, []
 
-
-def test_it_goes_on_where_it_was_stopped(tmp_path, monkeypatch):
-    closed = ("aabb", "sphere", "ellipsoid", "kdop", "bvh", "voxels")
-    given = {"narrow_ns": 2000.0, "methods": closed, "budget": 600.0, "folder": tmp_path / "c"}
-    real, fitted = Work.fitted, []
-
-    def stop(work, candidate, seconds, limit):
-        fitted.append(candidate.label)
-        if len(fitted) == 6:
+    def killed(*args, **options):
+        begun.append(args)
+        if len(begun) == 4:
             raise RuntimeError("killed")
-        return real(work, candidate, seconds, limit)
+        return real(*args, **options)
 
-    monkeypatch.setattr(Work, "fitted", stop)
+    monkeypatch.setattr(module, "fit", killed)
     with pytest.raises(RuntimeError):
-        wb.choose(DISK, **given, **QUIET)
-    monkeypatch.setattr(Work, "fitted", real)
-    before = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").glob("*.safetensors")}
-    assert len(before) > 3
-    choice = wb.choose(DISK, **given, **QUIET)
-    after = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "c").glob("*.safetensors")}
-    assert before.items() <= after.items()  # nothing was fitted twice
+        wb.choose(DISK, **given)
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "c").glob("*.safetensors")}
+    assert len(before) == 3
+    choice = wb.choose(DISK, **given)
+    assert before.items() <= {path: path.stat().st_mtime_ns for path in (tmp_path / "c").iterdir()}.items()
     assert choice.bounder is not None
     assert choice.more == ""  # there was time for everything
+    count = len(begun)
+    next(iter(before)).write_bytes(b"damaged")
+    wb.choose(DISK, **given)
+    assert len(begun) == count + 1
 
 
 def test_folders_of_others_are_left_alone(tmp_path):
-    wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "c", **SMALL)
+    given = {**SMALL, "methods": "aabb", "narrow_ns": 1e4}
+    wb.choose(DISK, folder=tmp_path / "c", **given)
     with pytest.raises(FileFormatError, match="another seed, 0 and not 1"):
-        wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "c", seed=1, **SMALL)
-    settings = tmp_path / "c" / "choice.json"
-    settings.write_text(settings.read_text().replace('"version": "', '"version": "9.'))
-    with pytest.raises(FileFormatError, match="another version"):
-        wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "c", **SMALL)
+        wb.choose(DISK, folder=tmp_path / "c", seed=1, **given)
+    record = tmp_path / "c" / "choice.json"
+    good = record.read_text()
+    for spoiled in (good.replace('"version": "', '"version": "9.'), good.replace('"missing": {}', '"missing": 3'), "{"):
+        record.write_text(spoiled)
+        with pytest.raises(FileFormatError, match=r"another version|damaged|cannot be used"):
+            wb.choose(DISK, folder=tmp_path / "c", **given)
+        assert record.read_text() == spoiled
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     with pytest.raises(FileFormatError, match="holds other files"):
-        wb.choose(DISK, narrow_ns=1e4, folder=tmp_path / "mine", **SMALL)
+        wb.choose(DISK, folder=tmp_path / "mine", **given)
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
-def test_the_plot(chosen):
-    files = cost_plot(chosen)
-    assert files["png"].startswith(b"\x89PNG")
-    assert chosen.label in files["svg"].decode()
-
-
 @pytest.mark.parametrize(
-    ("given", "error", "told"),
+    ("given", "error", "words"),
     [
         ({"narrow_ns": -1.0}, BounderError, "narrow_ns must be a number of nanoseconds of at least 0, got -1.0"),
         ({"narrow_ns": float("nan")}, BounderError, "narrow_ns must be"),
-        ({"narrow_ns": 1.0, "overhead_ns": -1.0}, BounderError, "overhead_ns must be a number of nanoseconds"),
-        ({"narrow_ns": 1.0, "methods": ("mlp", "tree")}, BounderError, "methods must be some of .* got .tree."),
-        ({"narrow_ns": 1.0, "memory": 0}, BounderError, "memory must be a whole number of bytes"),
-        ({"narrow_ns": 1.0, "memory": 1.5}, BounderError, "memory must be a whole number of bytes"),
-        ({"narrow_ns": 1.0, "queries": np.zeros((0, 3))}, QueryError, "at least one of them"),
-        ({"narrow_ns": 1.0, "queries": np.zeros((4, 2))}, QueryError, r"must be \(Q, 3\)"),
-        ({"narrow_ns": 1.0, "queries": np.full((4, 3), np.nan)}, QueryError, "NaN"),
-        ({"narrow_ns": 1.0, "length": 2.0}, BounderError, "length is for ray queries"),
-        ({"narrow_ns": 1.0, "query": "sphere"}, QueryError, "sphere"),
-        ({"narrow_ns": 1.0, "budget": 0}, BounderError, "budget"),
-        ({"narrow_ns": 1.0, "statistical": "no"}, BounderError, "statistical"),
+        ({"overhead_ns": -1.0}, BounderError, "overhead_ns must be a number of nanoseconds"),
+        ({"methods": ("mlp", "tree")}, BounderError, "methods must be some of .* got .tree."),
+        ({"networks": (24,)}, BounderError, "networks must be"),
+        ({"memory": 0}, BounderError, "memory must be a whole number of bytes"),
+        ({"memory": 1.5}, BounderError, "memory must be a whole number of bytes"),
+        ({"queries": np.zeros((0, 3))}, QueryError, "at least one of them"),
+        ({"queries": np.zeros((4, 2))}, QueryError, r"must be \(Q, 3\)"),
+        ({"queries": np.full((4, 3), np.nan)}, QueryError, "NaN"),
+        ({"length": 2.0}, BounderError, "length is for ray queries"),
+        ({"query": "sphere"}, QueryError, "sphere"),
+        ({"budget": 0}, BounderError, "budget"),
+        ({"statistical": "no"}, BounderError, "statistical"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(given, error, told):
-    with pytest.raises(error, match=told) as raised:
-        wb.choose(BALL, **({**SMALL, **given}))
+def test_bad_input_is_refused_in_one_line(given, error, words):
+    with pytest.raises(error, match=words) as raised:
+        wb.choose(BALL, **({**SMALL, "narrow_ns": 1.0, **given}))
     assert "\n" not in str(raised.value)
+
+
+# --- the budget: fits are boxes that let the clock go on, so that no machine is too slow for what is asserted ----------
+
+BLOCK = Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
+GIVEN = {"narrow_ns": 1e5, "queries": np.random.default_rng(5).uniform(-2, 2, (4000, 3)).astype(np.float32), **QUIET}
+SECONDS = {"aabb": 2.0, "sphere": 3.0, "kdop": 200.0, "voxels": 0.1}  # of a fit and its proof
+SETUP, ROUND = 2.0, 1.5  # seconds of every network's training, and of a hundred steps
+
+
+@pytest.fixture
+def fits(monkeypatch):
+    """Labels of the fits that were begun; of the machine's own time a thousandth passes."""
+    begun, real, clock, ahead = [], wb.fit, time.perf_counter, [0.0]
+    box = real(BLOCK, "point", "aabb", device="cpu", progress=False)
+    monkeypatch.setattr(time, "perf_counter", lambda: 1e-3 * clock() + ahead[0])
+    monkeypatch.setattr(module, "steps_of", lambda bounder: bounder.info["training"].get("steps"))
+
+    def fit(shape, query, method, *, budget, hidden=None, **options):
+        begun.append(method if hidden is None else f"{method} {'-'.join(map(str, hidden))}")
+        rounds = max(int((0.75 * budget - SETUP) / ROUND), 1)
+        seconds = SECONDS[method] if hidden is None else SETUP + rounds * ROUND + 0.25 * budget
+        for _ in range(int(10 * seconds)):
+            ahead[0] += 0.1
+            working_seconds()  # raises where the time is over
+        bounder = copy.copy(box)
+        record = {"seconds": seconds} | ({} if hidden is None else {"steps": 100 * rounds})
+        bounder.info = {**box.info, "training": box.info["training"] | record}
+        return bounder
+
+    monkeypatch.setattr(module, "fit", fit)
+    return begun
+
+
+def test_what_takes_too_long_is_stopped(fits):
+    choice = wb.choose(BLOCK, budget=40.0, methods=("aabb", "kdop", "sphere", "voxels"), networks=(), **GIVEN)
+    rows = rows_of(choice)
+    assert choice.about["seconds"] < 1.15 * 40.0
+    assert {"aabb", "sphere", "voxels 128 cells"} <= {label for label, row in rows.items() if not row.why_not}
+    assert rows["kdop"].why_not.startswith("stopped after")
+    assert rows["kdop k 26"].why_not.startswith("not tried: needs a budget of")
+    assert min(rows["kdop"].needs, rows["kdop k 26"].needs) > 40.0
+    assert fits.count("kdop") == 1
+    assert "kdop" in choice.more
+
+
+@pytest.mark.parametrize("budget", [15.0, 45.0, 100.0, 300.0])
+def test_networks_are_trained_until_they_can_be_judged_or_not_at_all(fits, budget):
+    choice = wb.choose(BLOCK, budget=budget, methods=("aabb", "mlp"), **GIVEN)
+    rows = {label: row for label, row in rows_of(choice).items() if label.startswith("mlp")}
+    assert len(rows) == 5
+    assert choice.about["seconds"] < 1.15 * budget
+    for row in rows.values():
+        assert not row.why_not or (row.why_not.startswith("not tried: needs a budget of") and row.needs > budget)
+    judged = [row for row in rows.values() if not row.why_not and not row.note]
+    assert sum(bool(row.note) for row in rows.values()) <= 1  # the first one tells how long others take
+    assert (len(judged) == 5) == (budget == 300.0) == (choice.more == "")
+    assert (len(judged) == 0) == (budget == 15.0)
+
+
+def test_the_budget_that_is_reported_has_room(fits):
+    few = wb.choose(BLOCK, budget=45.0, methods=("aabb", "mlp"), **GIVEN)
+    needed = max(row.needs for row in few.rows)
+    more = wb.choose(BLOCK, budget=needed, methods=("aabb", "mlp"), **GIVEN)
+    assert needed > 45.0
+    assert not any(row.needs for row in more.rows)
+
+
+def test_a_repeat_fits_nothing_and_a_larger_budget_goes_on(fits, tmp_path):
+    given = {**GIVEN, "methods": ("aabb", "kdop", "mlp"), "folder": tmp_path / "c"}
+    first = wb.choose(BLOCK, budget=60.0, **given)
+    begun = len(fits)
+    again = wb.choose(BLOCK, budget=60.0, **given)
+    assert len(fits) == begun
+    assert again.about["seconds_before"] == pytest.approx(first.about["seconds"], abs=1.0)
+    assert {row.label for row in again.rows if not row.why_not} == {row.label for row in first.rows if not row.why_not}
+    assert rows_of(again)["kdop"].needs >= rows_of(first)["kdop"].needs
+    wb.choose(BLOCK, budget=200.0, **given)
+    assert len(fits) > begun
+    assert "aabb" not in fits[begun:]
+
+
+# --- prices and one's own code ---------------------------------------------------------------------------------------
+
+
+def test_the_lower_envelope_is_the_least_at_every_price(rng):
+    for _ in range(200):
+        rows = [Row(str(i), 0, float(t), float(p)) for i, (t, p) in enumerate(rng.random((7, 2)) * [90, 1])]
+        rows.append(Row("none", 0, 0.0, 1.0))
+        found, by = cheapest(rows), {row.label: row for row in rows}
+        assert found[0].price == 0
+        assert all(a.price < b.price for a, b in itertools.pairwise(found))
+        for price in np.geomspace(0.1, 1e6, 60):
+            own = by[[stretch.label for stretch in found if stretch.price <= price][-1]]
+            least = min(row.nanoseconds + row.share * price for row in rows)
+            assert own.nanoseconds + own.share * price == pytest.approx(least, rel=1e-9)
+    same = [Row("a", 0, 5.0, 0.5), Row("b", 0, 5.0, 0.5), Row("none", 0, 0.0, 1.0)]
+    assert [stretch.label for stretch in cheapest(same)] == ["none", "a"]
+    free = [Row("none", 0, 0.0, 1.0), Row("free", 0, 0.0, 0.2)]
+    assert [stretch.label for stretch in cheapest(free)] == ["free"]
+    assert [duration(t) for t in (0.8641, 999.7, 166_000.0)] == ["0.864 ns", "1 us", "166 us"]
+
+
+COUNT = 1000
+
+
+def asking(seconds: float, left: int):
+    """A broad phase that takes its time and leaves so many queries."""
+
+    def ask() -> np.ndarray:
+        time.sleep(seconds)
+        return np.arange(COUNT) < left
+
+    return ask
+
+
+def test_ones_own_code_is_timed():
+    asked = {"slow and tight": asking(0.02, 10), "quick and loose": asking(0.0, 500)}
+    expensive = wb.choose_among(asked, COUNT, narrow_ns=1e6)
+    assert (expensive.label, expensive.bounder, expensive.positives) == ("slow and tight", None, 0.01)
+    assert expensive.row.nanoseconds >= 1e9 * 0.02 / COUNT
+    cheap = wb.choose_among(asked, COUNT, narrow_ns=20_000.0)
+    assert [stretch.label for stretch in cheap.prices] == ["none", "quick and loose", "slow and tight"]
+    assert (cheap.label, cheap.more) == ("quick and loose", "")
+    assert wb.choose_among(asked, COUNT, narrow_ns=0.0).label == "none"
+    for bad in (({}, COUNT, -1.0), ({}, 0, 1.0), ({"a": lambda: np.zeros(3)}, COUNT, 1.0)):
+        with pytest.raises(BounderError):
+            wb.choose_among(*bad[:2], narrow_ns=bad[2])
