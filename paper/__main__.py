@@ -7,7 +7,8 @@ def _app():
     from paper import figures, proofs, recipes, speed, table1
 
     about = "The paper's tables and figures, computed and drawn: resumable at any moment."
-    return app_of("paper", about, (table1, recipes, speed, proofs, figures))
+    modules = (table1, recipes, speed, proofs, figures)
+    return app_of("paper", about, {module.__name__.rpartition(".")[2]: module.command for module in modules})
 
 
 def run(arguments: list[str] | None = None) -> None:

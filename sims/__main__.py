@@ -8,9 +8,7 @@ from typing import Annotated
 import typer
 
 from sims import DEMOS
-from warp_bounding.cli import main
-from warp_bounding.cli.options import Device, Json
-from warp_bounding.cli.output import console, print_json, quiet_warp
+from warp_bounding.cli import Device, Json, console, main, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.whole_file import write_whole
 

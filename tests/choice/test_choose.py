@@ -12,7 +12,7 @@ import warp_bounding as wb
 from warp_bounding import choice as module
 from warp_bounding.choice import Row, cheapest, cost_plot, duration
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
-from warp_bounding.runtime.working_time import working_seconds
+from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.solids import Box, Sphere
 
 DISK = np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5  # of cells: fitted in no time

@@ -6,140 +6,116 @@ import sys
 import numpy as np
 import pytest
 from bounding_shapes import shape
-from commands import check_bad, fit, run
+from commands import check_bad, run
 
+import warp_bounding as wb
 from warp_bounding.errors import BoundingError
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")
 QUICK = ("--samples", "500", "--resolution", "12")
-
-BAD = {
-    "no such file": ["{dir}/none.safetensors", "{c}", "--html", "{dir}/p.html"],
-    "no shape": ["{out}", "{dir}/none.npy", "--html", "{dir}/p.html"],
-    "swapped": ["{c}", "{out}", "--html", "{dir}/p.html"],
-    "another dimension": ["{out}", "{blob}", "--html", "{dir}/p.html"],
-    "page of another name": ["{out}", "{c}", "--html", "{dir}/p.txt"],
-    "picture of another name": ["{out}", "{c}", "--screenshot", "{dir}/p.jpg"],
-    "over a folder": ["{out}", "{c}", "--html", "{dir}/folder.html"],
-    "below a file": ["{out}", "{c}", "--html", "{c}/p.html"],
-    "radius of points": ["{out}", "{c}", "--html", "{dir}/p.html", "--radius", "0.1"],
-    "radius of words": ["{out}", "{c}", "--html", "{dir}/p.html", "--radius", "wide"],
-    "radius below 0": ["{far}", "{blob}", "--html", "{dir}/p.html", "--radius", "0,-1"],
-    "time of what is at rest": ["{out}", "{c}", "--html", "{dir}/p.html", "--time", "0"],
-    "slice of words": ["{out}", "{c}", "--html", "{dir}/p.html", "--slice", "x=0"],
-    "slice to a line": ["{out}", "{c}", "--html", "{dir}/p.html", "--slice", "0=0.5"],
-    "slice of nothing": ["{far}", "{blob}", "--html", "{dir}/p.html", "--slice", "7=0.5"],
-    "resolution": ["{out}", "{c}", "--html", "{dir}/p.html", "--resolution", "1"],
-    "samples": ["{out}", "{c}", "--html", "{dir}/p.html", "--samples", "0"],
-    "seed": ["{out}", "{c}", "--html", "{dir}/p.html", "--seed", "-1"],
-    "up": ["{out}", "{c}", "--html", "{dir}/p.html", "--up", "w"],
-    "cut": ["{far}", "{blob}", "--screenshot", "{dir}/p.png", "--cut", "w"],
-    "cut of a page": ["{far}", "{blob}", "--html", "{dir}/p.html", "--cut", "x"],
-    "rays": ["{rays}", "{c}", "--html", "{dir}/p.html"],
-    "json of a window": ["{out}", "{c}", "--json"],
-    "device": ["{out}", "{c}", "--html", "{dir}/p.html", "--device", "cuda:99"],
-}
+PAGE = "--html {dir}/p.html"
+BAD = [
+    f"{{dir}}/none.safetensors {{c}} {PAGE}",
+    f"{{c}} {{out}} {PAGE}",
+    f"{{out}} {{blob}} {PAGE}",
+    "{out} {c} --html {dir}/p.txt",
+    "{out} {c} --screenshot {dir}/p.jpg",
+    "{out} {c} --html {dir}/folder.html",
+    f"{{out}} {{c}} {PAGE} --radius 0.1",
+    f"{{far}} {{blob}} {PAGE} --radius 0,-1",
+    f"{{far}} {{blob}} {PAGE} --radius wide",
+    f"{{out}} {{c}} {PAGE} --time 0",
+    f"{{out}} {{c}} {PAGE} --slice x=0",
+    f"{{out}} {{c}} {PAGE} --slice 0=0.5",
+    f"{{far}} {{blob}} {PAGE} --slice 7=0.5",
+    f"{{out}} {{c}} {PAGE} --resolution 1",
+    f"{{out}} {{c}} {PAGE} --samples 0",
+    f"{{out}} {{c}} {PAGE} --seed -1",
+    f"{{out}} {{c}} {PAGE} --up w",
+    "{far} {blob} --screenshot {dir}/p.png --cut w",
+    f"{{far}} {{blob}} {PAGE} --cut x",
+    f"{{rays}} {{c}} {PAGE}",
+    "{out} {c} --json",
+    f"{{out}} {{c}} {PAGE} --device cuda:99",
+]
 
 
-@pytest.fixture
-def bounders(files, capsys):
+@pytest.fixture(scope="module")
+def bounders(tmp_path_factory):
     """Paths of bounders by name, beside the shapes that they bound."""
-    (files / "folder.html").mkdir()
-    names = {"dir": files, **{name: files / f"{name}.npy" for name in ("c", "blob", "other")}}
-    names["out"], _ = fit(capsys, files, name="out")
-    names["rays"], _ = fit(capsys, files, "--query", "ray", name="rays")
-    names["far"], _ = fit(capsys, files, "--query", "distance", name="far", source="blob.npy")
+    folder = tmp_path_factory.mktemp("show")
+    (folder / "folder.html").mkdir()
+    names = {"dir": folder, **{name: folder / f"{name}.npy" for name in ("c", "blob", "other", "moving", "five")}}
+    cells = {"c": shape("c").occupancy, "blob": shape("blob").occupancy, "other": ~shape("c").occupancy}
+    cells |= {"moving": shape("animated").occupancy, "five": np.random.default_rng(0).random((3, 4, 3, 4, 3)) < 0.4}
+    for name, occupancy in cells.items():
+        np.save(names[name], occupancy)
+    for name, source, query in (
+        ("out", "c", "point"),
+        ("rays", "c", "ray"),
+        ("far", "blob", "distance"),
+        ("of moving", "moving", "point"),
+        ("of five", "five", "point"),
+    ):
+        names[name] = folder / f"{name.replace(' ', '-')}.safetensors"
+        wb.fit(wb.load_indicator(names[source]), query, "aabb", device="cpu").save(names[name])
     return names
 
 
 @pytest.mark.parametrize("bad", BAD)
 def test_bad_usage(bounders, capsys, bad):
     before = sorted(path.name for path in bounders["dir"].iterdir())
-    check_bad(*run(capsys, "show", *(word.format(**bounders) for word in BAD[bad])))
+    check_bad(*run(capsys, "show", *bad.format(**bounders).split()))
     assert sorted(path.name for path in bounders["dir"].iterdir()) == before
 
 
-def test_without_a_display_the_other_ways_are_named(bounders, capsys, monkeypatch):
+def test_what_is_missing_is_named(bounders, capsys, monkeypatch, tmp_path):
+    words = ("show", bounders["out"], bounders["c"])
+    for package in ("pyvista", "plotly"):
+        with monkeypatch.context() as patch:
+            patch.setitem(sys.modules, package, None)
+            err = run(capsys, *words, "--html", tmp_path / "p.html")[2]
+        assert err == f"warp-bounding: show needs {package}: pip install 'warp-bounding[show]'\n"
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    status, out, err = run(capsys, "show", bounders["out"], bounders["c"])
+    status, out, err = run(capsys, *words)
     check_bad(status, out, err)
     assert "expected --screenshot FILE.png or --html FILE.html" in err
 
 
-@pytest.mark.parametrize("package", ["pyvista", "plotly"])
-def test_a_missing_package_names_the_extra(bounders, capsys, monkeypatch, package):
-    monkeypatch.setitem(sys.modules, package, None)
-    status, out, err = run(capsys, "show", bounders["out"], bounders["c"], "--html", bounders["dir"] / "p.html")
-    check_bad(status, out, err)
-    assert err == f"warp-bounding: show needs {package}: pip install 'warp-bounding[show]'\n"
-
-
-def test_a_page_and_what_is_told(bounders, capsys):
-    path = bounders["dir"] / "new" / "page.html"
-    status, out, err = run(
-        capsys, "show", bounders["far"], bounders["blob"], "--html", path, "--radius", "0,0.1", *QUICK
-    )
+def test_pages_and_what_is_printed(bounders, capsys, tmp_path):
+    page = tmp_path / "new" / "page.html"
+    words = ("--html", page, *QUICK)
+    status, out, err = run(capsys, "show", bounders["far"], bounders["blob"], *words, "--radius", "0,0.1")
     assert (status, err) == (0, "")
-    assert [line.partition(":")[0] for line in out.splitlines()[:2]] == ["aabb", "aabb"]
     assert "radius 0.1: " in out
-    assert out.splitlines()[-1] == f"written to {path}"
-    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-
-
-def test_json_is_one_object(bounders, capsys):
-    path = bounders["dir"] / "page.html"
-    status, out, err = run(capsys, "show", bounders["out"], bounders["c"], "--html", path, "--json", *QUICK)
-    assert (status, err) == (0, "")
-    told = json.loads(out)
-    assert told["html"] == str(path)
-    assert told["same_indicator"]
-    assert told["certificate"]["proven"]
-    assert [(state["fn"], state["samples"]) for state in told["states"]] == [(0, 500)]
-
-
-def test_another_shape_is_told_and_not_refused(bounders, capsys):
-    path = bounders["dir"] / "page.html"
-    status, out, err = run(capsys, "show", bounders["out"], bounders["other"], "--html", path, *QUICK)
+    assert out.splitlines()[-1] == f"written to {page}"
+    assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+    found = json.loads(run(capsys, "show", bounders["out"], bounders["c"], *words, "--json")[1])
+    assert (found["html"], found["same_indicator"], found["certificate"]["proven"]) == (str(page), True, True)
+    assert [(state["fn"], state["samples"]) for state in found["states"]] == [(0, 500)]
+    status, out, err = run(capsys, "show", bounders["out"], bounders["other"], *words)
     assert status == 0
     assert err.startswith("other.npy is not the shape that the bounder was fitted to")
     assert "false negatives" in out
-    assert "Another shape" in path.read_text(encoding="utf-8")
-
-
-def test_a_file_that_is_no_page_is_kept(bounders, capsys, monkeypatch):
-    """What fails leaves the earlier file; what succeeds replaces it whole."""
-    import warp_bounding.views.draw
-
-    path = bounders["dir"] / "page.html"
-    path.write_text("earlier")
-    monkeypatch.setattr(warp_bounding.views.draw, "page", _broken)
-    check_bad(*run(capsys, "show", bounders["out"], bounders["c"], "--html", path, *QUICK))
-    assert path.read_text() == "earlier"
-    monkeypatch.undo()
-    assert run(capsys, "show", bounders["out"], bounders["c"], "--html", path, *QUICK)[0] == 0
-    assert path.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
-    assert [each.name for each in bounders["dir"].glob(".page*")] == []
-
-
-def _broken(*_):
-    raise BoundingError("no page today")
-
-
-def test_a_motion_is_shown_at_times_and_more_dimensions_in_a_slice(files, capsys):
-    np.save(files / "moving.npy", shape("animated").occupancy)
-    path, _ = fit(capsys, files, name="moving", source="moving.npy")
-    page = files / "page.html"
-    status, out, err = run(capsys, "show", path, files / "moving.npy", "--html", page, *QUICK)
-    assert (status, err) == (0, "")
-    assert out.count("false positives") == 6
-    np.save(files / "five.npy", np.random.default_rng(0).random((3, 4, 3, 4, 3)) < 0.4)
-    path, _ = fit(capsys, files, name="five", source="five.npy")
-    status, out, err = run(capsys, "show", path, files / "five.npy", "--html", page, *QUICK)
+    status, out, err = run(capsys, "show", bounders["of moving"], bounders["moving"], *words)
+    assert (status, err, out.count("false positives")) == (0, "", 6)
+    status, out, err = run(capsys, "show", bounders["of five"], bounders["five"], *words)
     check_bad(status, out, err)
     assert "--slice" in err
-    held = run(capsys, "show", path, files / "five.npy", "--html", page, "--slice", "0=0.5,2=0.25", *QUICK)
+    held = run(capsys, "show", bounders["of five"], bounders["five"], "--slice", "0=0.5,2=0.25", *words)
     assert (held[0], held[2]) == (0, "")
-    assert "coordinate 0 at 0.5, coordinate 2 at 0.25" in page.read_text(encoding="utf-8")
+
+
+def test_what_fails_leaves_the_earlier_file(bounders, capsys, monkeypatch, tmp_path):
+    def broken(*_):
+        raise BoundingError("no page today")
+
+    page = tmp_path / "page.html"
+    page.write_text("earlier")
+    monkeypatch.setattr("warp_bounding.views.draw.page", broken)
+    check_bad(*run(capsys, "show", bounders["out"], bounders["c"], "--html", page, *QUICK))
+    assert page.read_text() == "earlier"
+    assert list(tmp_path.iterdir()) == [page]

@@ -83,7 +83,7 @@ def described_as(words):
 SPOILT = {
     "no py.typed": (without("warp_bounding/py.typed"), "the wheel lacks warp_bounding/py.typed"),
     "a demo": (added("sims/base.py", b""), "sims/base.py does not belong in the wheel"),
-    "no module": (without("warp_bounding/cli/fit.py"), "the wheel lacks warp_bounding/cli/fit.py"),
+    "no module": (without("warp_bounding/choice.py"), "the wheel lacks warp_bounding/choice.py"),
     "a test": (added("tests/test_package.py", b""), "tests/test_package.py does not belong in the wheel"),
     "a result": (added("sims/rows.jsonl", b""), "sims/rows.jsonl does not belong in the wheel"),
     "a benchmark": (added("benchmarks/points.py", b""), "benchmarks/points.py does not belong in the wheel"),

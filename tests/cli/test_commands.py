@@ -1,0 +1,336 @@
+"""The commands, from fit to soak: exit status, one JSON object or text."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+import trimesh
+from bounding_shapes import random_mlp, shape, without_proof
+from commands import WIDTHS, check_bad, fit, run
+from PIL import Image
+from safetensors.numpy import load_file
+
+import warp_bounding as wb
+from warp_bounding.proof import attest
+
+CERTIFICATE_KEYS = {"kind", "query", "threshold", "lower_bound", "rounding_bound", "boxes", "seconds"}
+FEW = ("--samples", 5000)
+
+
+def as_json(capsys, *arguments, status=0):
+    """The one object that a command prints."""
+    code, out, _ = run(capsys, *arguments, "--json")
+    assert code == status
+    assert len(out.strip().splitlines()) == 1
+    return json.loads(out)
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
+def test_a_network_of_each_kind_of_query(files, capsys, query):
+    """Fit, info, evaluate and certify agree."""
+    length = ("--length", 0.75) if query == "ray" else ()
+    options = ("--query", query, "--steps", 20, "--hidden", WIDTHS, *length)
+    path, (status, out, _) = fit(capsys, files, *options, "--json", method="mlp")
+    fitted = json.loads(out)
+    assert status == 0
+    assert {"fp_rate", "fn", "samples", "fit_seconds", "certificate", "path"} <= set(fitted)
+    assert (fitted["query"], fitted["method"], fitted["fn"], fitted["path"]) == (query, "mlp", 0, str(path))
+    assert set(fitted["certificate"]) >= CERTIFICATE_KEYS
+    assert fitted["certificate"]["kind"] == "proven"
+    info = as_json(capsys, "info", path)
+    assert (info["query"], info["dimension"], info["length"]) == (query, 2, 0.75 if query == "ray" else None)
+    assert info["certificate"] == fitted["certificate"]
+    assert "what is proven" in info["statement"]
+    rates = {}
+    for protocol in ("exact", "sampled"):
+        rates[protocol] = as_json(
+            capsys, "evaluate", path, files / "c.npy", "--samples", 20_000, "--protocol", protocol
+        )
+        assert rates[protocol]["fn"] == 0
+    assert rates["exact"]["fp_rate"] == fitted["fp_rate"]
+    assert rates["exact"]["positives"] >= rates["sampled"]["positives"] > 0
+    again = as_json(capsys, "certify", path, files / "c.npy")
+    assert (again["proven"], again["same_indicator"]) == (True, True)
+    other = as_json(capsys, "certify", path, files / "other.npy", status=1)
+    assert (other["certificate"]["kind"], other["same_indicator"]) == ("refuted", False)
+    status, out, err = run(capsys, "info", path)
+    assert (status, err) == (0, "")
+    assert f"No {query} that meets the object is ever answered with no." in " ".join(out.split())
+    assert max(map(len, out.splitlines())) <= 110
+
+
+def test_certify_tells_another_shape_and_never_proves_a_wrong_one(files, capsys):
+    path, (status, out, _) = fit(capsys, files)
+    assert status == 0
+    assert "false positives" in out
+    status, out, _ = run(capsys, "certify", path, files / "c.npy")
+    assert (status, "proven" in out, "not the shape" in out) == (0, True, False)
+    refuted = as_json(capsys, "certify", path, files / "other.npy", status=1)
+    assert len(refuted["certificate"]["counterexample"]) == 2
+    assert refuted["certified_indicator"] == shape("c").digest != refuted["certificate"]["indicator"]
+    status, out, _ = run(capsys, "certify", path, files / "blob.npy")
+    assert (status, "inapplicable: the shape is 3D, the bounder 2D" in out) == (1, True)
+    part = shape("c").occupancy.copy()  # the geometry decides: a part of the shape is proven, too
+    part[2:4] = False
+    np.save(files / "part.npy", part)
+    for words in (("certify",), ("soak", "--count", 1000)):
+        status, out, _ = run(capsys, words[0], path, files / "part.npy", *words[1:])
+        assert status == 0
+        assert "part.npy is not the shape that the bounder was fitted to" in out.splitlines()[0]
+    status, out, _ = run(capsys, "evaluate", path, files / "other.npy", *FEW)
+    assert status == 1
+    assert "other.npy is not the shape that the bounder was fitted to" in out
+    assert as_json(capsys, "evaluate", path, files / "other.npy", *FEW, status=1)["same_indicator"] is False
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--margin", 0.1), "expected margin 0.1, the bounder is for margin 0.05"),
+        (("--length", 1), "expected length 1.0, the bounder is for length 0.5"),
+        (("--resolution", 64), "expected resolution 64, the bounder is for resolution none"),
+        (("--query", "point"), "expected query point, the bounder is for query ray"),
+    ],
+)
+def test_another_claim_than_the_expected_one_is_not_proven(files, capsys, options, words):
+    path, _ = fit(capsys, files, "--query", "ray", "--margin", 0.05, "--length", 0.5)
+    assert run(capsys, "certify", path, files / "c.npy", "--margin", 0.05, "--length", 0.5, "--query", "ray")[0] == 0
+    status, out, err = run(capsys, "certify", path, files / "c.npy", *options)
+    assert (status, err) == (1, "")
+    assert out.splitlines()[0] == f"inapplicable: another claim than the expected one: {words}"
+
+
+@pytest.mark.parametrize("query", ["point", "ray"])
+def test_certify_a_shape_that_the_domain_does_not_hold(files, capsys, query):
+    for name, size in (("small", 1.0), ("large", 2.0)):
+        trimesh.creation.box((size, size, size)).export(files / f"{name}.ply")
+    path, (status, *_) = fit(capsys, files, "--query", query, "--resolution", 8, source="small.ply")
+    assert status == 0
+    status, out, err = run(capsys, "certify", path, files / "large.ply")
+    assert (status, err) == (1, "")
+    assert "outside the domain" in out
+
+
+@pytest.mark.parametrize("query", ["point", "ray"])
+def test_a_budget_too_small_ends_honestly(files, capsys, query):
+    options = ("--query", query, "--hidden", WIDTHS, "--budget", 0.01)
+    path, (status, out, _) = fit(capsys, files, *options, "--json", method="mlp")
+    fitted = json.loads(out)
+    certificate = fitted["certificate"]
+    assert (status, fitted["fn"]) == (0, 0)
+    assert certificate["kind"] in ("proven", "statistical")
+    assert (certificate["samples"] > 0) == (certificate["kind"] == "statistical")
+    status, out, _ = run(capsys, "certify", path, files / "c.npy", "--budget", 0.01, "--json")
+    again = json.loads(out)
+    assert status == (0 if again["proven"] else 1)
+    honest = {"proven", "undecided"} if certificate["kind"] == "proven" else {"proven", "undecided", "refuted"}
+    assert again["certificate"]["kind"] in honest  # fresh positives may refute what fewer of them let pass
+
+
+def test_what_is_not_proven_is_said(files, capsys, monkeypatch):
+    path = files / "b.safetensors"
+    random_mlp(shape("c")).save(path)
+    assert run(capsys, "info", path)[0] == 1
+    assert as_json(capsys, "info", path, status=1)["certificate"] is None
+    bounder = without_proof(monkeypatch)
+    attest(bounder, shape("c"), least=0.0, room=20.0, count=10_000)
+    bounder.save(path)
+    status, out, err = run(capsys, "info", path)
+    assert (status, err) == (1, "")
+    assert all(word in out for word in ("statistical", "not proven", "what is known", "alpha = 0.05"))
+    status, out, _ = run(capsys, "certify", path, files / "c.npy")
+    assert (status, out.partition(":")[0]) == (1, "statistical")
+
+
+def test_fits_are_repeatable_and_warn_where_they_are_loose(files, capsys):
+    options = ("--hidden", WIDTHS, "--steps", 4, "--seed", 3)
+    first, second = (load_file(fit(capsys, files, *options, name=name, method="mlp")[0]) for name in "ab")
+    assert all(first[key].tobytes() == second[key].tobytes() for key in first)
+    path, (status, _, err) = fit(capsys, files, "--hidden", WIDTHS, "--steps", 1, "--seed", 2, method="mlp")
+    rates = wb.load(path).info["rates"]
+    assert status == 0
+    assert ("looser than a box: " in err) == (rates["fp_rate"] > rates["fp_rate_aabb"])
+    assert "hardly trained" not in err  # who gives steps knows
+    _, (_, _, err) = fit(capsys, files, "--hidden", WIDTHS, "--budget", 0.02, method="mlp")
+    assert "hardly trained" in err or "looser than a box" in err
+    assert fit(capsys, files)[1][2] == ""
+
+
+def test_compiling_is_not_charged_and_is_reported(files, capsys, monkeypatch, ticking):
+    from warp_bounding.runtime import launch
+
+    monkeypatch.setattr(launch, "_ready", set())
+    clock = ticking(0.001)
+    monkeypatch.setattr(launch.wp, "load_module", lambda *_: clock.wait(0.3))
+    _, (status, out, _) = fit(capsys, files, "--hidden", WIDTHS, "--budget", 0.2, "--json", method="mlp")
+    fitted = json.loads(out)
+    assert status == 0
+    assert fitted["fit_seconds"] >= fitted["compile_seconds"] >= 0.6
+    assert fitted["training"]["steps"] > 0
+
+
+def test_query_writes_a_mask_or_leaves_the_older_one(files, capsys, rng):
+    path, _ = fit(capsys, files)
+    bounder, mask_file = wb.load(path, device="cpu"), files / "new" / "mask.npy"
+    for dtype, count in ((np.float32, 1000), (np.float64, 7), (np.float32, 0)):
+        points = rng.random((count, 2)).astype(dtype)
+        np.save(files / "points.npy", points)
+        found = as_json(capsys, "query", path, files / "points.npy", "-o", mask_file)
+        mask = np.load(mask_file)
+        assert (mask.dtype, mask.shape) == (np.uint8, (count,))
+        assert (mask == bounder.query(points).numpy()).all()
+        assert (found["count"], found["maybe"], found["query"]) == (count, mask.sum(), "point")
+    assert "maybe for 0 of 0 point queries" in run(capsys, "query", path, files / "points.npy", "-o", mask_file)[1]
+    np.save(files / "points.npy", np.zeros((5, 3), np.float32))
+    mask_file.write_text("older")
+    check_bad(*run(capsys, "query", path, files / "points.npy", "-o", mask_file))
+    assert mask_file.read_text() == "older"
+
+
+# --- shapes' files ---------------------------------------------------------------------------------------------------
+
+
+def test_a_map_in_metres_from_fit_to_soak(capsys, tmp_path):
+    grey = np.full((12, 20), 254, dtype=np.uint8)  # white is free
+    grey[3:6, 4:9] = 10
+    Image.fromarray(grey).save(tmp_path / "map.png")
+    options = ("--threshold", "<128", "--spacing", "0.05", "--origin", "-0.5,2")
+    path, (status, *_) = fit(capsys, tmp_path, *options, source="map.png")
+    assert status == 0
+    wall = np.array([[-0.5 + 4 * 0.05, 2 + 6 * 0.05], [-0.5 + 9 * 0.05, 2 + 6 * 0.05]], dtype=np.float32)
+    assert wb.load(path, device="cpu").query(wall).numpy().tolist() == [1, 0]
+    for name, *more in (["certify"], ["evaluate", *FEW], ["soak", "--count", 1000]):
+        assert as_json(capsys, name, path, tmp_path / "map.png", *more, *options).get("same_indicator", True)
+    assert run(capsys, "certify", path, tmp_path / "map.png", "--threshold", "<128")[0] == 1  # other cells
+    status, out, err = run(capsys, "fit", tmp_path / "map.png", "-o", tmp_path / "new.safetensors", "--method", "aabb")
+    check_bad(status, out, err)
+    assert "threshold='<128'" in err
+
+
+def test_an_open_mesh_is_reported_as_surface_only(capsys, tmp_path):
+    box = trimesh.creation.box()
+    trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(tmp_path / "hole.ply")
+    path, (status, out, err) = fit(capsys, tmp_path, source="hole.ply")
+    assert status == 0
+    assert "surface only" in out  # the certificate's message
+    assert err.startswith("warp-bounding: hole.ply: surface only: the mesh is open")
+    assert err.count("surface only") == 1
+    status, out, err = run(capsys, "certify", path, tmp_path / "hole.ply")
+    assert "surface only" in out
+    assert err.startswith("warp-bounding: hole.ply: surface only")
+    assert as_json(capsys, "info", path)["note"].startswith("surface only")
+
+
+def test_rates_of_a_mesh_are_its_own_and_those_of_its_cells_are_reported(capsys, tmp_path):
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    options = ("--resolution", 8, "--margin", 0.01)
+    path, (status, out, err) = fit(capsys, tmp_path, *options, source="box.ply", method="voxels")
+    assert status == 0
+    assert "of the shape itself; 0.00 % against the cells that are bounded" in out
+    assert err.startswith("warp-bounding: margin 0.01 is under the size of a cell, 0.128")
+    rates = as_json(capsys, "evaluate", path, tmp_path / "box.ply", *FEW)
+    assert (rates["truth"], rates["fp_rate_cells"]) == ("of the shape itself", 0)
+    assert rates["fp_rate"] > 0
+
+
+def test_a_margin_larger_than_the_shape_is_forced(capsys, tmp_path):
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    path, (status, out, err) = fit(capsys, tmp_path, "--margin", 2, source="box.ply")
+    check_bad(status, out, err)
+    assert "margin must be at most the object's extent, 1, got 2; force=True (--force)" in err
+    assert not path.exists()
+    assert fit(capsys, tmp_path, "--margin", 2, "--force", source="box.ply")[1][0] == 0
+    assert run(capsys, "certify", path, tmp_path / "box.ply")[0] == 0
+
+
+# --- distances -------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("method", "own"), [("sphere", ()), ("distance-grid", ("--nodes", 6, "--storage", "uint8"))])
+def test_a_distance_from_fit_to_soak(method, own, files, capsys):
+    source, options = files / "blob.npy", ("--query", "distance", *own)
+    path, (status, out, _) = fit(capsys, files, *options, "--json", source="blob.npy", method=method)
+    fitted = json.loads(out)
+    assert (status, fitted["method"], fitted["query"], fitted["fn"]) == (0, method, "distance", 0)
+    assert fitted["certificate"]["kind"] == "proven"
+    assert "never above" in run(capsys, "info", path)[1]
+    status, out, _ = run(capsys, "certify", path, source, "--query", "distance")
+    assert (status, out.partition(":")[0]) == (0, "proven")
+    rates = as_json(capsys, "evaluate", path, source, "--radius", 0.1, *FEW)
+    assert (rates["fn"], rates["radius"]) == (0, 0.1)
+    check_bad(*run(capsys, "evaluate", path, source, "--radius", "nan"))
+    status, out, _ = run(capsys, "soak", path, source, "--count", "1e5", "--seed", 3)
+    assert (status, "none missed" in out) == (0, True)
+
+
+def test_a_proof_goes_on_where_its_time_was_over(files, capsys):
+    source, left = files / "blob.npy", files / "left"
+    options = ("--query", "distance", "--nodes", 6, "--refine", 2)
+    path, (status, *_) = fit(capsys, files, *options, source="blob.npy", method="distance-grid")
+    assert status == 0
+    status, out, _ = run(capsys, "certify", path, source, "--budget", 1e-9, "--checkpoint", left)
+    assert (status, left.exists()) == (1, True)
+    assert f"goes on from {left}" in out.replace("\n", "")
+    assert (run(capsys, "certify", path, source, "--checkpoint", left)[0], left.exists()) == (0, False)
+
+
+def test_a_slack_larger_than_the_object_is_said(files, capsys, monkeypatch):
+    """The best that was reached is saved; exit status 1."""
+    from warp_bounding.proof.distances import excesses
+
+    monkeypatch.setattr(excesses, "COARSEST", 9.0)  # one search, and no time for a finer one
+    monkeypatch.setattr(excesses, "SAFE", 0.0)
+    options = ("--query", "distance", "--hidden", "8,8", "--steps", 20, "--budget", 2)
+    path, (status, _, err) = fit(capsys, files, *options, source="blob.npy", method="mlp")
+    assert (status, path.is_file()) == (1, True)
+    assert "is larger than the object" in err
+
+
+# --- soak ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def rays(files):
+    bounder = wb.fit(shape("c"), query="ray", method="kdop", device="cpu")
+    bounder.save(files / "good.safetensors")
+    bounder.freeze(float(bounder.threshold) + 0.01, None).save(files / "raised.safetensors")
+    return files
+
+
+def test_soak_finds_a_false_negative_where_there_is_one(rays, capsys):
+    status, out, _ = run(capsys, "soak", rays / "good.safetensors", rays / "c.npy", "--count", "1e5", "--seed", 7)
+    assert (status, "none missed" in out, "seed 7" in out) == (0, True, True)
+    words = ("soak", rays / "raised.safetensors", rays / "c.npy", "--count", "1e6", "--seed", 7)
+    status, out, _ = run(capsys, *words)
+    assert status == 1
+    first, second = out.splitlines()
+    assert re.fullmatch(r"FALSE NEGATIVE: the ray \[.*\] \(float32\) meets the shape and is answered with no\.", first)
+    assert "--seed 7" in second
+    missed = np.array([as_json(capsys, *words, status=1)["missed"]], np.float32)
+    assert wb.load(rays / "raised.safetensors", device="cpu").query(missed).numpy()[0] == 0
+
+
+def test_soak_goes_on_after_an_interruption(rays, capsys, monkeypatch):
+    import warp_bounding.bounders.bounder as base
+
+    queries, real = [], base.Bounder.query
+    words = ("soak", rays / "good.safetensors", rays / "c.npy", "--resume", rays / "s.json")
+
+    def query(self, *args, **kwargs):
+        queries.append(1)
+        if len(queries) > 3:
+            raise KeyboardInterrupt
+        return real(self, *args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(base.Bounder, "query", query)
+        status, out, err = run(capsys, *words)
+    assert (status, err) == (0, "")
+    assert out.startswith("interrupted: ")
+    assert "--resume" in out
+    state = json.loads((rays / "s.json").read_text())
+    assert state["chunks"] == 3
+    on = as_json(capsys, *words, "--count", 1000)
+    assert on["done"] >= 1000
+    assert on["chunks"] >= 3

@@ -1,0 +1,197 @@
+"""The command line as it is called: help, streams, Ctrl-C, and one clear line for what is wrong."""
+
+import errno
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from commands import ROOT, check_bad, command, fit, run
+from mesh_cases import MESH_CASES
+
+import warp_bounding as wb
+from warp_bounding import cli
+
+NEW = "-o {dir}/new.safetensors "
+BAD = {
+    "dance": "No such command",
+    "fit": "Missing",
+    "fit {c}": "--output",
+    "fit {c} --speed 9 " + NEW: "--speed",
+    "fit {c} --method magic " + NEW: "magic",
+    "fit {c} --query cone " + NEW: "point, ray, plane, box",
+    "fit {dir}/none.npy " + NEW: "none.npy",
+    "fit {c} --query box --method voxels " + NEW: "voxels",
+    "fit {c} --hidden 0 " + NEW: "hidden",
+    "fit {c} --hidden wide " + NEW: "hidden",
+    "fit {c} --budget 0 " + NEW: "budget",
+    "fit {c} --budget 1m " + NEW: "--budget",
+    "fit {c} --budget nan " + NEW: "budget",
+    "fit {c} --seed -1 " + NEW: "seed",
+    "fit {c} --seed 1.5 " + NEW: "--seed",
+    "fit {c} --steps 0 " + NEW: "steps",
+    "fit {c} --method kdop --leaves 7 " + NEW: "kdop takes no option 'leaves'",
+    "fit {c} --method aabb --length 2 " + NEW: "length",
+    "fit {c} --query ray --length nan " + NEW: "length",
+    "fit {c} --query ray --length 1e6 " + NEW: "length",
+    "fit {c} --method aabb --samples 0 " + NEW: "samples",
+    "fit {c} --method aabb --margin -1 " + NEW: "margin",
+    "fit {c} --activation steps " + NEW: "activation",
+    "fit {c} --method aabb --device cuda:99 " + NEW: "cuda:99",
+    "fit {c} --method aabb --spacing a " + NEW: "spacing must be numbers such as 0.05",
+    "fit {c} --method aabb --origin 1 " + NEW: "origin must be 2 numbers",
+    "fit {empty} --method aabb " + NEW: "empty.npy",
+    "fit {c} --method aabb -o {dir}": "is a folder",
+    "fit {c} --method aabb -o {c}": "is read here",
+    "fit {c} --method aabb -o {blob}": "blob.npy",
+    "fit {c} --method aabb -o {notes}": "notes.txt",
+    "fit {c} --method aabb -o {c}/b.safetensors": "not a folder",
+    "fit {blob} --query distance --method voxels " + NEW: "voxels",
+    "fit {blob} --query distance --method sphere --side inside " + NEW: "side",
+    "certify {dir}/none.safetensors {c}": "none.safetensors",
+    "certify {c} {out}": "the bounder comes first, then the shape",
+    "certify {out} {dir}/none.npy": "none.npy",
+    "certify {out} {c} --margin nan": "margin",
+    "certify {out} {c} --length 0": "length",
+    "certify {out} {c} --resolution 0": "resolution",
+    "certify {out} {c} --query cone": "cone",
+    "certify {out} {c} --budget 0": "budget",
+    "certify {out} {c} --checkpoint {out}": "checkpoint",
+    "evaluate {c} {out}": "the bounder comes first, then the shape",
+    "evaluate {out} {blob}": "3D",
+    "evaluate {out} {c} --samples 1e20": "samples",
+    "evaluate {out} {c} --samples 1.5": "samples",
+    "evaluate {out} {c} --protocol guess": "guess",
+    "evaluate {out} {c} --radius 1": "radius",
+    "info {dir}": "a folder",
+    "info {c}": "got an array, image or voxel file",
+    "query {out} {dir}/none.npy -o {dir}/m.npy": "no such file",
+    "query {out} {c} -o {dir}/m.npy": "c.npy",
+    "query {out} {out} -o {dir}/m.npy": "out.safetensors",
+    "query {out} {q} -o {notes}": "notes.txt",
+    "query {out} {q} -o {dir}/./out.safetensors": "is read here",
+    "soak {out} {c} --count many": "count",
+    "soak {out} {c} --seed -1": "seed",
+    "soak {out} {blob}": "3D",
+    "soak {out} {c} --count 9 --resume {c}": "c.npy",
+    "choose {c} --narrow-ns 1 --memory much " + NEW: "memory must be a number of bytes such as 16k or 4000, got 'much'",
+    "choose {c} --narrow-ns 1 --memory 0 " + NEW: "memory",
+    "choose {c} --narrow-ns 1 --queries {dir}/none.npy " + NEW: "no such file",
+    "choose {c} --narrow-ns 1 --networks 24x24 " + NEW: "networks must be widths such as 24-24,50-50, or none",
+    "choose {c} --narrow-ns 1 --networks 0-5 " + NEW: "hidden must be",
+    "choose {c} --narrow-ns 1 -o {notes}": "notes.txt",
+    "choose {c} --narrow-ns 1 --folder {dir} " + NEW: "holds other files",
+}
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_bad_input_is_one_line_and_changes_nothing(files, capsys, bad):
+    np.save(files / "empty.npy", np.zeros((3, 3)))
+    np.save(files / "q.npy", np.zeros((3, 2)))
+    (files / "notes.txt").write_text("notes")
+    wb.fit(np.load(files / "c.npy"), method="aabb", device="cpu").save(files / "out.safetensors")
+    names = {name: files / f"{name}.npy" for name in ("c", "blob", "empty", "q")}
+    names |= {"dir": files, "out": files / "out.safetensors", "notes": files / "notes.txt"}
+    before = {path.name: path.read_bytes() for path in files.iterdir()}
+    status, out, err = run(capsys, *bad.format(**names).split())
+    check_bad(status, out, err)
+    assert BAD[bad] in err
+    assert {path.name: path.read_bytes() for path in files.iterdir()} == before
+
+
+@pytest.mark.parametrize("output", ["", "{dir}/a\0b.safetensors"])
+def test_names_that_no_file_can_have(files, capsys, output):
+    check_bad(*run(capsys, "fit", files / "c.npy", "--method", "aabb", "-o", output.format(dir=files)))
+
+
+@pytest.mark.parametrize("name", ["fit", "certify", "evaluate", "show"])
+@pytest.mark.parametrize("key", ["stl/no-end", "gltf/required-extension", "ply/missing-bytes"])
+def test_a_shape_that_cannot_be_read(tmp_path, capsys, name, key):
+    shape, bounder = MESH_CASES[key].write(tmp_path), tmp_path / "b.safetensors"
+    wb.fit(np.eye(4, dtype=bool), method="aabb", device="cpu").save(bounder)
+    (tmp_path / "out.html").write_text("as it was")
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    words = (shape, "-o", bounder, "--method", "aabb") if name == "fit" else (bounder, shape)
+    status, out, err = run(capsys, name, *words, *(["--html", tmp_path / "out.html"] if name == "show" else []))
+    check_bad(status, out, err)
+    assert shape.name in err
+    assert MESH_CASES[key].words in err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_help_has_all_options_of_methods(capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "240")
+    for name in ("fit", "bake"):
+        status, out, err = run(capsys, name, "--help")
+        assert (status, err) == (0, "")
+        assert all(f"--{option.name} " in out for kind in wb.METHODS.values() for option in kind.options)
+    assert "--narrow-ns" in out
+    assert run(capsys, "--version") == (0, f"warp-bounding {wb.__version__}\n", "")
+
+
+def test_help_is_quick_and_imports_no_library():
+    code = "import sys; from warp_bounding.cli import main\ntry: main(['info', '--help'])\nexcept SystemExit: pass\n"
+    code += "print([name for name in ('warp', 'torch', 'scipy', 'numpy') if name in sys.modules])"
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+    assert "Usage: warp-bounding info" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+def test_paths_are_no_markup(files, capsys):
+    """Brackets in a file's name are text, whatever the library that prints makes of them."""
+    odd = "[red]x :smile:"
+    (files / "c.npy").rename(files / f"{odd}.npy")
+    shape_file, path = (files / f"{odd}{suffix}" for suffix in (".npy", ".safetensors"))
+    mask = files / "[" / f"bold]{odd}.npy"  # read as markup, this ends what has never begun
+    np.save(files / "points.npy", np.zeros((2, 2), np.float32))
+    outputs = [
+        run(capsys, "fit", shape_file, "-o", path, "--method", "aabb", "--samples", "1e4"),
+        run(capsys, "query", path, files / "points.npy", "-o", mask),
+        run(capsys, "certify", path, shape_file),
+        run(capsys, "info", path),
+    ]
+    for status, out, err in outputs:
+        assert (status, err) == (0, "")
+        assert odd in out
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell that closes a stream")
+@pytest.mark.parametrize("stream", [1, 2])
+def test_a_closed_stream_is_nobody_listening(files, capsys, stream):
+    path, _ = fit(capsys, files)
+    line = f'"{sys.executable}" -m warp_bounding info "{path}" {stream}>&-'
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(line, shell=True, capture_output=True, text=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert ("proven" in done.stdout) == (stream == 2)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")
+def test_a_full_disk_behind_standard_output_is_one_line():
+    line, environment = [sys.executable, "-m", "warp_bounding", "--version"], os.environ | {"PYTHONPATH": str(ROOT)}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (2, f"warp-bounding: {os.strerror(errno.ENOSPC)}\n")
+
+
+def test_ctrl_c(capsys, monkeypatch):
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    for name in ("quiet_warp", "_app"):  # in a command, and before
+        monkeypatch.setattr(cli, name, interrupted)
+        assert run(capsys, "info", "b.safetensors") == (130, "", "interrupted\n")
+
+
+def test_processes_end_with_the_status(files):
+    path = files / "b.safetensors"
+    done = command("fit", files / "c.npy", "-o", path, "--method", "aabb", "--samples", 2000)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert command("certify", path, files / "other.npy").returncode == 1
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    damaged = command("certify", path, files / "c.npy", "--json")
+    check_bad(damaged.returncode, damaged.stdout, damaged.stderr)
