@@ -100,7 +100,9 @@ def read(words: list[str]) -> None:
     """
     program, *arguments = words
     if program == "warp-bounding" or arguments[:2] == ["-m", "paper"]:
-        app, words = (cli._app(["fit"]), arguments) if program == "warp-bounding" else (paper.__main__._app(), arguments[2:])
+        app, words = (
+            (cli._app(["fit"]), arguments) if program == "warp-bounding" else (paper.__main__._app(), arguments[2:])
+        )
         typer.main.get_command(app).commands[words[0]].make_context(words[0], words[1:])
     elif arguments[:2] == ["-m", "sims"]:
         typer.main.get_command(sims.__main__._app()).make_context("sims", arguments[2:])

@@ -1,8 +1,8 @@
 """The command ``warp-bounding``; ``main`` also runs the command lines of ``paper/`` and ``sims/``.
 
-Every command takes ``--json``: one JSON object on standard output and nothing else there; progress goes to standard error.
-Exit status: 0; 1 where something is not proven, or a choice was interrupted; 2 for bad usage or bad input, with one clear
-line; 130 for Ctrl-C. Commands import what they need when they run, so that ``--help`` is quick.
+Every command takes ``--json``: one JSON object on standard output and nothing else there; progress goes to standard
+error. Exit status: 0; 1 where something is not proven, or a choice was interrupted; 2 for bad usage or bad input, with
+one clear line; 130 for Ctrl-C. Commands import what they need when they run, so that ``--help`` is quick.
 """
 
 import contextlib
@@ -24,7 +24,6 @@ from typer import Argument, Option
 
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, IndicatorError, QueryError
 from warp_bounding.runtime import whole_file
-from warp_bounding.runtime.progress import bar
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 from warp_bounding.version import __version__
 
@@ -236,6 +235,13 @@ def print_table(out, header: Mapping[str, str], rows: Sequence[tuple]) -> None:
     out.width = max(width, Measurement.get(out, out.options, table).minimum) if out.is_terminal else WIDEST
     out.print(table, crop=False)
     out.width = width
+
+
+def bar(description: str):
+    """A progress bar on standard error; see ``progress.bar``."""
+    from warp_bounding.runtime import progress
+
+    return progress.bar(description)
 
 
 def warn(text: str) -> None:
@@ -852,12 +858,12 @@ def info(file: BounderFile, json: Json = False) -> int:
     certificate, words, domain = bounder.certificate, statement(bounder), bounder.domain
     proven = certificate is not None and certificate.proven
     if json:
-        kept = "name indicator grid_shape margin resolution seed note library training rates".split()
+        kept = ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
         found = {"path": file, "method": bounder.method, "query": bounder.query_kind, "dimension": bounder.ndim}
         found |= {"side": SIDES[domain.unbounded], "length": domain.length, "conservative": bounder.conservative}
         found |= {"bytes": bounder.nbytes, "threshold": float(bounder.threshold)}
         found |= {} if isinstance(bounder, Voxels) else bounder.sizes
-        found |= {name: bounder.info.get(name) for name in kept}
+        found |= {name: bounder.info.get(name) for name in (*kept, "training", "rates")}
         print_json(found | {"certificate": certificate_summary(bounder, certificate), "statement": words})
         return 0 if proven else 1
     out = Console(highlight=False, markup=False, emoji=False)
