@@ -4,8 +4,8 @@ A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of t
 costs ``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other.
 
 1. Closed forms have a third of the time, the quickest to fit first; one that takes longer than what is left is stopped.
-2. Networks share the rest equally. Each is trained at least until its false positives say something about networks of its
-   size: the steps that others have made in their time tell how long that is. Where there is no time for it, it is not begun.
+2. Networks share the rest equally. Each is trained at least until its false positives say something about its size: the
+   steps that others have made in their time tell how long that is. Where there is no time for it, it is not begun.
 3. The best network is trained again with what is left.
 """
 
@@ -309,8 +309,8 @@ OVERDRAWN = 0.12  # of the budget, by which a network's fit may exceed it before
 LAST = 3  # shares that are kept for training the best network again
 LEAST_SECONDS, LONGER = 3.0, 1.5  # of a network's fit; and times the seconds before, to train it again
 DOUBT = 0.8  # of the seconds that a fit needs: with less it is not begun
-# Steps after which a network can be judged. Those of 24-24 neurons had 7.5 % false positives after 500 steps and 2.6 % after
-# 1,500 on the bunny; on a mesh of 29,572 triangles as many as a box after 200, and 3.0 % after 1,100.
+# Steps after which a network can be judged. Those of 24-24 neurons had 7.5 % false positives after 500 steps and 2.6 %
+# after 1,500 on the bunny; on a mesh of 29,572 triangles as many as a box after 200, and 3.0 % after 1,100.
 STEPS, FEW = 800, 0.6  # and the share of them with less of which it is hardly trained
 BYTES = 4  # of a network's number
 RECORD, FORMAT = "choice.json", 3
@@ -318,7 +318,7 @@ RECORD, FORMAT = "choice.json", 3
 
 def steps_of(bounder: Bounder | DistanceBounder) -> int | None:
     """Steps that a network, or the last part of a cascade, was trained by the default recipe; ``None`` for others."""
-    last = getattr(bounder, "parts", (bounder,))[-1]
+    last = (getattr(bounder, "parts", None) or (bounder,))[-1]
     record = last.info.get("training") or bounder.info["training"]
     network = isinstance(last, Mlp | MlpDistance) and last.conservative
     return record.get("steps") if network and record.get("recipe", RECIPES[0]) == RECIPES[0] else None
@@ -531,7 +531,7 @@ class Search:
         return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device)).launch
 
     def time(self, labels: Iterable[str], turns: int) -> None:
-        """Time some rows: the fastest of launches that take turns, so that what else the machine does slows all alike."""
+        """Time some rows: the fastest of launches in turns, so that what else the machine does slows all alike."""
         many = np.resize(self.x, (max(len(self.x), TIMED), self.x.shape[1]))
         launches = {label: self.launch(self.fitted[label][0], many) for label in labels}
         taken: dict[str, list[float]] = {label: [] for label in launches}
@@ -599,40 +599,40 @@ def choose(
 ) -> Choice:
     """Fit candidates of every method, in several sizes, measure them on your own queries, and take the cheapest.
 
-    What counts is ``t + p * narrow_ns``: the nanoseconds that a bounder takes for a query, and the share of the queries that
-    it leaves to a narrow phase of this price (paper, Eq. 6). No bounder at all is one of the answers.
+    What counts is ``t + p * narrow_ns``: the nanoseconds that a bounder takes for a query, and the share of the queries
+    that it leaves to a narrow phase of this price (paper, Eq. 6). No bounder at all is one of the answers.
 
     Args:
         shape: What ``load_indicator`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         narrow_ns: What your exact test takes for one query, nanoseconds.
-        queries: ``(Q, m)`` numbers, object space, as your simulation asks them, in its order; random ones if ``None``. A few
-            thousand at least: candidates are fitted to half of them and measured on the others.
+        queries: ``(Q, m)`` numbers, object space, as your simulation asks them, in its order; random ones if ``None``.
+            A few thousand at least: candidates are fitted to half of them and measured on the others.
         memory: Most bytes that a query may read (``Bounder.nbytes``).
         device: Warp device where it is measured, and of the bounder; the default device if ``None``.
-        budget: Seconds that fits and measurements take together, up to an eighth more; what ``folder`` holds is charged with
-            what it took. What there is no time for is not begun, or stopped, and its row tells the budget that it needs.
-            Compiling kernels, once for each size of network, is not counted.
+        budget: Seconds that fits and measurements take together, up to an eighth more; what ``folder`` holds is charged
+            with what it took. What there is no time for is not begun, or stopped, and its row tells the budget that it
+            needs. Compiling kernels, once for each size of network, is not counted.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         methods: Names of methods that are tried: those in ``METHODS``, ``"learned-kdop+mlp"``, and of distances
             ``"distance-grid"`` and ``"distance"``, a network; all of them if ``None``, only ``bounders`` for ``()``.
         networks: Hidden widths of the networks that are tried, in this order; none of them for ``()``.
-        bounders: Bounders of this very shape that you have already, by name; they are measured with the others. Distances
-            answer points, rays and boxes.
-        overhead_ns: What your step takes for a query if there is any bounder, beside the bounder itself, such as for lists
-            of what is left.
+        bounders: Bounders of this very shape that you have already, by name; they are measured with the others.
+            Distances answer points, rays and boxes.
+        overhead_ns: What your step takes for a query if there is any bounder, beside the bounder itself, such as for
+            lists of what is left.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
-        folder: Where candidates are kept as they are fitted; a call with the same settings goes on there. ``None`` keeps
-            nothing.
+        folder: Where candidates are kept as they are fitted; a call with the same settings goes on there. ``None``
+            keeps nothing.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends fitting; what was fitted is then compared.
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query, or queries that are none of it.
-        BounderError: For a price, memory or budget that makes no sense, an unknown method, or memory that holds no candidate.
+        BounderError: For a price, memory or budget that makes no sense, an unknown method, or too little memory.
         FileFormatError: For a folder that holds something else.
 
     Example:
@@ -681,8 +681,8 @@ def choose_among(asked: Mapping[str, Callable[[], Any]], queries: int, *, narrow
     another, code without a bounder. Whether an answer is proven is for the caller to know.
 
     Args:
-        asked: Functions without arguments by label; each answers the same queries and returns ``(queries,)`` numbers, not
-            zero where the narrow phase is needed.
+        asked: Functions without arguments by label; each answers the same queries and returns ``(queries,)`` numbers,
+            not zero where the narrow phase is needed.
         queries: How many these are.
         narrow_ns: What the narrow phase takes for one query, nanoseconds.
         turns: Calls of each that are timed, after one that is not; they take turns, and the fastest counts.
@@ -732,7 +732,7 @@ PRICES = (1.0, 1e6)  # of the narrow phase, nanoseconds, that are shown at least
 
 
 def cost_plot(choice: Choice) -> bytes:
-    """Draw what each candidate costs, by the price of the narrow phase: a PNG file; ``BoundingError`` without matplotlib."""
+    """Draw what each candidate costs, by the price of the narrow phase: a PNG file. Needs matplotlib."""
     try:
         from matplotlib import rc_context
         from matplotlib.figure import Figure
