@@ -1,7 +1,7 @@
 """Which bounder costs the least for these queries, this narrow phase and this machine?
 
-A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of them to a narrow phase of ``N`` nanoseconds
-costs ``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other.
+A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of them to a narrow phase of ``N`` ns costs
+``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other.
 
 1. Closed forms have a third of the time, the quickest to fit first; one that takes longer than what is left is stopped.
 2. Networks share the rest equally. Each is trained at least until its false positives say something about its size: the
@@ -490,7 +490,7 @@ class Search:
         self.keep()
 
     def no_time(self, each: Candidate, seconds: float, stopped: float) -> None:
-        """Add a row of what takes about so many seconds, for which there is no time, or which was stopped after some."""
+        """Add a row of what takes about so many seconds, for which there is no time; or it was stopped."""
         if each.label not in self.fitted:
             self.postponed += seconds if each.numbers else seconds / CLOSED_SHARE
             budget, begun = self.larger(), f"stopped after {stopped:.0f} s" if stopped else "not tried"

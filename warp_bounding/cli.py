@@ -161,7 +161,7 @@ def reads_shape(command: Callable) -> Callable:
 
 
 def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """What options say of a shape's file, as keyword arguments of ``load_indicator``; ``IndicatorError`` for bad ones."""
+    """Options of a shape's file as keyword arguments of ``load_indicator``; ``IndicatorError`` for bad ones."""
     found = {name: options[name] for name in READING if options.get(name) is not None}
     for name in {"spacing", "origin"} & set(found):
         text = found[name]
@@ -354,8 +354,8 @@ def fit(
     warning = _looser(bounder)
     if useless:
         warning = (
-            f"the slack, {bounder.slack:.3g}, is larger than the object, {bounder.size:.3g}, so this says nothing near it; "
-            "it is the best that was proven in this time: a longer budget, or fewer neurons, helps"
+            f"the slack, {bounder.slack:.3g}, is larger than the object, {bounder.size:.3g}, so this says nothing near "
+            "it; it is the best that was proven in this time: a longer budget, or fewer neurons, helps"
         )
     elif not warning and not rest.get("steps") and (little := hardly_trained(bounder)):
         warning = f"{little}; a longer budget makes it tighter"  # a user who gives steps knows
@@ -463,8 +463,8 @@ def choose(
 ) -> int:
     """Choose a broad phase for SHAPE: fit candidates of every method, measure them, save the one that costs the least.
 
-    What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries that
-    it leaves to your exact test. The answer may be that none pays; then nothing is written. A plot of cost against the
+    What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries
+    that it leaves to your exact test. The answer may be that none pays; then nothing is written. A plot of cost against the
     narrow phase's price lies beside the output (.png). What the budget has no room for is listed with the one that it
     would need. Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
     """
@@ -577,8 +577,8 @@ def bake(
 ) -> int:
     """Fit a bounder to each shape of FOLDER, with the options of fit, or with --narrow-ns choose one for each.
 
-    Results are named by a hash of shape, settings and version, and written whole: the same command goes on where one that
-    was stopped or killed has ended. What is wrong with a shape is told and listed, and the others go on; exit status 1
+    Results are named by a hash of shape, settings and version, and written whole: the same command goes on where one
+    that was stopped or killed has ended. What is wrong with a shape is told and listed, and the others go on; exit status 1
     where there was any. Ctrl-C keeps what is there.
     """
     from warp_bounding.baking.bake import LARGEST, SHEET, SchedulerError, bake_with
@@ -719,8 +719,8 @@ def certify(
 ) -> int:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
 
-    Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here are
-    compared with FILE's.
+    Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here
+    are compared with FILE's.
     """
     from warp_bounding.proof import certify as prove
     from warp_bounding.queries import check_query
