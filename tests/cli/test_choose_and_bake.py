@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 from bounding_shapes import shape
-from commands import check_bad, command, run
+from commands import check_bad, run
 from rich.console import Console
 
 import warp_bounding as wb
@@ -86,12 +86,12 @@ def test_a_folder_is_baked_once(folder, capsys):
     out = folder.parent / "out"
     (folder / "large.npy").write_bytes(bytes(30_000))
     words = ("--out", out, "--method", "kdop", "--samples", 1000, "--jobs", 1, "--largest", 0.02)
-    done = command("bake", folder, *words, "--json")
-    assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
+    status, text, err = run(capsys, "bake", folder, *words, "--json")
+    assert status == 0, err
+    found = json.loads(text)
     assert [found[name] for name in ("shapes", "baked", "kept", "failed", "proven", "foreign")] == [2, 2, 0, 0, 2, 1]
     assert found["too_large"] == ["large.npy"]
-    assert "large.npy: left out" in done.stderr
+    assert "large.npy: left out" in err
     assert wb.BounderLibrary(out, device="cpu").names == ["blob", "star"]
     status, text, _ = run(capsys, "bake", folder, *words)
     assert status == 0
