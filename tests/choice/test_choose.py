@@ -92,7 +92,7 @@ def test_bounders_of_ones_own_are_measured_and_wrong_ones_not_chosen(points, kep
 
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
 def test_other_kinds_of_query(query):
-    given = {**SMALL, "budget": 12.0, "methods": ("aabb", "bvh", "distance-grid")}
+    given = {**SMALL, "budget": 4.0, "methods": ("aabb", "bvh", "distance-grid")}
     choice = wb.choose(BALL, query, narrow_ns=1e4, **given)
     assert choice.row.cost <= 1e4
     distances = [row for row in choice.rows if row.label.startswith("distance-grid")]
@@ -101,7 +101,7 @@ def test_other_kinds_of_query(query):
 
 
 def test_distances_answer_in_the_place_of_bounders(rng):
-    far = wb.fit(BALL, "distance", "distance-grid", nodes=16, device="cpu")
+    far = wb.fit(BALL, "distance", "sphere", device="cpu")
     x = np.concatenate([rng.uniform(-2, 2, (4000, 3)), rng.normal(size=(4000, 3))], axis=1).astype(np.float32)
     given = {**SMALL, "methods": (), "bounders": {"far": far}}
     choice = wb.choose(BALL, "ray", narrow_ns=1e7, queries=x, length=0.7, **given)
