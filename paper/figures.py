@@ -18,7 +18,7 @@ import typer
 from paper import results
 from paper.data import PATTERNS, Object, grid_of, own_shape
 from paper.drawing import packed
-from warp_bounding.cli.output import quiet_warp
+from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, IndicatorError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16

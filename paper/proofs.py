@@ -18,7 +18,7 @@ from paper import results, table1
 from paper.cells import Cell, Columns, Count, Data, Methods, Objects, Out, Seconds, about, fitted, load, missing, select
 from paper.results import Rows, markdown, names
 from paper.table import COLUMNS, Variant, budget_text, column_of
-from warp_bounding.cli.output import quiet_warp
+from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.proof.attest.falsify import Walk, queries_at

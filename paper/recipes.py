@@ -10,7 +10,7 @@ from paper.cells import Cell, Columns, Count, Data, Objects, Seconds, Seed, abou
 from paper.results import markdown, names
 from paper.table import COLUMNS, Variant, column_of, words_of
 from warp_bounding.bounders.mlp import RECIPE, RECIPES, Mlp
-from warp_bounding.cli.output import quiet_warp
+from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import BounderError, QueryError
 
 NAME = "recipes"  # also the folder in a folder of ``table1``

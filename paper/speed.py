@@ -22,8 +22,7 @@ from paper.data import objects_in, own_objects, usual
 from paper.drawing import INK, PALE, page_of
 from paper.results import Rows, markdown, names
 from paper.table import COLUMNS, MADE, PAPER, VARIANTS, Column, Variant, budget_text, budgets_in, column_of, variant_of
-from warp_bounding.cli.options import whole_number
-from warp_bounding.cli.output import quiet_warp
+from warp_bounding.cli import quiet_warp, whole_number
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 

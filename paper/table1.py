@@ -30,7 +30,7 @@ from paper.recipes import section
 from paper.results import Rows, markdown, names
 from paper.table import Column, Variant, column_of, variant_of
 from warp_bounding.activations import DEFAULT
-from warp_bounding.cli.output import quiet_warp
+from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import QueryError
 
 NAME, OWNED = "table1", ("rank.png", "rank.svg")
