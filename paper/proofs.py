@@ -21,7 +21,7 @@ from paper.table import COLUMNS, Variant, budget_text, column_of
 from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
-from warp_bounding.proof.attest.falsify import Walk, queries_at
+from warp_bounding.proof.stress import Walk, queries_at
 from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.hard import draw_positives
 

@@ -19,7 +19,7 @@ from reading_order import ROOT
 
 import warp_bounding as wb
 from warp_bounding.proof import soak
-from warp_bounding.proof.attest.soak import Soak
+from warp_bounding.proof.stress import Soak
 
 pytest.importorskip("torch", reason="torch is not installed")
 

@@ -10,7 +10,7 @@ import warp_bounding as wb
 from warp_bounding.bounders.mlp import EVERYWHERE, NOWHERE, Lattice, Local
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import charted
-from warp_bounding.proof.parts import corners, in_part, meeting
+from warp_bounding.proof.prove import corners, in_part, meeting
 from warp_bounding.queries import sample
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of

@@ -19,7 +19,7 @@ from bounding_shapes import (
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.proof import positive_boxes, prove
-from warp_bounding.proof.search.best_first import minimum
+from warp_bounding.proof.search import minimum
 
 
 def low_points(bounder, grid) -> np.ndarray:

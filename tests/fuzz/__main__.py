@@ -1,11 +1,13 @@
 """``python tests/fuzz --minutes 60 --seed 1 --out DIR``: the mutation fuzzer for as long as one likes; Ctrl-C ends it.
 
-Exit status 1 if a lie was accepted, a file crashed the library, or one did not end. ``--first 1234 --files 1`` repeats an iteration.
+Exit status 1 if a lie was accepted, a file crashed the library, or one did not end. An iteration depends on the seed, its number and ``--among`` alone,
+and on no machine's load: times are those that the process computes. What is found is printed with the command that repeats it.
 """
 
 import argparse
 import json
 import os
+import shlex
 import sys
 import time
 from pathlib import Path
@@ -50,8 +52,10 @@ def main() -> int:
     asked.out.mkdir(parents=True, exist_ok=True)
     summary = {"seed": asked.seed, "seconds": round(seconds, 1), **tally.counts, "proven by subject": tally.proven}
     (asked.out / "summary.json").write_text(json.dumps(summary, indent=1))
+    among = f" --among {shlex.quote(asked.among)}" * bool(asked.among)
     for record in tally.found[:20]:
         print(json.dumps({k: v for k, v in record.items() if k != "error"}))
+        print(f"again: python tests/fuzz --seed {asked.seed} --first {record['iteration']} --files 1{among}")
         if "error" in record:
             print(record["error"].strip().splitlines()[-1])
     return 1 if tally.found else 0

@@ -1,11 +1,10 @@
 """Positives put to a bounder that ``certify`` calls proven, through everything that is deployed: none may be answered with no.
 
-The queries are certain positives of the claim that the certificate states: float32, float64 and placed ones of the soak test's
-stream, and regions on corners, faces and hulls, nudged by single floats, whose truth the exact oracles know. They are asked in
-batches, in the world, and one by one by the function for other kernels. Some proven bounders are walked downhill, besides.
+The queries are certain positives of the claim that the certificate states: those of the stress test's stream, and regions on corners, faces and
+hulls, nudged by single floats, whose truth the exact oracles know. They are asked in batches, in the world, and one by one by the function for other
+kernels. Some proven bounders are walked downhill, besides.
 """
 
-from dataclasses import dataclass, field
 from functools import cache, lru_cache
 
 import numpy as np
@@ -14,114 +13,73 @@ from bounding_shapes import object_points
 from region_cases import hard_regions
 
 from warp_bounding.bounders import Bounder, Data, DistanceBounder
-from warp_bounding.errors import QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.functions import point_func
-from warp_bounding.proof.attest.falsify import Walk
-from warp_bounding.proof.attest.soak import random_world
-from warp_bounding.proof.distances.soak import DistancePositives
+from warp_bounding.proof.stress import DistancePositives, HardStream, Missed, Walk
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives
 from warp_bounding.runtime.native import vector_type
 
-__all__ = ["Denied", "attack"]
-
-WORLDS = 6  # placements that are tried, each gentler, before the bounder is taken to allow none
 STEPS = 12  # of a walk
-
-
-@dataclass
-class Denied:
-    """A positive that a proven bounder answers with no."""
-
-    form: str
-    query: list[float]
-    placement: dict = field(default_factory=dict)
 
 
 def attack(
     bounder: Bounder | DistanceBounder,
-    grid: IndicatorGrid,
+    shape: Shape,
     rng: np.random.Generator,
     count: int = 4096,
     *,
     walk: bool = False,
     quick: bool = False,
-) -> tuple[int, Denied | None]:
+) -> tuple[int, Missed | None]:
     """Ask some ``4 count`` positives.
 
     Args:
         bounder: Proven, or so it is said.
-        grid: The object of the claim, margin included.
+        shape: The object of the claim, margin included.
         rng: Of the queries.
         count: Positives of a kind.
-        walk: Whether to walk downhill, too.
+        walk: Whether to walk downhill, too; of cells only.
         quick: Batches of float32 only: each other form needs a kernel of its own.
 
     Returns:
         How many were asked, and the first that was denied.
     """
-    if isinstance(bounder, DistanceBounder):
-        return _attack_distance(bounder, grid, rng, count)
-    if not isinstance(grid, IndicatorGrid):
-        return _attack_shape(bounder, grid, rng, count, quick)
-    length = bounder.domain.oracle_length
-    hard, seed, asked = _positives(bounder.query_kind, grid, length), int(rng.integers(2**62)), 0
-    for form, x, options in _drawn(bounder, grid, hard, rng, seed, count, ("float32",) if quick else FORMS):
-        missed = np.flatnonzero(bounder.query(x, **options).numpy() == 0)
-        asked += len(x)
-        if len(missed):
-            return asked, Denied(form, x[missed[0]].tolist(), {k: np.asarray(v).tolist() for k, v in options.items()})
-    near = _near(bounder.query_kind, grid, length, int(rng.integers(4)))
-    if walk:
-        near = np.concatenate([near, Walk(bounder, grid, seed % 2**31).down(near[:1024], STEPS)[0]])
-    near = near[oracle(bounder.query_kind, grid, "cpu", length)(near)] if walk else near
-    for form, ask in (("float32", lambda x: bounder.query(x).numpy()), ("function", lambda x: _ask(bounder, x)))[
-        : 2 - quick
-    ]:
-        missed, asked = np.flatnonzero(ask(near) == 0), asked + len(near)
-        if len(missed):
-            return asked, Denied(form, near[missed[0]].tolist())
-    return asked, None
-
-
-def _attack_distance(
-    bounder: DistanceBounder, grid: IndicatorGrid, rng: np.random.Generator, count: int
-) -> tuple[int, Denied | None]:
-    """The same of a distance: balls, segments, rays and boxes that barely touch the object, far away and near."""
-    positives, seed, asked = DistancePositives(bounder, grid), int(rng.integers(2**62)), 0
-    for chunk in range(2 * len(positives.forms)):
-        form, there, missed = positives.ask(seed, chunk, count)
+    asked, far = 0, isinstance(bounder, DistanceBounder)
+    if far:
+        stream = DistancePositives(bounder, shape)
+        chunks = range(2 * len(stream.forms))
+        seed = int(rng.integers(2**62))
+    else:
+        query, length = bounder.query_kind, bounder.domain.oracle_length
+        stream = HardStream(bounder, shape, _positives(query, shape, length))
+        stream.cycle, seed = ("float32",) if quick else FORMS, 0  # a shape's pool of border points belongs to the seed
+        first = int(rng.integers(2**30)) * len(stream.cycle)
+        chunks = range(first, first + len(stream.cycle))
+    for chunk in chunks:
+        _, there, missed = stream.ask(seed, chunk, count)
         asked += there
         if missed is not None:
-            return asked, Denied(form, [], missed)
-    return asked, None
-
-
-def _attack_shape(
-    bounder: Bounder, shape: Shape, rng: np.random.Generator, count: int, quick: bool
-) -> tuple[int, Denied | None]:
-    """The same of a shape without cells: points that it calls its own, and regions that hold one of them."""
-    length = bounder.domain.oracle_length
-    hard, first, asked = _shape_positives(bounder.query_kind, shape, length), int(rng.integers(2**62)), 0
-    forms = ("float32",) if quick else tuple(form for form in FORMS if form != "placed" or hard.placeable)
-    for form, x, options in _drawn(bounder, shape, hard, rng, 0, count, forms, first):
-        missed = np.flatnonzero(bounder.query(x, **options).numpy() == 0)
-        asked += len(x)
+            return asked, missed
+    if far:
+        return asked, None
+    if isinstance(shape, IndicatorGrid):
+        near = _near(query, shape, length, int(rng.integers(4)))
+        if walk:
+            near = np.concatenate([near, Walk(bounder, shape, int(rng.integers(2**31))).down(near[:1024], STEPS)[0]])
+            near = near[oracle(query, shape, "cpu", length)(near)]
+    else:
+        held = _held(shape, rng, count)
+        if shape.time:  # what is not known is *maybe*
+            late = shape.upper[0] + np.exp2(rng.uniform(-20, 20, len(held)))
+            held[::3, 0] = np.nextafter(late.astype(np.float32), np.float32(np.inf))[::3]
+        near = _regions_through(query, held, rng, float(shape.extent.max()))
+    answers = {"float32": bounder.query(near).numpy()} | ({} if quick else {"function": _ask(bounder, near)})
+    for form, answer in answers.items():
+        missed, asked = np.flatnonzero(answer == 0), asked + len(near)
         if len(missed):
-            return asked, Denied(form, x[missed[0]].tolist(), {k: np.asarray(v).tolist() for k, v in options.items()})
-    held = _held(shape, rng, count)
-    if shape.time:  # what is not known is *maybe*
-        late = shape.upper[0] + np.exp2(rng.uniform(-20, 20, len(held)))
-        held[::3, 0] = np.nextafter(late.astype(np.float32), np.float32(np.inf))[::3]
-    near = _regions_through(bounder.query_kind, held, rng, float(shape.extent.max()))
-    for form, ask in (("float32", lambda x: bounder.query(x).numpy()), ("function", lambda x: _ask(bounder, x)))[
-        : 2 - quick
-    ]:
-        missed, asked = np.flatnonzero(ask(near) == 0), asked + len(near)
-        if len(missed):
-            return asked, Denied(form, near[missed[0]].tolist())
+            return asked, Missed(near[missed[0]].tolist(), form)
     return asked, None
 
 
@@ -148,41 +106,16 @@ def _regions_through(query: str, p: np.ndarray, rng: np.random.Generator, size: 
     return np.concatenate([p, way] if query == "ray" else [way, p], axis=1)
 
 
-_SHAPES: dict[tuple, HardShapePositives] = {}
+_KNOWN: dict[tuple, HardPositives | HardShapePositives] = {}
 
 
-def _shape_positives(query: str, shape: Shape, length: float) -> HardShapePositives:
-    """One stream for all shapes that are the same; its pool of border points takes a while."""
+def _positives(query: str, shape: Shape, length: float) -> HardPositives | HardShapePositives:
+    """One stream for all shapes that are the same; a shape's pool of border points takes a while."""
     key = query, shape.digest, shape.margin, shape.unbounded, length
-    if key not in _SHAPES:
-        _SHAPES[key] = HardShapePositives(query, shape, length, "cpu")
-    return _SHAPES[key]
-
-
-def _drawn(bounder, grid, hard, rng, seed: int, count: int, forms: tuple[str, ...], first: int = 0):
-    """``(form, queries, options)`` of the soak test's stream."""
-    for form in forms:
-        if form == "placed":
-            break
-        x, certain = hard.draw(seed, first, count, form)
-        yield form, x.numpy()[certain.numpy() != 0], {}
-    else:
-        return
-    nothing = np.zeros((0, hard.columns), np.float32)
-    for gentle in range(WORLDS):
-        world, options = random_world(grid, rng, gentle)
-        try:
-            bounder.query(nothing, **options)
-        except QueryError:
-            continue
-        x, certain = hard.draw(seed, first + count, count, "placed", world)
-        yield "placed", x.numpy()[certain.numpy() != 0], options
-        return
-
-
-@lru_cache(maxsize=256)
-def _positives(query: str, grid: IndicatorGrid, length: float) -> HardPositives:
-    return HardPositives(query, grid, length, "cpu")
+    if key not in _KNOWN:
+        kind = HardPositives if isinstance(shape, IndicatorGrid) else HardShapePositives
+        _KNOWN[key] = kind(query, shape, length, "cpu")
+    return _KNOWN[key]
 
 
 @lru_cache(maxsize=256)

@@ -7,7 +7,6 @@ file and the query are kept. Errors other than the one that ``load`` promises, a
 Everything depends on the seed and the number of the iteration, so any iteration can be repeated by itself.
 """
 
-import importlib
 import json
 import os
 import signal
@@ -17,22 +16,28 @@ import warnings
 from collections import Counter
 from collections.abc import Callable
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from attack import Denied, attack
-from mutations import File, mutate, tighten
+from attack import attack
+from mutations import File, mutate, spoil_checkpoint, tighten
 from subjects import Subject, subjects
 
 import warp_bounding as wb
-from warp_bounding.certificates.claim import mismatch
+from warp_bounding.bounders import DistanceBounder
+from warp_bounding.certificates.claim import as_fitted, mismatch
 from warp_bounding.errors import BoundingError, FileFormatError
-from warp_bounding.proof.attest.soak import soak_grid
+from warp_bounding.proof import check
+from warp_bounding.proof.stress import Missed
+from warp_bounding.runtime.launch import working_seconds
 
-SECONDS = 1.0  # for a certificate
-STUCK = 60  # seconds after which an iteration counts as one that does not end
+SECONDS = 1.0  # for a certificate; all times but that of the whole run are those that the process computes, so that nothing depends on the machine's load
+STUCK = 60.0  # after so long an iteration counts as one that does not end; compiling kernels is not counted
+CHECKPOINTS = (
+    0.25  # share of the iterations of a distance that is searched for in which its proof's checkpoint is spoilt instead
+)
 WALKED = 0.05  # share of the proven files that are walked downhill
 TIGHTENED = 0.6  # share of the files
 MOST_MARGIN = 0.05  # of files that claim more the cells are not made
@@ -63,36 +68,40 @@ class _StuckError(Exception):
 
 @contextmanager
 def undistracted():
-    """Without the search for a refutation (it takes a second and decides nothing here), and without NumPy's warnings."""
-    module = importlib.import_module("warp_bounding.proof.certify")
-    positives, module.POSITIVES = module.POSITIVES, 0
+    """Without the search for a refutation (it takes a second and decides nothing here), without NumPy's warnings, and by the process's own clock."""
+    positives, check.POSITIVES = check.POSITIVES, 0
+    clock, time.perf_counter = time.perf_counter, time.process_time
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             yield
     finally:
-        module.POSITIVES = positives
+        check.POSITIVES, time.perf_counter = positives, clock
 
 
 @contextmanager
-def limited(seconds: int):
-    """Raise in the main thread when it takes longer."""
+def limited(seconds: float):
+    """Raise in the main thread when the process has computed for longer, compiling not counted."""
+    started = working_seconds()
 
     def stop(*_):
-        raise _StuckError
+        left = seconds - (working_seconds() - started)
+        if left <= 0:
+            raise _StuckError
+        signal.setitimer(signal.ITIMER_PROF, left)
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.alarm(seconds)
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def judge(
     path: Path, subject: Subject, rng: np.random.Generator, tally: Tally, count: int = 4096, quick: bool = False
-) -> Denied | None:
+) -> Missed | None:
     """Load, certify and attack one file; counts what came of it."""
     try:
         bounder = wb.load(path, device="cpu")
@@ -114,11 +123,35 @@ def judge(
         raise AssertionError(
             f"the certificate is about margin {proof.margin} and length {proof.length}, the bounder is not"
         )
-    claimed = soak_grid(bounder, subject.grid)
+    claimed = as_fitted(bounder, subject.grid)
     claimed = subject.grid if claimed.digest == subject.grid.digest else claimed
     asked, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED and not quick, quick=quick)
     tally.counts["queries"] += asked
     return denied
+
+
+def judge_checkpoint(path: Path, subject: Subject, rng: np.random.Generator, tally: Tally, record: dict) -> None:
+    """Spoil the checkpoint of a proof that was stopped: what was not signed anew is refused, and nothing crashes.
+
+    A checkpoint that is signed is believed, so its proof shows nothing.
+    """
+    path.unlink(missing_ok=True)
+    wb.certify(subject.bounder, subject.grid, seconds=0.0, checkpoint=path)
+    if not path.is_file():  # the proof has ended
+        return
+    what, signed = spoil_checkpoint(path, rng)
+    record["mutations"].append(what)
+    content = path.read_bytes()
+    try:
+        wb.certify(subject.bounder, subject.grid, seconds=SECONDS, checkpoint=path)
+    except FileFormatError as error:
+        if "\n" in str(error) or path.read_bytes() != content:
+            raise AssertionError(f"more than one line, or the file was not kept: {error}") from error
+        tally.counts["refused"] += 1
+        return
+    if not signed:
+        raise AssertionError("a checkpoint that was not signed anew was taken")
+    tally.counts["not proven"] += 1
 
 
 def fuzz(
@@ -146,24 +179,25 @@ def fuzz(
         quick: See ``attack``.
         progress: Called after each iteration with the figures, its number and the seconds so far.
     """
-    among, tally, started, number = among or subjects(), Tally(), time.perf_counter(), first
+    among, tally, started, number = among or subjects(), Tally(), time.monotonic(), first
     honest: dict[str, File] = {}
     memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None  # a disk may take longer than all the rest
     with TemporaryDirectory(dir=memory) as folder, undistracted():
         path = Path(folder) / "spoilt.safetensors"
         try:
-            while number < first + iterations and time.perf_counter() - started < seconds:
+            while number < first + iterations and time.monotonic() - started < seconds:
                 rng = np.random.default_rng([seed, number])
                 subject = among[rng.integers(len(among))]
                 if subject.name not in honest:
                     honest[subject.name] = File.of(subject.bounder, path)
                 file = honest[subject.name].copy()
-                done = mutate(file, rng)
+                searched = isinstance(subject.bounder, DistanceBounder) and subject.bounder.volume is None
+                done = [] if searched and rng.random() < CHECKPOINTS else mutate(file, rng)
                 record = {"seed": seed, "iteration": number, "subject": subject.name, "mutations": done}
                 _one(file, path, subject, tally, record, out, rng=rng, count=count, quick=quick)
                 number += 1
                 if progress:
-                    progress(tally, number, time.perf_counter() - started)
+                    progress(tally, number, time.monotonic() - started)
         except KeyboardInterrupt:
             pass
     return tally
@@ -180,7 +214,7 @@ def _write(file: File, path: Path, subject: Subject, rng: np.random.Generator, r
         bounder = wb.load(path, device="cpu")
         if not (bounder.info.get("margin") or 0.0) <= MOST_MARGIN:
             return
-        grid = soak_grid(bounder, subject.grid)
+        grid = as_fitted(bounder, subject.grid)
         if mismatch(bounder, grid):
             return
         tighten(file, bounder, grid, rng)
@@ -197,11 +231,14 @@ def _one(file: File, path: Path, subject: Subject, tally: Tally, record: dict, o
     kind = None
     try:
         with limited(STUCK):
+            if not record["mutations"]:
+                judge_checkpoint(path, subject, options["rng"], tally, record)
+                return
             _write(file, path, subject, rng=options["rng"], record=record)
             denied = judge(path, subject, tally=tally, **options)
         if denied is not None:
             kind = "lies"
-            record |= {"denied": asdict(denied)}
+            record |= {"denied": denied._asdict()}
     except _StuckError:
         kind = "stuck"
     except Exception:

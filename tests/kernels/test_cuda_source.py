@@ -12,7 +12,7 @@ from warp_bounding.kernels.functions import Data, batch_kernel
 from warp_bounding.networks.bounds import NetworkShape, PlainChart
 from warp_bounding.networks.bounds import _kernel as bound_kernel
 from warp_bounding.networks.charts import BoxChart, RayChart
-from warp_bounding.proof.search.depth_first_kernel import depth_first_kernel
+from warp_bounding.proof.search import depth_first_kernel
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),

@@ -1,106 +1,153 @@
 """A proof of a distance that is stopped goes on where it stopped, from a file that nothing else can pass for."""
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
 import safetensors.numpy
-from distances import far, thing
+from bounding_shapes import HIDDEN
 
 import warp_bounding as wb
 from warp_bounding.bounders.distance_grid import DistanceGrid
+from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.proof.distances import excesses as search
+from warp_bounding.proof import distances
+
+KEY = distances.KEY
+
+
+def ball(steep: float = 0.0) -> wb.IndicatorFunction:
+    """Whose object does not tell how steep its distance is far away."""
+
+    def distance(x):
+        r = np.linalg.norm(x, axis=1)
+        return r - 1 - steep * (r > 1.5)
+
+    return wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=distance, lipschitz=3.0)
+
+
+@cache
+def far(method: str = "distance-grid") -> wb.DistanceBounder:
+    """Never change it."""
+    told = {"nodes": 5} if method == "distance-grid" else {"hidden": HIDDEN, "steps": 20}
+    return wb.fit(ball(), "distance", method, budget=1.0, device="cpu", progress=False, **told)
+
+
+@pytest.fixture(autouse=True)
+def small_steps(monkeypatch):
+    """Few boxes at a time, so that a small proof can be stopped in its midst; and few samples before it."""
+    monkeypatch.setattr(distances, "CHUNK", 16)
+    monkeypatch.setattr(distances, "SAMPLES", 2000)
 
 
 @pytest.fixture
-def small_steps(monkeypatch):
-    """Few boxes at a time, so that a small proof can be stopped in its midst."""
-    monkeypatch.setattr(search, "CHUNK", 64)
+def left(tmp_path):
+    """A checkpoint of ``far()``."""
+    wb.certify(far(), ball(), seconds=0.0, checkpoint=tmp_path / "left")
+    return tmp_path / "left"
 
 
-def stopped_after(calls: int):
-    """A progress callback that stops the proof after some calls, as Ctrl-C would."""
-    shares = []
-
-    def progress(done, total):
-        shares.append(done / total)
-        if len(shares) == calls:
-            raise KeyboardInterrupt
-
-    return progress, shares
-
-
-@pytest.mark.usefixtures("small_steps")
 @pytest.mark.parametrize("method", ["distance-grid", "mlp"])
 def test_stopped_again_and_again(method, tmp_path):
-    bounder, shape, file = far(method, "tetrahedron"), thing("tetrahedron"), tmp_path / "left.safetensors"
-    whole, shares = wb.certify(bounder, shape), []
-    for calls in (1, 20, 30):
-        progress, told = stopped_after(calls)
+    bounder, file, shares = far(method), tmp_path / "left.safetensors", []
+    whole = wb.certify(bounder, ball())
+    for calls in (1, 5, 10):
+        told = []
+
+        def progress(done, total, told=told, calls=calls):
+            told.append(done / total)
+            if len(told) == calls:
+                raise KeyboardInterrupt
+
         with pytest.raises(KeyboardInterrupt):
-            wb.certify(bounder, shape, progress=progress, checkpoint=file)
+            wb.certify(bounder, ball(), progress=progress, checkpoint=file)
         assert file.exists()
         shares += told
-    assert shares == sorted(shares)  # it goes on, it does not begin anew
     assert 0 < shares[-1] < 1
-    proof = wb.certify(bounder, shape, progress=lambda done, total: shares.append(done / total), checkpoint=file)
+    proof = wb.certify(bounder, ball(), progress=lambda done, total: shares.append(done / total), checkpoint=file)
     assert (proof.kind, proof.boxes, proof.lower_bound) == ("proven", whole.boxes, whole.lower_bound)
-    assert shares == sorted(shares)
+    assert shares == sorted(shares)  # it goes on, it does not begin anew
     assert shares[-1] == 1
     assert not file.exists()
 
 
-@pytest.mark.usefixtures("small_steps")
 def test_time_that_is_over_loses_nothing(tmp_path):
-    bounder, shape, file = far("distance-grid", "tetrahedron"), thing("tetrahedron"), tmp_path / "left"
-    first = wb.certify(bounder, shape, seconds=0.0, checkpoint=file)
+    first = wb.certify(far(), ball(), seconds=0.0, checkpoint=tmp_path / "left")
     assert first.kind == "undecided"
-    assert f"goes on from {file}" in first.message
-    assert wb.certify(bounder, shape, checkpoint=file).proven
-    assert not file.exists()
+    assert f"goes on from {tmp_path / 'left'}" in first.message
+    assert wb.certify(far(), ball(), checkpoint=tmp_path / "left").proven
+    assert not (tmp_path / "left").exists()
 
 
-@pytest.mark.usefixtures("small_steps")
-def test_what_is_no_checkpoint_is_kept(tmp_path):
-    bounder, shape, file = far("distance-grid", "tetrahedron"), thing("tetrahedron"), tmp_path / "left.safetensors"
-    wb.certify(bounder, shape, seconds=0.0, checkpoint=file)
-    content = file.read_bytes()
-    tensors = bounder.tensors | {"values": bounder.tensors["values"] - np.float16(0.01)}
-    lower = DistanceGrid(bounder.domain, tensors, bounder.sizes, "cpu").freeze(float(bounder.threshold), None)
-    lower.info = bounder.info
-    assert wb.certify(lower, shape).proven
-    with pytest.raises(FileFormatError, match="another bounder, shape or version"):
-        wb.certify(lower, shape, checkpoint=file)
+def test_a_checkpoint_is_of_one_claim(left):
+    """Not of another margin, threshold, method's numbers or shape, nor of a function whose object is the same and whose distance is not."""
+    content = left.read_bytes()
+    dilated = far().to()
+    dilated.info = far().info | {"margin": 0.01, "rates": None, "shape": None}
+    tensors = far().tensors | {"values": far().tensors["values"] - np.float16(0.01)}
+    lower = DistanceGrid(far().domain, tensors, far().sizes, "cpu").freeze(float(far().threshold), None)
+    other = wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=lambda x: np.abs(x).max(axis=1) - 1)
+    for bounder, shape in (
+        (dilated, ball()),
+        (lower, ball()),
+        (far(), ball(0.25)),
+        (far(), other),
+        (far().to().freeze(far().threshold - 1.0, None), ball()),
+    ):
+        bounder.info = far().info | bounder.info
+        with pytest.raises(FileFormatError, match="another bounder, shape or version"):
+            wb.certify(bounder, shape, checkpoint=left)
+        assert left.read_bytes() == content
+
+
+def spoilt(content: bytes):
+    """Files that are no checkpoint, or a damaged one; of some the digest is made right again."""
+    yield b"a file of mine"
+    yield content[:-100]
     held = safetensors.numpy.load(content)
-    with safetensors.safe_open(str(file), framework="numpy") as opened:
-        metadata = opened.metadata()
-    left = json.loads(metadata["warp_bounding_checkpoint"])
-    assert left["left"]["levels"]
-    for spoilt in (held | {"found": held["found"] - 1}, held):
-        changed = (
-            left if spoilt is not held else left | {"left": left["left"] | {"levels": left["left"]["levels"][:-1]}}
-        )
-        text = {"warp_bounding_checkpoint": json.dumps(changed)}
-        file.write_bytes(safetensors.numpy.save(spoilt, metadata=text))
-        with pytest.raises(FileFormatError, match="damaged"):
-            wb.certify(bounder, shape, checkpoint=file)
-    for foreign in (b"a file of mine", content[:-100]):
-        file.write_bytes(foreign)
-        with pytest.raises(FileFormatError):
-            wb.certify(bounder, shape, checkpoint=file)
-        assert file.read_bytes() == foreign
-    bounder.save(tmp_path / "far.safetensors")
-    before = (tmp_path / "far.safetensors").read_bytes()
+    length = int.from_bytes(content[:8], "little")
+    entry = json.loads(json.loads(content[8 : 8 + length])["__metadata__"][KEY])
+    first, document = sorted(k for k in held if k.startswith("lower"))[0], entry["left"]
+    for changes, told, signed in (
+        ({"found": held["found"] - 1}, {}, False),
+        ({}, {"levels": document["levels"][:-1]}, False),
+        ({"found": held["found"][:-1]}, {}, True),
+        ({"found": held["found"].astype(np.float32)}, {}, True),
+        ({first: held[first].T.copy()}, {}, True),
+        ({first: held[first] + 9.0}, {}, True),
+        ({first: held[first] * np.nan}, {}, True),
+        ({first.replace("lower", "owner"): held[first.replace("lower", "owner")] + 10**6}, {}, True),
+        ({}, {"levels": ["1"] * len(document["levels"])}, True),
+        ({}, {"levels": [0] * (1 + len(document["levels"]))}, True),
+        ({}, {"levels": None}, True),
+        ({}, {"boxes": 1.5}, True),
+        ({}, {"seconds": float("inf")}, True),
+    ):
+        tensors, left = held | changes, document | told
+        sha = digest_of(tensors, left) if signed else entry["sha256"]
+        yield safetensors.numpy.save(tensors, metadata={KEY: json.dumps({"sha256": sha, "left": left})})
+    yield safetensors.numpy.save(held, metadata={KEY: json.dumps({"sha256": digest_of(held, []), "left": []})})
+
+
+def test_what_is_no_checkpoint_or_damaged_is_refused_and_kept(left, tmp_path):
+    for content in spoilt(left.read_bytes()):
+        left.write_bytes(content)
+        with pytest.raises(FileFormatError) as error:
+            wb.certify(far(), ball(), checkpoint=left)
+        assert "\n" not in str(error.value)
+        assert left.read_bytes() == content
+    path = tmp_path / "far.safetensors"
+    far().save(path)
+    before = path.read_bytes()
     with pytest.raises(FileFormatError, match="expected the checkpoint of a proof"):
-        wb.certify(bounder, shape, checkpoint=tmp_path / "far.safetensors")
-    assert (tmp_path / "far.safetensors").read_bytes() == before
+        wb.certify(far(), ball(), checkpoint=path)
+    assert path.read_bytes() == before
     with pytest.raises(FileFormatError):
-        wb.certify(bounder, shape, checkpoint=tmp_path)
+        wb.certify(far(), ball(), checkpoint=tmp_path)
 
 
 def test_what_needs_none(tmp_path):
-    shape = thing("c")
-    for bounder in (far("aabb", "c"), wb.fit(shape, method="kdop")):
+    for bounder in (wb.fit(ball(), "distance", "aabb", device="cpu"), wb.fit(ball(), method="aabb", device="cpu")):
         with pytest.raises(BounderError, match="checkpoint"):
-            wb.certify(bounder, shape, checkpoint=tmp_path / "left")
+            wb.certify(bounder, ball(), checkpoint=tmp_path / "left")

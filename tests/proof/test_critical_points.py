@@ -20,7 +20,7 @@ from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.kernels.functions import Data
 from warp_bounding.proof import least_value, settle
-from warp_bounding.proof.attest.falsify import Walk, queries_at
+from warp_bounding.proof.stress import Walk, queries_at
 from warp_bounding.queries import oracle
 from warp_bounding.runtime.native import vector_type
 

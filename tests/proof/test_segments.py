@@ -15,8 +15,7 @@ from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
 from warp_bounding.queries.region_domain import domain_of
 
-CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("mlp", "five"), ("local", "c"), ("local", "blob")]
-CASES += [("mlp&local", "blob"), ("mlp|local", "blob"), ("mlp-early|mlp&local", "blob")]
+CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("local", "blob"), ("mlp-early|mlp&local", "blob")]
 
 
 @cache
@@ -26,8 +25,8 @@ def fitted(method: str, name: str) -> wb.Bounder:
             return joined(*[fitted(part, name) for part in method.split(sign)])
     hidden = EARLY if method == "mlp-early" else HIDDEN
     if method == "local":
-        return wb.fit(shape(name), hidden=hidden, steps=300, thresholds=20, device="cpu")
-    return wb.fit(shape(name), method=method, hidden=hidden, steps=300, device="cpu")
+        return wb.fit(shape(name), hidden=hidden, steps=100, thresholds=20, device="cpu")
+    return wb.fit(shape(name), method=method, hidden=hidden, steps=100, device="cpu")
 
 
 def segments(grid: IndicatorGrid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
@@ -60,13 +59,13 @@ def test_segments_that_end_in_the_object_are_never_cleared(rng):
     assert not wb.clear_segments(bounder, ends, ends).any()
 
 
-@pytest.mark.parametrize("size", [1e3, 1e9, 1e300, 1.7e308])
-def test_segments_through_the_object_from_far_away_are_not_cleared(size, rng):
+def test_segments_through_the_object_from_far_away_are_not_cleared(rng):
     bounder, grid = fitted("mlp", "c"), shape("c")
     through = grid.position(grid.occupied[rng.integers(len(grid.occupied), size=200)]).astype(np.float64)
-    way = np.array([[size, 0.0]])
-    assert not wb.clear_segments(bounder, through - way, through + way).any()
-    assert not wb.clear_segments(bounder, through, through + way).any()
+    for size in (1e3, 1e9, 1e300, 1.7e308):
+        way = np.array([[size, 0.0]])
+        assert not wb.clear_segments(bounder, through - way, through + way).any()
+        assert not wb.clear_segments(bounder, through, through + way).any()
 
 
 def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
@@ -82,21 +81,15 @@ def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
         assert not wb.clear_segments(bounder, ends, corners).any()
 
 
-@pytest.mark.parametrize(
-    ("activation", "octaves"), [("sin", 0), ("relu", 0), ("tanh", 0), ("sin", 2)], ids=lambda value: str(value)
-)
+@pytest.mark.parametrize(("activation", "octaves"), [("relu", 0), ("tanh", 0), ("sin", 2)])
 def test_bounds_along_segments_hold(activation, octaves, rng):
     """Of -f, over pieces of segments, against dense values in float64: no slack."""
     grid = shape("blob")
     domain, width = domain_of(grid, "point"), 3 * 2 * octaves
     layers = [(7, 3 + width), (5, 7), (1, 5)]
-    tensors = {f"layers.{i}.weight": rng.normal(0, 1.5, s).astype(np.float32) for i, s in enumerate(layers)}
-    tensors |= {f"layers.{i}.bias": rng.normal(0, 1, s[0]).astype(np.float32) for i, s in enumerate(layers)}
-    if octaves:
-        tensors |= {
-            "encoding.weight": rng.normal(0, 1.5, (width, 3)).astype(np.float32),
-            "encoding.bias": rng.normal(0, 1, width).astype(np.float32),
-        }
+    sizes = {f"layers.{i}": size for i, size in enumerate(layers)} | ({"encoding": (width, 3)} if octaves else {})
+    tensors = {f"{name}.weight": rng.normal(0, 1.5, size).astype(np.float32) for name, size in sizes.items()}
+    tensors |= {f"{name}.bias": rng.normal(0, 1, size[0]).astype(np.float32) for name, size in sizes.items()}
     bounder = Mlp(domain, tensors, {"hidden": [7, 5], "activation": activation, "octaves": octaves}, "cpu")
     bounder.freeze(0.0, None)
     a, w = rng.uniform(-1, 1, (400, 3)), rng.normal(size=(400, 3)) * 10.0 ** rng.uniform(-3, 0, (400, 1))

@@ -30,7 +30,7 @@ from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.bounders.union import Union, union, united
 from warp_bounding.bounders.volumes import Aabb, AabbDistance, Kdop, KdopDistance, Obb, ObbDistance
 from warp_bounding.bounders.voxels import Voxels
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate
 from warp_bounding.kernels.functions import Data
 from warp_bounding.runtime.arrays import compact
 

@@ -29,7 +29,7 @@ import numpy as np
 from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.batch import Asking
 from warp_bounding.bounders.file_format import save
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape

@@ -26,9 +26,8 @@ from warp_bounding.bounders.bounder import (
 )
 from warp_bounding.bounders.mlp import Local
 from warp_bounding.bounders.mlp_early import MlpEarly, bounds_of_all, denied_early
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate, conjunction
 from warp_bounding.certificates.claim import differing
-from warp_bounding.certificates.document import conjunction
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, words_at

@@ -28,7 +28,7 @@ from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, round_down, round_up
 from warp_bounding.bounders.batch import Framed, PicklableBounder
 from warp_bounding.bounders.bounder import Bounder, Option, taken
 from warp_bounding.bounders.file_format import save
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.distance_batch import box_kernel, distance_kernel, lanes_kernel, lines_kernel

@@ -1,7 +1,7 @@
 """``distance-grid``: distances at the nodes of a grid, interpolated; the honest rival of a network, by bytes and by ns.
 
 F is multilinear in each cell between the values at its nodes. These begin as the distance to the object, in it as minus the depth. What multilinear interpolation
-makes too large is found cell by cell (``proof.distances.excesses``) and taken off the values at the cell's own nodes, so that one bad cell does not cost all of them; values are then rounded down to how they are
+makes too large is found cell by cell (``proof.distances``) and taken off the values at the cell's own nodes, so that one bad cell does not cost all of them; values are then rounded down to how they are
 stored. The proof goes through all cells again with the stored values.
 
 A *refined* grid is adaptive: cells that come near the object's border are cut into ``refine`` to the power n finer ones, whose nodes are a block of their own. F may jump where they meet others.

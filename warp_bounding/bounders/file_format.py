@@ -15,7 +15,7 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.certificates.certificate import Subject
+from warp_bounding.certificates import Subject
 from warp_bounding.errors import FileFormatError
 from warp_bounding.indicators.formats.load import MESH_READERS, READERS
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES

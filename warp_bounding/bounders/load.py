@@ -9,8 +9,8 @@ from warp_bounding.bounders.batch import frame_fault
 from warp_bounding.bounders.bounder import METHODS, Bounder, class_named
 from warp_bounding.bounders.distance import DISTANCES, DistanceBounder
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
-from warp_bounding.certificates.certificate import Certificate
-from warp_bounding.certificates.claims import check_claims
+from warp_bounding.certificates import Certificate
+from warp_bounding.certificates.claim import check_claims
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.indicators.recentred import Frame
 from warp_bounding.indicators.shape import Pieces, dilated_digest

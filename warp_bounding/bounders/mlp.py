@@ -17,7 +17,7 @@ import warp as wp
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, whole
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import warp_kernel
 from warp_bounding.kernels.source import DENIED, PER_WORD, Early, Lanes, Source, level_text
@@ -228,7 +228,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 # The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
 # threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the network
 # is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``);
-# those of rays and boxes, whose boxes are not of v, search each part by itself (``proof.parts``).
+# those of rays and boxes, whose boxes are not of v, search each part by itself (``proof.prove``).
 
 # --- lattice ---------------------------------------------------------------------------------------------------------
 #
@@ -536,7 +536,7 @@ class Local(Bounder):
 # (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
 # holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all
 # positives is the least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``,
-# ``proof.covers.monotone_box``).
+# ``proof.covers``).
 #
 # Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is
 # not negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will

@@ -1,7 +1,7 @@
 """The distance as a network learns it: F is the network's output, asked at the nearest point of the domain.
 
 A network is smooth, and so is a distance away from the object, so that few weights tell it nearly. What it overestimates anywhere is its
-slack, which is proven (``proof.distances.excesses``). The domain may be cut into a lattice of parts: then each part has a *relief*, a byte, by which its own
+slack, which is proven (``proof.distances``). The domain may be cut into a lattice of parts: then each part has a *relief*, a byte, by which its own
 slack is smaller than that of the worst part; F is the network's output and the relief, and jumps at the edges.
 """
 

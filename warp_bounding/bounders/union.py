@@ -27,9 +27,8 @@ from warp_bounding.bounders.bounder import (
     words_of,
 )
 from warp_bounding.bounders.cascade import ABOUT, check_objects
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate, together
 from warp_bounding.certificates.claim import differing
-from warp_bounding.certificates.document import together
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.parts import part_of
 from warp_bounding.indicators.shape import Pieces, Shape

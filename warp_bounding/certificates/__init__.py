@@ -1,1 +1,287 @@
-"""What is known of a bounder: the certificate, its words, how it is filled in, and whether a stored one can be true."""
+"""What is known about a bounder, as a document: what was proven, over which set and in which arithmetic."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields, replace
+from math import expm1, log1p
+from typing import Any, Protocol
+
+import numpy as np
+
+from warp_bounding.errors import FileFormatError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.recentred import Frame
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.placement import placement_allowance
+from warp_bounding.queries.region_domain import RegionDomain
+
+ARITHMETIC = (
+    "float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
+)
+ABOUT = ("object", "margin", "length", "resolution", "placement")  # fields that say what the claim is about
+
+
+def fn_rate_bound(count: int, confidence: float = 0.95) -> float:
+    """Upper confidence bound of a rate of which no case was seen in ``count`` independent trials; 1 without trials."""
+    return -expm1(log1p(-confidence) / count) if count else 1.0
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """A proof that a bounder has no false negative, or an honest account of why there is none.
+
+    Attributes:
+        kind: ``"proven"``; ``"statistical"`` where there is no proof, or it did not end in its time; or, from
+            ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (as where time ran out) or
+            ``"inapplicable"`` (the shape cannot be the bounded one, or another claim was expected).
+        query: Kind of query, such as ``"point"``.
+        domain: ``[lower, upper]`` corners in object space.
+        threshold: The float32 number that ``f`` is compared with.
+        lower_bound: Certified lower bound of the exact ``f`` over every v that the pipeline can make of a positive
+            query.
+        rounding_bound: E, which bounds the error of ``f`` as any device computes it.
+        delta: Per axis, the input error that the proof covers, as a fraction of a cell.
+        boxes: Boxes that the proof examined.
+        seconds: Time that the proof took.
+        indicator: SHA-256 of the cells it was proven over.
+        cells: Number of occupied cells.
+        counterexample: A positive query, in object space, that the bounder denies, or ``None``.
+        message: A few sentences for people.
+        arithmetic: What ``rounding_bound`` covers.
+        samples: Statistical: fresh positives that were asked, none of them missed.
+        fn_rate_bound: Statistical: upper confidence bound of the rate of false negatives among such positives.
+        confidence: Confidence of that bound; all restarts are counted, each has spent its share of the risk.
+        worst_margin: Statistical: how far the least f of these positives lies above the threshold.
+        restarts: Statistical: thresholds before this one that missed a positive.
+        object: Name of the object. This and what follows is ``None`` in files made by versions that did not tell it
+            here.
+        margin: The length by which the object was dilated, object units.
+        length: The length of rays, object units; ``None`` for other queries.
+        resolution: The resolution that a mesh was voxelised with; ``None`` for grids.
+        placement: Per axis, object units: by how much ``xform=`` and ``scale=`` may round a query; those that need more
+            are refused.
+
+    Example:
+        >>> certificate = bounder.certificate
+        >>> certificate.proven, certificate.query
+        (True, 'point')
+        >>> certificate.threshold <= certificate.lower_bound - certificate.rounding_bound
+        True
+    """
+
+    kind: str
+    query: str
+    domain: list[list[float]]
+    threshold: float
+    lower_bound: float
+    rounding_bound: float
+    delta: list[float]
+    boxes: int
+    seconds: float
+    indicator: str
+    cells: int
+    counterexample: list[float] | None = None
+    message: str = ""
+    arithmetic: str = ARITHMETIC
+    samples: int = 0
+    fn_rate_bound: float | None = None
+    confidence: float | None = None
+    worst_margin: float | None = None
+    restarts: int = 0
+    object: str | None = None
+    margin: float | None = None
+    length: float | None = None
+    resolution: int | None = None
+    placement: list[float] | None = None
+
+    @property
+    def proven(self) -> bool:
+        """Whether there is a proof.
+
+        Example:
+            >>> bounder.certificate.proven
+            True
+        """
+        return self.kind == "proven"
+
+    def to_dict(self) -> dict:
+        """JSON-ready.
+
+        Example:
+            >>> bounder.certificate.to_dict()["kind"]
+            'proven'
+        """
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, values: dict) -> "Certificate":
+        """Inverse of ``to_dict``.
+
+        Raises:
+            FileFormatError: If a field is missing or unknown.
+
+        Example:
+            >>> wb.Certificate.from_dict(bounder.certificate.to_dict()) == bounder.certificate
+            True
+        """
+        names = {f.name for f in fields(cls)}
+        later = {"samples", "fn_rate_bound", "confidence", "worst_margin", "restarts", *ABOUT}  # than the first files
+        if not isinstance(values, dict) or not names - later <= set(values) <= names:
+            raise FileFormatError("the certificate's fields are not the ones this version knows")
+        return cls(**values)
+
+
+class Subject(Protocol):
+    """A bounder as certificates and files see it, without its method; every ``Bounder`` is one, and says what these are."""
+
+    method: str
+    conservative: bool
+    composed: bool
+    domain: Domain | RegionDomain
+    tensors: dict[str, np.ndarray]
+    sizes: dict[str, Any]
+    threshold: np.float32
+    certificate: Certificate | None
+    info: dict[str, Any]
+    frame: Frame | None
+    query_kind: str
+    ndim: int
+    provable: bool
+    parts: Sequence["Subject"]
+    delta_share: np.ndarray | None
+
+    def rounding_bound(self) -> float:
+        """See ``Bounder``."""
+
+
+COMPOSED = 1.0  # f of a union where it says *maybe*
+
+
+def document(
+    bounder: Subject,
+    grid: Shape | None,
+    kind: str,
+    threshold: float,
+    least: float,
+    boxes: int,
+    seconds: float,
+    message: str,
+    counterexample=None,
+    numbers: str = "",
+    **more,
+) -> Certificate:
+    """The certificate of a bounder for a grid, or ``None`` where the object cannot be the bounded one.
+
+    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. To the message is added what the claim is
+    about and what restricts the object (``Shape.restriction``), then sentences with ``numbers``, and what placements are covered.
+    """
+    base = bounder.domain.base
+    return Certificate(
+        kind=kind,
+        query=bounder.query_kind,
+        domain=[base.lower.tolist(), base.upper.tolist()],
+        threshold=float(np.float32(threshold)),
+        lower_bound=float(least),
+        rounding_bound=bounder.rounding_bound(),
+        delta=[] if grid is None else (base.delta / (base.scale / grid.details_per_unit)).tolist(),
+        boxes=int(boxes),
+        seconds=round(float(seconds), 3),
+        indicator="" if grid is None else grid.digest,
+        cells=len(grid.occupied) if isinstance(grid, IndicatorGrid) else 0,
+        counterexample=None if counterexample is None else [float(c) for c in counterexample],
+        message=message if grid is None else _told(bounder, grid, message, numbers),
+        object=None if grid is None else grid.name,
+        margin=None if grid is None else float(grid.margin),
+        length=bounder.domain.length,
+        resolution=None if grid is None else grid.resolution,
+        placement=None if grid is None else placement_allowance(bounder.domain).tolist(),
+        **more,
+    )
+
+
+def _told(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
+    """A message, with what it is about."""
+    sentences = [f"{message.strip().rstrip('.')}.", about(bounder, grid), numbers, _placed(bounder)]
+    return " ".join(filter(None, sentences))
+
+
+def about(bounder: Subject, grid: Shape) -> str:
+    """What a certificate is about, in words: object, margin, cells, length of rays, and restrictions."""
+    words = [grid.name, f"dilated by {float(grid.margin)} of its own units" if grid.margin else "not dilated"]
+    if isinstance(grid, IndicatorGrid):
+        fineness = "" if grid.resolution is None else f", resolution {grid.resolution}"
+        words.append(f"as {len(grid.occupied):,} of {' x '.join(map(str, grid.shape))} cells{fineness}")
+    rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
+    known = "; ".join(filter(None, [grid.restriction, grid.remark]))
+    restricted = f" ({known})" if known else ""
+    return f"Object: {', '.join(words)}{restricted}.{rays}"
+
+
+def _placed(bounder: Subject) -> str:
+    """Which placements are covered."""
+    if bounder.domain.joints is not None:
+        return "Beyond limits of joints the answer is maybe."
+    if not bounder.domain.base.delta.any():  # nothing is left for a placement
+        return "Queries are in the object's own coordinates."
+    return f"An xform= or scale= that rounds a query by more than {least_allowance(bounder):.2g} is refused."
+
+
+def shown(value: float, digits: int = 6) -> str:
+    """A number for people: what lies nearer to 0 than normal float32 numbers is 0."""
+    return f"{value if abs(value) >= np.finfo(np.float32).tiny else 0.0:.{digits}g}"
+
+
+def least_allowance(bounder: Subject) -> float:
+    """By how much ``xform=`` and ``scale=`` may round a query on every axis of space, object units."""
+    return float(placement_allowance(bounder.domain)[int(bounder.domain.time) :].min())
+
+
+ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part
+
+
+def conjunction(certificates: list[Certificate]) -> Certificate:
+    """What is known of a conjunction of bounders, from the certificate of each; the threshold is that of the last one.
+
+    The whole is proven if all parts are; rates of false negatives add up.
+    """
+    if len(certificates) == 1:
+        return certificates[0]
+    worst, last = min(certificates, key=lambda c: ORDER.index(c.kind)), certificates[-1]
+    statistical = worst.kind == "statistical"
+    told = f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
+    return replace(
+        last,
+        kind=worst.kind,
+        boxes=sum(c.boxes for c in certificates),
+        seconds=round(sum(c.seconds for c in certificates), 3),
+        counterexample=worst.counterexample,
+        message=told if worst.kind in ("proven", "statistical") else worst.message,
+        samples=min(c.samples for c in certificates) if statistical else last.samples,
+        fn_rate_bound=sum(c.fn_rate_bound or 0.0 for c in certificates) if statistical else None,
+        confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
+    )
+
+
+def together(bounder: Subject, certificates: list[Certificate], indicator: str) -> Certificate:
+    """What is known of a bounder whose ``obligations`` for the object of this digest these certificates are about.
+
+    A chain of tests has the threshold of its last part; what ends in a union has one of its own.
+    """
+    # The whole has as many coordinates as the part with most.
+    known = conjunction(sorted(certificates, key=lambda c: len(c.delta)))
+    if not bounder.composed:
+        return known
+    if bounder.delta_share is not None:  # parts have domains of their own, and the whole has less room for rounding
+        delta = (np.array(known.delta) * bounder.delta_share).tolist()
+        known = replace(known, delta=delta, placement=placement_allowance(bounder.domain).tolist())
+    if known.kind not in ("proven", "statistical"):
+        return replace(known, threshold=float(bounder.threshold))
+    told = f"{len(certificates)} tests put together, each proven by itself, and they cover the object; the last: "
+    return replace(
+        known,
+        threshold=float(bounder.threshold),
+        lower_bound=COMPOSED,
+        rounding_bound=bounder.rounding_bound(),
+        indicator=indicator,
+        message=told + certificates[-1].message,
+    )

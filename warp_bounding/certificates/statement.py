@@ -9,8 +9,7 @@ from math import floor, log10
 
 import numpy as np
 
-from warp_bounding.certificates.certificate import Certificate, Subject
-from warp_bounding.certificates.document import least_allowance, shown
+from warp_bounding.certificates import Certificate, Subject, least_allowance, shown
 from warp_bounding.indicators.joints import TURNS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE

@@ -1,35 +1,44 @@
-"""The step from a bounder and a grid to a proven threshold.
+"""From a bounder and a shape to a proven threshold.
 
-``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that
-meets the object (``least_value``), and sets ``threshold <= minimum - E``.
+``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that meets the object
+(``least_value``), and sets ``threshold <= minimum - E``.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.bounders.mlp import EVERYWHERE, Lattice, Local, Mlp
+from warp_bounding.certificates import Certificate, document, shown
 from warp_bounding.certificates.claim import mismatch
-from warp_bounding.certificates.document import document, shown
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.attest.falsify import Walk
-from warp_bounding.proof.attest.statistics import attest
-from warp_bounding.proof.covers import COVERS
-from warp_bounding.proof.covers.monotone_box import of_points
-from warp_bounding.proof.search.best_first import Search, minimum
-from warp_bounding.proof.search.depth_first import ChartedPositives, charted_minimum
-from warp_bounding.proof.search.vacancy import ShapePositives
-from warp_bounding.proof.shape_regions import least_region
+from warp_bounding.indicators.shape import OUT, Shape
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.networks.charts import FARTHEST, PartChart
+from warp_bounding.proof.covers import COVERS, of_points
+from warp_bounding.proof.search import (
+    NARROWEST,
+    ChartedPositives,
+    HeldBounds,
+    Positives,
+    Search,
+    ShapePositives,
+    charted_minimum,
+    divided,
+    minimum,
+)
+from warp_bounding.proof.stress import Walk, attest
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 
-__all__ = ["charted", "least_value", "prove", "prove_or_attest", "settle"]
+# --- prove -----------------------------------------------------------------------------------------------------------
+
 
 ROOM = 1e-4  # of f: how far under the least value that a search has found an attested threshold is set
 STARTS = 4096  # points of a shape's border that a search begins with, where it is given none
@@ -54,7 +63,7 @@ def least_value(
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
     That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
-    what the shape certifies to be empty (``search.vacancy``), for points and for a monotone network's boxes; convex volumes,
+    what the shape certifies to be empty (``search.ShapePositives``), for points and for a monotone network's boxes; convex volumes,
     of points or of regions that are tested against them, and planes need its convex hull alone, where that is known. Points, rays and boxes of a network are searched depth first
     in the numbers of a chart (``charted``). Where there is no chart the search is best first: planes over their normals,
     a monotone network's boxes over the object's points (``covers``).
@@ -178,3 +187,379 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
     certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)
     bounder.freeze(threshold, certificate)
     return certificate
+
+
+# --- regions of a shape without cells --------------------------------------------------------------------------------
+
+
+CELLS, MOST_CELLS = 2.0**21, 2.0**26  # about how many cells are laid in the box around a shape, and at most
+MOST_RESOLUTION = 1024
+# Regions of a shape: cells along the longest side, as shares of the usual number; the share of the limits that the search
+# of each may take; how many times as long as the one before it one of finer cells takes, and one of the shape itself.
+CELL_SHARES, FIRST_SHARE, FINER_TIMES, SHAPE_TIMES = (1.0, 2.0, 3.0), 0.7, 2.5, 8.0
+
+_CELLS: WeakKeyDictionary[Shape, dict[int, IndicatorGrid]] = WeakKeyDictionary()
+
+
+def coarse_cells(shape: Shape, share: float = 1.0) -> IndicatorGrid:
+    """Cells that hold a shape, its margin included; a ``share`` of the usual number along its longest side."""
+    usual, most = (count ** (1 / shape.ndim) for count in (CELLS, MOST_CELLS))
+    resolution = round(min(share * usual, most, MOST_RESOLUTION))
+    known = _CELLS.setdefault(shape, {})
+    if resolution not in known:
+        known[resolution] = shape.to_grid(resolution=resolution, margin=shape.margin)
+    return known[resolution]
+
+
+class ShapeRegions(Positives):
+    """P_delta of a shape for rays or boxes of a network, as boxes of a chart's numbers z: coarse cells first, the shape itself where they fail.
+
+    Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is too
+    low in a box, the shape is asked whether the regions in it can meet it at all (``Cover.reach``), and the box is dropped
+    where it certifies that they cannot. So cells are refined, without being laid, where the network would fail on them and
+    only there.
+
+    Args:
+        bounder: Its f is bounded.
+        shape: The object.
+        cells: That hold it (``coarse_cells``).
+        narrowest: See ``search.NARROWEST``.
+    """
+
+    def __init__(self, bounder: Mlp, shape: Shape, cells: IndicatorGrid, narrowest: float = NARROWEST):
+        self.bounder, self.shape, self.cells, self.domain = bounder, shape, cells, bounder.domain
+        self.kind, self._query = COVERS[bounder.query_kind], QUERIES[bounder.query_kind]
+        self.cover = self.kind.charted(bounder, cells)
+        self._narrow = narrowest + self._sides(self.cover.lower[:1], self.cover.lower[:1]).max(initial=0.0)
+        self.asked = 0  # boxes that the shape was asked about
+
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """See ``Positives``."""
+        return self.cover.lower, self.cover.upper
+
+    def reference(self, z: np.ndarray) -> np.ndarray:
+        """See ``Positives``."""
+        return self.bounder.reference(self.coordinates(z))
+
+    def coordinates(self, z: np.ndarray) -> np.ndarray:
+        """``v`` of numbers z."""
+        return self.cover.coordinates(z)
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Positives``; ``boxes`` are without what the chart has cut off, by the cells."""
+        return self.cover.bound(lower, upper)
+
+    def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """See ``Positives``: no positive of the shape lies in the closed box, but for those that others have, too."""
+        vacant = np.zeros(len(lower), dtype=bool)
+        for pieces in self.kind.pieces:
+            left = np.flatnonzero(~vacant)
+            low, high = self.kind.reach(self.cover, lower[left], upper[left], pieces)
+            shape = low.shape
+            low, high = self.domain.base.origins(low.reshape(-1, shape[2]), high.reshape(-1, shape[2]))
+            empty = (low > high).any(axis=1)
+            some = np.flatnonzero(~empty)
+            self.asked += len(some)
+            empty[some] = self.shape.empty(low[some], high[some])
+            vacant[left] = empty.reshape(shape[:2]).all(axis=1)
+        return vacant
+
+    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
+        """See ``Positives``; corners are without what the chart has cut off."""
+        low, high = bounds.boxes.swapaxes(0, 1)
+        least = np.where(self.vacant(low, high), np.inf, bounds.lower)
+        return HeldBounds(least, bounds.axis, (low, high), np.zeros(len(low), dtype=bool))
+
+    def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """See ``Positives``."""
+        return self._sides(lower, upper).max(axis=1) <= self._narrow
+
+    def _sides(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N, ndim)`` sides of the boxes of v that boxes of z can reach, noise included."""
+        low, high = self.cover.chart.hull(lower, upper, self.cover.numbers)
+        return high - low
+
+    def holds(self, z: np.ndarray) -> np.ndarray:
+        """See ``Positives``."""
+        q = self.domain.to_object(self.coordinates(z))
+        return self._query.decide(self.shape, q, self.domain.oracle_length) != OUT
+
+
+def least_region(
+    bounder: Mlp,
+    shape: Shape,
+    known: float,
+    *,
+    eps: float,
+    seconds: float,
+    boxes: float,
+    progress: Callable[[int, float, float], None] | None,
+) -> Search:
+    """``least_value`` of rays or boxes of a shape without cells, which knows a positive with f of ``known``.
+
+    A bound over cells that hold the shape holds for the shape. Coarse cells come first, then finer ones as long as time is
+    expected to suffice, and at last the shape itself. ``needed`` of the result is about the first cells alone.
+    """
+    started, cover_of, best = working_seconds(), COVERS[bounder.query_kind].charted, None
+
+    def left(share: float = 1.0) -> dict[str, float]:
+        spent, done = working_seconds() - started, best.boxes if best else 0
+        return {"seconds": share * (seconds - spent), "boxes": share * (boxes - done)}
+
+    for share in CELL_SHARES:
+        before, cells = working_seconds(), coarse_cells(shape, share)
+        found = charted_minimum(cover_of(bounder, cells), eps=eps, progress=progress, **left(FIRST_SHARE))
+        best = found if best is None else _better(best, found)
+        took = working_seconds() - before
+        limit = left()
+        if not found.complete or best.lower_bound >= known - eps or limit["seconds"] < FINER_TIMES * took:
+            break
+    rest = limit["seconds"] >= SHAPE_TIMES * took and limit["boxes"] >= SHAPE_TIMES * found.boxes
+    if found.complete and best.lower_bound < known - eps and rest:
+        positives = ShapeRegions(bounder, shape, cells)
+        own = minimum(
+            positives, *positives.boxes(), positives=positives, known=known, eps=eps, progress=progress, **limit
+        )
+        best, known = _better(best, own), min(known, own.upper_bound)
+    complete = best.lower_bound >= known - eps
+    spent = working_seconds() - started
+    nothing = np.empty((0, bounder.domain.ndim))
+    return replace(best, upper_bound=known, worst=nothing, numbers=None, seconds=spent, complete=complete)
+
+
+def _better(one: Search, other: Search) -> Search:
+    """The first of two searches for the same least value, with the higher of both bounds."""
+    return replace(one, lower_bound=max(one.lower_bound, other.lower_bound), boxes=one.boxes + other.boxes)
+
+
+# --- thresholds of parts: points -------------------------------------------------------------------------------------
+
+
+STEPS = 8  # sizes of steps that are tried, each half of the one before; the first one reaches the highest threshold
+TOLERATED = 0.1  # negatives, in the mean: what a part's gap may make a false positive
+FINEST = 2.0**-10  # of the thresholds: a largest step that is not worth less
+
+
+def prove_local(
+    member: Mlp,
+    lattice: Lattice,
+    shape: Shape,
+    negatives: np.ndarray,
+    *,
+    points: np.ndarray,
+    eps: float,
+    seconds: float = float("inf"),
+    boxes: float = float("inf"),
+    progress: Callable[[int, float, float], None] | None = None,
+) -> tuple[Local, Search]:
+    """A network of points at proven thresholds of the parts of its domain, all found in one search, with its certificate.
+
+    Args:
+        member: The network, of points; its own threshold is not used.
+        lattice: The parts.
+        shape: The object.
+        negatives: ``(N, n)`` coordinates v that are no positives: they tell which step between levels denies most.
+        points: As of ``prove``.
+        eps: Largest gap, in f, of a part where a larger one would deny fewer of the negatives.
+        seconds: As of ``prove``; parts whose search has not ended are looser, the others are not.
+        boxes: As of ``prove``.
+        progress: As of ``prove``.
+
+    Raises:
+        BounderError: If the thresholds are beyond what levels can tell.
+    """
+    values, place = member.reference(negatives), lattice.place(negatives)
+    found = np.full(lattice.count, np.inf)
+    np.minimum.at(found, lattice.place(points), member.reference(points))
+    limits = {
+        "eps": worthwhile(lattice, found, values, place, eps),
+        "seconds": seconds,
+        "boxes": boxes,
+        "progress": progress,
+    }
+    if isinstance(shape, IndicatorGrid):
+        f, *corners = COVERS[member.query_kind].best_first(member, shape)
+        positives = None
+    else:
+        f = positives = ShapePositives(member, shape)
+        corners = positives.boxes()
+    lower, upper, _ = lattice.cut(*corners)
+    kinds = {"groups": lattice.place(lower), "group_of": lattice.place, "group_count": lattice.count}
+    lost = Lost(values, place, found)
+    search = minimum(f, lower, upper, points=points, positives=positives, price=lost, **kinds, **limits)
+    least = search.by_group
+    bounder, proven = at_least(member, lattice, needless(least, values, place), values, place)
+    settle(bounder, shape, replace(search, lower_bound=proven))
+    return bounder, search
+
+
+class Lost:
+    """What it costs that the least f in a part is known to be no less than a bound: how many negatives are let through that need not be.
+
+    Args:
+        values: f of negatives ``(N,)``.
+        place: Their parts.
+        least: ``(parts,)``, the least f of positives that is known in each.
+    """
+
+    def __init__(self, values: np.ndarray, place: np.ndarray, least: np.ndarray):
+        self._span = max(float(np.ptp(values)), 1e-30) * 4
+        self._first, self._least = float(values.min()), least
+        self._sorted = np.sort(self._key(values, place))
+        self._denied = np.searchsorted(self._sorted, self._key(least, np.arange(len(least))))
+
+    def _key(self, f: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """Grows with the part, and in a part with f."""
+        return place + np.clip((f - self._first) / self._span, -0.25, 0.5) + 0.25
+
+    def __call__(self, bound: np.ndarray, place: np.ndarray) -> np.ndarray:
+        """``(K,)``; of bounds that cost no negative, those farther from the least f cost more."""
+        with np.errstate(invalid="ignore"):
+            gap = np.nan_to_num((self._least[place] - bound) / self._span, nan=1.0, posinf=1.0)
+        denied = np.searchsorted(self._sorted, self._key(bound, place))
+        return np.maximum(self._denied[place] - denied, 0) + np.clip(gap, 0.0, 0.5)
+
+
+def at_least(
+    member: Mlp, lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray
+) -> tuple[Local, float]:
+    """A network at thresholds under the least f ``(parts,)`` of the parts' positives, and the least f of the whole.
+
+    Args:
+        member: The network.
+        lattice: The parts.
+        least: Infinity where no positive lies, minus infinity where nothing is to be denied.
+        values: Of the network at negatives ``(N,)``, by which the step between levels is chosen.
+        place: Their parts.
+
+    Raises:
+        BounderError: If the thresholds are beyond what levels can tell.
+    """
+    bounder, some = _finest(member, lattice, least, values, place), np.isfinite(least)
+    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no time.
+    return bounder, float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
+
+
+def needless(least: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """The least f ``(parts,)``, but minus infinity where no negative lies below; arguments as of ``at_least``."""
+    denied = np.bincount(place[values < least[place]], minlength=len(least))
+    return np.where((denied == 0) & (least < np.inf), -np.inf, least)
+
+
+def worthwhile(lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray, eps: float) -> np.ndarray:
+    """``(parts,)``, the gap in each part that would make about ``TOLERATED`` more negatives a false positive, at least ``eps``.
+
+    Arguments as of ``at_least``; ``eps`` where no positive is known.
+    """
+    below = values < least[place]
+    nearest = np.full(lattice.count, -np.inf)
+    np.maximum.at(nearest, place[below], values[below])
+    gap = np.where(
+        np.isfinite(least), TOLERATED * (least - nearest), eps
+    )  # infinite where nothing is there to be denied
+    return np.maximum(np.minimum(gap, np.ptp(values)), eps)
+
+
+def _finest(member: Mlp, lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray) -> Local:
+    """The bounder with the step that denies most of some negatives, given by f and their parts."""
+    some = least[np.isfinite(least)]
+    reach = float(np.ptp(some) if len(some) else 0.0) / (EVERYWHERE - 2)
+    largest = 2.0 ** np.ceil(np.log2(max(reach, FINEST * float(np.abs(some).max(initial=0.0)), FINEST)))
+    tried = [Local.of(member, lattice, least, largest * 0.5**halved) for halved in range(STEPS)]
+    return max(tried, key=lambda bounder: int((values < bounder.thresholds[place]).sum()))
+
+
+# --- thresholds of parts: rays and boxes -----------------------------------------------------------------------------
+
+
+PARTED = 32768  # boxes of the whole domain, of which each part takes those that meet it
+WHOLE_SHARE = 0.25  # of the time: the search of the whole domain
+COST = 0.02  # of the negatives that a part may deny: how many its gap may make false positives
+
+
+def corners(lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corners ``(parts, n)`` of the closed parts; the outer ones end far beyond all coordinates."""
+    ends = [np.concatenate([[-FARTHEST], axis.astype(np.float64), [FARTHEST]]) for axis in lattice.edges]
+    index = np.unravel_index(np.arange(lattice.count), lattice.shape)
+    sides = (0, 1)
+    return tuple(np.stack([end[i + side] for end, i in zip(ends, index, strict=True)], axis=1) for side in sides)
+
+
+def in_part(cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray) -> ChartedPositives:
+    """The positives with coordinates v between two corners ``(n,)``."""
+    chart = PartChart.of(cover.chart, cover.numbers)
+    return replace(cover, chart=chart, numbers=np.concatenate([cover.numbers, lower, upper]))
+
+
+def meeting(cover: ChartedPositives, lattice: Lattice) -> Iterator[tuple[int, ChartedPositives]]:
+    """The parts that the boxes of a cover may meet, each with the positives in it."""
+    low, high = cover.chart.hull(cover.lower, cover.upper, cover.numbers)
+    for part, (lower, upper) in enumerate(zip(*corners(lattice), strict=True)):
+        meets = ((low <= upper) & (high >= lower)).all(axis=1)
+        if meets.any():
+            own = in_part(cover, lower, upper)
+            yield part, replace(own, lower=cover.lower[meets], upper=cover.upper[meets])
+
+
+def least_by_part(
+    member: Mlp,
+    cover: ChartedPositives,
+    lattice: Lattice,
+    negatives: np.ndarray,
+    points: np.ndarray,
+    *,
+    eps: float,
+    seconds: float = float("inf"),
+    boxes: float = float("inf"),
+    progress: Callable[[int, float, float], None] | None = None,
+) -> tuple[np.ndarray, np.ndarray, Search]:
+    """Certified least f of the positives of each part, for rays and boxes: each part is a search of its own.
+
+    The chart of a part (``networks.charts.PartChart``) holds the positives whose coordinates v lie in it. A part's search that
+    runs out of time is loose in that part only; and no part is looser than the whole domain, which is searched first.
+
+    Args:
+        member: The network.
+        cover: Its positives.
+        lattice: The parts.
+        negatives: ``(N, n)`` coordinates v that are no positives: what a part may deny of them tells how much of the
+            time it gets, and its gap.
+        points: ``(P, n)`` positives, the more the better.
+        eps: Gap of the whole domain, and the least one of a part.
+        seconds: Time for all parts together.
+        boxes: Boxes for all parts together, instead of time.
+        progress: Called with boxes done, the fraction of the work that is done, and the gap that is aimed at.
+
+    Returns:
+        ``(parts,)`` least f, infinity where no positive lies; ``(parts,)`` the least f found, not lower; and the search
+        of the whole domain, with all boxes and seconds counted.
+    """
+    started = working_seconds()
+    f, place = member.reference(negatives), lattice.place(negatives)
+    found = np.full(lattice.count, np.inf)
+    np.minimum.at(found, lattice.place(points), member.reference(points))
+    limits = {"seconds": WHOLE_SHARE * seconds, "boxes": WHOLE_SHARE * boxes}
+    whole = charted_minimum(cover, eps=eps, upper=float(found.min()), progress=progress, **limits)
+    np.minimum.at(found, lattice.place(whole.worst), member.reference(whole.worst))
+    least, own = np.full(lattice.count, np.inf), dict(meeting(divided(cover, PARTED, "cpu"), lattice))
+    least[list(own)] = whole.lower_bound
+    # What each part may deny beyond the whole domain's threshold; where none of its negatives is, nothing is to be proven.
+    by_part = {part: np.sort(f[(place == part) & (f >= whole.lower_bound) & (f < found[part])]) for part in own}
+    order = sorted((part for part in own if len(by_part[part])), key=lambda part: -len(by_part[part]))
+    weights = np.sqrt([len(by_part[part]) for part in order])
+    done, complete = whole.boxes, whole.complete
+    for index, part in enumerate(order):
+        share = float(weights[index] / weights[index:].sum())
+        above = by_part[part][::-1]
+        upper = float(min(found[part], above[0] + eps))  # no higher threshold denies more of the negatives
+        gap = max(upper - float(above[min(int(COST * len(above)), len(above) - 1)]), eps)
+        left = max(seconds - (working_seconds() - started), 0.0), max(boxes - done, 0.0)
+        search = charted_minimum(own[part], eps=gap, upper=upper, seconds=share * left[0], boxes=share * left[1])
+        done, complete = done + search.boxes, complete and search.complete
+        least[part] = max(least[part], search.lower_bound)
+        found[part] = min(found[part], search.upper_bound)
+        if progress:
+            progress(done, (index + 1) / len(order), gap)
+    unknown = [part for part in own if found[part] == np.inf]  # nothing to be denied, so nobody has looked there
+    found[unknown], spent = whole.upper_bound, working_seconds() - started
+    return least, np.maximum(found, least), replace(whole, boxes=done, seconds=spent, complete=complete)

@@ -30,7 +30,7 @@ from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.joints import Joints
 from warp_bounding.networks.bounds import bound_boxes
 from warp_bounding.networks.charts import SegmentChart
-from warp_bounding.proof.search.best_first import halve
+from warp_bounding.proof.search import halve
 from warp_bounding.queries.distance import DistanceDomain
 
 __all__ = ["clear_segments"]

@@ -20,8 +20,7 @@ from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_distance_rates
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.proof.distances.excesses import excesses, worst_points
-from warp_bounding.proof.distances.prove import prove_distance
+from warp_bounding.proof.distances import excesses, prove_distance, worst_points
 from warp_bounding.queries.boundary import border_points, held_points
 from warp_bounding.queries.distance import METRICS, DistanceDomain, in_metric
 from warp_bounding.queries.point import POINT

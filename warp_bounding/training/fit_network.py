@@ -21,10 +21,9 @@ from warp_bounding.errors import BounderError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.network import head_of
 from warp_bounding.proof import Search, attest, charted, conjunction, least_value, prove_or_attest, settle
-from warp_bounding.proof.covers.monotone_box import of_points
-from warp_bounding.proof.local import at_least, needless, prove_local, worthwhile
-from warp_bounding.proof.parts import least_by_part
-from warp_bounding.proof.search.pace import GROWTH
+from warp_bounding.proof.covers import of_points
+from warp_bounding.proof.prove import at_least, least_by_part, needless, prove_local, worthwhile
+from warp_bounding.proof.search import STEEPNESS
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.runtime.progress import Progress
@@ -154,7 +153,7 @@ class Costs:
 
     def of_proof(self, least: float, eps: float, needed: float, seconds: float) -> float:
         """Share of queries that a proof in ``seconds`` should cost, where a gap ``eps`` takes ``needed`` seconds."""
-        return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / GROWTH), least)
+        return self.between(least - eps * max(needed / seconds, 1.0) ** (1 / STEEPNESS), least)
 
 
 def lattice_of(problem: Problem, count: int) -> Lattice:

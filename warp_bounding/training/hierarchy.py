@@ -18,7 +18,7 @@ from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Region, check_cover
 from warp_bounding.bounders.volumes import Aabb, VolumeBounder
-from warp_bounding.certificates.document import conjunction
+from warp_bounding.certificates import conjunction
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import load_indicator

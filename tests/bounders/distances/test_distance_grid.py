@@ -7,7 +7,7 @@ from distances import far, points_around, thing
 import warp_bounding as wb
 from warp_bounding.bounders.distance_grid import STORAGES, DistanceGrid
 from warp_bounding.errors import BounderError
-from warp_bounding.proof.distances.excesses import excesses, largest_excess
+from warp_bounding.proof.distances import excesses, largest_excess
 
 
 @pytest.mark.parametrize("refine", [1, 4])

@@ -10,7 +10,7 @@ from distances import THINGS, far, points_around, squared_distance_to_cells, thi
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
-from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
+from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
 
 GRIDS = ("line", "c", "blob", "anisotropic", "mesh", "five")
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from distances import far, thing
 
-from warp_bounding.proof.distances.bars import Bars, excesses_at
-from warp_bounding.proof.distances.excesses import excesses, worst_points
+from warp_bounding.proof.distances import Bars, excesses, excesses_at, worst_points
 
 PEAK, LOW, STEEP = 0.1, 0.2, 3.0  # local units: the greatest excess, how far below 0 F is elsewhere, its slope around
 

@@ -12,7 +12,7 @@ from warp_bounding.bounders.mlp import Lattice, packed, unpacked
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.errors import BounderError, IndicatorError, QueryError
 from warp_bounding.indicators.shape import IN
-from warp_bounding.proof.distances.soak import DISTANCE_FORMS, DistancePositives
+from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
 from warp_bounding.queries.distance import DistanceDomain
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")  # the sheet

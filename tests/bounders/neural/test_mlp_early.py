@@ -14,7 +14,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.mlp import Mlp, Occupancy
 from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
-from warp_bounding.certificates.certificate import Certificate
+from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import DENIED, GRANTED

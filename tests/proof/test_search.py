@@ -1,0 +1,332 @@
+"""Branch and bound: what it returns holds whenever it stops, and is the minimum where it is complete."""
+
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from bounding_shapes import device_coordinates, object_points, random_bounder, random_mlp, shape
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.mlp import Lattice, Local
+from warp_bounding.indicators.grid import blocks_of
+from warp_bounding.networks.bounds import BoxBounds
+from warp_bounding.proof import minimum, positive_boxes
+from warp_bounding.proof import search as module
+from warp_bounding.proof.prove import Lost
+from warp_bounding.proof.search import STACK, WORST, Pace, ShapePositives, _fill, halve
+
+
+def brute_force(bounder, lower, upper, rng, count=200_000) -> float:
+    """The least value found on a dense random sample of boxes, half of the coordinates on faces."""
+    box = rng.integers(len(lower), size=count)
+    u = rng.random((count, lower.shape[1]))
+    u = np.where(rng.random(u.shape) < 0.5, np.round(u), u)
+    return float(bounder.reference(lower[box] + u * (upper[box] - lower[box])).min())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bounds_hold_whenever_it_stops(method, rng):
+    bounder, grid = random_bounder(method, "c"), shape("c")
+    lower, upper = positive_boxes(bounder, grid)
+    found = brute_force(bounder, lower, upper, rng)
+    for eps, limit in ((1e-2, {}), (0.0, {"seconds": 0.0}), (1e-9, {"boxes": 10_000})):
+        search = minimum(bounder, lower, upper, eps=eps, **limit)
+        assert search.lower_bound <= found
+        assert search.lower_bound <= search.upper_bound
+        assert search.boxes >= len(lower)
+        if search.complete and method != "voxels":
+            assert search.upper_bound - search.lower_bound <= max(eps, 1e-5)
+            assert search.upper_bound <= found + max(eps, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("hidden", "activation", "octaves"), [((8,), "sin", 2), ((8,), "relu", 0), ((24, 24), "tanh", 0)]
+)
+def test_minimum_of_networks_is_what_brute_force_finds(hidden, activation, octaves, rng):
+    bounder, grid, told = random_mlp(shape("c"), hidden, activation, octaves), shape("c"), []
+    lower, upper = positive_boxes(bounder, grid)
+    progress = lambda *numbers: told.append(numbers)  # noqa: E731
+    search = minimum(bounder, lower, upper, eps=1e-3, boxes=5_000_000, progress=progress)
+    found = brute_force(bounder, lower, upper, rng)
+    assert search.complete
+    assert search.lower_bound <= found
+    assert search.upper_bound - search.lower_bound <= 1e-3
+    assert search.lower_bound >= found - 0.02  # the sample comes close, too
+    assert all(done > 0 and waiting >= 0 for done, waiting, _ in told)
+    values = bounder.reference(search.worst)
+    assert len(search.worst) <= WORST
+    assert (np.diff(values) >= -1e-9).all()
+    assert np.isclose(values[0], search.upper_bound, atol=1e-9)
+    x = search.worst[:, None]
+    assert ((x >= lower - 1e-12) & (x <= upper + 1e-12)).all(axis=2).any(axis=1).all()
+
+
+def test_it_ends_without_a_tolerance():
+    """Float64 cannot tell bound and value apart any further; the search must not try for ever."""
+    bounder, grid = random_mlp(shape("line")), shape("line")
+    search = minimum(bounder, *positive_boxes(bounder, grid), eps=0.0, boxes=5_000_000)
+    assert search.complete
+    assert search.upper_bound - search.lower_bound < 1e-6
+
+
+def test_it_closes_no_box_whose_bound_is_nan():
+    def f(v):
+        return np.where(v[:, 0] > 0.9, -1.0, 0.0)
+
+    def bound(low, high):
+        center = (low + high) / 2
+        least = np.where(high[:, 0] > 0.9, np.nan, 0.0)
+        return BoxBounds(least, np.argmax(high - low, axis=1), center, f(center), None)
+
+    fake = SimpleNamespace(reference=f, bound=bound)
+    assert not minimum(fake, np.zeros((1, 2)), np.ones((1, 2)), eps=0.1, boxes=500).lower_bound > -1
+
+
+def test_halves_are_the_whole(rng):
+    low, high = rng.random((50, 3)), 1 + rng.random((50, 3))
+    axis = rng.integers(3, size=50)
+    lower, upper = halve(low, high, axis)
+    assert np.allclose((upper - lower).prod(axis=1).reshape(2, -1).sum(axis=0), (high - low).prod(axis=1))
+    assert (np.minimum(lower[:50], lower[50:]) == low).all()
+    assert (np.maximum(upper[:50], upper[50:]) == high).all()
+    assert (upper[np.arange(50), axis] == lower[np.arange(50, 100), axis]).all()
+
+
+@pytest.mark.parametrize("name", ["line", "c", "star", "single", "animated", "five"])
+def test_blocks_cover_the_object_once(name):
+    grid = shape(name)
+    cover = np.zeros(grid.shape, int)
+    for first, last in zip(*blocks_of(grid.occupancy), strict=True):
+        cover[tuple(slice(a, b) for a, b in zip(first, last, strict=True))] += 1
+    assert (cover == grid.occupancy).all()
+
+
+@pytest.mark.parametrize("name", ["c", "single", "mesh", "animated"])
+def test_boxes_hold_all_that_devices_compute(name, rng):
+    """P_delta: every coordinate that a device makes of a float32 point of the object lies in one of the boxes."""
+    for bounder in (random_bounder("aabb", name), random_bounder("mlp", name)):
+        grid = shape(name)
+        v = device_coordinates(bounder, object_points(grid, rng, 300))
+        lower, upper = positive_boxes(bounder, grid)
+        asked = (np.abs(v) <= bounder.domain.limit).all(axis=1)  # outside of time: maybe, without asking
+        inside = ((v[:, None] >= lower) & (v[:, None] <= upper)).all(axis=2).any(axis=1)
+        assert (inside | ~asked).all()
+        assert grid.time or asked.all()
+
+
+# --- many boxes, and groups of them ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("many", "too_many"), [(1000, 2000), (10**9, 10**9)])
+def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng):
+    for name, value in (("MANY", many), ("TOO_MANY", too_many), ("CHUNK", 512)):
+        monkeypatch.setattr(module, name, value)
+    own = wb.solids.Sphere([0.0, 0.0, 0.0], 0.4) - wb.solids.Sphere([0.0, 0.0, 0.0], 0.3)
+    bounder = random_mlp(own)
+    x = rng.uniform(own.lower, own.upper, (100_000, 3))
+    held = own.contains(x)
+    positives, negatives = bounder.domain.to_local(x[held]), bounder.domain.to_local(x[~held][:20_000])
+    found = ShapePositives(bounder, own)
+    told = {"eps": 1e-4, "boxes": 20_000, "points": positives[:100], "positives": found}
+    search = minimum(found, *found.boxes(), **told)
+    assert -np.inf < search.lower_bound <= bounder.reference(positives).min()
+    halves = np.arange(2)
+    lower, upper = (np.repeat(side, 2, axis=0) for side in found.boxes())
+    upper[0, 0] = lower[1, 0] = 0.0
+
+    def part(v):
+        return (v[:, 0] > 0).astype(np.int64)
+
+    least = np.full(2, np.inf)
+    np.minimum.at(least, part(positives[:100]), bounder.reference(positives[:100]))
+    price = Lost(bounder.reference(negatives), part(negatives), least)
+    search = minimum(found, lower, upper, groups=halves, group_of=part, group_count=2, price=price, **told)
+    for number in halves:
+        assert search.by_group[number] <= bounder.reference(positives[part(positives) == number]).min()
+    assert search.by_group.min() == search.lower_bound
+
+
+def test_what_costs_more_comes_first(rng):
+    values, place = rng.normal(size=1000), rng.integers(3, size=1000)
+    least = np.array([0.5, -0.2, np.inf])
+    lost = Lost(values, place, least)
+    for number in (0, 1):
+        for bound in (-np.inf, -1.0, 0.1, 0.4):
+            wrong = ((place == number) & (values >= bound) & (values < least[number])).sum()
+            assert wrong <= lost(np.array([bound]), np.array([number]))[0] <= wrong + 0.5
+    assert np.isfinite(lost(np.array([-np.inf, 3.0]), np.array([2, 2]))).all()
+    prices = rng.random(1000)
+    prices[:10] = np.inf
+    chunks = module._chunks(np.arange(1000.0), np.arange(1000.0), prices, np.zeros(1000, int), prices)
+    for level, most in ((0.7, 1000), (0.0, 100), (2.0, 1000)):
+        kept, rest = (np.concatenate([chunk.price for chunk in part]) for part in module._split(chunks, level, most))
+        assert len(kept) + len(rest) == 1000
+        assert len(kept) == min((prices > level).sum(), most)
+        assert rest.max() <= kept.min()
+
+
+def test_boxes_that_are_dealt_out_anew_are_the_same(rng):
+    for _ in range(20):
+        blocks = int(rng.integers(1, 70))
+        heights = np.where(rng.random(blocks) < 0.5, 0, rng.integers(0, STACK + 1, blocks)).astype(np.int32)
+        reserve = np.arange(1e6, 1e6 + rng.choice([0, 1, 7, 5000])).reshape(-1, 1, 1)
+        stacks = np.arange(blocks * STACK, dtype=np.float64).reshape(blocks, STACK, 1, 1)
+
+        def held(stacks=stacks, heights=heights) -> np.ndarray:
+            return np.concatenate([stack[:height, 0, 0] for stack, height in zip(stacks, heights, strict=True)])
+
+        first = np.minimum(heights, rng.integers(0, STACK, blocks)).astype(np.int32)
+        before, waiting = held(), int(first.sum())
+        taken = _fill(stacks, heights, first, reserve)
+        after = np.concatenate([held(), reserve[: len(reserve) - taken, 0, 0]])
+        assert np.array_equal(np.sort(after), np.sort(np.concatenate([before, reserve[:, 0, 0]])))
+        assert heights.max() <= STACK
+        assert (first <= heights).all()
+        assert first.sum() == waiting + taken
+        assert heights.any() or not len(before) + len(reserve)
+
+
+# --- half-spaces that hold a shape in boxes --------------------------------------------------------------------------
+
+
+@cache
+def network_shape(activation: str = "Sine", n: int = 3):
+    torch = pytest.importorskip("torch", reason="torch is not installed")
+    nn = torch.nn
+
+    class Sine(nn.Module):
+        def forward(self, z):
+            return torch.sin(z)
+
+    torch.manual_seed(0)
+    kind = Sine if activation == "Sine" else getattr(nn, activation)
+    network = nn.Sequential(nn.Linear(n, 12), kind(), nn.Linear(12, 12), kind(), nn.Linear(12, 1))
+    network.requires_grad_(False)
+    network[0].weight.mul_(3.0)
+    network[-1].weight.mul_(5.0)
+    lower, upper = [-1.0] * (n - 1) + [0.0], [1.0] * n
+    x = np.random.default_rng(0).uniform(lower, upper, (999, n))
+    return wb.IndicatorNetwork(
+        network, lower, upper, level=float(network(torch.tensor(x, dtype=torch.float32)).median())
+    )
+
+
+def random_boxes(lower, upper, count, rng):
+    size = (upper - lower) * 10.0 ** rng.uniform(-3, 0.2, (count, 1)) * rng.random((count, len(lower)))
+    low = rng.uniform(lower - size / 2, upper - size / 2)
+    return low, low + size
+
+
+@pytest.mark.parametrize("activation", ["Sine", "ReLU", "Tanh"])
+def test_half_spaces_hold_the_points_of_the_object(activation, rng):
+    own = network_shape(activation)
+    low, high = random_boxes(own.lower, own.upper, 2000, rng)
+    known = own.half_spaces(low, high)
+    x = low[:, None] + rng.choice([0.0, 0.5, 1.0, 0.3], (2000, 40, 3)) * (high - low)[:, None]
+    held = own.contains(x.reshape(-1, 3)).reshape(2000, 40)
+    value = known.level[:, None] + ((x - known.center[:, None]) * known.slope[:, None]).sum(axis=2)
+    assert held.any()
+    assert not held.all()
+    assert not held[known.empty].any()
+    assert (value >= -1e-12)[held & ~known.empty[:, None]].all()
+    assert (known.empty == own.empty(low, high)).all()
+
+
+def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
+    own = network_shape()
+    bounder = random_mlp(own)
+    positives = ShapePositives(bounder, own)
+    limit = bounder.domain.limit.astype(float)
+    low, high = random_boxes(-limit, limit, 4000, rng)
+    low, high = np.maximum(low, -limit), np.minimum(high, limit)
+    bounds = positives.bound(low, high)
+    target = bounds.lower + rng.uniform(-1, 3, 4000)
+    found = positives.held(low, high, bounds, target)
+    inside, outside = found.corners
+    v = low[:, None] + rng.choice([0.0, 1.0, 0.5, 0.2, 0.7], (4000, 40, 3)) * (high - low)[:, None]
+    holds = positives.holds(v.reshape(-1, 3)).reshape(4000, 40)
+    f = bounder.reference(v.reshape(-1, 3)).reshape(4000, 40)
+    assert (f >= found.lower[:, None])[holds].all()
+    kept = ((v >= inside[:, None]) & (v <= outside[:, None])).all(axis=2)
+    assert (f >= target[:, None])[holds & ~kept].all()
+    assert (inside >= low).all()
+    assert (outside <= high).all()
+    assert (holds & ~kept).any()
+    assert ((found.lower > bounds.lower) & (found.lower < np.inf)).any()
+    assert (found.cut == ((inside > low) | (outside < high)).any(axis=1)).all()
+
+
+def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
+    """The network's slopes are not those of the network less a threshold: with them everything would seem to be proven."""
+    own = network_shape(n=2)
+    fitted = wb.fit(own, hidden=(8,), steps=100, device="cpu", progress=False)
+    higher = fitted.tensors["layers.1.bias"] + np.float32(5)  # thresholds above 0 are what the slopes would leave out
+    network = type(fitted)(fitted.domain, fitted.tensors | {"layers.1.bias": higher}, fitted.sizes, "cpu")
+    network.info = dict(fitted.info)
+    network.freeze(float(fitted.threshold) + 4.999, None)
+    x = np.random.default_rng(1).uniform(own.lower, own.upper, (20_000, 2)).astype(np.float32)
+    x = x[own.contains(x)]
+    limit = network.domain.limit.astype(np.float64)
+    lattice, lowest = Lattice.of(-limit, limit, (3, 3)), float(network.threshold)
+    assert network.values(x).numpy().min() > lowest
+    highest = float(network.values(x).numpy().max())
+    for thresholds, kind in ((lowest - 0.01, "proven"), (highest, "refuted"), (np.inf, "refuted")):
+        local = Local.of(network, lattice, np.full(lattice.count, thresholds), 2.0**-10)
+        local.info = dict(network.info)
+        local.freeze(-1e-3, None)
+        assert (local.query(x).numpy() == 1).all() == (kind == "proven")
+        for bounder in (local, wb.cascade(wb.fit(own, method="aabb", device="cpu"), local)):
+            assert wb.certify(bounder, own).kind == kind
+
+
+# --- searches that must end in time ----------------------------------------------------------------------------------
+
+COUNT = 100_000
+
+
+def finish(work, gap, *, noise=0.0, stuck=0.0, slow=False):
+    """Run a search whose share grows by ``1 / work(gap)`` a unit of time; the pace, and the time that it took."""
+    pace, rng, used, share, boxes = Pace(gap), np.random.default_rng(0), 0.0, 0.0, 0
+    while share < 1:
+        pace.update(used, share, boxes, COUNT)
+        used += 0.001
+        speed = 0.5 if slow and 0.3 < used < 0.4 else 1.0
+        boxes += round(1000 * speed)
+        if used > stuck:
+            share += 0.001 * speed / work(pace.gap) * np.exp(rng.normal(0, noise))
+        assert used < 2
+    return pace, used
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_search_that_is_late_widens_its_gap_and_ends(noise):
+    pace, used = finish(lambda gap: 0.7, 0.1, noise=noise, slow=True)
+    assert (pace.gap, pace.whole) == (0.1, 0.0)  # in time, it keeps its gap
+    assert used < 0.9
+    for exponent in (0.15, 0.3, 0.7):
+        for whole in (1.2, 2.0, 5.0):
+            pace, used = finish(lambda gap, w=whole, e=exponent: w * (0.1 / gap) ** e, 0.1, noise=noise)
+            assert pace.gap > 0.1
+            assert pace.whole == pytest.approx(whole, rel=0.3)
+            assert used < 1
+            # but for 5, no more than ten times the gap that would just be in time, were it known
+            assert whole > 2 or pace.gap < whole ** (1 / exponent)
+    pace, used = finish(lambda gap: 0.05, 1e-3, stuck=0.9)
+    assert pace.gap > 1e-3
+    assert used < 1
+
+
+def test_gaps_widen_fast_in_the_end_and_are_not_aimed_at_where_they_cannot_be_had():
+    pace = Pace(1.0)
+    for used in np.arange(0.94, 1.0, 0.01):
+        pace.update(used, 1.0, 1000, COUNT)
+    assert pace.gap > 30
+    pace = Pace(0.1)
+    pace.reach(0.05)
+    assert pace.gap == 0.1
+    pace.reach(0.3)
+    assert pace.gap == 0.3
+    pace.widen()
+    assert pace.gap == 3.0

@@ -1,0 +1,383 @@
+"""Shapes without cells: points and regions are fitted, proven, attacked and certified; volumes are proven over a mesh's hull."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+
+import warp_bounding as wb
+from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.geometry import few_points, hull_of
+from warp_bounding.indicators.parts import Clipped
+from warp_bounding.indicators.shape import IN, OUT
+from warp_bounding.proof import least_value, minimum, prove, soak
+from warp_bounding.proof.covers import SupportGap
+from warp_bounding.proof.prove import ShapeRegions, coarse_cells
+from warp_bounding.proof.search import ShapePositives
+from warp_bounding.proof.stress import CHUNK
+from warp_bounding.queries import QUERIES
+from warp_bounding.queries.boundary import border_points
+
+VOLUMES = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "learned-kdop")
+REGIONS = ("ray", "plane", "box")
+MARGIN = 0.03
+CERTAIN = 1e-9  # of f: what float64 makes of values that are compared
+TETRAHEDRON = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+
+
+def fit(shape, query="point", method="mlp", **told) -> wb.Bounder:
+    told |= {"hidden": (8,)} if method in ("mlp", "monotone-mlp") else {}
+    told |= {"steps": 50} if method == "learned-kdop" else {}
+    return wb.fit(shape, query, method, device="cpu", progress=False, **told)
+
+
+def balls(ndim: int) -> wb.IndicatorFunction:
+    """Three overlapping balls."""
+    rng = np.random.default_rng(ndim)
+    shape = wb.solids.Sphere(rng.uniform(-0.4, 0.4, ndim), 0.3)
+    for _ in range(2):
+        shape = shape | wb.solids.Sphere(rng.uniform(-0.4, 0.4, ndim), rng.uniform(0.2, 0.35))
+    return shape
+
+
+@cache
+def mesh(margin: float = 0.0) -> wb.IndicatorMesh:
+    """A ball and a turned bar that sticks out of it, in coordinates far from 0 and with unequal sides."""
+    ball, bar = trimesh.creation.icosphere(2, 0.4), trimesh.creation.box((1.6, 0.2, 0.3))
+    bar.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
+    both = trimesh.util.concatenate([ball, bar])
+    return wb.IndicatorMesh(np.asarray(both.vertices) + np.array([3.0, -2.0, 0.5]), both.faces).dilated(margin)
+
+
+def denied_positives(bounder: wb.Bounder, shape, count: int = 100_000) -> int:
+    """False negatives among random points and points of the border."""
+    rng = np.random.default_rng(3)
+    x = rng.uniform(shape.sample_lower, shape.sample_upper, (count, shape.ndim))
+    x = np.concatenate([x, border_points(shape, count // 10, rng)]).astype(np.float32)
+    return int((shape.contains(x) & (bounder.query(x).numpy() == 0)).sum())
+
+
+def check_proven(bounder: wb.Bounder, shape) -> None:
+    assert bounder.certificate.proven
+    assert bounder.info["resolution"] is None
+    assert denied_positives(bounder, shape) == 0
+    assert wb.certify(bounder, shape).kind == "proven"
+
+
+# --- points ----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("ndim", [2, 3, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", VOLUMES[:-1])
+def test_closed_forms_of_functions_are_proven(method, ndim):
+    if ndim == 5 and method not in ("aabb", "sphere"):
+        pytest.skip("two are enough")
+    check_proven(fit(balls(ndim), method=method), balls(ndim))
+
+
+@pytest.mark.parametrize("ndim", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
+def test_networks_of_functions_are_proven(ndim):
+    shape = balls(ndim)
+    bounder = fit(shape, steps=300)
+    check_proven(bounder, shape)
+    assert wb.evaluate(bounder, shape, 50_000).fp_rate < wb.evaluate(fit(shape, method="aabb"), shape, 50_000).fp_rate
+
+
+@pytest.mark.parametrize("method", ["mlp-early", "learned-kdop", "aabb+mlp"])
+def test_other_learned_methods(method):
+    shape = wb.solids.Torus([0, 0, 0], 0.7, 0.2)
+    told = {"hidden": (6, 5) if method == "mlp-early" else (8,)} if "mlp" in method else {}
+    check_proven(wb.fit(shape, method=method, steps=50, device="cpu", progress=False, **told), shape)
+
+
+def test_certify_refutes_what_is_too_tight():
+    shape = balls(3)
+    bounder = fit(shape, method="sphere")
+    assert wb.certify(bounder, wb.solids.Sphere([0.9, 0.0, 0.0], 0.6)).kind in ("refuted", "undecided")
+    bounder.freeze(float(bounder.threshold) + 0.02, bounder.certificate)
+    certificate = wb.certify(bounder, shape)
+    assert certificate.kind == "refuted"
+    point = np.array([certificate.counterexample], np.float32)
+    assert shape.contains(point)[0]
+    assert not bounder.query(point).numpy()[0]
+
+
+def test_a_mesh_is_bounded_itself(tmp_path):
+    shape = wb.IndicatorMesh(*TETRAHEDRON)
+    bounder = fit(shape, steps=100, margin=0.02)
+    assert bounder.certificate.proven
+    assert (bounder.certificate.margin, bounder.certificate.cells) == (0.02, 0)
+    assert denied_positives(bounder, shape.dilated(0.02)) == 0
+    bounder.save(tmp_path / "b.safetensors")
+    assert wb.certify(tmp_path / "b.safetensors", shape, margin=0.02).kind == "proven"
+    assert wb.certify(tmp_path / "b.safetensors", shape, margin=0.01).kind == "inapplicable"
+    rates = wb.evaluate(bounder, shape, 50_000)
+    assert rates.truth == "of the shape itself"
+    assert rates.fn == 0
+    result = soak(bounder, shape, 2_000_000, seed=2)
+    assert result.missed is None
+    assert all(result.forms.values())
+
+
+def test_cells_are_laid_where_they_are_asked_for():
+    shape = wb.IndicatorMesh(*TETRAHEDRON)
+    for query, method, told in (
+        ("point", "bvh", {"leaves": 8}),
+        ("point", "aabb", {"resolution": 16}),
+        ("box", "bvh", {"leaves": 8}),
+    ):
+        bounder = fit(shape, query, method, margin=0.2, **told)
+        assert bounder.info["resolution"] is not None
+        assert bounder.certificate.cells > 0
+        rates = wb.evaluate(bounder, shape, 20_000)
+        assert rates.fn == 0
+        assert rates.fp_rate_cells <= rates.fp_rate
+    assert fit(wb.solids.Sphere([0, 0], 1.0), "plane", "aabb").info["resolution"] is not None
+
+
+def test_a_function_that_certifies_nothing_is_attested_and_a_false_one_is_an_error():
+    def contains(x):
+        return np.linalg.norm(x, axis=1) <= 0.5
+
+    shape = wb.IndicatorFunction(contains, [-0.5, -0.5], [0.5, 0.5])
+    for bounder in (fit(shape, method="sphere"), fit(shape, steps=100)):
+        assert bounder.certificate.kind == "statistical"
+        assert wb.certify(bounder, shape).kind == "statistical"
+
+    def empty(lower, upper):
+        return np.linalg.norm((lower + upper) / 2, axis=1) > 0.2
+
+    with pytest.raises(wb.IndicatorError, match="function: "):
+        fit(wb.IndicatorFunction(contains, [-0.5, -0.5], [0.5, 0.5], empty=empty), method="sphere")
+
+
+def test_vacant_boxes_hold_nothing():
+    shape = balls(3)
+    bounder = fit(shape, method="aabb")
+    positives, rng = ShapePositives(bounder, shape), np.random.default_rng(0)
+    lower = rng.uniform(-1, 1, (20_000, 3))
+    upper = lower + rng.uniform(0, 0.3, (20_000, 3)) ** 2
+    vacant = positives.vacant(lower, upper)
+    assert 0.1 < vacant.mean() < 0.9
+    for share in rng.random((20, 1, 3)):
+        x = bounder.domain.to_object(lower + share * (upper - lower))[vacant]
+        assert (shape.decide(x) == OUT).all()
+
+
+@pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")
+def test_open_surfaces_and_what_fills_its_box_are_bounded():
+    sheet = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0.2], [0, 1, 0.1], [1, 1, 0.4]], [[0, 1, 2], [2, 1, 3]])
+    for margin, method in ((0.0, "obb"), (0.01, "obb"), (0.01, "mlp")):
+        bounder = fit(sheet, method=method, margin=margin, **({"steps": 100} if method == "mlp" else {}))
+        assert bounder.certificate.proven
+        x = np.concatenate([sheet.points(100_000, np.random.default_rng(0)).astype(np.float32), sheet.vertices])
+        held = sheet.dilated(margin).decide(x) == IN
+        assert not (held & (bounder.query(x).numpy() == 0)).any()
+    box = wb.solids.Box([0, 0, 0], [1, 2, 3])
+    assert wb.evaluate(fit(box, method="aabb"), box, 100_000).fp_rate < 0.1
+    assert fit(box, steps=50).certificate.proven
+
+
+def test_a_mesh_far_from_the_origin_is_bounded_as_well_as_float32_allows():
+    vertices = np.array(TETRAHEDRON[0], np.float64)
+    far = wb.IndicatorMesh(16 * vertices + 1e6, TETRAHEDRON[1])
+    check_proven(fit(far, method="kdop"), far)
+    with pytest.raises(wb.IndicatorError, match="move the shape to its origin"):
+        fit(wb.IndicatorMesh(vertices + 1e6, TETRAHEDRON[1]), method="kdop")
+
+
+# --- volumes over the hull of a mesh ---------------------------------------------------------------------------------
+
+
+def cloud(name: str) -> np.ndarray:
+    """Points ``(P, 3)`` that are float32 numbers."""
+    rng = np.random.default_rng(1)
+    if name == "ball":
+        return rng.integers(-(2**12), 2**12, (2000, 3)) / 2.0**12
+    if name == "sphere":
+        return trimesh.creation.icosphere(4).vertices.astype(np.float32).astype(np.float64)
+    if name == "cube":  # most points lie in faces
+        x = rng.random((1500, 3)).astype(np.float32).astype(np.float64)
+        x[np.arange(1500), rng.integers(3, size=1500)] = rng.integers(2, size=1500)
+        return x
+    if name == "flat":
+        return np.pad(rng.random((500, 2)).astype(np.float32).astype(np.float64), ((0, 0), (0, 1)))
+    return (rng.normal(size=(3000, 3)) * [1e3, 1.0, 1e-3]).astype(np.float32).astype(np.float64)  # a needle
+
+
+@pytest.mark.parametrize("name", ["ball", "sphere", "cube", "flat", "needle"])
+def test_few_points_hold_every_support(name):
+    points, rng = cloud(name), np.random.default_rng(2)
+    kept, missed = few_points(points)
+    assert 0 <= missed <= 1e-8 * np.ptp(points, axis=0).max()
+    if name in ("ball", "needle"):
+        assert len(kept) < 0.3 * len(points)
+    normals = rng.integers(-9, 10, (4000, 3)).astype(np.float64)  # few bits: the products of "ball" are exact
+    short = (points @ normals.T).max(axis=0) - (kept @ normals.T).max(axis=0)
+    assert (short <= missed * np.linalg.norm(normals, axis=1)).all()
+
+
+def test_the_hull_of_a_mesh_holds_it_with_its_margin():
+    shape = mesh(MARGIN)
+    hull = hull_of(shape)
+    assert hull.radius >= MARGIN
+    x = shape.points(100_000, np.random.default_rng(0))
+    m = np.random.default_rng(1).normal(size=(50, 3))
+    reach = (hull.points @ m.T).max(axis=0) + hull.radius * np.linalg.norm(m, axis=1)
+    assert ((x @ m.T).max(axis=0) <= reach).all()
+    bounder, low, high = fit(mesh(), method="kdop"), mesh().lower, mesh().upper
+    assert bounder.exact_on_hull(mesh())
+    for other in (wb.solids.Sphere([0, 0, 0], 1.0), wb.Complement(mesh()), Clipped(mesh(), low, (low + high) / 2)):
+        assert hull_of(other) is None or not bounder.exact_on_hull(other)
+
+
+@pytest.mark.parametrize("margin", [0.0, MARGIN])
+@pytest.mark.parametrize("method", VOLUMES)
+def test_the_hull_decides_what_a_search_brackets(method, margin, monkeypatch):
+    bounder, shape = fit(mesh(), method=method, margin=margin), mesh(margin)
+    positives = ShapePositives(bounder, shape)
+    points = bounder.domain.to_local(border_points(shape, 4096, np.random.default_rng(1)))
+    found = minimum(positives, *positives.boxes(), eps=2e-3, points=points, positives=positives, boxes=50_000)
+    hull = least_value(bounder, shape)
+    assert found.lower_bound <= hull.lower_bound <= found.upper_bound + CERTAIN
+    assert bounder.certificate.lower_bound == hull.lower_bound
+    rounding, left = bounder.rounding_bound(), bounder.certificate.lower_bound - float(bounder.threshold)
+    assert rounding <= left <= rounding * 1.01 + 2e-7  # nothing but rounding
+    rng = np.random.default_rng(2)
+    corner = shape.corners()[rng.integers(len(shape.corners()), size=20_000)]
+    away = rng.normal(size=corner.shape)
+    far = corner + margin * (1 - 1e-6) * away / np.linalg.norm(away, axis=1, keepdims=True)
+    x = np.concatenate([far, shape.points(20_000, rng)]).astype(np.float32)
+    x = x[shape.contains(x)]
+    assert len(x) > 20_000
+    assert bounder.query(x).numpy().all()
+    if method in ("sphere", "ellipsoid", "oriented-ellipsoid"):  # they touch the dilated hull
+        assert -1.001 < float(bounder.threshold) <= -0.99
+    raised = wb.certify(bounder.to("cpu").freeze(float(bounder.threshold) + 0.05, None), mesh(), seconds=60)
+    assert raised.kind == "refuted"
+    assert shape.contains(np.float32(raised.counterexample)[None])[0]
+
+    def refuse(*_):
+        raise AssertionError("a box was asked about")
+
+    monkeypatch.setattr(wb.IndicatorMesh, "empty", refuse)
+    assert wb.certify(bounder, mesh()).proven
+
+
+# --- regions ---------------------------------------------------------------------------------------------------------
+
+
+@cache
+def positives_of(query: str) -> np.ndarray:
+    """Random queries that certainly meet the dilated mesh, and others that barely do."""
+    shape, kind, rng = mesh(MARGIN), QUERIES[query], np.random.default_rng(5)
+    border = border_points(shape, 20_000, np.random.default_rng(4))
+    x = np.concatenate([kind.sample(shape, 20_000, rng), kind.barely(shape, border, rng, 1.0, True)])
+    x = x.astype(np.float32)
+    x = x[kind.decide(shape, x) == IN]
+    assert len(x) > 15_000
+    return x
+
+
+@pytest.mark.parametrize("query", REGIONS)
+@pytest.mark.parametrize("method", VOLUMES)
+def test_volumes_of_a_mesh_are_proven_for_regions(method, query):
+    bounder = fit(mesh(), query, method, margin=MARGIN)
+    assert bounder.certificate.proven
+    assert bounder.info["resolution"] is None
+    assert bounder.query(positives_of(query)).numpy().all()
+    assert wb.certify(bounder, mesh()).proven
+    larger = wb.IndicatorMesh((mesh().vertices - [3.0, -2.0, 0.5]) * 1.2 + [3.0, -2.0, 0.5], mesh().faces)
+    assert wb.certify(bounder, larger).kind != "proven"  # a larger object does not fit into the volume
+
+
+def test_bounds_of_supports_hold_on_boxes_of_normals():
+    rng = np.random.default_rng(1)
+    gap = SupportGap(fit(mesh(), "plane", steps=40, margin=MARGIN), mesh(MARGIN))
+    lower, upper = gap.boxes()
+    pick, part = rng.integers(len(lower), size=300), rng.random((300, 1)) ** 3
+    center = lower[pick] + rng.random((300, 3)) * (upper - lower)[pick]
+    low = np.maximum(center - part * (upper - lower)[pick], lower[pick])
+    high = np.minimum(center + part * (upper - lower)[pick], upper[pick])
+    bounds = gap.bound(low, high)
+    for _ in range(60):
+        m = low + np.round(rng.random(low.shape) * 2) / 2 * (high - low)
+        assert (gap.reference(m) >= bounds.lower).all()
+
+
+@pytest.mark.parametrize(("query", "method"), [("plane", "mlp"), ("box", "monotone-mlp"), ("box", "mlp")])
+def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are_raised(query, method, tmp_path):
+    bounder = fit(mesh(), query, method, steps=60, margin=MARGIN)
+    assert bounder.certificate.proven
+    assert bounder.info["resolution"] is None
+    x = positives_of(query)
+    assert bounder.query(x).numpy().all()
+    bounder.save(tmp_path / "b.safetensors")
+    assert wb.certify(wb.load(tmp_path / "b.safetensors", device="cpu"), mesh()).proven
+    least = float(bounder.values(x).numpy().min())
+    raised = bounder.freeze(least + 0.5, None)
+    proof = wb.certify(raised, mesh())
+    assert proof.kind == "refuted"
+    found = np.array([proof.counterexample], np.float32)
+    assert raised.query(found).numpy()[0] == 0
+    assert QUERIES[query].decide(mesh(MARGIN), found)[0] == IN
+
+
+def test_rays_are_fitted_to_the_mesh_itself():
+    bounder = fit(mesh(), "ray", steps=60, margin=MARGIN, length=0.7)
+    assert bounder.info["resolution"] is None
+    assert bounder.certificate.kind in ("proven", "statistical")
+    assert wb.evaluate(bounder, mesh(), samples=20_000).fn == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("query", REGIONS)
+def test_a_stress_test_asks_certain_positives_only(query):
+    bounder = fit(mesh(), query, "sphere", margin=MARGIN)
+    result = soak(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64
+    assert result.missed is None
+    assert result.forms["float64"]
+    assert result.forms["placed"] == 0
+    raised = bounder.freeze(float(bounder.threshold) + 0.2, None)
+    assert soak(raised, mesh(), 300_000, seed=2).missed is not None
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_no_positive_is_in_a_box_that_is_called_vacant(query):
+    shape, rng = mesh(MARGIN), np.random.default_rng(1)
+    told = {"length": 0.7} if query == "ray" else {}
+    bounder = fit(mesh(), query, steps=2, margin=MARGIN, **told)
+    regions = ShapeRegions(bounder, shape, coarse_cells(shape, 0.25))
+    lower, upper = regions.boxes()
+    count, n = 4000, shape.ndim
+    chosen = rng.integers(len(lower), size=count)
+    z = lower[chosen] + rng.random((count, lower.shape[1])) * (upper - lower)[chosen]
+    size = np.exp2(rng.uniform(-12, -1, (count, 1)))
+    low = np.maximum(z - size * rng.random(z.shape), lower[chosen])
+    high = np.minimum(z + size * rng.random(z.shape), upper[chosen])
+    vacant = regions.vacant(low, high)
+    assert vacant.any()
+    assert not vacant.all()
+    v = regions.coordinates(z[vacant])
+    if query == "ray":  # from p on: before it there are no cells, or others tell of them
+        p, t, w = z[vacant, :n], z[vacant, n : n + 1], v[:, n:]
+        to_object = bounder.domain.base.to_object
+        assert (shape.decide_segments(to_object(p), to_object(p + (1 - t) * w)) == OUT).all()
+    else:
+        assert (QUERIES["box"].decide(shape, bounder.domain.to_object(v)) == OUT).all()
+
+
+def test_what_needs_cells_and_what_is_undecided():
+    bounder = fit(mesh(), "box", "bvh", resolution=8)
+    bounder.info["resolution"] = None  # a claim over cells is none about the shape
+    found = wb.certify(bounder, mesh())
+    assert found.kind == "inapplicable"
+    assert "cells" in found.message
+    with pytest.raises(BounderError, match="give a resolution"):
+        prove(bounder, mesh())
+    with pytest.raises(QueryError, match="give a resolution"):
+        QUERIES["plane"].decide(wb.solids.Sphere([0, 0], 1.0), np.ones((1, 4), np.float32))
+    edge = np.array([[0.0, 0.0, 1.0, 3.0, -2.0, mesh().upper[2]]], np.float32)  # touches the mesh at its top vertex
+    told = QUERIES["plane"].decide(mesh(), edge)[0]
+    assert QUERIES["plane"].oracle(mesh())(edge)[0] == (told != OUT)

@@ -1,0 +1,448 @@
+"""What positives show: the statistical test, the adversarial search, the stress test, and how much is proven of what was only sampled."""
+
+import json
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import CONSERVATIVE, shape, told_of, without_proof
+from random_networks import random_network, random_supports
+from scipy.stats import beta
+
+import warp_bounding as wb
+from warp_bounding.bounders import supports
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.errors import BounderError, FileFormatError, QueryError
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.proof import (
+    attempt_confidence,
+    attest,
+    certify,
+    fn_rate_bound,
+    fresh_seed,
+    prove,
+    soak,
+    try_positives,
+)
+from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, queries_at, random_world
+from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
+from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
+
+LENGTH = 0.75
+REGIONS = ("ray", "plane", "box")
+
+
+# --- the positives ---------------------------------------------------------------------------------------------------
+
+
+def drawn(query, name, form="float32", count=20_000, seed=3, first=0, world=None, device="cpu"):
+    x, certain = HardPositives(query, shape(name), LENGTH, device).draw(seed, first, count, form, world)
+    return x.numpy(), certain.numpy() != 0
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "animated", "mesh", "anisotropic", "half"])
+@pytest.mark.parametrize("query", QUERY_KINDS)
+def test_every_hard_query_is_a_positive(query, name, device):
+    x, certain = drawn(query, name, device=device)
+    assert certain.mean() > 0.95
+    assert np.isfinite(x).all()
+    assert oracle(query, shape(name), "cpu", LENGTH)(x[certain]).all()
+
+
+@pytest.mark.parametrize("name", ["c", "mesh"])
+@pytest.mark.parametrize("query", QUERY_KINDS)
+def test_every_query_in_float64_is_a_positive(query, name):
+    x, certain = drawn(query, name, "float64", 2000)
+    assert (x != x.astype(np.float32)).any()
+    assert certain.mean() > 0.9
+    assert QUERIES[query].truth(shape(name), x[certain][:300], LENGTH).all()
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("query", ["point", "ray", "plane"])
+def test_every_query_in_the_world_is_a_positive(query, name):
+    """Moved back in float64, and looked for in the object by the oracle, which has to forgive that rounding."""
+    grid, n = shape(name), shape(name).ndim
+    world, options = random_world(grid, np.random.default_rng(4))
+    x, certain = drawn(query, name, "placed", 5000, world=world)
+    assert certain.mean() > 0.7  # of a point on many faces, each number must round inwards
+    first = int(grid.time)
+    assert np.allclose(world.forward[first:, first:], options["xform"][:-1, :-1] * options["scale"])
+    back = x[certain].astype(np.float64)
+    point = slice(n, 2 * n) if query == "plane" else slice(0, n)
+    back[:, point] = (back[:, point] - world.translation) @ world.inverse.T
+    if query == "ray":
+        back[:, n:] = back[:, n:] @ world.inverse.T
+    if query == "plane":
+        back[:, :n] = back[:, :n] @ world.forward
+    assert oracle(query, grid, "cpu", LENGTH)(back.astype(np.float32)).mean() > 0.5  # the others round off it
+    assert oracle(query, grid.to_grid(margin=1e-4), "cpu", LENGTH + 1e-4)(back.astype(np.float32)).all()
+
+
+@pytest.mark.parametrize("query", QUERY_KINDS)
+def test_they_are_hard_and_the_stream_does_not_depend_on_how_it_is_cut(query):
+    grid = shape("blob")
+    x, certain = drawn(query, "blob")
+    parts = [drawn(query, "blob", count=n, first=f)[0] for f, n in ((0, 7), (7, 15_001), (15_008, 4992))]
+    assert (x == np.concatenate(parts)).all()
+    assert (x != drawn(query, "blob", seed=4)[0]).any()
+    x = x[certain]
+    side = np.where(np.random.default_rng(0).random(x.shape) < 0.5, -np.inf, np.inf).astype(np.float32)
+    assert (~oracle(query, grid, "cpu", LENGTH)(np.nextafter(x, side))).mean() > (0.02 if query != "box" else 0.005)
+    if query == "ray":
+        assert 0.1 < ((x[:, :3] < grid.lower) | (x[:, :3] > grid.upper)).any(axis=1).mean() < 0.9
+
+
+@pytest.mark.parametrize("query", QUERY_KINDS)
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+def test_fresh_positives_are_positive_enough_and_as_they_are_described(query, name):
+    """Rays from outside, boxes that reach outside, planes given by a point outside; not where they are not wanted."""
+    grid = shape(name)
+    parts = list(draw_positives(query, grid, 20_000, 3, "cpu", 0.7))
+    assert sum(map(len, parts)) >= 20_000
+    truth = oracle(query, grid, "cpu", 0.7)
+    assert all(truth(part).all() for part in parts)
+    assert (next(draw_positives(query, grid, 20_000, 3, "cpu", 0.7)) == parts[0]).all()
+    if query == "point":
+        return
+    n = grid.ndim
+
+    def outside(x):
+        points = {"ray": x[:, :n], "plane": x[:, n:], "box": x.reshape(-1, n)}[query]
+        return float(((points < grid.lower - 1e-3) | (points > grid.upper + 1e-3)).any(axis=1).mean())
+
+    assert outside(parts[0]) > 0.05
+    assert query == "plane" or outside(next(draw_positives(query, grid, 9, 3, "cpu", 1.0, outside=False))) == 0.0
+    if query != "box":  # directions of any length
+        length = np.linalg.norm((parts[0][:, n:] if query == "ray" else parts[0][:, :n]).astype(np.float64), axis=1)
+        assert length.max() > 8
+        assert length.min() < 1 / 8
+
+
+@pytest.mark.parametrize("query", REGIONS)
+def test_positives_of_an_object_that_is_hardly_ever_met(query):
+    """Few uniform queries meet it; one does not wait for half a million of them."""
+    occupancy = np.zeros((64, 64, 64), dtype=bool)
+    occupancy[30, 31, 32] = True
+    parts = [len(part) for part in draw_positives(query, IndicatorGrid(occupancy), 200_000, 0, "cpu", 1.0)]
+    assert len(parts) < 6
+    assert sum(parts) >= 200_000
+
+
+# --- the statistical test --------------------------------------------------------------------------------------------
+
+
+def test_the_bound_is_clopper_and_pearsons_and_restarts_spend_no_more_than_the_risk():
+    """Thresholds of which each misses a rate of its own: claims below the true rate are rarer than the risk."""
+    for count, confidence in ((1, 0.95), (3000, 0.999), (1_000_000, 0.95)):
+        assert fn_rate_bound(count, confidence) == pytest.approx(beta.ppf(confidence, 1, count), rel=1e-9)
+    spent = [1 - attempt_confidence(i) for i in range(60)]
+    assert sum(spent) <= 0.05 * (1 + 1e-9)
+    rng, wrong, count, runs = np.random.default_rng(0), 0, 100, 20_000
+    rates = 0.3 * 0.7 ** np.arange(20)  # every restart lowers the threshold, none misses nothing
+    for _ in range(runs):
+        failures = rng.binomial(count, rates)
+        attempt = int(np.argmax(failures == 0))
+        if failures[attempt] == 0:
+            wrong += fn_rate_bound(count, attempt_confidence(attempt)) < rates[attempt]
+    assert wrong / runs <= 0.05
+    seeds = {fresh_seed() for _ in range(20)}
+    assert len(seeds) == 20
+    assert all(0 <= seed < 2**63 for seed in seeds)
+
+
+@cache
+def _fitted(query):
+    return wb.fit(shape("c"), query=query, hidden=(8,), steps=60, device="cpu")
+
+
+def fitted(query):
+    """A copy, which may be changed."""
+    made = _fitted(query)
+    copy = type(made)(made.domain, made.tensors, made.sizes, "cpu")
+    copy.info = dict(made.info)
+    return copy.freeze(float(made.threshold), made.certificate)
+
+
+def test_the_time_allowed_is_kept(ticking):
+    bounder, grid = fitted("box"), shape("c")
+    assert try_positives(bounder, grid, 1_000_000, 1, seconds=0.0) == (0, np.inf, None)
+    clock = ticking(0.05)
+    done, _, missed = try_positives(bounder, grid, 10**9, 1, seconds=0.5)
+    assert clock.seconds <= 0.5 + 2 * clock.tick  # the looks at the clock before and after
+    assert missed is None
+    assert 0 < done < 10**9
+
+
+def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
+    bounder = without_proof(monkeypatch)
+    certificate = attest(bounder, shape("c"), least=10.0, room=0.0)
+    assert certificate.kind == "statistical"
+    assert certificate.samples >= 1_000_000
+    judged = attempt_confidence(certificate.restarts)
+    assert certificate.fn_rate_bound == fn_rate_bound(certificate.samples, judged) > fn_rate_bound(certificate.samples)
+    assert certificate.worst_margin >= 0
+    assert "not proven" in certificate.message
+    assert wb.evaluate(bounder, shape("c"), samples=200_000).fn == 0
+    bounder.save(tmp_path / "s.safetensors")
+    again = wb.load(tmp_path / "s.safetensors", device="cpu")
+    assert again.certificate == certificate
+    attest(again, shape("c"), least=0.0, room=20.0, count=10_000)  # far below any value: no fresh positive refutes it
+    assert certify(again, shape("c")).kind == "statistical"
+    with pytest.raises(BounderError, match="no proof"):
+        prove(bounder, shape("c"))
+
+
+def test_what_was_only_sampled_may_be_proven_later():
+    bounder = fitted("ray")
+    threshold = float(bounder.threshold)
+    assert attest(bounder, shape("c"), least=threshold + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
+    assert bounder.threshold <= threshold
+    assert certify(bounder, shape("c")).proven
+
+
+def test_a_threshold_that_starts_too_high_is_lowered_until_none_is_missed():
+    bounder = fitted("box")
+    high = float(bounder.threshold) + 0.5 * abs(float(bounder.threshold)) + 1.0
+    certificate = attest(bounder, shape("c"), least=high, room=0.0, count=100_000, seed=4)
+    assert certificate.restarts > 0
+    assert certificate.fn_rate_bound == fn_rate_bound(certificate.samples, attempt_confidence(certificate.restarts))
+    assert bounder.threshold < high
+    assert try_positives(bounder, shape("c"), 300_000, 99)[2] is None or certificate.worst_margin < 1e-2
+
+
+def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
+    """It is denied whatever the threshold is, so lowering that would only hide it."""
+    bounder = fitted("box")
+    narrow = replace(bounder.domain.base, limit=bounder.domain.base.limit / 4)
+    wrong = Mlp(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
+    with pytest.raises(BounderError, match="limit does not fit its corners"):
+        attest(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
+    assert certify(wrong, shape("c")).kind != "proven"
+
+
+# --- the adversarial search ------------------------------------------------------------------------------------------
+
+
+@cache
+def walked(query: str) -> Mlp:
+    return random_supports(shape("c"), 5) if query == "plane" else random_network(query, shape("c"), 5)
+
+
+@pytest.mark.parametrize("query", QUERY_KINDS)
+def test_a_walk_goes_down_over_positives(query):
+    grid, network = shape("c"), walked(query)
+    x = next(draw_positives(query, grid, 64, 5))[:64]
+    found, values = Walk(network, grid, seed=1).down(x, rounds=60)
+    assert found.dtype == np.float32
+    assert (np.diff(values) >= 0).all()
+    assert values[0] <= network.values(x).numpy().min()
+    assert oracle(query, grid, network.device, 1.0)(found).all()
+    np.testing.assert_array_equal(network.values(found).numpy(), values)
+    np.testing.assert_array_equal(found, Walk(network, grid, seed=1).down(x, rounds=60)[0])
+    negatives = np.tile(grid.upper + 9.0, len(x[0]) // 2 or 1).astype(np.float32)[None]
+    if query in ("point", "box"):
+        assert len(Walk(network, grid).around(negatives)[0]) == len(Walk(network, grid).down(negatives)[0]) == 0
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane"])
+def test_a_proofs_points_are_queries(query):
+    grid, network = shape("c"), walked(query).to("cpu")
+    search = prove(network, grid, eps=1e-2)
+    if query == "ray":
+        n, stretch = grid.ndim, network.domain.stretch
+        v = network.domain.to_local(next(draw_positives("ray", grid, 64, 6))[:64])
+        t = np.linspace(0, 1, len(v))[:, None]
+        z = np.concatenate([v[:, :n] + t * v[:, n:], t, 3 * v[:, n:] / stretch], axis=1)  # p, t and a direction
+        np.testing.assert_allclose(queries_at(network, grid, z), network.domain.to_object(v), atol=1e-6)
+        with pytest.raises(BounderError, match="4 coordinates, got 3"):
+            queries_at(network, grid, z[:, :3])
+    found, values = Walk(network, grid).around(queries_at(network, grid, search.worst))
+    assert len(found)
+    assert values[0] >= network.threshold
+    assert values[0] == pytest.approx(search.upper_bound, abs=0.05 * (1 + abs(search.upper_bound)))
+
+
+# --- the stress test -------------------------------------------------------------------------------------------------
+
+
+@cache
+def _made(method, query, name):
+    told = told_of(method, query, hidden=(8,), steps=20, length=LENGTH)
+    return wb.fit(shape(name), query=query, method=method, device="cpu", **told)
+
+
+def made(method, query, name="blob", raised=0.0):
+    bounder = _made(method, query, name).to("cpu")
+    return bounder.freeze(float(bounder.threshold) + raised, None if raised else bounder.certificate)
+
+
+@pytest.mark.parametrize("query", QUERY_KINDS)
+def test_what_is_proven_is_not_contradicted(query):
+    told = []
+    result = soak(made("kdop", query), shape("blob"), 8 * CHUNK - 100_000, seed=1, progress=lambda *a: told.append(a))
+    assert result.missed is None
+    assert result.complete
+    assert all(result.forms[form] > 0 for form in FORMS)
+    assert sum(result.forms.values()) == result.done >= result.wanted
+    assert told[-1][:2] == (result.wanted, result.wanted)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("query", QUERY_KINDS)
+@pytest.mark.parametrize("method", CONSERVATIVE)
+def test_no_method_misses_any(method, query, name):
+    if not supports(method, query, shape(name).ndim):
+        pytest.skip("not of this dimension")
+    assert soak(made(method, query, name), shape(name), 16 * CHUNK, seed=2).missed is None
+
+
+@pytest.mark.parametrize("query", QUERY_KINDS)
+def test_a_raised_threshold_is_caught(query):
+    raised = made("kdop", query, raised=2e-2)
+    result = soak(raised, shape("blob"), 4 * CHUNK, seed=1)
+    assert result.missed is not None
+    assert result.complete
+    x = np.array([result.missed], np.float32)
+    assert oracle(query, shape("blob"), "cpu", LENGTH)(x).all()
+    assert raised.query(x).numpy()[0] == 0
+
+
+@pytest.mark.parametrize("form", ["float64", "placed"])
+def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
+    assert set(CYCLE) == set(FORMS)
+    monkeypatch.setattr("warp_bounding.proof.stress.CYCLE", (form,))
+    raised = made("kdop", "ray", raised=1e-2)
+    result = soak(raised, shape("blob"), 4 * CHUNK, seed=1)
+    assert result.missed_form == form
+    options = result.missed_world or {}
+    assert bool(options) == (form == "placed")
+    x = np.array([result.missed], np.float64 if form == "float64" else np.float32)
+    assert raised.query(x, **options).numpy()[0] == 0
+
+
+def test_another_shape_is_caught():
+    other = IndicatorGrid(~shape("blob").occupancy)
+    assert soak(made("voxels", "point"), other, CHUNK, seed=1).missed is not None
+
+
+def test_it_goes_on_where_it_stopped(tmp_path):
+    bounder, grid, state = made("aabb", "box"), shape("blob"), tmp_path / "state.json"
+    first = soak(bounder, grid, 2 * CHUNK - 1000, seed=11, state=state)
+    held = json.loads(state.read_text())
+    assert (held["done"], held["chunks"], held["seed"]) == (first.done, first.chunks, 11)
+    more = soak(bounder, grid, 4 * CHUNK - 1000, state=state)
+    straight = soak(bounder, grid, 4 * CHUNK - 1000, seed=11)
+    assert (more.done, more.chunks, more.forms, more.seed) == (straight.done, straight.chunks, straight.forms, 11)
+    bounder.save(tmp_path / "b.safetensors")  # it knows its bounder by what the file holds
+    again = wb.load(tmp_path / "b.safetensors", device="cpu")
+    assert soak(again, grid, 1000, state=state).chunks == more.chunks
+    for asked, what in (
+        ((bounder, grid, 12), "another seed"),
+        ((made("kdop", "box"), grid, None), "another bounder"),
+        ((again.freeze(again.threshold - 1.0, None), grid, None), "another bounder"),
+        ((bounder, IndicatorGrid(~grid.occupancy), None), "another shape"),
+    ):
+        with pytest.raises(FileFormatError, match=what):
+            soak(*asked[:2], 1000, seed=asked[2], state=state)
+
+
+DAMAGED = [{"done": -1}, {"done": 5}, {"forms": {}}, {"seconds": None}, {"more": 1}, {"soak": 1}, {"soak": None}]
+
+
+def test_a_state_that_is_damaged_or_of_another_version_is_refused_and_kept(tmp_path):
+    bounder, state = made("aabb", "point"), tmp_path / "state.json"
+    soak(bounder, shape("blob"), 1000, seed=11, state=state)
+    whole = json.loads(state.read_text())
+    for text in (*(json.dumps(whole | change) for change in DAMAGED), "prose", "[1]"):
+        state.write_text(text)
+        with pytest.raises(FileFormatError, match="another version" if '"soak": 1' in text else "state"):
+            soak(bounder, shape("blob"), 1000, state=state)
+        assert state.read_text() == text
+
+
+def test_an_interruption_keeps_what_was_done(tmp_path):
+    bounder, state = made("aabb", "point"), tmp_path / "state.json"
+
+    def stop(done, wanted, note):
+        if done >= 2 * 0.95 * CHUNK:
+            raise KeyboardInterrupt
+
+    result = soak(bounder, shape("blob"), 10**9, seed=1, state=state, progress=stop)
+    assert result.interrupted
+    assert result.chunks == json.loads(state.read_text())["chunks"] >= 2
+    assert not result.complete
+    assert not soak(bounder, shape("blob"), 1000, state=state).interrupted
+
+
+def test_no_time_and_bad_input():
+    bounder = made("aabb", "point")
+    assert soak(bounder, shape("blob"), 1000, seconds=0).done == 0
+    for count in (0, -1, 1.5, True, "many"):
+        with pytest.raises(QueryError, match="count"):
+            soak(bounder, shape("blob"), count)
+    with pytest.raises(QueryError, match="seed"):
+        soak(bounder, shape("blob"), 10, seed=-1)
+    with pytest.raises(QueryError, match="2D"):
+        soak(bounder, shape("c"), 10)
+    assert soak(bounder, shape("blob"), 10).seed != soak(bounder, shape("blob"), 10).seed
+
+
+# --- how much is proven of what was only sampled ---------------------------------------------------------------------
+
+
+@cache
+def arm() -> wb.arms.ArmConfigurations:
+    """A planar arm of two joints among posts."""
+    step = np.eye(4)
+    step[0, 3] = 0.6
+    joints = [wb.arms.Joint(step if i else np.eye(4), lower=-2.0, upper=2.0) for i in range(2)]
+    links = [wb.arms.Body.capsule([0, 0, 0], [0.6, 0, 0], 0.05, link=i) for i in range(2)]
+    posts = [wb.arms.Body.sphere(place, 0.15) for place in ([0.6, 0.6, 0], [0.5, -0.7, 0])]
+    return wb.arms.ArmConfigurations(wb.arms.Arm(joints, links), posts)
+
+
+@cache
+def attested() -> wb.Bounder:
+    return wb.fit(arm(), device="cpu", progress=False, hidden=(8,), steps=100, certificate="statistical")
+
+
+def share(bounder, boxes=20_000, **options):
+    return wb.proven_share(bounder, arm(), boxes=boxes, seconds=600, **options)
+
+
+def test_the_proven_share_grows_with_time_and_falls_with_a_threshold_that_is_too_high():
+    bounder = attested()
+    assert bounder.certificate.kind == "statistical"
+    assert "No proof was tried" in bounder.certificate.message
+    volumes = [share(bounder, boxes).volume for boxes in (200, 2000, 20_000)]
+    assert 0 <= volumes[0] <= volumes[1] <= volumes[2] <= 1
+    assert volumes[2] > 0.5
+    some = share(bounder, places=500, side=2.0**-4)
+    assert volumes[2] - 0.05 <= some.volume <= 1 + 1e-12
+    assert share(bounder, places=500, side=2.0**-4)[:2] == some[:2]
+    high = bounder.to("cpu").freeze(bounder.threshold + 4.0, None)
+    x = np.random.default_rng(0).uniform(arm().lower, arm().upper, (100_000, 2)).astype(np.float32)
+    wrong = (arm().contains(x) & (high.query(x).numpy() == 0)).mean()
+    assert wrong > 0
+    assert share(high).volume < 1 - wrong / 2
+    proven = share(wb.fit(arm(), method="aabb", device="cpu", progress=False), boxes=500_000)
+    assert proven.volume == pytest.approx(1.0, abs=1e-9)
+
+
+def test_what_has_no_share():
+    bounder = attested()
+    with pytest.raises(BounderError, match="single bounders of points"):
+        share(wb.cascade(wb.fit(arm(), method="aabb", device="cpu", progress=False), bounder))
+    with pytest.raises(BounderError, match="the shape is"):
+        wb.proven_share(bounder, arm().piece([0]))
+    for options in ({"places": 0}, {"places": 5, "side": 0.0}, {"places": 5, "side": 2.0}):
+        with pytest.raises(BounderError, match="at least one place"):
+            share(bounder, **options)
+    for wrong in ({"certificate": "none"}, {"certificate": "statistical", "thresholds": 16, "steps": 2}):
+        with pytest.raises(BounderError, match=r"certificate must be one of|thresholds of parts are proven"):
+            wb.fit(arm(), device="cpu", progress=False, **wrong)
+    with pytest.raises(BounderError):
+        wb.fit(arm(), "box", device="cpu", certificate="statistical")

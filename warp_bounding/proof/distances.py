@@ -1,0 +1,629 @@
+"""By how much does F exceed the distance? The proof of a distance: ``threshold <= L - E``, where ``d - F >= L`` on the whole domain.
+
+Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else boxes of the domain are halved until
+the shape's tangents tell (``Shape.excess``). F is known in a box by numbers at its corners (``DistanceBounder.corners``), and the shape compares them
+with the tangents of the distances to all of its convex pieces at once: two trees, one of space and one of the object. So slopes cancel, and a box may
+be as large as F and the distance are nearly linear in it. It is its longest side that is halved: halved where F's own bound suffers most, boxes become
+needles along which the distance bends, that no halving elsewhere mends (a bunny was proven to three times the excess it has, a moving ellipsoid with
+twice the boxes).
+"""
+
+import hashlib
+import json
+import os
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders.distance import DistanceBounder
+from warp_bounding.bounders.file_format import digest_of
+from warp_bounding.certificates import Certificate, document
+from warp_bounding.certificates.claim import mismatch
+from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.indicators.shape import Shape
+from warp_bounding.proof.search import halve
+from warp_bounding.queries.boundary import border_points
+from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable, file_path, write_whole
+from warp_bounding.version import __version__
+
+TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
+
+
+# --- tolerances ------------------------------------------------------------------------------------------------------
+
+
+ASKED = 1024  # boxes of a chunk in whose middles F is asked, at most: those whose bounds are farthest above their bars
+
+
+def excesses_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
+    """By how much F exceeds the distance at points ``(N, n)``, local coordinates and units; ``None`` where no distance is known."""
+    known = shape.distances(bounder.domain.sample_at(v))
+    return None if known is None else bounder.reference(v) - known[:, 0] / bounder.domain.unit
+
+
+class Bars:
+    """Up to what excess a box is good enough, in each part of the domain: a little above the greatest that was ever met there.
+
+    Samples miss the greatest excess of a part, and a search that asks for less than there is halves boxes around it for
+    nothing. So where a search gets stuck, F and the distance themselves are asked in the middles of its boxes, and the
+    part's bar rises.
+
+    Args:
+        met: ``(parts,)``, the greatest excess that was met in each part, local units; raised in place.
+        above: By how much a bar is above that.
+        parts: ``(N,)`` int, the parts in which a search's first boxes lie.
+        fixed: Never raise them.
+
+    Attributes:
+        raised: Where F exceeds the distance by more than what had been met in the part, ``(K, n)`` arrays, local coordinates.
+    """
+
+    def __init__(self, met: np.ndarray, above: float, parts: np.ndarray, *, fixed: bool = False):
+        self.met, self.above, self.parts, self.fixed = met, above, parts, fixed
+        self.raised: list[np.ndarray] = []
+
+    @classmethod
+    def of_boxes(cls, tolerance: np.ndarray | float, count: int) -> "Bars":
+        """Bars that do not rise, one for each of ``count`` first boxes, or one for all."""
+        return cls(np.broadcast_to(tolerance, count), 0.0, np.arange(count), fixed=True)
+
+    def of(self, owner: np.ndarray) -> np.ndarray:
+        """``(K,)``, the bars of boxes that came from the first boxes of these numbers."""
+        return self.met[self.parts[owner]] + self.above
+
+    def rise(
+        self,
+        bounder: DistanceBounder,
+        shape: Shape,
+        low: np.ndarray,
+        high: np.ndarray,
+        owner: np.ndarray,
+        excess: np.ndarray,
+    ) -> None:
+        """Ask F where bounds ``excess`` of boxes are farthest above their bars, and raise these where it is greater than what was met."""
+        if self.fixed or not len(low):
+            return
+        over = excess - self.of(owner)
+        asked = np.argpartition(-over, ASKED)[:ASKED] if len(over) > ASKED else np.arange(len(over))
+        v, parts = low[asked] / 2 + high[asked] / 2, self.parts[owner[asked]]
+        met = excesses_at(bounder, shape, v)
+        if met is not None:
+            self.raised.append(v[met > self.met[parts]])
+            np.maximum.at(self.met, parts, met)
+
+
+# --- checkpoint ------------------------------------------------------------------------------------------------------
+
+
+KEY = "warp_bounding_checkpoint"
+EVERY = 15.0  # seconds between two writes
+TELLING = (
+    1024  # points whose distances tell one function from another, of which a digest knows little more than the object
+)
+
+
+class Boxes(NamedTuple):
+    """Boxes that wait: ``(N, n)`` lower and upper corners, ``(N,)`` the number of the box that each is a part of, and how often all of them were halved."""
+
+    lower: np.ndarray
+    upper: np.ndarray
+    owner: np.ndarray
+    level: int
+
+
+class Left(NamedTuple):
+    """What a search has found, and what it has still to do.
+
+    Attributes:
+        waiting: The last one is next.
+        found: ``(N,)``, what is known of each box that the search began with.
+        boxes: How many boxes were looked at.
+        seconds: How long that took.
+    """
+
+    waiting: list[Boxes]
+    found: np.ndarray
+    boxes: int
+    seconds: float
+
+
+class Checkpoint:
+    """What a search has still to do, in a file, which is read at the beginning, written now and then, and removed at the end.
+
+    Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be proven. It
+    names the bounder's numbers, the shape with its margin, some of its distances and the library's version, and holds a
+    SHA-256 of its content; a file that says anything else is refused, and kept as it is.
+    """
+
+    def __init__(self, path: str | os.PathLike, bounder: DistanceBounder, shape: Shape):
+        """Look at the file, if there is one.
+
+        Raises:
+            FileFormatError: If it is no checkpoint, one of another proof, or damaged, or if none can be written there.
+        """
+        self.path, self._written = file_path(path), working_seconds()
+        about = {"method": bounder.method, "sizes": bounder.sizes, "domain": bounder.domain.to_dict()}
+        about |= {"threshold": float(bounder.threshold), "shape": shape.digest, "library": __version__}
+        low, high = shape.lower, shape.upper  # what the search rests on, as this machine computes it
+        asked = low + np.random.default_rng(0).uniform(-0.5, 1.5, (TELLING, shape.ndim)) * (high - low)
+        about["distances"] = hashlib.sha256(np.asarray(shape.distances(asked)).tobytes()).hexdigest()
+        self._claim = digest_of(bounder.tensors, about)
+        self._ndim = shape.ndim
+        check_writable(self.path, kind=BOUNDER_FILE)
+        self._left = self._read() if self.path.exists() else None
+
+    def load(self, count: int) -> Left | None:
+        """What was left of ``count`` boxes; ``None`` for a proof that begins.
+
+        Raises:
+            FileFormatError: If it is about another number of boxes.
+        """
+        if self._left is not None and len(self._left.found) != count:
+            raise FileFormatError(f"{self.path}: the checkpoint is damaged; remove it to begin anew")
+        return self._left
+
+    @property
+    def seconds(self) -> float:
+        """How long the proof has taken until it was stopped."""
+        return self._left.seconds if self._left else 0.0
+
+    def save(self, left: Left, *, now: bool = False) -> None:
+        """Write what is left, unless that was done a moment ago, or at once.
+
+        Raises:
+            FileFormatError: If it cannot be written.
+        """
+        if not now and working_seconds() - self._written < EVERY:
+            return
+        tensors = {"found": left.found} | {
+            f"{name}.{i}": np.ascontiguousarray(getattr(boxes, name))
+            for i, boxes in enumerate(left.waiting)
+            for name in ("lower", "upper", "owner")
+        }
+        document = {"claim": self._claim, "boxes": left.boxes, "seconds": left.seconds}
+        document["levels"] = [boxes.level for boxes in left.waiting]
+        text = json.dumps({"sha256": digest_of(tensors, document), "left": document})
+        write_whole(self.path, safetensors.numpy.save(tensors, metadata={KEY: text}), BOUNDER_FILE)
+        self._written = working_seconds()
+
+    def remove(self) -> None:
+        """The proof has ended."""
+        self.path.unlink(missing_ok=True)
+
+    def _read(self) -> Left:
+        try:
+            with safetensors.safe_open(str(self.path), framework="numpy") as file:
+                text = (file.metadata() or {})[KEY]
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
+            signed = json.loads(text)
+            document, sha = signed["left"], signed["sha256"]
+        except (safetensors.SafetensorError, OSError, ValueError, TypeError, KeyError) as error:
+            raise FileFormatError(
+                f"{self.path}: expected the checkpoint of a proof, or no file yet; it is kept"
+            ) from error
+        damaged = FileFormatError(f"{self.path}: the checkpoint is damaged; remove it to begin anew")
+        if sha != digest_of(tensors, document) or not isinstance(document, dict):
+            raise damaged
+        if document.get("claim") != self._claim:
+            raise FileFormatError(f"{self.path}: the checkpoint of another bounder, shape or version; it is kept")
+        try:
+            waiting = [
+                Boxes(*(tensors[f"{name}.{i}"] for name in ("lower", "upper", "owner")), level)
+                for i, level in enumerate(document["levels"])
+            ]
+            left = Left(waiting, tensors["found"].copy(), document["boxes"], document["seconds"])
+            if not self._sound(left):
+                raise damaged
+        except (KeyError, TypeError, ValueError) as error:
+            raise damaged from error
+        return left
+
+    def _sound(self, left: Left) -> bool:
+        """Whether these are numbers of the kinds and sizes that a search has."""
+        counts = [left.boxes, *(boxes.level for boxes in left.waiting)]
+        sound = all(type(count) is int and count >= 0 for count in counts)
+        sound = sound and type(left.seconds) is float and 0 <= left.seconds < float("inf")
+        sound = sound and left.found.dtype == np.float64 and left.found.ndim == 1
+        for low, high, owner, _ in left.waiting:
+            sound = sound and low.dtype == high.dtype == np.float64 and owner.dtype == np.int64
+            sound = sound and low.shape == high.shape == (len(owner), self._ndim) and owner.ndim == 1
+            sound = sound and ((owner >= 0) & (owner < len(left.found))).all() and (low <= high).all()
+        return bool(sound)
+
+
+# --- search ----------------------------------------------------------------------------------------------------------
+
+
+CHUNK = 1 << 16  # boxes that are asked at a time
+PARTS = 10_000  # that progress is told in
+# relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
+NOISE = 1e-12
+SAMPLES = 200_000  # points at which the largest excess is looked for first
+NEAR = (2.0**-10, 2.0**-3)  # local units: how near the border half of them are, a standard deviation between these
+EPS = 2e-4  # local units: by how much the excess that is proven may be above the one that is found, if there is time
+COARSEST = 0.05  # local units: the same of the first search
+FINER = 16.0  # by how much a search may be finer than the last one
+SAFE = 0.6  # of the time that is left: as much is planned for the next search
+WORTH = 0.7  # a search that can be no finer than this share of the last one is not begun
+GROUPS, LAST = 16, 0.6  # of many parts: how many groups the last search takes in turn, and how much finer it is
+NEARLY = 0.05  # local units: a part counts with its points where F is no farther below the distance than this
+HALVINGS = 14  # on each axis, at most
+
+
+def excesses(
+    bounder: DistanceBounder,
+    shape: Shape,
+    lower: np.ndarray,
+    upper: np.ndarray,
+    *,
+    tolerance: Bars | np.ndarray | float,
+    halvings: int,
+    least: float = 0.0,
+    seconds: float = float("inf"),
+    most: float = float("inf"),
+    held: Checkpoint | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[np.ndarray, int, bool]:
+    """Certified: by how much F exceeds the distance in boxes, at most.
+
+    Args:
+        bounder: Its ``corners`` are asked.
+        shape: The object.
+        lower: ``(N, n)`` float64, local coordinates.
+        upper: ``(N, n)`` float64.
+        tolerance: Of each box, or of all, or bars that rise: an excess up to this is good enough, the box is not halved. Local units.
+        halvings: How often a box is halved at most.
+        least: Excesses under it are not told apart.
+        seconds: Time; when it is over, boxes count with what is known of them.
+        most: Boxes that are looked at; when there are more, it is as if time were over.
+        held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends the search.
+        progress: Called with how much of the boxes' volume is done, in parts of ``PARTS``.
+
+    Returns:
+        ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for all.
+
+    Raises:
+        BounderError: If the shape has no distance.
+    """
+    started, domain = working_seconds(), bounder.domain
+    bars = tolerance if isinstance(tolerance, Bars) else Bars.of_boxes(tolerance, len(lower))
+    left = held.load(len(lower)) if held else None
+    if left is None:
+        each = [slice(i, i + CHUNK) for i in range(0, len(lower), CHUNK)]
+        every = np.arange(len(lower))
+        left = Left([Boxes(lower[i], upper[i], every[i], 0) for i in each][::-1], np.full(len(lower), least), 0, 0.0)
+    waiting, found, boxes, before = left
+    complete, all_volume, file = True, _volume(lower, upper), held
+    undone = sum(_volume(each.lower, each.upper) for each in waiting)
+    try:
+        while waiting:
+            now = working_seconds() - started
+            over = now > seconds or boxes > most
+            if held:
+                held.save(Left(waiting, found, boxes, before + now), now=over)
+                held = None if over else held  # what follows is no part of the search any more
+            low, high, owner, level = waiting[-1]  # taken off when all that is left of it is on the list
+            values = bounder.corners(low, high)
+            sides = domain.to_object(low), domain.to_object(high)
+            room = NOISE * (np.abs(sides).max(initial=0.0) + domain.unit)
+            noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
+            under = least - 2 * float(
+                noise.max(initial=0.0)
+            )  # so that what is added does not lift it above a tolerance
+            allowed = bars.of(owner)
+            enough = np.where(level < halvings, allowed, np.inf) * domain.unit
+            excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough)
+            if excess is None:
+                raise BounderError(f"{shape.name}: no distance is known of it")
+            excess = excess / domain.unit + noise
+            above = excess > allowed
+            more = above & (level < halvings) & (not over)
+            bars.rise(bounder, shape, low[more], high[more], owner[more], excess[more])
+            complete &= not (over and above.any())
+            np.maximum.at(found, owner[~more], excess[~more])
+            children = []
+            if more.any():
+                longest = np.argmax(high[more] - low[more], axis=1)
+                halves = (*halve(low[more], high[more], longest), np.tile(owner[more], 2))
+                parts = (slice(i, i + CHUNK) for i in range(0, len(halves[0]), CHUNK))
+                children = [Boxes(*(side[part] for side in halves), level + 1) for part in parts]
+            waiting[-1:] = children
+            boxes += len(low)
+            undone -= _volume(low[~more], high[~more])
+            if progress is not None:
+                progress(round(PARTS * (1 - min(max(undone / all_volume, 0.0), 1.0))), PARTS)
+    except BaseException:
+        if held:
+            held.save(Left(waiting, found, boxes, before + working_seconds() - started), now=True)
+        raise
+    if file and complete:
+        file.remove()
+    return found, boxes, complete
+
+
+def _volume(lower: np.ndarray, upper: np.ndarray) -> float:
+    return float((upper - lower).prod(axis=1).sum())
+
+
+def worst_points(
+    bounder: DistanceBounder, shape: Shape, met: np.ndarray, eps: float, *, boxes: float, seconds: float
+) -> np.ndarray:
+    """Where F exceeds the distance by more than was met in some part, as a proof's search finds: what random points do not find.
+
+    Args:
+        bounder: Its F.
+        shape: The object.
+        met: ``(parts,)``, local units; raised in place, to about the greatest excesses there are, less ``eps``.
+        eps: Local units: by how much an excess may be more than what was met before the search looks closer.
+        boxes: How many boxes at most.
+        seconds: Time.
+
+    Returns:
+        ``(K, n)`` float64, local coordinates.
+    """
+    lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
+    bars = Bars(met, eps, bounder.part_of(lower / 2 + upper / 2))
+    told = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "seconds": seconds, "most": boxes}
+    excesses(bounder, shape, lower, upper, tolerance=bars, **told)
+    return np.concatenate([*bars.raised, np.empty((0, bounder.ndim))])
+
+
+def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tuple[np.ndarray, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance in each part of the domain, at most: little more than samples have.
+
+    Args:
+        bounder: Its F.
+        shape: The object.
+        seconds: Time; when it is over the bound is what is known by then.
+
+    Returns:
+        The excesses ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points in object space where samples
+        have the largest excesses.
+    """
+    v, sampled, worst = _sampled(bounder, shape)
+    parts, met = bounder.part_of(v), np.zeros(bounder.part_count)
+    np.maximum.at(met, parts, sampled)
+    weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
+    return (*_refined(bounder, shape, met, weight, seconds), worst)
+
+
+def excess_within(
+    bounder: DistanceBounder,
+    shape: Shape,
+    bar: float,
+    seconds: float,
+    held: Checkpoint | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[float, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance, at most; by other boxes than ``largest_excess`` has.
+
+    Args:
+        bounder: Its F.
+        shape: The object.
+        bar: An excess up to this is good enough, local units.
+        seconds: Time.
+        held: As ``excesses`` takes it.
+        progress: As ``excesses`` takes it.
+
+    Returns:
+        As ``largest_excess``, of all parts together. Where samples have more than the bar, nothing is searched.
+    """
+    _, sampled, worst = _sampled(bounder, shape)
+    if sampled.max() > bar:
+        return float(sampled.max()), 0, True, worst
+    bars = np.full(bounder.part_count, bar)
+    excess, boxes, complete = _searched(bounder, shape, bars, 0.0, seconds, again=True, held=held, progress=progress)
+    return float(excess.max()), boxes, complete, worst
+
+
+def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of the domain, half of them uniform, in local coordinates; by how much F exceeds the distance there; and those in object space where that is most."""
+    limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
+    near = _near(bounder, shape, SAMPLES // 2, rng)
+    v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
+    x = bounder.domain.sample_at(v)
+    sampled = excesses_at(bounder, shape, v)
+    if sampled is None:
+        raise BounderError(f"{shape.name}: no distance is known of it")
+    return v, sampled, x[np.argsort(-sampled)[:1024]]
+
+
+def _refined(
+    bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, seconds: float
+) -> tuple[np.ndarray, int, bool]:
+    """The least excesses of the parts that searches prove in some time; ``met`` is what samples have, ``weight`` what a part counts.
+
+    What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end. Boxes are in number as
+    ``eps^(-n/2)``, with eps what is proven above ``met``, since a linear function's error goes with the square of a side. Of many parts the last search
+    takes one group after another, those first that count most, and what it leaves undone stays as it was.
+    """
+    end, eps, boxes = working_seconds() + seconds, COARSEST, 0
+    best, complete = np.full(len(met), np.inf), True
+    while True:
+        started = working_seconds()
+        excess, looked, complete = _searched(bounder, shape, met, eps, end - started)
+        boxes, best = boxes + looked, np.minimum(best, excess)
+        now = working_seconds()
+        if not complete or eps <= EPS:
+            return best, boxes, complete
+        planned = eps * ((now - started) / max(SAFE * (end - now), 1e-9)) ** (2 / bounder.ndim)
+        finer = max(EPS, planned, eps / FINER)
+        if finer > WORTH * eps:
+            break
+        eps = finer
+    if len(met) > 1:
+        order = np.argsort(-weight, kind="stable")
+        for group in np.array_split(order, min(GROUPS, len(order))):
+            left = end - working_seconds()
+            if left <= 0:
+                break
+            chosen = np.isin(np.arange(len(met)), group)
+            excess, looked, _ = _searched(bounder, shape, met, LAST * eps, left, chosen)
+            boxes, best[chosen] = boxes + looked, np.minimum(best, excess)[chosen]
+    return best, boxes, False
+
+
+def _searched(
+    bounder: DistanceBounder,
+    shape: Shape,
+    met: np.ndarray,
+    eps: float,
+    seconds: float,
+    chosen: np.ndarray | None = None,
+    *,
+    again: bool = False,
+    **told,
+) -> tuple[np.ndarray, int, bool]:
+    """The largest excesses ``(parts,)``, one up to ``eps`` above the part's ``met`` as this; how many boxes were looked at, and whether there was time.
+
+    ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found: by other boxes, which begin with
+    thirds; its bars do not rise. The rest is for ``excesses``.
+    """
+    least = float(met.min()) + eps
+    told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds}
+    lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
+    if again:
+        lower, upper = _thirds(lower, upper)
+    parts = bounder.part_of(lower / 2 + upper / 2)
+    if chosen is not None:
+        kept = chosen[parts]
+        lower, upper, parts = lower[kept], upper[kept], parts[kept]
+    bars = Bars(met, eps, parts, fixed=again)
+    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=bars, **told)
+    by_part = np.full(len(met), least)
+    np.maximum.at(by_part, parts, found)
+    return by_part, boxes, complete
+
+
+def _thirds(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes that cover some, three along each axis for one, as long as there are few of these."""
+    if len(lower) * 3 ** lower.shape[1] > CHUNK:
+        return lower, upper  # cells of a grid of distances, in which the values are known
+    for axis in range(lower.shape[1]):
+        cuts = [lower[:, axis] + share * (upper - lower)[:, axis] for share in (1 / 3, 2 / 3)]
+        ends = [lower[:, axis], *cuts, upper[:, axis]]
+        parts = [(lower.copy(), upper.copy()) for _ in range(3)]
+        for number, (low, high) in enumerate(parts):
+            low[:, axis], high[:, axis] = ends[number], ends[number + 1]
+        lower, upper = (np.concatenate(sides) for sides in zip(*parts, strict=True))
+    return lower, upper
+
+
+def _knots(bounder: DistanceBounder, shape: Shape) -> np.ndarray:
+    """Local coordinates of the times at which a motion bends."""
+    return (shape.knots - float(bounder.domain.center[0])) * float(bounder.domain.scale[0])
+
+
+def _between(lower: np.ndarray, upper: np.ndarray, knots: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes, cut along axis 0 at the knots."""
+    for knot in knots:
+        cut = (lower[:, 0] < knot) & (knot < upper[:, 0])
+        left, right = upper[cut].copy(), lower[cut].copy()
+        left[:, 0] = right[:, 0] = knot
+        lower, upper = (
+            np.concatenate([lower[~cut], lower[cut], right]),
+            np.concatenate([upper[~cut], left, upper[cut]]),
+        )
+    return lower, upper
+
+
+def _near(bounder: DistanceBounder, shape: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
+    """``(count, n)`` local coordinates of points of the domain near the object's border, and near what the shape names."""
+    x, marks = border_points(shape, count, rng), shape.landmarks()
+    if len(marks):
+        x[::2] = marks[rng.integers(len(marks), size=len(x[::2]))]
+    v = bounder.domain.to_local(x)
+    v += np.exp2(rng.uniform(*np.log2(NEAR), (count, 1))) * rng.standard_normal(v.shape)
+    limit = bounder.domain.limit.astype(np.float64)
+    return np.clip(v, -limit, limit)
+
+
+# --- prove -----------------------------------------------------------------------------------------------------------
+
+
+class Found(NamedTuple):
+    """What a prover has found.
+
+    Attributes:
+        least: Certified lower bound of ``d - F`` over the domain, local units; minus infinity for none.
+        boxes: How many boxes were looked at.
+        seconds: How long that took.
+        complete: False if time ran out.
+        worst: ``(P, n)`` points in object space at which ``d - F`` is small, candidates for a counterexample.
+        excess: ``(parts,)``, by how much F exceeds d in each part of the domain at most.
+    """
+
+    least: float
+    boxes: int
+    seconds: float
+    complete: bool = True
+    worst: np.ndarray | None = None
+    excess: np.ndarray | None = None
+
+
+def search(bounder: DistanceBounder, shape: Shape, seconds: float) -> Found:
+    """Find the best L that there is time for."""
+    started = working_seconds()
+    excess, boxes, complete, worst = largest_excess(bounder, shape, seconds)
+    return Found(-float(excess.max()), boxes, working_seconds() - started, complete, worst, excess)
+
+
+def prove_distance(
+    bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, seconds: float = float("inf")
+) -> Found:
+    """Set a bounder's threshold by proof and give it its certificate.
+
+    Args:
+        bounder: Changed in place (``freeze``).
+        shape: The object that it bounds, its margin included.
+        of_volume: The certificate of ``bounder.volume``, where there is one.
+        seconds: Time for a search.
+
+    Raises:
+        BounderError: If the bounder was made for another domain or dimension, its volume is not proven, or nothing was found.
+    """
+    if reason := mismatch(bounder, shape):
+        raise BounderError(f"{bounder.method}: {reason}")
+    if bounder.volume is not None:
+        if of_volume is None or not of_volume.proven:
+            raise BounderError(
+                f"{bounder.method}: a distance needs a volume that is proven, and {shape.name} certifies no box to be empty"
+            )
+        found = Found(0.0, of_volume.boxes, of_volume.seconds)
+    else:
+        found = search(bounder, shape, seconds)
+        bounder.relieve(found.excess)
+    settle_distance(bounder, shape, found)
+    return found
+
+
+def settle_distance(bounder: DistanceBounder, shape: Shape, found: Found) -> Certificate:
+    """Set a bounder's threshold under what was found, and give it its certificate.
+
+    Raises:
+        BounderError: If there is no finite lower bound, or if the bounder was made for another object.
+    """
+    if reason := mismatch(bounder, shape):
+        raise BounderError(f"{bounder.method}: {reason}")
+    error = bounder.rounding_bound()
+    threshold = min(float(round_down(np.nextafter(found.least - error, -np.inf))), 0.0)
+    if not np.isfinite(threshold):
+        raise BounderError(f"{bounder.method}: the proof found no finite slack")
+    unit = bounder.domain.unit
+    message = (
+        f"Proven: the distance is never overestimated, for any float32 point anywhere{TOUCHED if shape.time else ''}."
+    )
+    numbers = (
+        f"The slack, taken off so that no distance is too large, is {-threshold * unit:.3g}, {error * unit:.2g} of it for float32 "
+        "rounding."
+    )
+    certificate = document(
+        bounder, shape, "proven", threshold, found.least, found.boxes, found.seconds, message, numbers=numbers
+    )
+    bounder.freeze(threshold, certificate)
+    return certificate

@@ -1,0 +1,716 @@
+"""What positives show where no proof does: a statistical test, an adversarial search, and a stress test.
+
+All three put certain positives to the deployed kernels. None of them proves anything.
+
+*Statistical test* (``attest``). With N independent positives of a stated distribution and none denied, the rate of false negatives *under that
+distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and Pearson 1934), about 3/N at 95 %. (Half of the positives come
+from each of two proposals, which only strengthens this, by the inequality of the means.) The threshold is frozen first, by a search that earns no
+confidence, and the rule that ends the count, a number or a time, must not depend on the answers. A failure lowers the threshold, and the count begins
+anew. With enough attempts any bounder passes in the end; so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all of them together no more than alpha.
+Whoever made the bounder must not know the positives: to check one, take a ``fresh_seed``.
+
+*Adversarial search* (``Walk``). From positives a population walks down f by random steps. The exact oracle checks every query, and the deployed kernel
+computes its f, so a query that is found with f below a threshold is a false negative at that threshold.
+
+*Stress test* (``soak``). Hard positives by the hundred million contradict proofs, kernels, compilers and machines. They are certain by construction:
+``HardStream`` for points and regions, ``DistancePositives`` for distances. Chunk k of a stream depends on the seed and k alone, so that a test can be
+stopped, resumed and repeated.
+"""
+
+import contextlib
+import json
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
+from warp_bounding.bounders.file_format import digest_of
+from warp_bounding.bounders.load import bounder_of
+from warp_bounding.certificates import Certificate, document, fn_rate_bound
+from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch
+from warp_bounding.errors import BounderError, FileFormatError, QueryError
+from warp_bounding.indicators.grid import IndicatorGrid
+from warp_bounding.indicators.shape import IN, Shape
+from warp_bounding.proof.covers import COVERS
+from warp_bounding.proof.search import Search, ShapePositives, halve
+from warp_bounding.queries import QUERIES, oracle
+from warp_bounding.queries.boundary import border_points
+from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives, World, draw_positives
+from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.whole_file import check_writable, write_whole
+
+CONFIDENCE = 0.95  # 1 - alpha
+POSITIVES = 1_000_000  # fresh positives of a statistical test
+MOST_RESTARTS = 20  # attempts, each after the first with a lower threshold
+
+STARTS = 1024  # queries that walk
+# Lengths of steps, in units of the domain's size:
+JITTERS = (0.0, 1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2)  # around the points of a proof
+LONGEST, SHORTEST, FRESH = 0.05, 1e-7, 3e-3  # of a walk: the limits, and about the length that it begins with
+LONGER, SHORTER = 1.6, 0.75  # factors of a step's length, after a success and after a failure
+ROUNDS, RENEWED = 240, 24  # steps of a walk, and after how many the lower half of the queries replaces the upper one
+
+CHUNK = 2**18  # queries that a stress test draws and asks at a time
+CYCLE = ("float32",) * 6 + ("float64", "placed")  # the forms of successive chunks
+DISTANCE_FORMS = ("balls", "nearest", "segments", "rays", "boxes")
+WORLDS = 8  # placements that are tried, each gentler, before it is concluded that the certificate covers none
+SAVED_EVERY = 2.0  # seconds between two writings of the state
+MOST_SEED = 2**63 - 1
+STATE = 2  # version of the state file
+POOL = 1 << 16  # border points of a shape, for distances
+MOVES = (2.0**-26, 2.0**1)  # of the shape's longest side: the least and the largest move, radius, or side
+ROUNDING = 2.0**-40  # relative: more than what a few sums, products and roots of float64 round
+
+BOXES = 16_384  # that ``proven_share`` bounds at a time
+MOST_WAITING = 4_000_000  # boxes: what more there is counts as not proven
+
+
+# --- statistical test ------------------------------------------------------------------------------------------------
+
+
+def attempt_confidence(attempt: int, confidence: float = CONFIDENCE) -> float:
+    """The confidence of attempt number ``attempt`` (from 0) with which all attempts together reach ``confidence``."""
+    return 1.0 - (1.0 - confidence) * 0.5 ** (attempt + 1)
+
+
+def fresh_seed() -> int:
+    """A seed from the operating system's entropy, for positives that nobody could have fitted a bounder to."""
+    return secrets.randbits(63)
+
+
+def try_positives(
+    bounder: Bounder,
+    grid: Shape,
+    count: int,
+    seed: int | Sequence[int],
+    seconds: float = float("inf"),
+) -> tuple[int, float, np.ndarray | None]:
+    """Ask a bounder fresh positives.
+
+    Args:
+        bounder: Any bounder, with its threshold.
+        grid: The object.
+        count: How many positives to ask, at least.
+        seed: Seed of the samples.
+        seconds: Time allowed: no chunk is begun that would end later if it took as long as the longest one before.
+            Fewer positives are then asked, possibly none.
+
+    Returns:
+        How many were asked, the least f among them (as the device computes it), and the first query that was answered
+        with *no* (``None`` if there is none; the count ends there).
+    """
+    started, done, least, longest = working_seconds(), 0, np.inf, 0.0
+    chunks = draw_positives(bounder.query_kind, grid, count, seed, bounder.device, bounder.domain.oracle_length)
+    while done < count and (begun := working_seconds()) - started + longest < seconds:
+        x = next(chunks)
+        values = bounder.values(x).numpy()
+        done, least = done + len(x), min(least, float(values.min(initial=np.inf)))
+        missed = np.flatnonzero(values < bounder.threshold)
+        if len(missed):
+            return done, least, x[missed[np.argmin(values[missed])]]
+        longest = max(longest, working_seconds() - begun)
+    return done, least, None
+
+
+def attest(
+    bounder: Bounder,
+    grid: Shape,
+    *,
+    least: float,
+    room: float,
+    count: int = POSITIVES,
+    seed: int = 0,
+    search: Search | None = None,
+) -> Certificate:
+    """Set a threshold below the least value that a search has found, and give the bounder a statistical certificate.
+
+    Args:
+        bounder: Changed in place (``freeze``).
+        grid: The object.
+        least: Least f that is known of any positive.
+        room: How far below it the threshold is set, beyond what rounding needs.
+        count: How many fresh positives to ask.
+        seed: Seed of these positives; every attempt draws others.
+        search: A proof that did not come close enough in its time; the certificate says what it did show.
+
+    Raises:
+        BounderError: If the bounder was made for another object; or if the threshold had to be lowered too often, as
+            where the search found no low f at all.
+    """
+    if reason := mismatch(bounder, grid):
+        raise BounderError(f"{bounder.method}: {reason}")
+    started, error = working_seconds(), bounder.rounding_bound()
+    for restart in range(MOST_RESTARTS):
+        bounder.freeze(float(round_down(least - 2 * error - room)), None)
+        done, lowest, missed = try_positives(bounder, grid, count, (seed, restart))
+        if missed is None:
+            break
+        if not np.isfinite(lowest):
+            outside = f"a {bounder.query_kind} that meets the object counts as outside the domain: {missed}"
+            raise BounderError(f"{bounder.method}: {outside}")
+        least = min(least, lowest)
+    else:
+        missed = f"{MOST_RESTARTS} thresholds in a row missed a positive {bounder.query_kind}"
+        raise BounderError(f"{bounder.method}: {missed}")
+    judged = attempt_confidence(restart)
+    rate = fn_rate_bound(done, judged)
+    before = f" after {restart} that missed one" if restart else ""
+    message = (
+        f"Statistical, not proven: {done:,} fresh positives ({QUERIES[bounder.query_kind].distribution}), "
+        f"none answered with no; at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed "
+        f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%})."
+    )
+    tried = "No proof was tried."
+    if search is not None:
+        shows = f"it shows f >= {search.lower_bound:.6g} on all positives"
+        below = f"{least - search.lower_bound:.3g} below the least one known"
+        tried = f"A proof did not end in {search.seconds:.3g} s: {shows}, {below}."
+    threshold, spent = float(bounder.threshold), working_seconds() - started
+    # No f was computed where every positive was answered without one, or none was asked.
+    margin = lowest - threshold if np.isfinite(lowest) else None
+    counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE, "worst_margin": margin}
+    counts |= {"numbers": f"The threshold was set by an adversarial search. {tried}", "restarts": restart}
+    certificate = document(bounder, grid, "statistical", threshold, least, 0, spent, message, **counts)
+    bounder.freeze(threshold, certificate)
+    return certificate
+
+
+# --- adversarial search ----------------------------------------------------------------------------------------------
+
+
+class Walk:
+    """Looks for positives with a low f.
+
+    Args:
+        bounder: The bounder whose f is computed; its threshold plays no part.
+        grid: The object.
+        seed: Seed of the steps.
+    """
+
+    def __init__(self, bounder: Bounder, grid: Shape, seed: int = 0):
+        self.bounder, self.grid, self.query = bounder, grid, bounder.query_kind
+        self._truth = oracle(self.query, grid, bounder.device, bounder.domain.oracle_length)
+        self._rng = np.random.default_rng([seed, 77])
+
+    def values(self, x: np.ndarray) -> np.ndarray:
+        """The f of float32 queries as the device computes it; infinity for queries that do not meet the object."""
+        values = self.bounder.values(x).numpy().copy()
+        values[~self._truth(x)] = np.inf
+        return values
+
+    def around(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The lowest positives at and close around queries ``(N, m)`` in object space, positives or not.
+
+        Returns:
+            ``(K, m)`` float32 and ``(K,)`` f, lowest first; none if no positive is there.
+        """
+        near = np.concatenate([self._moved(x, np.full(len(x), step)) for step in JITTERS])
+        return self._lowest(near, self.values(near))
+
+    def down(self, x: np.ndarray, rounds: int = ROUNDS) -> tuple[np.ndarray, np.ndarray]:
+        """Walk from positives; returns what ``around`` does."""
+        x, values = self._lowest(x, self.values(x))
+        if not len(x):
+            return x, values
+        copies = -(-STARTS // len(x))
+        x, values = np.tile(x, (copies, 1))[:STARTS], np.tile(values, copies)[:STARTS]
+        steps = FRESH * 10.0 ** self._rng.uniform(-2, 1, len(x))
+        for number in range(1, rounds + 1):
+            tried = self._moved(x, steps)
+            found = self.values(tried)
+            better = found < values
+            x[better], values[better] = tried[better], found[better]
+            steps = np.clip(np.where(better, LONGER, SHORTER) * steps, SHORTEST, LONGEST)
+            if number % RENEWED == 0:
+                order, half = np.argsort(values, kind="stable"), len(x) // 2
+                low, high = order[:half], order[len(x) - half :]
+                x[high], values[high] = x[low], values[low]
+                steps = FRESH * 10.0 ** self._rng.uniform(-3, 1, len(x))
+        return self._lowest(x, values)
+
+    def _lowest(self, x: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        order = np.argsort(values, kind="stable")[:STARTS]
+        order = order[np.isfinite(values[order])]
+        return x[order].copy(), values[order].copy()
+
+    def _moved(self, x: np.ndarray, steps: np.ndarray) -> np.ndarray:
+        """Each query with some of its numbers moved by about its step, as a float32 query of its kind."""
+        x = np.asarray(x, dtype=np.float64)
+        move = self._rng.normal(size=x.shape) * steps[:, None] * (self._rng.random(x.shape) < 0.6)
+        return QUERIES[self.query].nudged(self.grid, x, move).astype(np.float32)
+
+
+def queries_at(bounder: Bounder, grid: Shape, v: np.ndarray) -> np.ndarray:
+    """Queries ``(N, m)`` float64 in object space at a search's points ``(N, K)`` (``Cover.coordinates``)."""
+    return bounder.domain.to_object(COVERS[bounder.query_kind].coordinates(bounder, grid, v))
+
+
+# --- hard positives --------------------------------------------------------------------------------------------------
+
+
+class Missed(NamedTuple):
+    """A positive that was answered with no: its numbers as given to the bounder, their form, and where the shape was placed."""
+
+    query: list[float]
+    form: str
+    world: dict | None = None
+
+
+class HardStream:
+    """Hard positives of points or regions, put to a bounder: in float32, in float64, and in the world where its certificate covers that.
+
+    Args:
+        bounder: Who is asked.
+        shape: The object.
+        positives: Those of the shape, where they are known already.
+    """
+
+    def __init__(self, bounder: Bounder, shape: Shape, positives: HardPositives | HardShapePositives | None = None):
+        kind = HardPositives if isinstance(shape, IndicatorGrid) else HardShapePositives
+        about = bounder.query_kind, shape, bounder.domain.oracle_length, bounder.device
+        self.bounder, self.shape, self.positives = bounder, shape, positives or kind(*about)
+        self.forms, self.cycle = FORMS, CYCLE
+
+    def ask(self, seed: int, chunk: int, count: int) -> tuple[str, int, Missed | None]:
+        """Ask a chunk of the stream: its form, how many certain positives it has, and the first one that was missed.
+
+        Raises:
+            BounderError: If what was missed is no positive, in rational arithmetic.
+        """
+        form, options, world = self.cycle[chunk % len(self.cycle)], {}, None
+        if form == "placed":
+            world, options = self._placement(np.random.default_rng([seed, chunk]))
+            form = form if world else "float32"
+        x, certain = (each.numpy() for each in self.positives.draw(seed, chunk * count, count, form, world))
+        x = x[certain != 0]
+        missed = np.flatnonzero(self.bounder.query(x, **options).numpy() == 0)
+        if not len(missed):
+            return form, len(x), None
+        q, kind = x[missed[0]], self.positives.kind
+        if world is None and not kind.certain(self.shape, q[None], self.positives.length)[0]:
+            raise BounderError(f"the soak drew a {kind.name} that does not meet the object: {q.tolist()}")
+        placed = {name: np.asarray(value).tolist() for name, value in options.items()} or None
+        return form, len(x), Missed(q.tolist(), form, placed)
+
+    def _placement(self, rng: np.random.Generator) -> tuple[World | None, dict]:
+        """A placement that the bounder's certificate covers; each one that is tried is gentler than the one before."""
+        nothing = np.zeros((0, self.positives.columns), np.float32)
+        for gentle in range(WORLDS if self.positives.placeable else 0):
+            world, options = random_world(self.shape, rng, gentle)
+            with contextlib.suppress(QueryError):
+                self.bounder.query(nothing, **options)
+                return world, options
+        return None, {}
+
+
+def random_world(shape: Shape, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:
+    """A random placement of a shape, whose time is not moved; ``gentle``: how often the ranges of translations and of the scale's exponent are halved.
+
+    Returns:
+        The map, and the ``xform`` and ``scale`` that bounders take for it.
+    """
+    n, first = shape.ndim, int(shape.time)
+    spatial, share = n - first, 0.5**gentle
+    rotation, _ = np.linalg.qr(rng.normal(size=(spatial, spatial)))
+    if rng.random() < 0.25:  # a signed permutation: boxes stay boxes
+        rotation = np.eye(spatial)[rng.permutation(spatial)] * rng.choice([-1.0, 1.0], spatial)
+    scale = np.exp2(rng.uniform(-1, 1, spatial) * share)
+    position = rng.uniform(-1, 1, spatial) * (shape.upper - shape.lower)[first:].max() * share
+    forward, inverse, translation, matrix = np.eye(n), np.eye(n), np.zeros(n), np.eye(spatial + 1)
+    forward[first:, first:], inverse[first:, first:] = rotation * scale, rotation.T / scale[:, None]
+    translation[first:], matrix[:-1, :-1], matrix[:-1, -1] = position, rotation, position
+    return World(forward, inverse, translation), {"xform": matrix, "scale": scale}
+
+
+class DistancePositives:
+    """Hard positives of a distance: balls, segments, rays, swept balls and boxes that barely touch the object.
+
+    Each is certain, from certified points p of the object and certified upper bounds of distances, in float64 with a margin for its rounding; one that
+    is answered with *no*, or a time of contact behind one that is known, is a false negative. Of a shape that moves, p is a point of time and space:
+    balls are asked at its time, and segments pass it then.
+
+    Args:
+        bounder: Who is asked.
+        shape: The object.
+
+    Raises:
+        BounderError: If no point of the object was found.
+    """
+
+    def __init__(self, bounder: DistanceBounder, shape: Shape):
+        self.bounder, self.shape, self.size = bounder, shape, float(shape.extent.max())
+        self.speed = bounder.domain.speed if bounder.domain.time else None
+        # rays are of shapes at rest
+        self.forms = DISTANCE_FORMS if self.speed is None else tuple(f for f in DISTANCE_FORMS if f != "rays")
+        self._seed, self._pool = None, np.zeros((0, shape.ndim), np.float32)
+
+    def ask(self, seed: int, chunk: int, count: int) -> tuple[str, int, Missed | None]:
+        """See ``HardStream.ask``."""
+        form, rng = self.forms[chunk % len(self.forms)], np.random.default_rng([seed, chunk])
+        if seed != self._seed:
+            x = border_points(self.shape, POOL, np.random.default_rng([seed, 17])).astype(np.float32)
+            self._seed, self._pool = seed, x[self.shape.decide(x) == IN]
+        if not len(self._pool):
+            raise BounderError(f"{self.shape.name}: no point was found that is certainly in the object")
+        p = self._pool[rng.integers(len(self._pool), size=count)].astype(np.float64)
+        missed, numbers = getattr(self, f"_{form}")(p, rng)
+        if not missed.any():
+            return form, len(missed), None
+        query = [float(v) for values in numbers.values() for v in np.ravel(values[np.argmax(missed)])]
+        return form, len(missed), Missed(query, f"{form}: {', '.join(numbers)}")
+
+    def _moves(self, count: int, rng: np.random.Generator, largest: float = MOVES[1]) -> np.ndarray:
+        return np.exp2(rng.uniform(np.log2(MOVES[0]), np.log2(largest), (count, 1))) * self.size
+
+    def _directions(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Unit vectors, of space."""
+        d = rng.normal(size=(count, self.shape.ndim)) * (rng.random((count, self.shape.ndim)) > 0.2)
+        if self.speed is not None:
+            d[:, 0] = 0.0
+        length = np.linalg.norm(d, axis=1, keepdims=True)
+        return np.where(length > 0, d / np.where(length > 0, length, 1.0), np.eye(self.shape.ndim)[-1])
+
+    def _balls(self, p: np.ndarray, rng: np.random.Generator):
+        x = (p + self._moves(len(p), rng) * self._directions(len(p), rng)).astype(np.float32)
+        radius = _up(np.linalg.norm(x.astype(np.float64) - p, axis=1) * (1 + ROUNDING))
+        return self.bounder.query(x, radius).numpy() == 0, {"x": x, "radius": radius}
+
+    def _nearest(self, p: np.ndarray, rng: np.random.Generator):
+        x = (p + self._moves(len(p), rng) * self._directions(len(p), rng)).astype(np.float32)
+        known = self.shape.distances(x)
+        if known is None:
+            return self._balls(p, rng)
+        x, radius = x[np.isfinite(known[:, 1])], _up(known[np.isfinite(known[:, 1]), 1])
+        missed = (self.bounder.query(x, radius).numpy() == 0) | (self.bounder.distance(x).numpy() > radius)
+        return missed, {"x": x, "radius": radius}
+
+    def _segments(self, p: np.ndarray, rng: np.random.Generator):
+        count = len(p)
+        d, aside = self._directions(count, rng), self._moves(count, rng) * self._directions(count, rng)
+        aside *= rng.random((count, 1)) > 0.5
+        back, forth = (self._moves(count, rng) * (rng.random((count, 1)) > 0.1) for _ in "bf")
+        if self.speed is not None:
+            span = (self.shape.upper[0] - self.shape.lower[0]) / self.size
+            d[:, 0] = rng.normal(size=count) * (rng.random(count) > 0.2) * span
+        a, b = ((p + aside + way * d).astype(np.float32) for way in (-back, forth))
+        if self.speed is not None:  # within the times at which the shape is there, and p's between both
+            a[:, 0], b[:, 0] = (np.clip(x[:, 0], self.shape.lower[0], self.shape.upper[0]) for x in (a, b))
+        time, radius = _passing(a.astype(np.float64), b.astype(np.float64) - a, p, self.speed)
+        maybe, t = (part.numpy() for part in self.bounder.segments(a, b, radius, steps=int(rng.integers(1, 80))))
+        return (maybe == 0) | (t > time), {"start": a, "end": b, "radius": radius}
+
+    def _rays(self, p: np.ndarray, rng: np.random.Generator):
+        count = len(p)
+        d = (self._directions(count, rng) * np.exp2(rng.uniform(-20, 20, (count, 1)))).astype(np.float32)
+        unit = d.astype(np.float64) / np.linalg.norm(d.astype(np.float64), axis=1, keepdims=True)
+        o = (p - self._moves(count, rng) * unit).astype(np.float32)
+        length = _up(np.linalg.norm(p - o, axis=1) * rng.uniform(1.0, 2.0, count))
+        time, radius = _passing(o.astype(np.float64), unit * length[:, None].astype(np.float64), p)
+        found = self.bounder.rays(np.concatenate([o, d], axis=1), length=length, radius=radius)
+        maybe, t = (part.numpy() for part in found)
+        return (maybe == 0) | (t > time), {"origin": o, "direction": d, "length": length, "radius": radius}
+
+    def _boxes(self, p: np.ndarray, rng: np.random.Generator):
+        count, n = p.shape
+        sides = self._moves(count * n, rng, 1.0).reshape(count, n) * (rng.random((count, n)) > 0.2)
+        share = np.where(rng.random((count, n)) < 0.5, rng.integers(0, 2, (count, n)), rng.random((count, n)))
+        low, high = (p - share * sides).astype(np.float32), (p + (1 - share) * sides).astype(np.float32)
+        low, high = np.minimum(low, p).astype(np.float32), np.maximum(high, p).astype(np.float32)
+        missed = self.bounder.boxes(low, high, steps=int(rng.integers(1, 120))).numpy() == 0
+        return missed, {"lower": low, "upper": high}
+
+
+def _up(x: np.ndarray) -> np.ndarray:
+    """float32 numbers that are not below."""
+    return np.nextafter(x.astype(np.float32), np.float32(np.inf))
+
+
+def _passing(a: np.ndarray, w: np.ndarray, p: np.ndarray, speed: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """When ``a + t w`` passes p nearest, and a radius that reaches p then; the time is not before that, up to rounding.
+
+    With a speed coordinate 0 is time: then where a point is at p's time, or where it passes p nearest if its time stands still.
+    """
+    space = slice(int(speed is not None), None)
+    square = (w[:, space] ** 2).sum(axis=1)
+    time = ((p - a) * w)[:, space].sum(axis=1) / np.where(square > 0, square, 1.0)
+    if speed is not None:
+        time = np.where(w[:, 0] != 0, (p - a)[:, 0] / np.where(w[:, 0] != 0, w[:, 0], 1.0), time)
+    time = np.clip(time, 0.0, 1.0)
+    at, size = a + time[:, None] * w, np.abs(a).sum(axis=1) + np.abs(w).sum(axis=1) + np.abs(p).sum(axis=1)
+    away = np.linalg.norm((at - p)[:, space], axis=1)
+    if speed is not None:  # what is left of p's time, its point may have moved
+        away += speed * np.abs(at[:, 0] - p[:, 0]) * (1 + ROUNDING)
+        size *= 1 + speed
+    return time, _up(away * (1 + ROUNDING) + 2.0**-48 * size)
+
+
+# --- stress test -----------------------------------------------------------------------------------------------------
+
+
+@dataclass
+class Soak:
+    """How far a stress test has come.
+
+    Attributes:
+        method: The bounder's method.
+        query: Kind of query.
+        seed: Seed of the stream.
+        wanted: Positives that were to be asked.
+        done: Positives asked in whole chunks; the chunk with a missed one is not among them.
+        chunks: Whole chunks of the stream that are done.
+        forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays, boxes.
+        seconds: Time taken, earlier parts of a resumed test included.
+        missed: The first query that was answered with no, as given to the bounder, or ``None``.
+        missed_form: The form of that query.
+        missed_world: Where the shape was placed, for a query in the world: ``xform`` (a matrix) and ``scale``.
+        interrupted: Whether Ctrl-C ended the test.
+        bounder: SHA-256 of its tensors, domain and threshold.
+        indicator: SHA-256 of the cells.
+
+    Example:
+        >>> from warp_bounding.proof import soak
+        >>> result = soak(bounder, grid, 10_000, seed=1)
+        >>> result.missed is None, result.complete
+        (True, True)
+    """
+
+    method: str
+    query: str
+    seed: int
+    wanted: int
+    bounder: str
+    indicator: str
+    done: int = 0
+    chunks: int = 0
+    forms: dict[str, int] = field(default_factory=lambda: dict.fromkeys(FORMS, 0))
+    seconds: float = 0.0
+    missed: list[float] | None = None
+    missed_form: str | None = None
+    missed_world: dict | None = None
+    interrupted: bool = False
+
+    @property
+    def complete(self) -> bool:
+        """Whether as many as wanted were asked, or a false negative was found.
+
+        Example:
+            >>> soak(bounder, grid, 1000, seed=1).complete
+            True
+        """
+        return self.done >= self.wanted or self.missed is not None
+
+    @property
+    def rate(self) -> float:
+        """Positives per second.
+
+        Example:
+            >>> soak(bounder, grid, 1000, seed=1).rate > 0
+            True
+        """
+        return self.done / self.seconds if self.seconds else 0.0
+
+    def to_dict(self) -> dict:
+        """JSON-ready.
+
+        Example:
+            >>> soak(bounder, grid, 1000, seed=1).to_dict()["query"]
+            'point'
+        """
+        return asdict(self)
+
+
+def soak(
+    bounder: Bounder | str | Path,
+    shape,
+    count: int = 100_000_000,
+    *,
+    seed: int | None = None,
+    state: str | Path | None = None,
+    progress: Callable[[int, int, str], None] | None = None,
+    seconds: float = float("inf"),
+) -> Soak:
+    """Ask a bounder hard positives until one is missed, or enough were asked.
+
+    Args:
+        bounder: The bounder, or the path of its file.
+        shape: The shape that it bounds, or anything that ``load_indicator`` takes.
+        count: Positives to ask. Whole chunks are asked, so there may be some more.
+        seed: Seed of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
+        state: JSON file that is written during the test. If it exists, the test is continued from it, and the seed must
+            be the same.
+        progress: Called after each chunk with positives asked, wanted, and a note.
+        seconds: Time allowed for this call.
+
+    Returns:
+        What was done. Ctrl-C ends the test, and the result says so.
+
+    Raises:
+        QueryError: For a shape that the bounder's claim cannot be about, as one of another dimension, or a count or seed out of range.
+        FileFormatError: If the state cannot be read or written, or belongs to another bounder, shape or seed.
+    """
+    for name, value, least, most in (("count", count, 1, 2**62), ("seed", 0 if seed is None else seed, 0, MOST_SEED)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
+            raise QueryError(f"{name} must be a whole number from {least} to {most}, got {value!r}")
+    bounder, shape = in_local(bounder_of(bounder), shape)
+    shape = as_fitted(bounder, shape)
+    if (other := mismatch(bounder, shape)) and other != OUTSIDE:
+        raise QueryError(other)
+    about = {"method": bounder.method, "query": bounder.query_kind, "sizes": bounder.sizes}
+    about |= {"domain": bounder.domain.to_dict(), "threshold": float(bounder.threshold)}
+    digest = digest_of(bounder.tensors, about)  # of what the answers depend on
+    result = Soak(bounder.method, bounder.query_kind, -1, int(count), digest, shape.digest)
+    far = isinstance(bounder, DistanceBounder)
+    result.forms = dict.fromkeys(DISTANCE_FORMS if far else FORMS, 0)
+    result = _resumed(result, None if seed is None else int(seed), state)
+    if state is not None:
+        check_writable(state)
+    started = saved = time.perf_counter()
+    before, stream = result.seconds, (DistancePositives if far else HardStream)(bounder, shape)
+    try:
+        while not result.complete and time.perf_counter() - started < seconds:
+            form, asked, missed = stream.ask(result.seed, result.chunks, CHUNK)
+            # changed only now, so that an interruption leaves no half of a chunk
+            if missed is not None:
+                result.missed, result.missed_form, result.missed_world = missed
+            else:
+                result.done, result.chunks = result.done + asked, result.chunks + 1
+                result.forms[form] += asked
+            result.seconds = round(before + time.perf_counter() - started, 3)
+            if progress:
+                progress(min(result.done, result.wanted), result.wanted, f"{result.rate / 1e6:.1f} million/s")
+            if state is not None and time.perf_counter() - saved > SAVED_EVERY:
+                _save(result, state)
+                saved = time.perf_counter()
+    except KeyboardInterrupt:
+        result.interrupted = True
+    result.seconds = round(before + time.perf_counter() - started, 3)
+    if state is not None:
+        _save(result, state)
+    return result
+
+
+def _save(result: Soak, state: str | Path) -> None:
+    write_whole(state, json.dumps({"soak": STATE, **result.to_dict()}, allow_nan=False).encode())
+
+
+def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
+    """The test that the state file holds, or else ``fresh``; with its seed."""
+    if state is None or not Path(state).is_file():
+        fresh.seed = fresh_seed() if seed is None else seed
+        return fresh
+    remedy = "give another file, or remove it"
+    try:
+        held = json.loads(Path(state).read_text())
+        version = held.pop("soak")
+        old = Soak(**held) if version == STATE else fresh
+        numbers = (old.done, old.chunks, *old.forms.values())
+        sound = all(type(v) is int and v >= 0 for v in numbers) and type(old.seed) is int
+        sound = sound and set(old.forms) == set(fresh.forms) and sum(old.forms.values()) == old.done
+        if not sound or not 0 <= float(old.seconds) < float("inf"):
+            raise ValueError("numbers")
+    except (ValueError, TypeError, KeyError, AttributeError, OSError, RecursionError) as error:
+        raise FileFormatError(f"{state}: not the state of a soak test, or damaged") from error
+    if version != STATE:
+        told = f"{state}: the state of a soak of another version ({version!r}, this one is {STATE})"
+        raise FileFormatError(f"{told}; {remedy}")
+    fresh.seed = old.seed if seed is None else seed
+    for name in ("bounder", "indicator", "seed"):
+        if getattr(old, name) != getattr(fresh, name):
+            what = "shape" if name == "indicator" else name
+            raise FileFormatError(f"{state}: the state of a soak of another {what}; {remedy}")
+    old.wanted, old.interrupted = fresh.wanted, False
+    old.missed = old.missed_form = old.missed_world = None  # found again: its chunk does not count as done
+    return old
+
+
+# --- how much is proven of what was only sampled ---------------------------------------------------------------------
+
+
+class Share(NamedTuple):
+    """What was proven.
+
+    Attributes:
+        volume: Share of the volume that was looked at, 0 to 1, in which no *no* can be wrong.
+        boxes: Boxes that were bounded.
+        seconds: That it took.
+    """
+
+    volume: float
+    boxes: int
+    seconds: float
+
+
+def proven_share(
+    bounder: Bounder,
+    shape,
+    *,
+    seconds: float = 60.0,
+    boxes: float = float("inf"),
+    places: int | None = None,
+    side: float = 2.0**-6,
+    seed: int = 0,
+) -> Share:
+    """In how much of its domain a bounder of points is proven to deny nothing of a shape, at the threshold that it has.
+
+    For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f reaches the threshold on all of
+    it, or on all of it that can be object, or where the shape certifies that nothing is there.
+
+    Args:
+        bounder: Of points, its parts proven one by one counted alike.
+        shape: What it bounds; anything that ``load_indicator`` takes.
+        seconds: Time after which what is left counts as not proven.
+        boxes: The same of boxes; the result is then the same on every machine.
+        places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than there is time for.
+        side: Of such a box, as a share of the domain's.
+        seed: Of their places.
+
+    Raises:
+        BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
+
+    Example:
+        >>> solid = wb.solids.Sphere([0, 0, 0], 1.0)
+        >>> box = wb.fit(solid, method="aabb", device="cpu")
+        >>> wb.proven_share(box, solid).volume
+        1.0
+    """
+    bounder, shape = in_local(bounder, shape)
+    shape = as_fitted(bounder, shape)
+    one = bounder.domain is bounder.domain.base and not bounder.composed and len(bounder.parts) == 1
+    if not one or shape.resolution is not None:
+        raise BounderError(f"a share of the domain is told of single bounders of points of shapes, got {bounder!r}")
+    if reason := mismatch(bounder, shape):
+        raise BounderError(reason)
+    started, positives = working_seconds(), ShapePositives(bounder, shape)
+    target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
+    low, high = positives.boxes()
+    if places is not None:
+        if places < 1 or not 0 < side <= 1:
+            raise BounderError(f"expected at least one place and a side above 0 and up to 1, got {places} and {side}")
+        low, size = low.min(axis=0), (high.max(axis=0) - low.min(axis=0)) * side
+        low = np.random.default_rng(seed).uniform(low, high.max(axis=0) - size, (places, len(low)))
+        high = low + size
+    whole = open_ = float((high - low).prod(axis=1).sum())
+    waiting, done = deque([(low, high)]), 0
+    while waiting and working_seconds() - started <= seconds and done < boxes:
+        low, high = waiting.popleft()
+        if len(low) > BOXES:
+            waiting.extendleft((low[part], high[part]) for part in (slice(BOXES, None), slice(BOXES)))
+            continue
+        bounds, volume = positives.bound(low, high), (high - low).prod(axis=1)
+        done += len(low)
+        asked = np.flatnonzero(~(bounds.lower >= target))
+        found = positives.held(low[asked], high[asked], bounds.part(asked), np.full(len(asked), target))
+        low, high = (np.asarray(corner) for corner in found.corners)
+        left = ~(found.lower >= target)
+        open_ -= float(volume.sum() - (high - low).prod(axis=1)[left].sum())
+        if left.any() and sum(len(rest) for rest, _ in waiting) < MOST_WAITING:
+            waiting.append(halve(low[left], high[left], found.axis[left]))
+    return Share(1 - open_ / whole, done, working_seconds() - started)
