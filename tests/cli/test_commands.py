@@ -277,10 +277,10 @@ def test_a_proof_goes_on_where_its_time_was_over(files, capsys):
 
 def test_a_slack_larger_than_the_object_is_said(files, capsys, monkeypatch):
     """The best that was reached is saved; exit status 1."""
-    from warp_bounding.proof.distances import excesses
+    from warp_bounding.proof import distances
 
-    monkeypatch.setattr(excesses, "COARSEST", 9.0)  # one search, and no time for a finer one
-    monkeypatch.setattr(excesses, "SAFE", 0.0)
+    monkeypatch.setattr(distances, "COARSEST", 9.0)  # one search, and no time for a finer one
+    monkeypatch.setattr(distances, "SAFE", 0.0)
     options = ("--query", "distance", "--hidden", "8,8", "--steps", 20, "--budget", 2)
     path, (status, _, err) = fit(capsys, files, *options, source="blob.npy", method="mlp")
     assert (status, path.is_file()) == (1, True)
