@@ -136,6 +136,7 @@ def page_of(draw: Callable[[Any], None], *, svg: bool = True) -> dict[str, bytes
     except ImportError as error:
         raise BoundingError("figures need matplotlib: pip install 'warp-bounding[train]'") from error
     options = {"font.size": 9, "font.family": "DejaVu Sans", "svg.hashsalt": "figure", "text.color": INK}
+    options |= {"axes.titlesize": 9, "axes.labelsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8}
     options |= {"axes.labelcolor": INK, "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.edgecolor": PALE}
     options |= {"xtick.color": PALE, "ytick.color": PALE, "axes.titlecolor": INK, "image.interpolation": "nearest"}
     with matplotlib.rc_context(options):
@@ -170,8 +171,8 @@ def grid(rows: Sequence[Sequence[Callable[[Any], None]]], *, svg: bool = True, i
     """Files of a page of rows of panels, or of other functions that fill axes, each so many inches wide."""
 
     def fill(figure: Any) -> None:
-        heights = [max(_height(panel) for panel in row) for row in rows]
-        columns, ratios = max(map(len, rows)), [height + 0.5 / inch for height in heights]
+        heights = [max(_height(panel, inch) for panel in row) for row in rows]
+        columns, ratios = max(map(len, rows)), [height + 0.42 / inch for height in heights]
         figure.set_size_inches(inch * columns, inch * sum(ratios) + 0.4 * legend)
         figure.set_layout_engine("constrained", w_pad=0.03, h_pad=0.03)
         panels = figure.subplots(len(rows), columns, squeeze=False, gridspec_kw={"height_ratios": ratios})
@@ -187,9 +188,9 @@ def grid(rows: Sequence[Sequence[Callable[[Any], None]]], *, svg: bool = True, i
     return page_of(fill, svg=svg)
 
 
-def _height(panel: Any) -> float:
-    """Of a panel, in its widths."""
-    return panel.image.shape[0] / panel.image.shape[1] if isinstance(panel, Panel) else 0.85
+def _height(panel: Any, inch: float) -> float:
+    """Of a panel, in its widths; other axes have ticks and labels, too."""
+    return panel.image.shape[0] / panel.image.shape[1] if isinstance(panel, Panel) else 0.85 + 0.5 / inch
 
 
 def with_palette(png: bytes, width: int | None = None) -> bytes:

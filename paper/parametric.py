@@ -21,7 +21,7 @@ Both are convex in the direction: over a patch of directions they are largest at
 ``x . low + y . high`` is exactly ``h_S(x+ - y-) + (x+ + y-) . delta + (x- + y+) . limit``.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -84,27 +84,32 @@ def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
 # --- directions --------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Directions:
-    """Patches of the unit sphere in n dimensions: cells of the faces of a cube, seen from its centre.
+class Patches:
+    """Patches of the unit sphere in n dimensions: cells of the faces of a cube, seen from its centre; and what is known of each.
 
     A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``; so
     a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
+
+    Args:
+        arrays: Of N rows, by name: ``axis`` on which the face of the cube lies, ``sign`` of its side, ``lower`` and ``upper``
+            ``(N, n - 1)``, corners of the cell on it; in a search also ``vertices`` ``(N, V, n)``, what is ``known`` of
+            these, multipliers ``m``, bounds ``most``, and ``searched``.
     """
 
-    axis: np.ndarray  # (N,) int, the axis on which the face of the cube lies
-    sign: np.ndarray  # (N,) 1.0 or -1.0, its side
-    lower: np.ndarray  # (N, n - 1), the lower corner of the cell on it
-    upper: np.ndarray  # (N, n - 1), its upper corner
+    def __init__(self, **arrays: np.ndarray):
+        self.arrays = arrays
+
+    def __getattr__(self, name: str) -> np.ndarray:
+        return self.__dict__["arrays"][name]
 
     @classmethod
-    def cover(cls, ndim: int, edge: int) -> "Directions":
+    def cover(cls, ndim: int, edge: int) -> "Patches":
         """The whole sphere, ``edge`` patches along each edge of a face."""
         cells = np.array(list(np.ndindex((edge,) * (ndim - 1))), dtype=np.float64).reshape(edge ** (ndim - 1), ndim - 1)
         faces = [(axis, sign) for axis in range(ndim) for sign in (1.0, -1.0)]
         axis, sign = (np.repeat(column, len(cells)) for column in zip(*faces, strict=True))
         lower, upper = (np.tile(-1 + 2 * (cells + k) / edge, (len(faces), 1)) for k in (0, 1))
-        return cls(axis, sign, lower, upper)
+        return cls(axis=axis, sign=sign, lower=lower, upper=upper)
 
     def __len__(self) -> int:
         return len(self.axis)
@@ -131,7 +136,7 @@ class Directions:
         """``(N, n)`` unit vectors."""
         return self._on_sphere((self.lower + self.upper) / 2)
 
-    def vertices(self, slack: float) -> np.ndarray:
+    def hulls(self, slack: float) -> np.ndarray:
         """``(N, 2^n, n)``: ``u_i (1 - slack)`` and ``outer u_i (1 + slack)`` in turn.
 
         Their hull holds all vectors in the directions of the patch whose length is within ``slack`` of 1.
@@ -139,25 +144,28 @@ class Directions:
         choices = np.ndindex((2,) * (self.ndim - 1))
         u = np.stack([self._on_sphere(np.where(c, self.upper, self.lower)) for c in choices], axis=1)
         outer = 1 / (np.einsum("nvk,nk->nv", u, self.centers).min(axis=1) * SHRUNK)
-        return np.stack([u * (1 - slack), u * outer[:, None, None] * (1 + slack)], axis=2).reshape(
-            len(self), -1, self.ndim
-        )
+        ends = [u * (1 - slack), u * outer[:, None, None] * (1 + slack)]
+        return np.stack(ends, axis=2).reshape(len(self), -1, self.ndim)
 
-    def take(self, which: np.ndarray) -> "Directions":
+    def having(self, **arrays: np.ndarray) -> "Patches":
+        """The same patches with other arrays."""
+        return Patches(**self.arrays | arrays)
+
+    def take(self, which: np.ndarray) -> "Patches":
         """The patches at these indices, or where a mask is true."""
-        return Directions(self.axis[which], self.sign[which], self.lower[which], self.upper[which])
+        return Patches(**{name: array[which] for name, array in self.arrays.items()})
 
-    def joined(self, other: "Directions") -> "Directions":
+    def joined(self, other: "Patches") -> "Patches":
         """These patches, then those of another set."""
-        names = ("axis", "sign", "lower", "upper")
-        return Directions(*(np.concatenate([getattr(self, k), getattr(other, k)]) for k in names))
+        return Patches(**{name: np.concatenate([own, other.arrays[name]]) for name, own in self.arrays.items()})
 
-    def split(self) -> "Directions":
-        """Each patch in ``2^(n-1)`` parts."""
+    def split(self) -> "Patches":
+        """Each patch in ``2^(n-1)`` parts, of which nothing is known."""
         middle, choices = (self.lower + self.upper) / 2, list(np.ndindex((2,) * (self.ndim - 1)))
         lower = np.concatenate([np.where(choice, middle, self.lower) for choice in choices])
         upper = np.concatenate([np.where(choice, self.upper, middle) for choice in choices])
-        return Directions(np.tile(self.axis, len(choices)), np.tile(self.sign, len(choices)), lower, upper)
+        sides = {name: np.tile(getattr(self, name), len(choices)) for name in ("axis", "sign")}
+        return Patches(**sides, lower=lower, upper=upper)
 
 
 # --- bounds over all positive regions ----------------------------------------------------------------------------------
@@ -192,71 +200,48 @@ class Support:
 
     def linear(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """``(K,)`` bounds of ``x . first + y . second`` over the halves of v, by branch and bound over directions."""
-        first = self.begun(Directions.cover(self.ndim, self.edge.get(self.ndim, 2)))
+        first = self.begun(Patches.cover(self.ndim, self.edge.get(self.ndim, 2)))
         return np.array([self._branched(a, b, first) for a, b in zip(x, y, strict=True)])
 
-    def _branched(self, x: np.ndarray, y: np.ndarray, first: "_Patches") -> float:
+    def _branched(self, x: np.ndarray, y: np.ndarray, first: Patches) -> float:
         """One such bound: the highest patches are searched for a better m, and then split."""
         sizes = (self.limit, self.stretch) if self.domain.query == "ray" else (1.0, self.limit)
         tolerance = TOLERANCE * float((np.abs(x) * sizes[0]).sum() + (np.abs(y) * sizes[1]).sum())
         state, done = self.opened(x, y, first), -np.inf
         for _ in range(STEPS):
-            chosen = np.zeros(len(state.upper), dtype=bool)
-            chosen[np.argsort(-state.upper)[:AT_ONCE]] = True
-            chosen &= state.upper > done
+            chosen = np.zeros(len(state), dtype=bool)
+            chosen[np.argsort(-state.most)[:AT_ONCE]] = True
+            chosen &= state.most > done
             part, state = state.take(chosen), state.take(~chosen)
-            if not len(part.upper):
+            if not len(part):
                 break
             fresh = part.take(~part.searched)
-            part = part.take(part.searched).joined(self.searched(x, y, fresh) if len(fresh.upper) else fresh)
-            flat = part.upper <= self.middle(x, y, part) + tolerance
-            done = max(done, float(part.upper[flat].max(initial=-np.inf)))
-            part = part.take(~flat & (part.upper > done))
-            if len(part.upper) and not part.patches.finest:
-                halves = self.begun(part.patches.split(), np.tile(part.m, (2 ** (self.ndim - 1), 1)))
+            part = part.take(part.searched).joined(self.better(x, y, fresh) if len(fresh) else fresh)
+            flat = part.most <= self.middle(x, y, part) + tolerance
+            done = max(done, float(part.most[flat].max(initial=-np.inf)))
+            part = part.take(~flat & (part.most > done))
+            if len(part) and not part.finest:
+                halves = self.begun(part.split(), np.tile(part.m, (2 ** (self.ndim - 1), 1)))
                 state = state.joined(self.opened(x, y, halves))
-            elif len(part.upper):
-                done = max(done, float(part.upper.max()))
-            if not len(state.upper) or state.upper.max() <= done:
+            elif len(part):
+                done = max(done, float(part.most.max()))
+            if not len(state) or state.most.max() <= done:
                 break
-        return max(done, float(state.upper.max(initial=-np.inf)))
+        return max(done, float(state.most.max(initial=-np.inf)))
 
-    def begun(self, patches: Directions, m: np.ndarray | None = None) -> "_Patches":
-        """Patches of which nothing is known but their vertices, and an ``m`` from their parents."""
-        count = len(patches)
-        m = np.full((count, self.ndim), np.nan) if m is None else m
-        vertices, searched = self.vertices_of(patches), np.zeros(count, dtype=bool)
-        return _Patches(patches, vertices, self.known_of(vertices), m, np.full(count, np.inf), searched)
+    def begun(self, patches: Patches, m: np.ndarray | None = None) -> Patches:
+        """Patches of which no bound is known, with an ``m`` from their parents, if they have any."""
+        m = np.full((len(patches), self.ndim), np.nan) if m is None else m
+        vertices = self.vertices_of(patches)
+        return patches.having(vertices=vertices, known=self.known_of(vertices), m=m)
 
     def known_of(self, vertices: np.ndarray) -> np.ndarray:
         """``(N, ...)``: what does not depend on the functional."""
         return np.empty((len(vertices), 0))
 
-    def vertices_of(self, patches: Directions) -> np.ndarray:
+    def vertices_of(self, patches: Patches) -> np.ndarray:
         """``(N, V, n)`` vectors whose hull holds all directions of a patch, as they stand in v."""
-        return patches.vertices(self.slack)
-
-
-@dataclass
-class _Patches:
-    """Patches, their vertices ``(N, V, n)``, what is known of these, multipliers ``m``, bounds, and which have been searched."""
-
-    patches: Directions
-    vertices: np.ndarray
-    known: np.ndarray
-    m: np.ndarray
-    upper: np.ndarray
-    searched: np.ndarray
-
-    def _arrays(self) -> tuple[np.ndarray, ...]:
-        return self.vertices, self.known, self.m, self.upper, self.searched
-
-    def take(self, which: np.ndarray) -> "_Patches":
-        return _Patches(self.patches.take(which), *(array[which] for array in self._arrays()))
-
-    def joined(self, other: "_Patches") -> "_Patches":
-        pairs = zip(self._arrays(), other._arrays(), strict=True)
-        return _Patches(self.patches.joined(other.patches), *(np.concatenate(pair) for pair in pairs))
+        return patches.hulls(self.slack)
 
 
 def _corner_square(lower, upper, directions, on_box, on_direction, offset) -> np.ndarray:
@@ -305,27 +290,24 @@ class PlaneSupport(Support):
         hull = np.maximum(m[:, None] * known[:, 0], -m[:, None] * known[:, 1])
         return u @ x + np.abs(y - m[:, None, None] * (u / self.scale)) @ self.limit + hull
 
-    def _kinks(self, y, patches: Directions) -> np.ndarray:
+    def _kinks(self, y, patches: Patches) -> np.ndarray:
         """``(N, n + 1)``, kinks of the bound at the patches' centres: its minimum is at one of them."""
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             kinks = y / (patches.centers / self.scale)
         kinks = np.where(np.abs(kinks) < 1e6, kinks, 0.0)
         return np.concatenate([kinks, np.zeros((len(kinks), 1))], axis=1)
 
-    def opened(self, x, y, state: _Patches) -> _Patches:
-        kinks, about = self._kinks(y, state.patches).T, (state.vertices, state.known)
-        upper = np.stack([self._values(x, y, *about, m).max(axis=1) for m in kinks]).min(axis=0)
-        return replace(state, upper=upper, searched=np.ones(len(upper), dtype=bool))
+    def opened(self, x, y, state: Patches) -> Patches:
+        about = (state.vertices, state.known)
+        most = np.stack([self._values(x, y, *about, m).max(axis=1) for m in self._kinks(y, state).T]).min(axis=0)
+        return state.having(most=most, searched=np.ones(len(most), dtype=bool))
 
-    def searched(self, x, y, state: _Patches) -> _Patches:
-        return state
-
-    def middle(self, x, y, state: _Patches) -> np.ndarray:
-        about = (centers := state.patches.centers[:, None]), self.known_of(centers)
-        return np.stack([self._values(x, y, *about, m)[:, 0] for m in self._kinks(y, state.patches).T]).min(axis=0)
+    def middle(self, x, y, state: Patches) -> np.ndarray:
+        about = (centers := state.centers[:, None]), self.known_of(centers)
+        return np.stack([self._values(x, y, *about, m)[:, 0] for m in self._kinks(y, state).T]).min(axis=0)
 
     def most_square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        n, u = self.ndim, self.vertices_of(Directions.cover(self.ndim, FINER.get(self.ndim, 3)))
+        n, u = self.ndim, self.vertices_of(Patches.cover(self.ndim, FINER.get(self.ndim, 3)))
         limit = np.broadcast_to(self.limit, (len(u), n))
         return float(_corner_square(-limit, limit, u, matrix[:, n:], matrix[:, :n], offset).max())
 
@@ -346,14 +328,14 @@ class RaySupport(Support):
             far = np.unique(np.argmax(self.points @ rng.normal(size=(self.ndim, 4 * FEW)), axis=0))
             self._few = self.points[far[:: max(1, len(far) // FEW)]]
 
-    def vertices_of(self, patches: Directions) -> np.ndarray:
-        return patches.vertices(self.slack) * self.stretch
+    def vertices_of(self, patches: Patches) -> np.ndarray:
+        return patches.hulls(self.slack) * self.stretch
 
     def _constant(self, x: np.ndarray, m: np.ndarray) -> np.ndarray:
         """``h_D(x - m) + h(m)``."""
         return np.abs(x - m) @ self.limit + self.hull(m)
 
-    def opened(self, x, y, state: _Patches) -> _Patches:
+    def opened(self, x, y, state: Patches) -> Patches:
         """With the best of some multipliers, the same for all, where they have none."""
         along, m = state.vertices @ y, state.m
         if np.isnan(m).any():
@@ -362,14 +344,14 @@ class RaySupport(Support):
             turned = np.maximum(0, -np.einsum("nvk,ck->ncv", state.vertices, tried)) + along[:, None]
             m = tried[np.argmin(self._constant(x, tried) + turned.max(axis=2), axis=1)]
         turned = np.maximum(0, -np.einsum("nvk,nk->nv", state.vertices, m)) + along
-        upper = self._constant(x, m) + turned.max(axis=1)
-        return replace(state, m=m, upper=upper, searched=np.zeros(len(upper), dtype=bool))
+        most = self._constant(x, m) + turned.max(axis=1)
+        return state.having(m=m, most=most, searched=np.zeros(len(most), dtype=bool))
 
-    def middle(self, x, y, state: _Patches) -> np.ndarray:
-        centers = state.patches.centers * self.stretch
+    def middle(self, x, y, state: Patches) -> np.ndarray:
+        centers = state.centers * self.stretch
         return self._constant(x, state.m) + centers @ y + np.maximum(0, -(centers * state.m).sum(axis=1))
 
-    def searched(self, x, y, state: _Patches) -> _Patches:
+    def better(self, x, y, state: Patches) -> Patches:
         """Better multipliers: a pattern search looks at some of the object's points, the bound at all of them."""
         along, m = state.vertices @ y, state.m
 
@@ -391,13 +373,13 @@ class RaySupport(Support):
                 m = np.where(better[:, None], tried[row, index], m)
                 best = np.where(better, values[row, index], best)
             step = step / 2
-        found = self.opened(x, y, replace(state, m=m))
-        m = np.where((found.upper > state.upper)[:, None], state.m, m)
-        return replace(state, m=m, upper=np.minimum(found.upper, state.upper), searched=np.ones(len(m), dtype=bool))
+        found = self.opened(x, y, state.having(m=m))
+        m, most = np.where((found.most > state.most)[:, None], state.m, m), np.minimum(found.most, state.most)
+        return state.having(m=m, most=most, searched=np.ones(len(m), dtype=bool))
 
     def most_square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
         """Of each patch of directions the smaller of two: a = p - t w with p in the object, or a in the box of all of these in the domain."""
-        n, w = self.ndim, self.vertices_of(Directions.cover(self.ndim, FINER.get(self.ndim, 3)))  # (N, V, n)
+        n, w = self.ndim, self.vertices_of(Patches.cover(self.ndim, FINER.get(self.ndim, 3)))  # (N, V, n)
         origins, most_origin = matrix[:, :n], np.zeros(w.shape[:2])
         rows = self.points @ origins.T + offset
         widened, squares = (
