@@ -9,6 +9,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +18,7 @@ import typer
 
 from paper import results
 from paper.data import PATTERNS, Object, grid_of, own_shape
-from paper.drawing import packed
+from paper.drawing import packed, raster
 from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, IndicatorError
 
@@ -111,6 +112,15 @@ class Work:
     def shown(self, label: str, points: np.ndarray) -> dict[str, Any]:
         """A part: where an object is, and which way is up."""
         return {"inside": packed(self.shape(label), points), "up": self.up(label)}
+
+    def beside(self, label: str, side: int, fits: Mapping[str, tuple[float, dict[str, Any]]], name: str = "") -> dict:
+        """Parts of an object on a raster: itself, and bounders of it, each with its seconds and options."""
+        grid, name = self.shape(label), name or label
+        points = raster(grid, side)
+        found = {
+            f"{name} {what}": partial(self.measured, grid, *own[:1], points, **own[1]) for what, own in fits.items()
+        }
+        return {name: partial(self.shown, label, points)} | found
 
     def fit(self, shape: Any, seconds: float, query: str = "point", **options: Any) -> Any:
         """``warp_bounding.fit`` with the folder's seed and effort; this imports torch."""

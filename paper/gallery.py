@@ -156,13 +156,9 @@ class Gallery(Figure):
     seconds = {"aabb": (60, 60), "kdop": (60, 60), "learned-kdop": (10, 4), "occupancy": (15, 6), "mlp": (60, 10)}
 
     def parts(self, work: Work):
-        parts = {}
+        fits, parts = {m: (work.choose(*seconds), {"method": m}) for m, seconds in self.seconds.items()}, {}
         for label in self.wanted(work.settings):
-            grid = work.shape(label)
-            name, points = grid.name.partition(".")[0], raster(grid, 80)
-            parts[name] = partial(work.shown, label, points)
-            for method, seconds in self.seconds.items():
-                parts[f"{name} {method}"] = partial(work.measured, grid, work.choose(*seconds), points, method=method)
+            parts |= work.beside(label, 80, fits, work.shape(label).name.partition(".")[0])
         return parts
 
     def draw(self, parts):
@@ -258,13 +254,9 @@ class Kdop(Figure):
     rows = {"kdop": "fixed normals (kdop)", "learned-kdop": "learned normals (learned-kdop)"}
 
     def parts(self, work: Work):
-        parts = {}
+        fits, parts = {m: (work.choose(10, 3), {"method": m, "k": self.k}) for m in self.rows}, {}
         for label in self.wanted(work.settings):
-            grid, points = work.shape(label), raster(work.shape(label), 256)
-            parts[label] = partial(work.shown, label, points)
-            for method in self.rows:
-                own = {"method": method, "k": self.k}
-                parts[f"{label} {method}"] = partial(work.measured, grid, work.choose(10, 3), points, **own)
+            parts |= work.beside(label, 256, fits)
         return parts
 
     def draw(self, parts):
@@ -519,16 +511,10 @@ class Sides(Figure):
     def parts(self, work: Work):
         parts = {}
         for label in self.wanted(work.settings):
-            grid = work.shape(label)
-            n, name, points = (
-                grid.ndim,
-                f"{grid.ndim}D-{grid.name.partition('.')[0]}",
-                raster(grid, self.pixels[grid.ndim]),
-            )
-            parts[name] = partial(work.shown, label, points)
-            for side in SIDES:
-                own = {"method": "mlp", "hidden": self.hidden[n], "side": side}
-                parts[f"{name} {side}"] = partial(work.measured, grid, work.choose(*self.seconds[n]), points, **own)
+            n, stem = int(label[0]), work.shape(label).name.partition(".")[0]
+            own, seconds = {"method": "mlp", "hidden": self.hidden[n]}, work.choose(*self.seconds[n])
+            fits = {side: (seconds, own | {"side": side}) for side in SIDES}
+            parts |= work.beside(label, self.pixels[n], fits, f"{n}D-{stem}")
         return parts
 
     def draw(self, parts):
