@@ -1,15 +1,16 @@
-"""Tables of the page *Which bounder?*, made from the files in ``results`` whenever the site is built, so that no number is typed in.
+"""Tables of the pages, made from the files in ``results``, so that no number is typed in: ``python docs/site/measured.py`` writes them anew.
 
 Each function of ``MEASURED`` reads what a benchmark or a demo has written and returns a table in Markdown. A page asks for one by its name, with the
-comment ``<!-- measured: NAME -->`` on a line by itself, which a reader of the plain page does not see.
+comment ``<!-- measured: NAME -->`` on a line by itself; the table follows, up to ``<!-- end -->``. Readers of the plain page see neither.
 """
 
 import csv
 import json
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-__all__ = ["MEASURED", "bold_least", "table"]
+__all__ = ["MARK", "MEASURED", "bold_least", "table"]
 
 PRICES = (10, 100, 1_000, 10_000)  # nanoseconds of a narrow phase
 DEMOS = ("particles", "cloth", "path", "shadows", "arm")
@@ -41,6 +42,11 @@ def bold_least(rows: list[list[str]], numbers: list[list[float | None]]) -> list
 
 def _lines(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def _size(sizes: list[int]) -> str:
@@ -118,10 +124,59 @@ def _left(run: dict | None, none: dict) -> str:
     return f"{100 * run['narrow_calls'] / none['narrow_calls']:.1f} / {100 * time:.0f}{lost}"
 
 
+def table1(results: Path) -> str:
+    """The paper's Table 1 in short: mean false positives over objects, exact truth above and the paper's below."""
+    found: dict[tuple, list[dict]] = {}
+    for row in _rows(results / "table1/table1.csv"):
+        if row["space"] == "geometric" and not row["leaves"]:
+            found.setdefault((row["method"], row["protocol"], row["dimension"], row["query"]), []).append(row)
+    theirs = [
+        row
+        for row in _rows(results.parent / "paper/paper.csv")
+        if row["method"] in ("mlp", "mlp-early") and row["what"] == "fp_rate"
+    ]
+    lines = []
+    for protocol, heading, methods in (
+        ("exact", "exact truth", ("aabb", "kdop", "learned-kdop", "mlp", "monotone-mlp", "learned-kdop+mlp", "distance", "bvh")),
+        ("sampled", "the paper's, sampled truth", ("mlp", "learned-kdop+mlp", "distance", "bvh")),
+    ):  # fmt: skip
+        own = [[found.get((method, protocol, *column)) for column in COLUMNS] for method in methods]
+        means = [
+            [sum(float(r["fp_rate"]) for r in cell) / len(cell) if cell else None for cell in line] for line in own
+        ]
+        cells = [["" if mean is None else f"{mean:.2f}" for mean in line] for line in means]
+        labels, means[-1] = [f"`{method}`" for method in methods], [None] * len(COLUMNS)  # a bvh is not compared
+        if protocol == "sampled":
+            best = [min(float(row[f"{n}d-{query}"]) for row in theirs) for n, query in COLUMNS]
+            labels.insert(-1, "the paper's best network, not proven")
+            cells.insert(-1, [f"{rate:.1f}" for rate in best])
+            means.insert(-1, best)
+            own.insert(-1, [[]] * len(COLUMNS))
+        unproven = [[any(r["certificate"] != "proven" for r in cell or ()) for cell in line] for line in own]
+        shown = [
+            [f"{c}¹" if u else c for c, u in zip(*pair, strict=True)]
+            for pair in zip(bold_least(cells, means), unproven, strict=True)
+        ]
+        lines += [[f"**{heading}**", *[""] * len(COLUMNS)]]
+        lines += [[label, *line] for label, line in zip(labels, shown, strict=True)]
+    return table(["", *(f"{n}D {query}" for n, query in COLUMNS)], lines)
+
+
+def raced(results: Path) -> str:
+    """Nanoseconds of methods in the 3D columns, and how many times as long as ``mlp`` in the same round."""
+    own = (r for r in _rows(results / "speed/speed.csv") if r["dimension"] == "3" and r["device"] == "cpu")
+    rows = {(r["method"], r["query"]): r for r in own if r["space"] == "geometric" and not r["leaves"]}
+    methods, lines = ("aabb", "kdop", "learned-kdop", "bvh", "mlp-early", "mlp"), []
+    for query in ("point", "ray", "plane", "box"):
+        own = [rows[method, query] for method in methods]
+        cells = [f"{float(r['ns']):.1f} ({float(r['ratio']):.2f})" for r in own]
+        lines.append([query, *cells[:-1], f"{float(own[-1]['ns']):.1f}"])
+    return table(["", *(f"`{method}`, {_size([int(rows[method, 'point']['nbytes'])])}" for method in methods)], lines)
+
+
 def speed(results: Path) -> str:
     """Nanoseconds and false positives of every method in every column of the paper."""
-    with (results / "speed/speed.csv").open(encoding="utf-8", newline="") as file:
-        rows = [row for row in csv.DictReader(file) if row["device"] == "cpu" and row["space"] == "geometric"]
+    rows = [r for r in _rows(results / "speed/speed.csv") if r["device"] == "cpu" and r["space"] == "geometric"]
     found = {(row["method"], row["dimension"], row["query"]): row for row in rows}
     shown = []
     for method in dict.fromkeys(row["method"] for row in rows):
@@ -136,4 +191,25 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "distances": distances,
     "demos": demos,
     "speed": speed,
+    "table1": table1,
+    "raced": raced,
 }
+MARK = re.compile(
+    r"^<!-- measured: ([\w-]+) -->$(?:\n((?!<!-- ).*\n)*<!-- end -->$)?", re.MULTILINE
+)  # with its table, if that is there
+
+
+def main() -> None:
+    """Write the tables of all pages anew, each behind its mark."""
+    root = Path(__file__).resolve().parents[2]
+    for page in sorted((root / "docs").rglob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        made = MARK.sub(
+            lambda m: f"<!-- measured: {m[1]} -->\n\n{MEASURED[m[1]](root / 'results')}\n<!-- end -->", text
+        )
+        if made != text:
+            page.write_text(made, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

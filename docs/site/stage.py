@@ -11,7 +11,7 @@ import shutil
 from pathlib import Path
 
 from gallery import gallery
-from measured import MEASURED
+from measured import MARK, MEASURED
 
 __all__ = ["ROOT", "StageError", "filled", "place", "relinked", "stage"]
 
@@ -19,7 +19,6 @@ ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"(?P<before>\]\()(?P<target>[^)\s#]*)(?P<anchor>#[^)\s]*)?(?P<after>\))")
 ELSEWHERE = re.compile(r"[a-z]+:")  # a scheme: the web, mail
 FENCE = re.compile(r"(^```.*?^```$)", re.MULTILINE | re.DOTALL)
-MARK = re.compile(r"^<!-- measured: ([\w-]+) -->$", re.MULTILINE)
 TOPS = {
     "README.md": "overview.md",
     "CHANGELOG.md": "changelog.md",
