@@ -23,6 +23,7 @@ LARGEST = 2_000_000  # bytes of a wheel
 PARTS = ("warp_bounding/",)  # what a wheel installs
 SUFFIXES = (
     ".py",
+    ".h",
     "/py.typed",
     "/templates/page.css",
     "/templates/page.html",

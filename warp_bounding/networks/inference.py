@@ -14,104 +14,14 @@ import numpy as np
 from warp_bounding.activations import SINE, activation_of, constants
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.network import Head, head_of
+from warp_bounding.runtime.native import native_text
+
+text = native_text("network.h")
 
 __all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
 
 EIGHT = 8  # floats of one AVX vector: activations and an output's weights are padded to a multiple of it
 ALIGN = 16  # floats of one AVX-512 vector, a line of cache: where rows of the copy for neurons in lanes begin
-
-# In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V or
-# float.
-# From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases
-# stand first, then N weights of each feature.
-_ENCODE = """
-for (int k = 0; k < N; ++k) h0[k] = v[k];
-for (int j = 0; j < FEATURES; ++j) {
-    const float* c = w + FEATURES + j * N;
-    T z = v[0] * c[0];
-    for (int k = 1; k < N; ++k) z += v[k] * c[k];
-    h0[N + j] = sine(z + w[j]);
-}
-"""
-
-# BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that
-# each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at
-# OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
-_QUERIES_IN_LANES = """
-for (int b = 0; b < BLOCKS; ++b) {
-    const float* p = w + AT + b * J * (K + 1);
-    V s[J];
-#pragma unroll
-    for (int r = 0; r < J; ++r) s[r] = x[0] * p[J + r] + p[r];
-    for (int k = 1; k < K; ++k) {
-        const V input = x[k]; const float* c = p + J + k * J;
-#pragma unroll
-        for (int r = 0; r < J; ++r) s[r] += input * c[r];
-    }
-#pragma unroll
-    for (int r = 0; r < J; ++r) {
-        const int j = FIRST + b * J + r;
-        const V h = act(s[r]);
-        if (KEEP) y[j] = h;
-        if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
-        if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
-        if (SURES > 0) sure += h * w[SURE_AT + 1 + j];
-        if (SURES > 1) surer += h * w[SURER_AT + 1 + j];
-    }
-}
-"""
-
-# Lanes of neurons: as many as a register has. Behind the last of NEURONS a row has zeros, so that no register is loaded from two lines of cache.
-_LANES = """
-#if defined(__AVX512F__)
-constexpr int L = 16;
-#else
-constexpr int L = 8;
-#endif
-constexpr int REGISTERS = (NEURONS + L - 1) / L;
-typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
-typedef int I __attribute__((vector_size(4 * L)));
-"""
-
-# One layer of one query: from K inputs x to NEURONS y; a row of biases, then one of weights an input, ROW floats each.
-# Every WAYS-th input is summed apart, so that there are sums enough that need not wait for each other.
-_NEURONS_IN_LANES = """
-constexpr int WAYS = REGISTERS > 3 ? 2 : 4;
-V a[WAYS][REGISTERS];
-const float* p = w + AT;
-#pragma unroll
-for (int q = 0; q < REGISTERS; ++q) {
-    a[0][q] = *(const V*)(p + q * L);
-    for (int r = 1; r < WAYS; ++r) a[r][q] = a[0][q] * 0.0f;
-}
-p += ROW;
-#pragma unroll
-for (int k = 0; k < K / WAYS * WAYS; k += WAYS)
-    for (int r = 0; r < WAYS; ++r) {
-        const float input = x[k + r]; const float* c = p + ROW * (k + r);
-        for (int q = 0; q < REGISTERS; ++q) a[r][q] += *(const V*)(c + q * L) * input;
-    }
-#pragma unroll
-for (int k = K / WAYS * WAYS; k < K; ++k) {
-    const float input = x[k]; const float* c = p + ROW * k;
-    for (int q = 0; q < REGISTERS; ++q) a[k % WAYS][q] += *(const V*)(c + q * L) * input;
-}
-#pragma unroll
-for (int q = 0; q < REGISTERS; ++q) {
-    V sum = a[0][q] + a[1][q];
-    if (WAYS > 2) sum += a[2 % WAYS][q] + a[3 % WAYS][q];
-    *(V*)(y + q * L) = act(sum);
-}
-"""
-
-# One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The lanes are eight here, and
-# added by halves; the rounding bound holds for every order.
-_SUM = """
-typedef float V __attribute__((vector_size(32), aligned(4), may_alias));
-V sum = *(const V*)x * *(const V*)(w + AT + 1);
-for (int q = 1; q < ROW / 8; ++q) sum += *(const V*)(x + q * 8) * *(const V*)(w + AT + 1 + q * 8);
-OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[AT];
-"""
 
 
 @dataclass(frozen=True)
@@ -211,7 +121,7 @@ class MlpSource(Source):
                     "{",
                     own,
                     constants(**counts, **places),
-                    _QUERIES_IN_LANES,
+                    text.QUERIES_IN_LANES,
                     "}",
                 ]
         lines.append("}")
@@ -240,7 +150,7 @@ class MlpSource(Source):
         own = constants(K=inputs, NEURONS=neurons, ROW=row, AT=place)
         names = f"const float* x = h{index}; float* y = h{index + 1};"
         act = _function("act", activation_of(self.activation), Lanes(vector=True))
-        return "\n".join([f"float h{index + 1}[{row}]; {{", own, _LANES, act, names, _NEURONS_IN_LANES, "}"])
+        return "\n".join([f"float h{index + 1}[{row}]; {{", own, text.LANES, act, names, text.NEURONS_IN_LANES, "}"])
 
     def function_output(self, index: int, output_at: int) -> str:
         """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``; in a block of its own."""
@@ -248,13 +158,13 @@ class MlpSource(Source):
         for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
             own = constants(ROW=row, AT=output_at + output * (1 + row))
             names = f"const float* x = h{index + 1}; float& OUTPUT = {name};"
-            lines += ["{", own, names, _SUM, "}"]
+            lines += ["{", own, names, text.SUM, "}"]
         return "\n".join([*lines, self._finish()])
 
     def _inputs(self, lanes: Lanes, type_: str) -> str:
         sizes = constants(N=self.raw, FEATURES=self.features)
         sine = _function("sine", SINE, lanes, type_) if self.features else f"auto sine = []({type_} z) {{ return z; }};"
-        return "\n".join([f"{type_} h0[{self.inputs}]; {{ typedef {type_} T;", sizes, sine, _ENCODE, "}"])
+        return "\n".join([f"{type_} h0[{self.inputs}]; {{ typedef {type_} T;", sizes, sine, text.ENCODE, "}"])
 
     def _finish(self, first: str = "f", second: str = "other") -> str:
         """C statements that make of two outputs, under these names, the first."""

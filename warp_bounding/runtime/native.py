@@ -7,12 +7,25 @@ for arrays without gaps, which takes as long again.
 import hashlib
 import linecache
 import platform
+import re
 from functools import cache
+from importlib.resources import files
+from types import SimpleNamespace
 from typing import Any
 
 import warp as wp
 
 Numbers = wp.array(dtype=wp.float32)
+
+
+@cache
+def native_text(name: str) -> SimpleNamespace:
+    """The parts of a file of ``warp_bounding/native``, by name: a part begins behind a line ``/// NAME`` and lines ``///`` that explain it."""
+    whole = files("warp_bounding").joinpath("native", name).read_text(encoding="utf-8")
+    found = re.split(r"^/// ([A-Z0-9_]+):?\n((?:///.*\n)*)", whole + "\n", flags=re.MULTILINE)
+    return SimpleNamespace(
+        **{part: f"\n{text.removesuffix(chr(10))}" for part, text in zip(found[1::3], found[3::3], strict=True)}
+    )
 
 
 @cache

@@ -1,0 +1,341 @@
+// Bounds of a network over boxes, for networks/bounds.py: from V low[], high[], a box a lane, to its bound, layer by layer and back, and
+// then what becomes of the polynomial in zeta to which that leads: its least, or its corners. A part begins behind a line with three slashes.
+//
+// Names in capitals are constants that are written in front of a part, or other parts. The network's chart has K inputs and C columns, and
+// Z numbers a box. A layer has INPUTS and NEURONS, of which the LINEAR leading ones are passed through, and its numbers begin at the index
+// AT of w. The polynomial's constant is least, its other entries tilt, square and cubes (BACKWARDS); slopes of the inputs are gradient, and
+// of the columns, tilt included, slope.
+
+/// CPU
+#pragma clang fp contract(fast)
+#define LANE(x) x[l]
+constexpr int L = 8;
+typedef double V __attribute__((vector_size(8 * L))); typedef long long I __attribute__((vector_size(8 * L)));
+const V zero = {};
+auto root = [](V x) { return __builtin_elementwise_sqrt(x); };
+
+/// CUDA
+#define LANE(x) x
+constexpr int L = 1;
+typedef double V;
+const V zero = 0.0;
+auto root = [](V x) { return sqrt(x); };
+
+/// LAYER:
+/// What is known of a layer's neurons. The argument of each is a centre plus l + p + y: l = rate . zeta is linear, |l| <=
+/// near; p is the quadratic form in zeta that the parabolas of the layers below make together, within radius of 0, its
+/// middle being taken into the centre; y is all the rest, noise. |l + p + y| <= width, rounding included. The output is
+/// h = mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p
+/// to within spread. Behind these stands what a layer above reads, of h = mean + part . zeta + a quadratic form + y',
+/// |y'| at most noise: square are that form's entries (those off the diagonal count twice), and behind them the middle
+/// of its range; radius is half of it. They are sums of what the parabolas are one by one, while entries of square may
+/// cancel. form are the entries of p, before its middle was taken off, and total the sum of their sizes. The arrays are
+/// declared one by one, so that the compiler drops those that nobody reads.
+V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
+V LAYER_near[NEURONS], LAYER_rate[C][NEURONS], LAYER_lean[NEURONS], LAYER_bend[NEURONS], LAYER_cube[NEURONS];
+V LAYER_cross[NEURONS], LAYER_form[SQUARES + 1][NEURONS], LAYER_total[NEURONS];
+V LAYER_part[C][NEURONS], LAYER_square[SQUARES + 1][NEURONS], LAYER_radius[NEURONS];
+const struct {
+    V *mean, *noise, *width, *slope, *spread, *near, (*rate)[NEURONS], *lean, *bend, *cube, *cross, (*form)[NEURONS];
+    V *total, (*part)[NEURONS], (*square)[NEURONS], *radius;
+} LAYER = {
+    LAYER_mean, LAYER_noise, LAYER_width, LAYER_slope, LAYER_spread, LAYER_near, LAYER_rate, LAYER_lean, LAYER_bend,
+    LAYER_cube, LAYER_cross, LAYER_form, LAYER_total, LAYER_part, LAYER_square, LAYER_radius,
+};
+
+/// NEURON:
+/// Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from, and, where layers below
+/// BEND, its quadratic form: entries and middle in own.form, radius in reach. The form's range is taken both from its
+/// entries and from the parabolas one by one. ROOM is the largest middle that an activation with a limit takes: beyond it
+/// the range is as wide, and nothing is lost. RELAX sets s, m, e and what else of lean, k2, k3 and k4 is not 0.
+V near = zero, middle = zero, radius = zero;
+for (int k = 0; k < C; ++k) { own.rate[k][j] = g[k]; near += absolute(g[k]); }
+if (BENT) {
+    V half = zero, other = zero;
+    int entry = 0;
+#pragma unroll
+    for (int k = 0; k < C; ++k) {
+        half += own.form[entry][j] * 0.5; other += absolute(own.form[entry++][j]) * 0.5;
+#pragma unroll
+        for (int m = k + 1; m < C; ++m) other += absolute(own.form[entry++][j]) * 2.0;
+    }
+    const V sum = own.form[SQUARES][j];
+    V low = half - other, high = half + other;
+    low = sum - reach > low ? sum - reach : low; high = sum + reach < high ? sum + reach : high;
+    middle = (low + high) * 0.5; radius = (high - low) * 0.5; own.total[j] = other * 2.0;
+    const V beyond = absolute(middle);
+    radius = beyond > ROOM ? radius + beyond : radius; middle = beyond > ROOM ? zero : middle;
+}
+V s, m, e, lean = zero, k2 = zero, k3 = zero, k4 = zero;
+const V at = z + middle;
+RELAX
+if (j < LINEAR) { s = zero + 1.0; m = at; e = lean = k2 = k3 = k4 = zero; }
+e += pad;
+own.mean[j] = m - s * middle; own.slope[j] = s; own.spread[j] = e; own.width[j] = near + radius + from + pad;
+own.near[j] = near; own.lean[j] = lean - k4 * middle; own.bend[j] = k2; own.cube[j] = k3; own.cross[j] = k4;
+const V near2 = near * near, line = s + lean + k3 * near2 * 0.75;  // l^3 is within near^3 / 4 of 3 near^2 l / 4
+for (int k = 0; k < C; ++k) own.part[k][j] = g[k] * line;
+own.noise[j] = absolute(s) * from + e + (absolute(k3) * near2 * 0.25 + absolute(k4) * radius) * near;
+if (PASSES) {
+    const V half = near2 * 0.5; int entry = 0;
+#pragma unroll
+    for (int k = 0; k < C; ++k) {
+        const V bent = k2 * g[k];
+#pragma unroll
+        for (int m = k; m < C; ++m, ++entry)
+            own.square[entry][j] = BENT ? bent * g[m] + s * own.form[entry][j] : bent * g[m];
+    }
+    own.square[SQUARES][j] = s * middle + k2 * half; own.radius[j] = absolute(s) * radius + absolute(k2) * half;
+}
+
+/// FIRST:
+/// The first hidden layer, of the chart's inputs; GENERATORS fills g, whose entries are sparse.
+for (int j = 0; j < NEURONS; ++j) {
+    const double* x = weight + j * INPUTS;
+    V z = zero + b[j], from = zero, reach = zero, g[C];
+    for (int i = 0; i < INPUTS; ++i) z += center[i] * x[i];
+    GENERATORS
+    if (NOISY) for (int i = 0; i < INPUTS; ++i) from += noise[i] * x[NEURONS * INPUTS + i];
+    (void)reach;
+    NEURON
+    for (int k = 0; k < C; ++k) score[k] += absolute(g[k]) * FIRST_LAYER;
+}
+
+/// LATER:
+/// A later layer: BLOCKS blocks of R neurons from FIRST on, which share each input as it is loaded.
+for (int t = 0; t < BLOCKS; ++t) {
+    const double* x = weight + (FIRST + t * R) * INPUTS; const double* ax = x + NEURONS * INPUTS;
+    V centers[R], noises[R], radii[R], generators[R][C];
+#pragma unroll
+    for (int r = 0; r < R; ++r) {
+        centers[r] = zero + b[FIRST + t * R + r]; noises[r] = zero; radii[r] = zero;
+#pragma unroll
+        for (int k = 0; k < C; ++k) generators[r][k] = zero;
+    }
+    for (int i = 0; i < INPUTS; ++i) {
+        const V m = below.mean[i], e = below.noise[i];
+#pragma unroll
+        for (int r = 0; r < R; ++r) {
+            const double y = x[r * INPUTS + i];
+            centers[r] += m * y; noises[r] += e * ax[r * INPUTS + i];
+            if (BENT) radii[r] += below.radius[i] * ax[r * INPUTS + i];
+#pragma unroll
+            for (int k = 0; k < C; ++k) generators[r][k] += below.part[k][i] * y;
+        }
+    }
+#pragma unroll
+    for (int r = 0; r < R; ++r) {
+        const int j = FIRST + t * R + r;
+        const V z = centers[r], from = noises[r], reach = radii[r]; const V* g = generators[r]; (void)reach;
+        NEURON
+    }
+}
+
+/// SQUARES_OF_ARGUMENTS:
+/// Before it, where layers below bend: the quadratic forms of its arguments, ENTRIES entries from ENTRY on at a time.
+for (int t = 0; t < BLOCKS; ++t) {
+    const double* x = weight + (FIRST + t * R) * INPUTS;
+    V sums[R][ENTRIES];
+#pragma unroll
+    for (int r = 0; r < R; ++r)
+        for (int k = 0; k < ENTRIES; ++k) sums[r][k] = zero;
+    for (int i = 0; i < INPUTS; ++i) {
+#pragma unroll
+        for (int k = 0; k < ENTRIES; ++k) {
+            const V q = below.square[ENTRY + k][i];
+#pragma unroll
+            for (int r = 0; r < R; ++r) sums[r][k] += q * x[r * INPUTS + i];
+        }
+    }
+#pragma unroll
+    for (int r = 0; r < R; ++r)
+        for (int k = 0; k < ENTRIES; ++k) own.form[ENTRY + k][FIRST + t * R + r] = sums[r][k];
+}
+
+/// BACKWARDS:
+/// Backwards through a layer: its curves are weighed by back, the output's coefficients of its neurons, and added to one
+/// polynomial in zeta, of which the entries are tilt, square and cubes (a <= b <= d of each, as of a symmetric tensor);
+/// what each neuron's spread costs is taken from least and charged to the columns that caused it (score); to receives the
+/// output's coefficients of what the layer computes with. bulk sums up the absolute terms of square and cubes.
+for (int i = 0; i < INPUTS; ++i) to[i] = zero;
+for (int j = 0; j < NEURONS; ++j) {
+    V c = back[j];
+    const V loss = absolute(c) * own.spread[j]; least -= loss;
+    const V share = loss / own.width[j];
+#pragma unroll
+    for (int k = 0; k < C; ++k) score[k] += share * absolute(own.rate[k][j]);
+    if (BENDS) {
+        const V bow = c * own.bend[j], arch = c * own.cube[j], mix = c * own.cross[j] * THIRD, n = own.near[j];
+        bulk += (absolute(bow) + absolute(arch) * n) * n * n;
+        if (BENT) bulk += absolute(mix) * n * own.total[j] * 3.0;
+        V bent[SQUARES], crossed[SQUARES]; int entry = 0, cube = 0;
+#pragma unroll
+        for (int k = 0; k < C; ++k) {
+            const V rate = own.rate[k][j]; tilt[k] += c * own.lean[j] * rate;
+#pragma unroll
+            for (int m = k; m < C; ++m, ++entry) {
+                const V product = rate * own.rate[m][j];
+                square[entry] += bow * product; bent[entry] = arch * product;
+                if (BENT) { crossed[entry] = mix * own.form[entry][j]; bent[entry] += crossed[entry]; }
+            }
+        }
+#pragma unroll
+        for (int a = 0; a < C; ++a)
+#pragma unroll
+            for (int b = a; b < C; ++b)
+#pragma unroll
+                for (int d = b; d < C; ++d, ++cube) {
+                    cubes[cube] += own.rate[a][j] * bent[place(b, d)];
+                    if (BENT) cubes[cube] += own.rate[b][j] * crossed[place(a, d)] + own.rate[d][j] * crossed[place(a, b)];
+                }
+    }
+    c *= own.slope[j];
+    const double* x = w + AT + NEURONS + j * INPUTS;
+    for (int i = 0; i < INPUTS; ++i) to[i] += c * x[i];
+}
+
+/// VALUES:
+/// f itself: a layer's activations y from the inputs x, in blocks as in LATER.
+for (int t = 0; t < BLOCKS; ++t) {
+    const double* weight = b + NEURONS + (FIRST + t * R) * INPUTS;
+    V sums[R];
+#pragma unroll
+    for (int r = 0; r < R; ++r) sums[r] = zero + b[FIRST + t * R + r];
+    for (int i = 0; i < INPUTS; ++i) {
+        const V m = x[i];
+#pragma unroll
+        for (int r = 0; r < R; ++r) sums[r] += m * weight[r * INPUTS + i];
+    }
+#pragma unroll
+    for (int r = 0; r < R; ++r) { const int j = FIRST + t * R + r; y[j] = j < LINEAR ? sums[r] : act(sums[r]); }
+}
+
+/// AXIS:
+/// The number of z that is best halved in lane l: the owner of the column with most score.
+int axis; {
+    double most = LANE(score[0]); axis = (int)LANE(owner[0]);
+    for (int k = 1; k < C; ++k) if (LANE(score[k]) > most) { most = LANE(score[k]); axis = (int)LANE(owner[k]); }
+}
+
+/// STORE
+const long long o = i + l;
+least_out.data[o] = LANE(dead) != 0.0 ? INFINITY : LANE(least);
+value_out.data[o] = LANE(valid) != 0.0 && LANE(dead) == 0.0 ? LANE(value) : INFINITY;
+level_out.data[o] = LANE(level);
+axes.data[o] = axis;
+double next = -1.0; int second = axis; // the number to halve next, when the columns that axis owns are halved
+for (int k = 0; k < C; ++k) {
+    const double s = LANE(score[k]) * ((int)LANE(owner[k]) == axis ? HALVED : 1.0);
+    if (s > next) { next = s; second = (int)LANE(owner[k]); }
+}
+axes.data[count + o] = second;
+for (int k = 0; k < Z; ++k) point.data[o * Z + k] = LANE(z[k]);
+for (int k = 0; k < K; ++k) gradient_out.data[o * K + k] = LANE(gradient[k]);
+for (int k = 0; k < Z; ++k) { rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); }
+
+/// STRAIGHTEN:
+/// The cubic part of the polynomial, by entries: zeta^3 is within 1/4 of 3/4 zeta, and zeta_k^2 zeta_m within 1/2 |zeta_m|
+/// of 1/2 zeta_m; the lines go to tilt. Of three different ones the product counts in absolute value, or stays where the
+/// bound may be MULTILINEAR. Losses are shared among the columns of an entry.
+int cube = 0;
+const auto lose = [&](V loss, int a, int b, int d) {
+    least -= loss; loss *= THIRD; score[a] += loss; score[b] += loss; score[d] += loss;
+};
+#pragma unroll
+for (int a = 0; a < C; ++a)
+#pragma unroll
+    for (int b = a; b < C; ++b)
+#pragma unroll
+        for (int d = b; d < C; ++d, ++cube) {
+            const V q = cubes[cube]; const V size = absolute(q);
+            if (a == d) { tilt[a] += q * 0.75; lose(size * 0.25, a, b, d); }
+            else if (a == b || b == d) { tilt[a == b ? d : a] += q * 1.5; lose(size * 1.5, a, b, d); }
+            else if (!MULTILINEAR) lose(size * 6.0, a, b, d);
+        }
+
+/// CONSTRAIN:
+/// A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
+/// serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that obey
+/// the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to the sum
+/// of the absolute terms, 1e-14 is above the rounding of the few operations here.
+V best = zero, gain = zero, before = absolute(slope[OF[0]]);
+for (int j = 1; j < M; ++j) before += absolute(slope[OF[j]]);
+#pragma unroll
+for (int k = 0; k < M; ++k) {
+    const V own = q[k] == zero ? zero + 1.0 : q[k];
+    V t = -slope[OF[k]] / own;
+    t = q[k] == zero ? zero : t; t = t > zero ? t : zero;
+    V after = t * excess + before;
+#pragma unroll
+    for (int j = 0; j < M; ++j) after -= absolute(slope[OF[j]] + t * q[j]);
+    best = after > gain ? t : best; gain = after > gain ? after : gain;
+}
+for (int k = 0; k < M; ++k) slope[OF[k]] += best * q[k];
+least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
+
+/// CLOSE:
+/// The least of slope . zeta and the quadratic form over |zeta| <= 1, entry by entry. Of q zeta_k zeta_m, k != m, only
+/// -|q| is sure; but where it is +|q| in the corner where slope . zeta is least, it is above the planes
+/// -|q| + d (a zeta_k + b zeta_m) for all 0 <= d <= |q|, a and b being the signs that lower both slopes (McCormick), so
+/// that d is gained from either slope, until one is 0. An entry q >= 0 of the diagonal goes with what is left of its
+/// slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is less than 1, else at the end; a negative
+/// one is least at the end. Where the bound may be MULTILINEAR, entries off the diagonal stay. level is the bound's constant.
+V steep[C];
+for (int k = 0; k < C; ++k) steep[k] = absolute(slope[k]);
+int entry = 0;
+#pragma unroll
+for (int k = 0; k < C; ++k) {
+#pragma unroll
+    for (int m = k; m < C; ++m, ++entry) {
+        const V q = absolute(square[entry]);
+        if (m == k) { score[k] += q; least -= square[entry] < zero ? q : zero; }
+        else if (!MULTILINEAR) {
+            least -= q; score[k] += q * 0.5; score[m] += q * 0.5;
+            V gained = steep[k] < steep[m] ? steep[k] : steep[m]; gained = q < gained ? q : gained;
+            gained = slope[k] * slope[m] * square[entry] > zero ? gained : zero;
+            steep[k] -= gained; steep[m] -= gained;
+        }
+    }
+}
+least -= bulk * SQUARES_ROUNDING; level = least;
+entry = 0;
+#pragma unroll
+for (int k = 0; k < C; entry += C - k, ++k) {
+    const V s = steep[k], q = square[entry] > zero ? square[entry] : zero;
+    const V end = q - s, inner = s * s * -0.25 / (q > zero ? q : zero + 1.0);
+    least += s < q + q ? inner : end;
+}
+
+/// CORNERS:
+/// The values at the corners of what is left where the bound may be MULTILINEAR: place i is at the upper end of column k
+/// where bit k of i is set. 1e-13 of all terms is more than float64 rounds here, and in where the corners lie.
+V corner[1 << C], size = absolute(level);
+for (int k = 0; k < C; ++k) {
+    size += absolute(slope[k]) + absolute(gradient[k]) * (absolute(low[k]) + absolute(high[k]));
+    for (int m = k + 1; m < C; ++m) {
+        size += absolute(square[place(k, m)]);
+        for (int d = m + 1; d < C; ++d) size += absolute(cubes[triple(k, m, d)]) * 6.0;
+    }
+}
+level -= size * 1e-13;
+for (int i = 0; i < 1 << C; ++i) {
+    const auto at = [&](int k, V x) { return (i >> k) & 1 ? x : -x; };
+    V sum = level;
+#pragma unroll
+    for (int k = 0; k < C; ++k) {
+        V by_k = slope[k];
+#pragma unroll
+        for (int m = k + 1; m < C; ++m) {
+            V by_m = square[place(k, m)];
+#pragma unroll
+            for (int d = m + 1; d < C; ++d) by_m += at(d, cubes[triple(k, m, d)] * 6.0);
+            by_k += at(m, by_m);
+        }
+        sum += at(k, by_k);
+    }
+    corner[i] = sum;
+}
+
+/// STORE_CORNERS
+const long long o = i + l;
+for (int k = 0; k < 1 << C; ++k) corner_out.data[o * (1 << C) + k] = LANE(corner[k]);

@@ -1,0 +1,89 @@
+// A network in float32, for networks/inference.py.
+
+/// ENCODE:
+/// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V or
+/// float.
+/// From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases
+/// stand first, then N weights of each feature.
+for (int k = 0; k < N; ++k) h0[k] = v[k];
+for (int j = 0; j < FEATURES; ++j) {
+    const float* c = w + FEATURES + j * N;
+    T z = v[0] * c[0];
+    for (int k = 1; k < N; ++k) z += v[k] * c[k];
+    h0[N + j] = sine(z + w[j]);
+}
+
+/// QUERIES_IN_LANES:
+/// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that
+/// each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at
+/// OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
+for (int b = 0; b < BLOCKS; ++b) {
+    const float* p = w + AT + b * J * (K + 1);
+    V s[J];
+#pragma unroll
+    for (int r = 0; r < J; ++r) s[r] = x[0] * p[J + r] + p[r];
+    for (int k = 1; k < K; ++k) {
+        const V input = x[k]; const float* c = p + J + k * J;
+#pragma unroll
+        for (int r = 0; r < J; ++r) s[r] += input * c[r];
+    }
+#pragma unroll
+    for (int r = 0; r < J; ++r) {
+        const int j = FIRST + b * J + r;
+        const V h = act(s[r]);
+        if (KEEP) y[j] = h;
+        if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
+        if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
+        if (SURES > 0) sure += h * w[SURE_AT + 1 + j];
+        if (SURES > 1) surer += h * w[SURER_AT + 1 + j];
+    }
+}
+
+/// LANES:
+/// Lanes of neurons: as many as a register has. Behind the last of NEURONS a row has zeros, so that no register is loaded from two lines of cache.
+#if defined(__AVX512F__)
+constexpr int L = 16;
+#else
+constexpr int L = 8;
+#endif
+constexpr int REGISTERS = (NEURONS + L - 1) / L;
+typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
+typedef int I __attribute__((vector_size(4 * L)));
+
+/// NEURONS_IN_LANES:
+/// One layer of one query: from K inputs x to NEURONS y; a row of biases, then one of weights an input, ROW floats each.
+/// Every WAYS-th input is summed apart, so that there are sums enough that need not wait for each other.
+constexpr int WAYS = REGISTERS > 3 ? 2 : 4;
+V a[WAYS][REGISTERS];
+const float* p = w + AT;
+#pragma unroll
+for (int q = 0; q < REGISTERS; ++q) {
+    a[0][q] = *(const V*)(p + q * L);
+    for (int r = 1; r < WAYS; ++r) a[r][q] = a[0][q] * 0.0f;
+}
+p += ROW;
+#pragma unroll
+for (int k = 0; k < K / WAYS * WAYS; k += WAYS)
+    for (int r = 0; r < WAYS; ++r) {
+        const float input = x[k + r]; const float* c = p + ROW * (k + r);
+        for (int q = 0; q < REGISTERS; ++q) a[r][q] += *(const V*)(c + q * L) * input;
+    }
+#pragma unroll
+for (int k = K / WAYS * WAYS; k < K; ++k) {
+    const float input = x[k]; const float* c = p + ROW * k;
+    for (int q = 0; q < REGISTERS; ++q) a[k % WAYS][q] += *(const V*)(c + q * L) * input;
+}
+#pragma unroll
+for (int q = 0; q < REGISTERS; ++q) {
+    V sum = a[0][q] + a[1][q];
+    if (WAYS > 2) sum += a[2 % WAYS][q] + a[3 % WAYS][q];
+    *(V*)(y + q * L) = act(sum);
+}
+
+/// SUM:
+/// One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The lanes are eight here, and
+/// added by halves; the rounding bound holds for every order.
+typedef float V __attribute__((vector_size(32), aligned(4), may_alias));
+V sum = *(const V*)x * *(const V*)(w + AT + 1);
+for (int q = 1; q < ROW / 8; ++q) sum += *(const V*)(x + q * 8) * *(const V*)(w + AT + 1 + q * 8);
+OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[AT];
