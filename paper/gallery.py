@@ -301,7 +301,7 @@ class ReluFields(Figure):
             return measured(lambda x: marked[tuple(at(x).clip(0, nodes - 1).T)])
 
         def plain() -> dict[str, Any]:
-            from warp_bounding.training.comparisons.plain_field import plain_field
+            from paper.comparisons import plain_field
 
             return measured(plain_field(grid, nodes, s["seed"], 1500, 8192, 0.05))  # steps, batch, rate
 
@@ -328,7 +328,7 @@ class Convergence(Figure):
 
     def parts(self, work: Work):
         def trained(grid, loss: str) -> dict[str, Any]:
-            from warp_bounding.training.comparisons.loss_record import record
+            from paper.comparisons import record
 
             steps = max(8, round(work.choose(*self.steps[grid.ndim]) * work.settings["effort"]))
             sizes = {

@@ -245,11 +245,6 @@ TINIEST = 1e-300  # a divisor in place of zero
 THIN = 1e-4  # of the size: what is thinner, such as a sheet, is taken to be so thick, since no ellipsoid is flat
 
 
-def enclosing_ellipsoid(grid: IndicatorGrid, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """``enclosing_of_points`` around all occupied cells, in object space."""
-    return enclosing_of_points(extreme_corners(grid), family)
-
-
 def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
     """The smallest ``{x: |A (x - center)| <= 1}`` of a family around points ``(P, n)``.
 

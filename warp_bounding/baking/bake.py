@@ -110,8 +110,7 @@ class Settings:
         """
         from warp_bounding.choice import check_methods, check_networks, check_prices, choose
         from warp_bounding.training import fit
-        from warp_bounding.training.distance import check_distance_options
-        from warp_bounding.training.fit import check_distance, check_numbers, check_regions
+        from warp_bounding.training.fit import check_distance, check_distance_options, check_numbers, check_regions
 
         function = fit if self.engine == "fit" else choose
         told = {p.name: p.default for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD}

@@ -403,7 +403,7 @@ class QuadricBounder(VolumeBounder):
     """
 
     tests = TESTS
-    family: ClassVar[str]  # see ``enclosing_ellipsoid``
+    family: ClassVar[str]  # see ``geometry.enclosing_of_points``
     diagonal: ClassVar[bool] = True
 
     @classmethod

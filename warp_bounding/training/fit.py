@@ -1,38 +1,44 @@
-"""``fit``: from a shape to a bounder, in a given time. ``METHODS`` has the methods, ``trainers`` how each is made."""
+"""``fit``: from a shape to a bounder, in a given time. ``METHODS`` has the methods, ``TRAINERS`` how each is made; distances are below."""
 
 import math
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, cascade, method_class
+from warp_bounding.bounders import METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.batch import in_frame
-from warp_bounding.bounders.bounder import settled
+from warp_bounding.bounders.bounder import settled, unknown_option
 from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.distance import DISTANCES, DistanceBounder, VolumeDistance, distance_class
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import THRESHOLDS, Mlp
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
+from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, BoundingWarning, QueryError
-from warp_bounding.evaluation import quick_rates
+from warp_bounding.evaluation import quick_distance_rates, quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.parts import SIDES, Complement
 from warp_bounding.indicators.recentred import parted
 from warp_bounding.indicators.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.proof import prove_or_attest
+from warp_bounding.proof.distances import excesses, prove_distance
 from warp_bounding.queries import QUERIES, check_query
-from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain, in_metric
+from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.launch import compile_seconds, device_of
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.training.distance import fit_distance
 from warp_bounding.training.fit_network import fit_network
 from warp_bounding.training.learned_kdop import train_learned_kdop
+from warp_bounding.training.recipes.distance import train_distance
 from warp_bounding.training.relu_field import train_relu_field
 from warp_bounding.training.samples import CallersQueries, Problem, Trained
 
@@ -144,15 +150,9 @@ def fit(
         shape, frame = parted(load_indicator(shape))
         check_extent(shape, margin, force)
         warn_of_restriction(shape)
-        run = {"budget": budget, "seed": int(seed), "device": device, "progress": progress}
-        own = {
-            "margin": margin,
-            "resolution": resolution,
-            "of_points": partial(fit, force=force),
-            "described": described,
-            "callers": [fit],
-        }
-        found, spent = fit_distance(shape, method, options, **run, **own), spent.seconds()
+        own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
+        found = _fit_distance(shape, method, options, **own, progress=progress, force=force)
+        spent = spent.seconds()
         found.info["training"] |= spent
         return in_frame(found, frame)
     check_regions(query, method, length, side)
@@ -283,6 +283,142 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
         occupied * grid.ndim * COORDINATE_BYTES, f"fitting {occupied:,} occupied cells", "give a coarser resolution"
     )
     return grid
+
+
+# Distances. A method that has a volume is fitted as a bounder of points, whose proof carries over. Other closed forms have a ``fit`` of their own, and
+# what is learned an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the slack.
+
+METRIC = "metric"  # the option that all methods take
+TOLERANCE = 0.02  # of a cell's side, and ...
+LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
+CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
+MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
+# Of the budget, what training leaves for the proof of a distance; from so many dimensions on.
+DISTANCE_PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
+
+# By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
+# progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
+DistanceTraining = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
+DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTraining] = {MlpDistance: train_distance}
+
+
+def check_distance_options(cls: type[DistanceBounder], names: Iterable[str], callers: Iterable[Callable] = ()) -> None:
+    """Refuse options that a method's distance does not take.
+
+    Args:
+        cls: Of the method.
+        names: Of the options, all but those of ``fit``.
+        callers: As of ``settled``.
+
+    Raises:
+        BounderError: Naming one of them, and what there is.
+    """
+    known = [*(option.name for option in cls.options_taken()), METRIC]
+    for name in names:
+        if name not in known:
+            raise BounderError(unknown_option(name, cls.method, known, "distances", callers))
+
+
+def _fit_distance(
+    shape: Shape,
+    method: str,
+    options: dict[str, Any],
+    *,
+    budget: float,
+    seed: int,
+    margin: float,
+    resolution: int | None,
+    device: str | None,
+    progress,
+    force: bool,
+) -> DistanceBounder:
+    """The part of ``fit`` that is about distances; arguments are checked there.
+
+    Args:
+        shape: What is bounded, without the margin.
+        method: A name in ``DISTANCES``.
+        options: The method's own, and ``metric``.
+        budget: Seconds.
+        seed: Of everything random.
+        margin: By how much the object is dilated.
+        resolution: Of cells, where they are asked for.
+        device: Warp device.
+        progress: As of ``fit``.
+        force: Accept a margin that is larger than the object.
+
+    Raises:
+        BounderError: For a method without a distance, an option that it does not take, or a shape without a proof.
+    """
+    metric = options.pop(METRIC, METRICS[0])
+    shape = in_metric(shape, metric)
+    cls = distance_class(method, shape.ndim)
+    if shape.joints is not None:
+        raise BounderError(f"{method}: {shape.name}: distances of configurations are not bounded, points are; clear_segments clears whole motions")  # fmt: skip
+    if shape.time and not (cls.moving and shape.speed is not None):
+        able = ", ".join(name for name, each in DISTANCES.items() if each.moving)
+        raise BounderError(
+            f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids take metric={METRICS[1]!r}, where "
+            "time is one more coordinate"
+        )
+    check_distance_options(cls, options, [fit])
+    own = {"margin": margin, "resolution": resolution}
+    if issubclass(cls, VolumeDistance):
+        own |= {"budget": budget, "seed": seed, "device": device, "progress": progress, "force": force}
+        volume = fit(shape, POINT.name, method, **own, **options)
+        fitted, info = as_fitted(volume, shape), volume.info
+        bounder = cls.around(volume, DistanceDomain.of(fitted), {METRIC: metric}, device)
+        prove_distance(bounder, fitted, of_volume=volume.certificate)
+        bounder.info = {**info, "rates": None}
+    else:
+        fitted = as_fitted_to(shape, margin, resolution)
+        if fitted.distances(fitted.lower[None]) is None:
+            raise BounderError(
+                f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
+            )
+        proving = budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
+        told = {option.name: _value_of(option, options) for option in cls.options_taken()}
+        if cls in DISTANCE_TRAINERS:
+            with reported(progress, f"fit {method}") as update:
+                left = budget - proving
+                bounder, record = DISTANCE_TRAINERS[cls](cls, fitted, told, left, seed, device, update)
+        else:
+            domain = DistanceDomain.of(fitted, cls.room)
+            lowered = partial(_excess_of_cells, shape=fitted, seconds=budget - proving)
+            bounder, record = cls.fit(fitted, domain, lowered=lowered, device=device, **told), {}
+        bounder.sizes[METRIC] = metric
+        prove_distance(bounder, fitted, seconds=proving)
+        bounder.info = described(fitted, seed, record)
+    bounder.info["rates"] = quick_distance_rates(bounder, fitted)
+    return bounder
+
+
+def _excess_of_cells(bounder: DistanceBounder, shape: Shape, seconds: float) -> np.ndarray:
+    """By how much F exceeds the distance in each of its pieces."""
+    lower, upper = bounder.pieces()
+    tolerance = TOLERANCE * float((upper - lower).max()) + LOOSER * _sampled_excess(bounder, shape, lower, upper)
+    halvings = CELL_HALVINGS * min(bounder.ndim, MOST_HALVED)
+    return excesses(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, seconds=seconds)[0]
+
+
+def _sampled_excess(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    """By how much F exceeds the distance at some points of boxes, at least 0: halving a box cannot make a bound smaller than that."""
+    most = np.zeros(len(lower))
+    for share in [np.full(bounder.ndim, 0.5), *(np.array(s) for s in product((0.25, 0.75), repeat=bounder.ndim))]:
+        v = lower + share * (upper - lower)
+        low = shape.distances(bounder.domain.to_object(v))[:, 0] / bounder.domain.unit
+        most = np.maximum(most, bounder.reference(v) - low)
+    return most
+
+
+def as_fitted_to(shape: Shape, margin: float, resolution: int | None) -> Shape:
+    """The dilated shape, or its cells where a resolution asks for them."""
+    shape.check()
+    return shape.dilated(margin) if resolution is None else shape.to_grid(resolution=resolution, margin=margin)
+
+
+def _value_of(option, given: dict[str, Any]) -> Any:
+    value = given.get(option.name, option.default)
+    return None if value is None and option.default is None else option.check(value)
 
 
 # How the bounders of a class are made from a shape: in closed form by the class itself, or as ``TRAINERS`` says.

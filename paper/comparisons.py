@@ -1,13 +1,11 @@
-"""The paper's recipe and the common loss, with a record of both errors while they train.
+"""What the paper compares with: networks trained with the plain symmetric loss, their errors recorded, and a plain interpolated field."""
 
-The only difference between the two runs is the weights of the loss: network, first weights, samples, optimiser and
-learning rate are the same. Errors are those at the paper's threshold, an output of one half, on the same fresh points.
-"""
-
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import domain_of
@@ -15,7 +13,11 @@ from warp_bounding.training.engine import Clock, single_threaded_torch
 from warp_bounding.training.recipes.paper import PaperRecipe, PaperTrainer
 from warp_bounding.training.samples import samples_of
 
-__all__ = ["record"]
+# The paper's recipe and the common loss, with a record of both errors while they train.
+#
+# The only difference between the two runs is the weights of the loss: network, first weights, samples, optimiser and
+# learning rate are the same. Errors are those at the paper's threshold, an output of one half, on the same fresh
+# points.
 
 POINTS = 100_000  # that errors are measured on
 RATE = 5e-3  # of Adam, for both losses: the paper's 1e-3 takes tens of thousands of steps
@@ -82,3 +84,38 @@ def record(
         trainer = _Recorded(samples, hidden, activation, paper, every, note)
         trainer.run(Clock(np.inf, steps))
     return {"step": trainer.steps, "fp": trainer.fp, "fn": trainer.fn}
+
+
+# A field of numbers on a grid, interpolated, trained as a classifier: what ``relu-field`` would be with a symmetric
+# loss.
+#
+# It is no bounder, and only shows what the asymmetric loss and the repair are for.
+
+
+def plain_field(grid, nodes: int, seed: int, steps: int, batch: int, rate: float) -> Callable[[np.ndarray], np.ndarray]:
+    """Train it on uniform points of a 2D object.
+
+    Returns:
+        What answers points ``(N, 2)`` with ``(N,)`` bool: whether the field finds the object likelier than not there.
+    """
+    lower, upper = grid.sample_lower, grid.sample_upper
+    rng, values = np.random.default_rng(seed), torch.zeros(1, 1, nodes, nodes, requires_grad=True)
+
+    def at(x: np.ndarray) -> torch.Tensor:
+        place = np.clip(2 * (x - lower) / (upper - lower) - 1, -1, 1)[:, ::-1].astype(np.float32)
+        return grid_sample(values, torch.from_numpy(place.copy())[None, None], align_corners=True)[0, 0, 0]
+
+    with single_threaded_torch(), torch.enable_grad():
+        optimiser = torch.optim.Adam([values], lr=rate)
+        for _ in range(steps):
+            x = rng.uniform(lower, upper, (batch, 2))
+            loss = binary_cross_entropy_with_logits(10 * at(x), torch.from_numpy(grid.contains(x).astype(np.float32)))
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+
+    def ask(x: np.ndarray) -> np.ndarray:
+        with torch.no_grad():
+            return (at(np.asarray(x, dtype=np.float64)) >= 0).numpy()
+
+    return ask
