@@ -1,7 +1,4 @@
-"""The fused bounds against a dense reference in extended precision, and against true minima, with zero slack.
-
-auto_LiRPA would be the public reference; what the package registry has of it needs torch < 1.13.
-"""
+"""The fused bounds against a dense reference in extended precision, and against true minima, with zero slack."""
 
 from fractions import Fraction
 
@@ -59,7 +56,7 @@ def dense_layers(layers, activation):
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("scale", [0.0, 1e-12, 1e-6, 1e-3, 0.1, 1.0, 3.0, 100.0])
+@pytest.mark.parametrize("scale", [0.0, 1e-12, 1e-3, 1.0, 100.0])
 def test_one_neuron_is_bounded_under_its_exact_minimum(activation, sign, scale, rng):
     """No sampling: a function is extreme at an interval's ends or where it is level."""
     one, none = np.ones((1, 1), F32), np.zeros(1, F32)
@@ -112,33 +109,9 @@ def test_kernel_against_the_dense_reference(hidden, activation, octaves, width, 
         assert np.median(loose / most) < 1.05
 
 
-def test_merging_costs_little_where_boxes_are_small(rng):
-    """Three hidden layers: absolute noise against backward substitution for the pre-activations, by the bounds' looseness."""
-    bounder = random_mlp(shape("blob"), (13, 30, 5), "sin", 2)
-    layers = dense.stack(bounder.tensors, "sin")
-    lower, upper = boxes(rng, 60, bounder.domain.limit.astype(np.float64), 0.004)
-    least = dense.value(layers, samples(lower, upper, rng, 200)).min(axis=0)
-    loose = (least - lower_bounds(bounder.network, lower, upper)) / (least - dense.bound(layers, lower, upper))
-    assert np.median(loose) < 1.5
-
-
-@pytest.mark.parametrize("activation", ["sin", "relu"])
-@pytest.mark.parametrize("width", WIDTHS)
-def test_bounds_are_under_true_minima(activation, width, rng):
-    """One input: 1,001 points a box are as good as all of them."""
-    for _ in range(2):
-        layers = one_input(rng, (6, 5), 8.0)
-        network = Network(layers, activation, None, np.ones(1))
-        lower, upper = boxes(rng, 40, np.ones(1), WIDTHS[width])
-        grid = np.linspace(0, 1, 1001)[:, None, None]
-        points = np.clip(lower + grid * (upper - lower), lower, upper)
-        least = dense.value(dense_layers(layers, activation), points).min(axis=0)
-        assert (lower_bounds(network, lower, upper) <= least).all()
-
-
 def test_bounds_are_under_exact_minima_of_relu_networks(rng):
     """Rational arithmetic, neurons that are always off among the others."""
-    for seed in range(4):
+    for seed in range(2):
         layers = one_input(np.random.default_rng(seed), (6, 5), 3.0)
         layers[0][1][:2], layers[1][1][0] = -50.0, -50.0
         network = Network(layers, "relu", None, np.full(1, 4.0))
@@ -152,14 +125,7 @@ def test_bounds_are_under_exact_minima_of_relu_networks(rng):
                     assert float(least - Fraction(float(bound))) < 1e-9
 
 
-def test_a_network_without_a_living_neuron_is_its_bias():
-    layers = one_input(np.random.default_rng(1), (6, 5), 3.0)
-    layers[0][1][:], layers[1][0][:], layers[1][1][:] = -50.0, np.abs(layers[1][0]), -1.0
-    bound = lower_bounds(Network(layers, "relu", None, np.full(1, 4.0)), np.full((1, 1), -4.0), np.full((1, 1), 4.0))[0]
-    assert 0 <= float(layers[2][1][0]) - bound < 1e-9
-
-
-@pytest.mark.parametrize("width", [0.0, 1e-12, 1e-5, 1e-3, 0.5])
+@pytest.mark.parametrize("width", [0.0, 1e-12, 1e-3, 0.5])
 def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     """Arguments up to almost 4096, of both signs and in both layers."""
     layers = one_input(rng, (6, 5), 1.0)
@@ -177,12 +143,3 @@ def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     assert (ours <= least).all()
     if width == 0.0:
         assert (least - ours).max() < 1e-6
-
-
-def test_a_huge_box_is_bounded_by_little_more_than_the_output_weights(rng):
-    """Every sine of the first layer turns often: nothing but [-1, 1] is left of it."""
-    layers = one_input(rng, (6, 5), 20.0)
-    network = Network(layers, "sin", None, np.full(1, 50.0))
-    ours = lower_bounds(network, np.full((1, 1), -50.0), np.full((1, 1), 50.0))[0]
-    floor = float(layers[2][1][0]) - 1.5 * np.abs(layers[2][0].astype(np.float64)).sum()
-    assert floor < ours <= dense.value(dense_layers(layers, "sin"), np.linspace(-50, 50, 100_001)[:, None]).min()

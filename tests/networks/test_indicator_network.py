@@ -33,7 +33,7 @@ def networks(n):
     yield Sine(), nn.Linear(n, 5), nn.ReLU(), nn.Linear(5, 1)
 
 
-@pytest.mark.parametrize("n", [1, 3, 6])
+@pytest.mark.parametrize("n", [1, 3])
 def test_what_is_certified_of_boxes_is_true(n, rng):
     seen = np.zeros(3, dtype=int)
     for turn, modules in enumerate(networks(n)):
@@ -92,15 +92,6 @@ def test_small_boxes_and_points_at_the_level_are_decided_soundly(rng):
     assert not shape.inside(lower, upper).any()
 
 
-def test_a_logistic_output_has_the_level_of_its_argument(rng):
-    network = nn.Sequential(nn.Linear(3, 8), nn.Tanh(), nn.Linear(8, 1)).double().requires_grad_(False)
-    level = 0.3
-    plain = wb.IndicatorNetwork(network, [-1] * 3, [1] * 3, level=math.log(level / (1 - level)))
-    logistic = wb.IndicatorNetwork(nn.Sequential(network, nn.Sigmoid()), [-1] * 3, [1] * 3, level=level)
-    x = rng.uniform(-1, 1, (5000, 3))
-    assert (plain.contains(x) == logistic.contains(x)).mean() > 0.9999
-
-
 def test_shapes_are_made_of_networks(rng):
     shape, _ = make(3, nn.Linear(3, 16), Sine(), nn.Linear(16, 1))
     grid = shape.to_grid(resolution=16)
@@ -124,10 +115,6 @@ def test_training_that_goes_on_does_not_change_the_shape(rng):
     assert wb.IndicatorNetwork(network, [-1, -1], [1, 1]).digest != digest == shape.digest
 
 
-class Shrink(nn.Tanh):
-    pass
-
-
 class Sequential(nn.Sequential):
     def forward(self, x):
         return super().forward(x) + 1
@@ -137,9 +124,7 @@ class Sequential(nn.Sequential):
     ("modules", "message"),
     [
         ([nn.Linear(2, 4), nn.GELU(), nn.Linear(4, 1)], "network: expected modules Linear, ReLU, .*, got GELU"),
-        ([nn.Linear(2, 4), Shrink(), nn.Linear(4, 1)], "got Shrink"),
         ([nn.Linear(3, 1)], "expected an affine module of 2 inputs, got 3"),
-        ([nn.Linear(2, 4), nn.ReLU(), nn.Linear(5, 1)], "expected an affine module of 4 inputs, got 5"),
         ([nn.Linear(2, 4), nn.ReLU()], "expected a network with one output, got 4"),
         ([], "expected a Sequential of modules, got Sequential"),
     ],

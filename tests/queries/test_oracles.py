@@ -1,0 +1,312 @@
+"""Each kind's oracle is its rational twin, query by query, above all where queries only touch; samples are the paper's."""
+
+import numpy as np
+import pytest
+from bounding_shapes import SHAPES as ALL_SHAPES
+from bounding_shapes import domain_points, object_points, shape
+from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_vectors, sparse_grid
+
+from warp_bounding.errors import QueryError
+from warp_bounding.geometry import components
+from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.queries import QUERIES, check_query, oracle, sample
+from warp_bounding.queries.box import BOX
+from warp_bounding.queries.directions import sample_directions
+from warp_bounding.queries.plane import PLANE
+from warp_bounding.queries.point import POINT
+from warp_bounding.queries.ray import MOST_JUMP, RAY, empty_distance
+
+LOW, HIGH = np.float32(0.375), np.float32(0.625)  # of one_cell
+
+
+def hard_points(grid, rng):
+    t = np.round(rng.uniform(-2, np.array(grid.shape) + 1, (3000, grid.ndim)) * 2) / 2
+    x = grid.position(t).astype(np.float32)
+    special = rng.choice(np.float32([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, 3e38, -3e38]), (200, grid.ndim))
+    mixed = np.where(rng.random(special.shape) < 0.5, special, x[:200])
+    nudged = [np.nextafter(x, np.float32(s * np.inf)) for s in (-1, 1)]
+    return np.concatenate([x, *nudged, special, mixed, domain_points(grid, 3000, rng), object_points(grid, rng, 1000)])
+
+
+def of_all_kinds(query, grid, count, rng):
+    """Regions as the paper draws them, on lattices, through the object, and with odd numbers."""
+    n, scale = grid.ndim, np.float32(grid.cells_per_unit)
+    plain = sample(query, grid, count, rng)
+    a, b = lattice_points(grid, count, rng), lattice_points(grid, count, rng)
+    if query == "box":
+        b[::3] = a[::3]
+        snapped = np.concatenate([np.minimum(a, b), np.maximum(a, b)], axis=1)
+        more = [np.concatenate([a, b], axis=1)]
+    elif query == "plane":
+        snapped = np.concatenate([small_vectors(n, count, rng) * scale, a], axis=1)
+        more = [np.concatenate([sample_directions(n, count, rng) * scale, b], axis=1)]
+    else:
+        snapped = np.concatenate([a, small_vectors(n, count, rng) / scale], axis=1)
+        inside = object_points(grid, rng, 10)[:count]
+        more = [np.concatenate([inside, small_vectors(n, len(inside), rng)], axis=1)]
+        more += [np.concatenate([a, plain[:, n:] / scale], axis=1)]
+    more += [odd_queries(grid, plain, rng), odd_queries(grid, snapped, rng)]
+    return np.concatenate([plain, snapped, *more], dtype=np.float32)
+
+
+@pytest.mark.parametrize("name", ALL_SHAPES)
+def test_points_are_those_that_the_grid_contains(name, device, rng):
+    grid = shape(name)
+    x = hard_points(grid, rng)
+    truth = grid.contains(x)
+    assert (POINT.oracle(grid, device)(x) == truth).all()
+    assert 0 < truth.sum() < len(x)
+
+
+@pytest.mark.parametrize("name", [*SHAPES, "star"])
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_regions_have_the_rational_truth(query, name, device, rng):
+    grid, kind = shape(name), QUERIES[query]
+    q = of_all_kinds(query, grid, {"ray": 80, "plane": 150, "box": 400}[query], rng)
+    for length in (1.0, 0.3) if query == "ray" else (1.0,):
+        exact, truth = kind.oracle(grid, device, length), kind.truth(grid, q, length)
+        np.testing.assert_array_equal(exact(q), truth)
+        assert 0 < truth.sum() < len(q)
+        assert query != "box" or exact.undecided == 0
+
+
+@pytest.mark.parametrize("cells", [(40, 25, 30), (120, 40), (300,), (7, 9, 8, 11)])
+@pytest.mark.parametrize("query", ["plane", "box"])
+def test_few_cells_in_a_large_grid(query, cells, device, rng):
+    grid = sparse_grid(cells, 6)
+    q = of_all_kinds(query, grid, 200, rng)
+    np.testing.assert_array_equal(QUERIES[query].oracle(grid, device)(q), QUERIES[query].truth(grid, q))
+
+
+@pytest.mark.parametrize("length", [0.7, 1e6])
+@pytest.mark.parametrize("cells", [(40, 25, 30), (3, 90), (7, 9, 8, 11)])
+def test_jumps_over_empty_space_miss_nothing(cells, length, device, rng):
+    grid = sparse_grid(cells, 12)
+    q = RAY.sample(grid, 600, rng)
+    target = grid.position(grid.occupied[rng.integers(12, size=300)] + rng.uniform(-0.6, 0.6, (300, grid.ndim)))
+    q[:300, grid.ndim :] = target - q[:300, : grid.ndim]
+    q[300:450, grid.ndim] *= 30  # along the first axis
+    truth = RAY.truth(grid, q, length)
+    np.testing.assert_array_equal(RAY.oracle(grid, device, length)(q), truth)
+    assert 20 < truth.sum() < 580
+
+
+def test_distance_counts_cells_along_the_farthest_axis():
+    occupancy = np.zeros((120, 100), dtype=bool)
+    occupancy[60, 90] = occupancy[30, 40] = True
+    cells = np.stack(np.indices(occupancy.shape), axis=-1)
+    exact = np.minimum(*(np.abs(cells - at).max(axis=-1) for at in ((60, 90), (30, 40))))
+    np.testing.assert_array_equal(empty_distance(occupancy), np.minimum(exact, MOST_JUMP))
+
+
+# --- what only touches -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("d", [(1, 0, 0), (0, 0, -1)])
+@pytest.mark.parametrize("side", [LOW, HIGH])
+def test_rays_along_faces_and_edges_touch(d, side, device):
+    exact = RAY.oracle(one_cell(), device, 2.0)
+    d, across = np.float32(d), np.abs(d) == 0
+    start = np.float32(0.5) - d
+    for axis in np.flatnonzero(across):
+        face = start.copy()
+        face[axis] = side
+        beside = face.copy()
+        beside[axis] = np.nextafter(side, np.float32(side * 4 - 1.5))  # outwards
+        np.testing.assert_array_equal(exact(np.float32([[*face, *d], [*beside, *d]])), [True, False])
+    edge = np.where(across, side, start)
+    assert exact(np.float32([[*edge, *d]]))[0]
+    assert exact.undecided == 0
+
+
+def test_rays_through_edges_and_corners_touch(device):
+    through = [
+        [0.125, 0.375, 0.5, 1, -1, 0],  # the edge x = y = 3/8 is behind; passes (3/8, 1/8): misses
+        [0.25, 0.5, 0.5, 1, -1, 0],  # the edge at (3/8, 3/8)
+        [0.25, 0.5, 0.25, 1, -1, 1],  # the corner (3/8, 3/8, 3/8)
+        [0.25, 0.5, 0.25, 1, -1, 1.0000002],  # z is over 3/8 at that edge
+        [0.25, 0.5, 0.25, 1, -1, 0.9999999],  # z is under 3/8 at that edge
+        [0.625, 0.625, 0.625, 1, 2, 3],  # starts at a corner, goes away
+        [0.625, 0.5, 0.5, 1, 0, 0],  # starts on a face, goes away
+        [np.nextafter(HIGH, np.float32(1)), 0.5, 0.5, 1, 0, 0],
+    ]
+    expected, q = [False, True, True, True, False, True, True, False], np.float32(through)
+    np.testing.assert_array_equal(RAY.truth(one_cell(), q), expected)
+    np.testing.assert_array_equal(RAY.oracle(one_cell(), device)(q), expected)
+
+
+def test_the_end_of_the_segment_is_closed(device):
+    grid = one_cell(2)
+    q = np.float32([[0.0, 0.5, 1, 0], [0.375 - 0.1875, 0.375 - 0.25, 3e-20, 4e-20], [0.375 - 0.1875, 0.125, 3, 4]])
+    for ray, length in zip(q, (0.375, 0.3125, 0.3125), strict=True):
+        for each in (length, np.nextafter(length, 0)):
+            assert RAY.oracle(grid, device, each)(ray[None])[0] == RAY.truth(grid, ray[None], each)[0]
+    assert RAY.oracle(grid, device, 0.375)(q[:1])[0]
+    assert RAY.oracle(grid, device, 0.3125)(q[2:])[0]
+    assert not RAY.oracle(grid, device, np.nextafter(0.3125, 0))(q[2:])[0]
+
+
+@pytest.mark.parametrize("n", [2, 3, 4])
+def test_planes_touch_faces_and_corners(n, device, rng):
+    """Supporting planes of one cell, through its own corner: at it, and one float outside of it."""
+    grid, exact = one_cell(n), PLANE.oracle(one_cell(n), device)
+    normal = np.abs(sample_directions(n, 500, rng)) + np.float32(1e-3)
+    normal[:n] = np.eye(n)
+    normal[n : n + 50] = rng.integers(1, 4, (50, n))
+    corner = np.full_like(normal, 0.625)
+    outside = np.where(normal > 0, np.nextafter(corner, np.float32(1)), corner)
+    touching, missing = (np.concatenate([normal, point], axis=1) for point in (corner, outside))
+    assert exact(touching).all()
+    assert exact.undecided == 0
+    assert not exact(missing).any()
+    assert PLANE.truth(grid, touching[:100]).all()
+    assert not PLANE.truth(grid, missing[:100]).any()
+
+
+def test_supporting_planes_of_a_shape_are_decided_by_the_kernel(device, rng):
+    grid, exact = shape("star"), PLANE.oracle(shape("star"), device)
+    corners, normal = components(grid.occupancy)[0].corners, sample_directions(3, 2000, rng)
+    extreme = corners[(normal.astype(np.float64) @ corners.T).argmax(axis=1)]
+    q = np.concatenate([normal, grid.position(extreme - 0.5).astype(np.float32)], axis=1)
+    np.testing.assert_array_equal(exact(q)[:200], PLANE.truth(grid, q[:200]))
+    assert exact.undecided < 20
+
+
+def test_boxes_touch_and_miss(device):
+    above, huge = np.nextafter(HIGH, np.float32(1)), np.float32(3e38)
+    q = [
+        [0.625, 0.625, 0.9, 0.9],  # corner to corner
+        [above, 0.625, 0.9, 0.9],
+        [0.1, 0.625, 0.9, 0.7],  # edge to edge
+        [0.4, 0.4, 0.5, 0.5],  # inside
+        [-huge, -huge, huge, huge],
+        [-huge, 0.7, huge, huge],
+        [1.2, 0.5, 2.0, 0.5],  # outside the domain
+        [-9, 0.5, 0.375, 0.5],  # partly
+    ]
+    expected = [True, False, True, True, True, False, False, True]
+    np.testing.assert_array_equal(BOX.oracle(one_cell(2), device)(np.float32(q)), expected)
+
+
+def test_rounding_onto_a_face_is_noticed(device):
+    """The cell coordinate of a tiny number rounds onto the face at 3/2, but the point is on one side of it."""
+    for cell in (1, 2):
+        grid = IndicatorGrid(np.arange(4) == cell, cells_per_unit=[3.0], offset=[-1.5])
+        q = np.float32([[x, x] for x in (-1e-30, 0.0, 1e-30)])
+        expected = [cell == 1, True, cell == 2]
+        np.testing.assert_array_equal(BOX.truth(grid, q), expected)
+        np.testing.assert_array_equal(BOX.oracle(grid, device)(q), expected)
+
+
+@pytest.mark.parametrize("name", ["c", "blob", "mesh"])
+def test_a_region_of_no_size_is_a_point(name, device, rng):
+    grid = shape(name)
+    x = np.concatenate([object_points(grid, rng, 500), lattice_points(grid, 500, rng)])
+    ray = np.concatenate([x, small_vectors(grid.ndim, len(x), rng)], axis=1)
+    np.testing.assert_array_equal(RAY.oracle(grid, device, 0.0)(ray), grid.contains(x))
+    np.testing.assert_array_equal(BOX.oracle(grid, device)(np.concatenate([x, x], axis=1)), grid.contains(x))
+
+
+def test_the_length_of_a_direction_does_not_matter(device, rng):
+    grid = shape("blob")
+    rays, planes = RAY.sample(grid, 500, rng), PLANE.sample(grid, 500, rng)
+    planes[:, 3:] = object_points(grid, rng, 2000)[:500]
+    truth = RAY.oracle(grid, device)(rays)
+    for power in (-100, -3, 90):
+        scale = np.float32(2.0) ** power
+        np.testing.assert_array_equal(RAY.oracle(grid, device)(rays * np.repeat([1, scale], 3)), truth)
+        assert PLANE.oracle(grid, device)(planes * np.repeat([scale, 1], 3)).all()
+
+
+@pytest.mark.parametrize("name", ["c", "star", "mesh"])
+def test_the_kernel_decides_nearly_all_rays(name, device, rng):
+    grid, exact = shape(name), RAY.oracle(shape(name), device)
+    exact(RAY.sample(grid, 50_000, rng))
+    assert exact.undecided == 0
+    axis = np.eye(grid.ndim, dtype=np.float32)[rng.integers(grid.ndim, size=2000)] * rng.choice([-1, 1], (2000, 1))
+    exact(np.concatenate([lattice_points(grid, 2000, rng), axis], axis=1))
+    assert exact.undecided <= 20  # those whose end is as near to a face as the length is exact
+
+
+# --- input -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [0, 1, 511, 513])
+@pytest.mark.parametrize("query", QUERIES)
+def test_any_number_of_queries(query, count, device, rng):
+    grid = shape("c")
+    q = sample(query, grid, count, rng)
+    answer = oracle(query, grid, device)(q)
+    assert answer.dtype == bool
+    np.testing.assert_array_equal(answer, QUERIES[query].truth(grid, q))
+
+
+@pytest.mark.parametrize("query", QUERIES)
+def test_other_shapes_are_refused(query):
+    m = QUERIES[query].columns(3)
+    for q in (np.zeros(m), np.zeros((4, m - 1)), np.zeros((1, 4, m))):
+        with pytest.raises(QueryError, match=rf"\(N, {m}\)"):
+            QUERIES[query].oracle(shape("blob"), "cpu")(q)
+
+
+def test_what_is_no_query_meets_nothing(device):
+    nan, inf = np.nan, np.inf
+    none = {
+        RAY: [[0.5, 0.5, 0, 0], [0.5, 0.5, nan, 1], [inf, 0.5, 1, 0], [0.5, 0.5, inf, 1]],
+        PLANE: [[0, 0, 0.5, 0.5], [nan, 1, 0.5, 0.5], [1, 0, inf, 0.5], [inf, 1, 0.5, 0.5]],
+        BOX: [[0.6, 0.5, 0.4, 0.5], [0.1, 0.1, inf, 0.9], [nan, 0.1, 0.9, 0.9]],
+    }
+    for kind, q in none.items():
+        assert not kind.oracle(one_cell(2), device)(np.float32(q)).any()
+
+
+def test_unknown_kinds_and_impossible_lengths_are_refused():
+    for door in (check_query, lambda k: oracle(k, shape("blob")), lambda k: sample(k, shape("blob"), 1, None)):
+        with pytest.raises(QueryError, match="point, ray, plane, box, got 'cone'"):
+            door("cone")
+    for length in (-1.0, np.nan, np.inf):
+        with pytest.raises(QueryError, match="length must be"):
+            RAY.oracle(shape("blob"), "cpu", length)
+
+
+# --- samples ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["c", "single", "mesh", "animated"])
+def test_points_and_boxes_are_the_papers(name, rng):
+    grid = shape(name)
+    x, q = POINT.sample(grid, 20_000, rng), BOX.sample(grid, 20_000, rng)
+    assert x.dtype == q.dtype == np.float32
+    step = np.float32(1e-6) * np.abs(x).max(axis=0)
+    assert (x >= grid.sample_lower - step).all()
+    assert (x <= grid.sample_upper + step).all()
+    middle, size = (grid.sample_lower + grid.sample_upper) / 2, grid.upper - grid.lower
+    assert np.abs(x.mean(axis=0) - middle).max() < 0.02 * size.max()
+    lower, upper = q[:, : grid.ndim], q[:, grid.ndim :]
+    assert (lower <= upper).all()
+    frame = grid.sample_upper - grid.sample_lower
+    for corner, mean in ((lower, 0.5), (upper, 0.75)):
+        np.testing.assert_allclose((corner - grid.sample_lower).mean(axis=0), mean * frame, atol=0.01 * size.max())
+
+
+@pytest.mark.parametrize("ndim", [1, 2, 3, 4])
+def test_rays_are_the_papers(ndim, rng):
+    occupancy = np.zeros((4,) * ndim, dtype=bool)
+    occupancy.flat[0] = True
+    q = RAY.sample(IndicatorGrid(occupancy), 20_000, rng)
+    assert q.dtype == np.float32
+    origin, d = q[:, :ndim], q[:, ndim:].astype(np.float64)
+    assert ((origin >= 0) & (origin <= 1)).all()
+    np.testing.assert_allclose((d * d).sum(axis=1), 1, atol=1e-6)
+    if ndim > 1:  # the first angle is uniform, so the first coordinate is an arc sine variable
+        angle = np.arccos(np.clip(d[:, 0], -1, 1)) / np.pi
+        np.testing.assert_allclose(np.histogram(angle, 10, (0, 1))[0], 2000, atol=250)
+        assert abs((d[:, -1] > 0).mean() - 0.5) < 0.02
+
+
+def test_kernels_of_several_dimensions_do_not_mix(rng):
+    for n in (3, 2, 1):
+        grid = IndicatorGrid(rng.random((5,) * n) < 0.4)
+        x = rng.random((1000, n), dtype=np.float32)
+        np.testing.assert_array_equal(POINT.oracle(grid, "cpu")(x), grid.contains(x))
+    assert len({QUERIES[query].kernel(n).key for query in QUERIES for n in (3, 2, 1)}) == 12

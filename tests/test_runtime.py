@@ -1,0 +1,301 @@
+"""Blocks are dealt out to threads without a gap or an overlap, whatever interrupts; the working clock; compaction; progress."""
+
+import io
+import os
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import domain_points, fitted, shape
+
+import warp_bounding as wb
+from warp_bounding.errors import BounderError
+from warp_bounding.runtime import launch
+from warp_bounding.runtime.launch import (
+    BLOCK,
+    BlockLaunch,
+    OutOfTimeError,
+    launch_blocks,
+    limited,
+    run_shares,
+    working_seconds,
+)
+from warp_bounding.runtime.progress import reported
+
+
+@wp.kernel(enable_backward=False)
+def _visit(first: int, size: int, count: int, out: wp.array(dtype=wp.int32)):
+    block = first + wp.tid()
+    for i in range(block * size, wp.min(block * size + size, count)):
+        out[i] = out[i] + 1
+
+
+# --- launches --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("threads", ["1", "2", "7"])
+@pytest.mark.parametrize("count", [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 40 * BLOCK + 3, 200 * BLOCK])
+def test_every_item_is_visited_once(monkeypatch, threads, count):
+    monkeypatch.setenv("WARP_BOUNDING_THREADS", threads)
+    out = wp.zeros(max(count, 1), dtype=wp.int32, device="cpu")
+    launch_blocks(_visit, count, [0, BLOCK, count], [out], wp.get_device("cpu"), first_index=0)
+    assert (out.numpy()[:count] == 1).all()
+
+
+def test_kernels_do_not_depend_on_threads(monkeypatch):
+    bounder = fitted("mlp", "blob")
+    x = domain_points(shape("blob"), 40 * BLOCK + 5, np.random.default_rng(0))
+    answers = []
+    for threads in ("1", "2", "5"):
+        monkeypatch.setenv("WARP_BOUNDING_THREADS", threads)
+        answers.append(bounder.values(x).numpy())
+    assert (answers[0] == answers[1]).all()
+    assert (answers[0] == answers[2]).all()
+
+
+@pytest.fixture
+def three(monkeypatch):
+    """Three threads, of which every launch is worth waking two."""
+    monkeypatch.setenv("WARP_BOUNDING_THREADS", "3")
+    monkeypatch.setattr(launch, "WORTH_WAKING", 1e-12)
+
+
+def visits(count=200 * BLOCK):
+    out = wp.zeros(count, dtype=wp.int32, device="cpu")
+    return BlockLaunch(_visit, count, [0, BLOCK, count], [out], wp.get_device("cpu"), first_index=0), out
+
+
+def test_a_recorded_launch_runs_as_often_as_it_is_asked_to(three):
+    recorded, out = visits()
+    recorded.launch()
+    there = threading.active_count()
+    for number in range(2, 200):
+        recorded.launch()
+        assert (out.numpy() == number).all()
+    assert threading.active_count() == there  # woken again and again, not made anew
+
+
+def test_shares_run_once_each_whoever_is_awake(three):
+    done = []
+    for number in range(300):
+        run_shares([lambda i=i: done.append(i) for i in range(3)])
+        assert sorted(done[3 * number :]) == [0, 1, 2]
+
+
+def test_a_thread_that_does_not_wake_is_not_waited_for(monkeypatch):
+    monkeypatch.setattr(launch, "_threads", [None] * 9)  # as some that get no core
+    monkeypatch.setattr(launch, "_jobs", launch.SimpleQueue())
+    caller, done = threading.get_ident(), []
+    run_shares([lambda: done.append(threading.get_ident())] * 3)
+    assert done == [caller] * 3
+
+
+def test_what_a_share_raises_is_raised_where_it_was_asked_for(three):
+    def fail() -> None:
+        raise ZeroDivisionError
+
+    for shares in ([fail, int, int], [int, fail, int], [fail] * 3):
+        with pytest.raises(ZeroDivisionError):
+            run_shares(shares)
+    recorded, out = visits()
+    recorded.launch()
+    assert (out.numpy() == 1).all()
+
+
+@pytest.mark.parametrize("kind", [KeyboardInterrupt, TimeoutError])
+@pytest.mark.parametrize("step", ["_open.pop", "_news.get"])
+def test_whoever_is_interrupted_leaves_nobody_at_work(three, monkeypatch, step, kind):
+    """A signal's handler raises right behind a step of the caller's, before its result has been looked at."""
+    caller, begun, working, ended = threading.current_thread(), threading.Event(), [], []
+
+    class Interrupted:
+        def __init__(self, whole, method):
+            self._whole, self._method, self._done = whole, method, False
+
+        def __getattr__(self, name):
+            return self._call if name == self._method else getattr(self._whole, name)
+
+        def __len__(self):
+            return len(self._whole)
+
+        def _call(self):
+            if threading.current_thread() is caller and not self._done:
+                begun.wait()
+                self._done = True
+                getattr(self._whole, self._method)()
+                raise kind
+            return getattr(self._whole, self._method)()
+
+    class Job(launch._Job):
+        def __init__(self, shares):
+            super().__init__(shares)
+            name, method = step.split(".")
+            setattr(self, name, Interrupted(getattr(self, name), method))
+
+    def share() -> None:
+        if threading.current_thread() is not caller:
+            working.append(1)
+            begun.set()
+            time.sleep(0.05)
+            ended.append(working.pop())
+        else:
+            begun.wait()
+
+    monkeypatch.setattr(launch, "_Job", Job)
+    with pytest.raises(kind):
+        run_shares([share] * 4)
+    assert working == []
+    assert ended
+    monkeypatch.undo()
+    done = []
+    run_shares([lambda: done.append(1)] * 3)
+    assert len(done) == 3
+
+
+def test_a_share_may_launch_and_other_callers_need_not_wait(three):
+    inner = []
+    run_shares([lambda: run_shares([lambda: inner.append(1)] * 3)] * 3)
+    assert len(inner) == 9
+    held = threading.Event()
+    busy = threading.Thread(target=run_shares, args=([held.wait, held.wait, int],))
+    busy.start()
+    recorded, out = visits()
+    recorded.launch()
+    assert (out.numpy() == 1).all()
+    held.set()
+    busy.join()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system cannot fork")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_a_forked_process_has_threads_of_its_own(three):
+    recorded, out = visits()
+    recorded.launch()
+    before = launch._threads
+    child = os.fork()
+    if child == 0:
+        try:
+            recorded.launch()
+            os._exit(int((out.numpy() != 2).any() or launch._threads is before or len(launch._threads) != 2))
+        finally:
+            os._exit(3)
+    for _ in range(600):
+        ended, status = os.waitpid(child, os.WNOHANG)
+        if ended:
+            break
+        time.sleep(0.1)
+    else:
+        os.kill(child, 9)
+        os.waitpid(child, 0)
+        pytest.fail("the child waits for threads that it does not have")
+    assert os.waitstatus_to_exitcode(status) == 0
+
+
+# --- the working clock -----------------------------------------------------------------------------------------------
+
+
+def test_the_working_clock_stands_still_while_kernels_are_compiled(monkeypatch):
+    now, seconds = [100.0], 7.0
+
+    def load_module(module, device):
+        now[0] += seconds
+
+    monkeypatch.setattr(launch.time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(launch.wp, "load_module", load_module)
+    monkeypatch.setattr(launch, "_ready", set())
+    monkeypatch.setattr(launch, "_own", launch._Own())
+    before = working_seconds()
+    for _ in range(2):
+        launch.ready(_visit, wp.get_device("cpu"))
+    assert launch.compile_seconds() == seconds  # once
+    assert working_seconds() == before
+    now[0] += 3.0
+    assert working_seconds() == before + 3.0
+    monkeypatch.setattr(launch, "_ready", set())
+    other = threading.Thread(target=launch.ready, args=(_visit, wp.get_device("cpu")))
+    other.start()
+    other.join()
+    assert launch.compile_seconds() == seconds
+    assert working_seconds() == before + 3.0 + seconds  # it goes on, and never back
+
+
+def test_limits_end_what_takes_too_long_and_nothing_else():
+    def wait(seconds):
+        end = working_seconds() + seconds
+        while working_seconds() < end:
+            pass
+
+    with limited(1e6):
+        before = working_seconds()
+        with pytest.raises(OutOfTimeError), limited(0.01):
+            wait(60.0)
+        assert working_seconds() < before + 60.0  # and the outer limit holds again
+    with pytest.raises(OutOfTimeError), limited(-1.0), limited(1e6):
+        working_seconds()
+    told = []
+    other = threading.Thread(target=lambda: told.append(working_seconds()))
+    with limited(-1.0):  # threads have limits of their own
+        other.start()
+        other.join()
+    assert len(told) == 1
+
+
+# --- compaction ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("count", [0, 1, 65, 16383, 16384, 16385, 100_003])
+@pytest.mark.parametrize("share", [0.0, 0.01, 0.5, 1.0])
+def test_indices_of_what_is_not_zero(device, count, share):
+    rng = np.random.default_rng(count)
+    mask = ((rng.random(count) < share) * rng.integers(1, 256, count)).astype(np.uint8)
+    indices, found = wb.compact(wp.array(mask, dtype=wp.uint8, device=device))
+    total = int(found.numpy()[0])
+    assert len(indices) == count
+    assert (indices.numpy()[:total] == np.flatnonzero(mask)).all()
+    assert total == np.count_nonzero(mask)
+
+
+def test_other_arrays_are_refused():
+    gaps = wp.ones((6, 2), dtype=wp.uint8, device="cpu")[:, 0]
+    for mask in (np.ones(3, np.uint8), wp.ones(3, dtype=wp.int32, device="cpu"), gaps):
+        with pytest.raises(wb.QueryError, match=r"mask must be a contiguous wp.array of uint8 of shape \(N,\)"):
+            wb.compact(mask)
+
+
+# --- progress --------------------------------------------------------------------------------------------------------
+
+
+class Terminal(io.StringIO):
+    """Standard error that people look at."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+@pytest.mark.parametrize("progress", [None, False])
+def test_a_bar_is_shown_on_a_terminal_unless_it_is_not_wanted(monkeypatch, terminal, progress):
+    monkeypatch.setenv("TERM", "xterm")
+    shown = Terminal() if terminal else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", shown)
+    with reported(progress, "fit mlp") as report:
+        assert (report is not None) == (terminal and progress is None)
+        if report:
+            report(0.5, 1.0, "half way")
+    assert ("fit mlp" in shown.getvalue()) == (terminal and progress is None)
+    monkeypatch.setattr(sys, "stderr", None)
+    with reported(None, "fit") as report:
+        assert report is None
+
+
+def test_a_function_is_called_as_it_is_and_anything_else_is_refused():
+    seen = []
+    with reported(lambda *given: seen.append(given), "fit") as report:
+        report(0.5, 1.0, "half")
+    assert seen == [(0.5, 1.0, "half")]
+    for wrong in (5, True, "bar"):
+        with pytest.raises(BounderError, match="progress must be a function, None or False, got"), reported(wrong, ""):
+            pass
