@@ -1,14 +1,11 @@
 """Meshes that deform with pose numbers, against the mesh at each pose."""
 
-import itertools
-
 import numpy as np
 import pytest
 import trimesh
 
 import warp_bounding as wb
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.blend_shapes import patches_of
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 
 
@@ -45,72 +42,6 @@ def test_truth_is_that_of_the_mesh_at_the_pose(margin, rng):
         assert 0.02 < truth.mean() < 0.9
 
 
-def test_points_on_the_surface_are_not_lost(rng):
-    shape = blob()
-    x = shape.landmarks()
-    assert (shape.decide(x) != OUT).all()
-    for own, answer in (
-        (shape, UNDECIDED),
-        (blob(margin=0.1), IN),
-    ):  # the surface itself, and what lies deep in the dilated object
-        found = own.points(500, rng)
-        assert len(found) > 450
-        assert (own.decide(found) == answer).mean() > 0.9
-    assert not shape.contains(np.append(np.zeros(3), [0.9, 0.0])[None]).any()  # no such pose
-    assert not shape.contains(np.full((1, 5), np.nan)).any()
-    assert shape.contains(np.append(np.zeros(3), shape.upper[3:])[None]).all()
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.1])
-def test_boxes_are_empty_and_full_where_it_is_said(margin, rng):
-    shape = blob(margin=margin)
-    lower = asked(shape, rng, 20_000)
-    upper = lower + rng.uniform(0, 0.3, lower.shape) * rng.choice([0.1, 1.0], (len(lower), 1))
-    empty, inside = shape.empty(lower, upper), shape.inside(lower, upper)
-    assert 0.2 < empty.mean() < 0.9
-    assert inside.mean() > 0.001
-    assert not (empty & inside).any()
-    for _ in range(40):
-        share = rng.random(lower.shape)
-        share = np.where(rng.random(lower.shape) < 0.5, np.round(share), share)
-        truth = shape.contains(lower + share * (upper - lower))
-        assert not (empty & truth).any()
-        within = lower + share * (upper - lower) <= shape.upper
-        assert (truth | ~within.all(axis=1))[inside].all()
-    assert not shape.empty(upper, lower).any()
-    assert not shape.empty(np.full((1, 5), np.nan), np.zeros((1, 5))).any()
-    beyond = shape.upper + 1
-    assert shape.empty(beyond[None], beyond[None] + 1).all()
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.1])
-@pytest.mark.parametrize(("poses", "halvings"), [(1, 0), (2, 0), (2, 2)])
-def test_half_spaces_hold_the_object_in_their_boxes(poses, halvings, margin, rng):
-    shape = blob(poses, margin, halvings)
-    border = blob(poses, 0.0, halvings).points(4000, rng)
-    size = 10.0 ** rng.uniform(-3, -0.3, (len(border), 1))
-    lower, upper = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
-    known = shape.half_spaces(lower, upper)
-    assert (known.empty == shape.empty(lower, upper)).all()
-    assert not known.empty.any()
-    found = known.slope.any(axis=1)
-    assert found.mean() > 0.1
-    cut = held = 0
-    for turn in range(20):
-        share = rng.random(lower.shape)
-        x = lower + np.where(rng.random(lower.shape) < 0.3, np.round(share), share) * (upper - lower)
-        x = border if turn == 0 else x.clip(lower, upper)
-        value, there = known.level + (known.slope * (x - known.center)).sum(axis=1), shape.decide(x) == IN
-        assert (value[there] >= 0).all()
-        cut, held = cut + (value < 0).sum(), held + there[found].sum()
-    assert (known.level + (known.slope * (border - known.center)).sum(axis=1) >= 0).all()  # the surface itself
-    assert cut > 1000
-    assert held > 1000
-    beside = shape.half_spaces(shape.upper[None] + 1.0, shape.upper[None] + 2.0)
-    assert beside.empty.all()
-    assert not shape.half_spaces(upper[:3], lower[:3]).empty.any()
-
-
 @pytest.mark.parametrize("margin", [0.0, 0.1])
 def test_the_box_holds_the_object_where_limits_are_rounded_outwards(margin, rng):
     """A limit that is no float32 number is asked about as the next one, where the mesh reaches farther."""
@@ -132,13 +63,7 @@ def test_the_box_holds_the_object_where_limits_are_rounded_outwards(margin, rng)
     assert (known.level + (known.slope * (x - known.center)).sum(axis=1) >= 0).all()
 
 
-def test_pose_numbers_beyond_float32_are_refused():
-    ball = trimesh.creation.icosphere(subdivisions=1)
-    with pytest.raises(IndicatorError, match="beyond float32"):
-        wb.IndicatorBlendShapes(ball.vertices, [ball.vertices], ball.faces, upper=[1e39])
-
-
-@pytest.mark.parametrize("scale", [1e-150, 1e-81, 1.2e-81, 1e-40, 1e30, 1e80, 1e150])
+@pytest.mark.parametrize("scale", [1e-150, 1.2e-81, 1e80])
 def test_half_spaces_of_tiny_and_huge_meshes_deny_nothing(scale, rng):
     """Where squares are no normal numbers any more, nothing is said."""
     box = trimesh.creation.box(extents=(2, 2, 2))
@@ -155,29 +80,6 @@ def test_half_spaces_of_tiny_and_huge_meshes_deny_nothing(scale, rng):
             there = (shape.decide(p) == IN) & ~known.empty
             value = known.level + (known.slope * (p - known.center)).sum(axis=1)
             assert (value[there] >= 0).all()
-
-
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
-@pytest.mark.parametrize("column", [0, 4])
-def test_half_spaces_of_boxes_that_are_none(bad, column):
-    shape = blob()
-    lower, upper = np.zeros((1, 5)), np.full((1, 5), 0.1)
-    for side in (lower, upper):
-        side[0, column] = bad
-        with np.errstate(invalid="ignore"):
-            known = shape.half_spaces(lower, upper)
-            assert (known.empty == shape.empty(lower, upper)).all()
-        assert np.isfinite(known.level).all()
-        assert np.isfinite(known.slope).all()
-
-
-def test_what_is_far_larger_than_a_box_needs_no_luck(rng):
-    """Boxes that are nearly points: what is certain of them is what is certain of points."""
-    shape = blob()
-    x = asked(shape, rng, 5000)
-    truth = shape.decide(x)
-    assert (shape.empty(x - 1e-9, x + 1e-9)[truth == OUT]).mean() > 0.999
-    assert (shape.inside(x - 1e-9, x + 1e-9)[truth == IN]).mean() > 0.999
 
 
 def test_rays_through_corners_and_along_edges_decide_nothing_wrong():
@@ -197,23 +99,6 @@ def test_rays_through_corners_and_along_edges_decide_nothing_wrong():
         assert (shape.inside(kept - small, kept + small) == inside).all()
 
 
-def test_patches_hold_their_faces_at_every_pose(rng):
-    shape = blob()
-    patches = patches_of(shape.vertices, shape.deltas, shape.faces)
-    allowed = float(shape._blends.allowance)  # what the kernels take off for the rounding of such sums
-    assert sorted(map(tuple, patches.faces)) == sorted(map(tuple, shape.faces))
-    assert (np.diff(patches.first) > 0).all()
-    assert len(patches.low) > 20
-    for pose in rng.uniform(*shape._limits, (20, 2)):
-        at = shape.at(pose)
-        ends = [pose[:, None, None] * each for each in (patches.low_deltas, patches.high_deltas)]
-        low, high = patches.low + np.minimum(*ends).sum(axis=0), patches.high + np.maximum(*ends).sum(axis=0)
-        for patch, (first, last) in enumerate(itertools.pairwise(patches.first)):
-            own = at[patches.faces[first:last].ravel()]
-            assert (own >= low[patch] - allowed).all()
-            assert (own <= high[patch] + allowed).all()
-
-
 @pytest.mark.parametrize("method", ["mlp", "learned-kdop"])
 def test_a_bounder_of_one_pose_number_is_proven(method, tmp_path):
     shape = blob(1, halvings=0)
@@ -227,23 +112,8 @@ def test_a_bounder_of_one_pose_number_is_proven(method, tmp_path):
     assert not wb.certify(again, blob(1, margin=0.2, halvings=0), seconds=5).proven
 
 
-def test_a_digest_tells_them_apart():
-    ball = trimesh.creation.icosphere(subdivisions=1)
-    delta = [ball.vertices]
-
-    def made(**options):
-        return wb.IndicatorBlendShapes(ball.vertices, delta, ball.faces, **options)
-
-    shapes = [made(), made(upper=[2.0]), wb.IndicatorBlendShapes(ball.vertices, [2 * ball.vertices], ball.faces)]
-    assert len({shape.digest for shape in shapes}) == 3
-    assert made(name="x").digest == shapes[0].digest
-    assert shapes[0].dilated(0.1).geometry == shapes[0].geometry
-    assert shapes[0].dilated(0.1).digest != shapes[0].digest
-    assert (shapes[0].dilated(0.1).upper[:3] > shapes[0].upper[:3] + 0.09).all()
-
-
 @pytest.mark.parametrize(
-    "name", ["open", "deltas", "vertices", "nan", "faces", "names", "limits", "order", "many", "text", "margin"]
+    "name", ["open", "deltas", "vertices", "nan", "faces", "names", "limits", "order", "huge", "many", "margin"]
 )
 def test_what_is_no_blend_is_refused_in_one_line(name):
     ball = trimesh.creation.icosphere(subdivisions=1)
@@ -257,8 +127,8 @@ def test_what_is_no_blend_is_refused_in_one_line(name):
         "names": {"faces": ball.faces + 100},
         "limits": {"lower": [0.0, 1.0]},
         "order": {"lower": [1.0], "upper": [1.0]},
+        "huge": {"upper": [1e39]},
         "many": {"deltas": [ball.vertices] * 6},
-        "text": {"vertices": "ball"},
         "margin": {"margin": -1.0},
     }[name]
     with pytest.raises(IndicatorError) as error:
@@ -275,7 +145,6 @@ def test_parts_that_overlap_do_not_cancel(turned, rng):
     vertices = np.concatenate([one.vertices, other.vertices])
     deltas = np.where(np.arange(len(vertices)) < len(one.vertices), 0.0, 1.0)[None, :, None] * np.array([0, 0, 0.5])
     shape = wb.IndicatorBlendShapes(vertices, deltas, faces)
-    assert len(set(patches_of(vertices, deltas, faces).part.tolist())) == 2
     x = asked(shape, rng, 3000)
     truth = (np.abs(x[:, :3]) <= 1).all(axis=1)
     truth |= (np.abs(x[:, :3] - [1, 0.25, 0.5] - x[:, 3:] * [0, 0, 0.5]) <= 1).all(axis=1)

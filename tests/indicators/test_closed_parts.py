@@ -1,6 +1,7 @@
-"""Which faces enclose an inside, whatever was exported with them."""
+"""Which faces enclose an inside, whether enclosed air is empty, and cells that hold all of it, with no tolerance at all."""
 
 from collections import Counter
+from functools import reduce
 from itertools import combinations
 
 import numpy as np
@@ -11,13 +12,16 @@ from hypothesis import strategies as st
 
 import warp_bounding as wb
 from warp_bounding.certificates.statement import statement
-from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
-from warp_bounding.indicators.surfaces import distinct_rows, surface_of
-from warp_bounding.indicators.triangles.cells import surface_cells
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators import IndicatorMesh, IndicatorMotion, load_indicator
+from warp_bounding.indicators.shape import IN, OUT
+from warp_bounding.indicators.surfaces import surface_of
 
 BOX = trimesh.creation.box(extents=(1, 2, 3))
 VERTICES, FACES = np.asarray(BOX.vertices), np.asarray(BOX.faces)
-CENTRE = np.zeros((1, 3))
+WITHIN = np.concatenate(
+    [np.zeros((1, 3)), np.random.default_rng(0).uniform(VERTICES.min(0), VERTICES.max(0), (2000, 3))]
+)
 
 
 def with_faces(*more):
@@ -35,15 +39,10 @@ def zero_area(start, end):
 
 CLOSED = {
     "as it is": lambda: with_faces(),
-    "a face without area along an edge": lambda: zero_area(*FACES[0, :2]),
     "a face without area across the inside": lambda: zero_area(0, 7),
     "a collapsed face": lambda: with_faces([0, 1, 1]),
-    "a face that is a point": lambda: with_faces([3, 3, 3]),
-    "a doubled face": lambda: with_faces(FACES[4]),
     "a doubled face, turned": lambda: with_faces(FACES[4][::-1]),
-    "a face three times": lambda: with_faces(FACES[4], FACES[4][[1, 2, 0]]),
     "a doubled face with vertices of its own": lambda: with_part(VERTICES[FACES[4]], [[0, 1, 2]]),
-    "every face twice": lambda: with_faces(FACES),
     "one face turned": lambda: IndicatorMesh(VERTICES, np.concatenate([FACES[1:], FACES[:1, ::-1]])),
     "all faces turned": lambda: IndicatorMesh(VERTICES, FACES[:, ::-1]),
     "vertices of no face": lambda: IndicatorMesh(np.concatenate([VERTICES, [[9, 9, 9], [0, 0, 0]]]), FACES),
@@ -72,45 +71,29 @@ OPEN = {
 @pytest.mark.parametrize("name", CLOSED)
 def test_a_closed_mesh_is_bounded_with_its_inside(name):
     mesh = CLOSED[name]()
-    assert mesh.watertight
     grid = mesh.to_grid(resolution=12)
-    assert grid.note == ""
-    assert grid.contains(CENTRE).all()
-    assert grid.contains(np.random.default_rng(0).uniform(VERTICES.min(0), VERTICES.max(0), (2000, 3))).all()
+    assert (mesh.watertight, grid.note) == (True, "")
+    assert grid.contains(WITHIN).all()
+    assert grid.contains(mesh.vertices[mesh.faces].reshape(-1, 3)).all()
 
 
 @pytest.mark.parametrize("name", OPEN_IN_PART)
 def test_closed_parts_are_bounded_whole_and_the_message_names_the_rest(name):
     make, loose = OPEN_IN_PART[name]
     mesh = make()
-    assert not mesh.watertight
     grid = mesh.to_grid(resolution=40)
     assert f"surface only for {loose} of {len(mesh.faces)} faces" in grid.note
-    inside = np.random.default_rng(0).uniform(VERTICES.min(0), VERTICES.max(0), (2000, 3))
-    assert grid.contains(inside).all()
-    assert grid.contains(mesh.vertices).all()
+    assert grid.contains(WITHIN).all()
+    assert grid.contains(mesh.vertices[mesh.faces].reshape(-1, 3)).all()
 
 
 @pytest.mark.parametrize("name", OPEN)
 def test_an_open_mesh_is_bounded_by_its_surface_only(name):
     mesh = OPEN[name]()
-    assert not mesh.watertight
     grid = mesh.to_grid(resolution=12)
-    assert "surface only" in grid.note
-    assert not grid.contains(CENTRE).any() or name == "a triangle"
-
-
-@pytest.mark.parametrize(
-    "cases", [CLOSED, {k: v[0] for k, v in OPEN_IN_PART.items()}, OPEN], ids=["closed", "in part", "open"]
-)
-def test_no_face_leaves_the_surface(cases):
-    """Whatever is told of a face, the cells that it meets are occupied."""
-    for make in cases.values():
-        mesh = make()
-        grid = mesh.to_grid(resolution=12, margin=0.05)
-        scale = grid.cells_per_unit[0]
-        in_cells = mesh.vertices.astype(np.float64) * scale - grid.offset
-        assert grid.occupancy[surface_cells(in_cells, mesh.faces, grid.shape, 0.05 * scale)].all()
+    assert (mesh.watertight, "surface only" in grid.note) == (False, True)
+    assert grid.contains(mesh.vertices[mesh.faces].reshape(-1, 3)).all()
+    assert not grid.contains(np.zeros((1, 3))).any() or name == "a triangle"
 
 
 @pytest.mark.parametrize("walls", [1, 2])
@@ -132,7 +115,7 @@ def test_a_face_without_area_may_close_a_crack():
     assert not IndicatorMesh(vertices, halves).watertight
     mended = IndicatorMesh(vertices, np.concatenate([halves, [[a, b, middle]]]))
     assert mended.watertight
-    assert mended.to_grid(resolution=12).contains(CENTRE).all()
+    assert mended.to_grid(resolution=12).contains(WITHIN).all()
 
 
 def test_a_motion_with_a_doubled_face_and_a_crumb_is_closed():
@@ -171,18 +154,6 @@ def test_against_the_definition(faces):
     assert surface.loose.tolist() == (three & ~stays).tolist()
 
 
-def test_a_long_open_tube_is_told_at_once():
-    """Taken away ring by ring; each ring costs what it holds, not what the mesh holds."""
-    rings, sides = 3000, 4
-    faces = [
-        [[r * sides + i, r * sides + (i + 1) % sides, (r + 1) * sides + i] for i in range(sides)]
-        + [[r * sides + (i + 1) % sides, (r + 1) * sides + i, (r + 1) * sides + (i + 1) % sides] for i in range(sides)]
-        for r in range(rings)
-    ]
-    vertices = np.random.default_rng(0).random(((rings + 1) * sides, 3))
-    assert not surface_of(vertices, np.concatenate(faces)).closed.any()
-
-
 SURFACE_ONLY = "surface only: the mesh is open"
 
 
@@ -200,46 +171,200 @@ def test_an_open_mesh_is_told_wherever_something_is_told_of_its_bounder(query, r
     assert SURFACE_ONLY in statement(bounder)["note"]
 
 
-@pytest.mark.parametrize("resolution", [None, 12])
-@pytest.mark.parametrize("query", ["point", "box", "distance"])
-def test_nothing_of_it_is_told_of_a_closed_one(query, resolution):
-    """Warnings are errors here."""
-    whole = wb.fit(with_faces(FACES[4]), query, "aabb", margin=0.25, resolution=resolution, device="cpu")
-    told = [whole.certificate.message, whole.info["note"], *statement(whole).values(), repr(with_faces(FACES[4]))]
-    assert not any("surface only" in text or "open" in text for text in told)
+def test_the_digest_is_of_the_geometry_and_arrays_are_copied(rng):
+    vertices = BOX.vertices.astype(np.float32)
+    mesh = IndicatorMesh(vertices, BOX.faces)
+    same = IndicatorMesh(vertices.copy(), mesh.faces, name="other", note="other")
+    vertices[:] = 0
+    assert mesh.bounds[1].tolist() == [0.5, 1, 1.5]
+    for array in (mesh.vertices, mesh.faces):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+    moved = mesh.vertices.copy()
+    moved[3, 1] = np.nextafter(moved[3, 1], np.float32(9))
+    assert mesh.digest == load_indicator(BOX).digest == same.digest
+    assert mesh.digest not in (
+        IndicatorMesh(moved, mesh.faces).digest,
+        IndicatorMesh(mesh.vertices, mesh.faces[:-1]).digest,
+    )
+    turned = IndicatorMesh(mesh.vertices, rng.permutation(mesh.faces))
+    assert turned.to_grid(resolution=20, margin=0.05).digest == mesh.to_grid(resolution=20, margin=0.05).digest
 
 
-def test_what_is_made_of_an_open_mesh_tells_so_too():
-    hole = IndicatorMesh(VERTICES, FACES[1:], name="hole.obj")
-    closed = IndicatorMesh(VERTICES + 5, FACES)
-    both = wb.solids.Union(hole, closed)
-    moving = IndicatorMotion(np.stack([VERTICES, VERTICES + 0.5]), FACES[1:])
-    for shape in (
-        both,
-        wb.solids.Dilation(both, 0.1),
-        both.dilated(0.1),
-        wb.Complement(hole),
-        moving,
-        hole.dilated(0.1),
-    ):
-        assert SURFACE_ONLY in shape.restriction
-        assert SURFACE_ONLY in repr(shape) or isinstance(shape, wb.Complement)
-    assert both.restriction.startswith("hole.obj: ")
-    assert SURFACE_ONLY in both.to_grid(resolution=8).note
-    assert not wb.solids.Union(closed, closed).restriction
-    with pytest.warns(wb.BoundingWarning, match=SURFACE_ONLY):
-        wb.hierarchy(hole, method="kdop", levels=1, margin=0.05, device="cpu", progress=False)
-    with pytest.warns(wb.BoundingWarning, match=SURFACE_ONLY) as caught:
-        wb.choose(hole, narrow_ns=50.0, methods=["aabb", "obb"], networks=(), budget=1.0, device="cpu", progress=False)
-    assert len(caught) == 1
+@pytest.mark.parametrize("resolution", [2, 10, 64])
+@pytest.mark.parametrize("margin", [0.0, 0.01, 2.0])
+def test_the_grid_around_a_mesh(resolution, margin):
+    mesh = load_indicator(BOX)
+    grid = mesh.to_grid(resolution=resolution, margin=margin)
+    scale = grid.cells_per_unit
+    assert (scale == scale[0]).all()
+    mantissa, _ = np.frexp(scale[0])
+    assert mantissa * 2**16 == int(mantissa * 2**16)
+    asked = resolution / (3 + 2 * margin)
+    assert asked * (1 - 2**-15) <= scale[0] <= asked
+    assert (grid.offset == np.rint(grid.offset)).all()
+    assert resolution + 2 <= max(grid.shape) <= resolution + 4
+    assert (grid.margin, grid.resolution, grid.name, grid.note) == (margin, resolution, "trimesh", "")
+    # one empty cell on every side, and no more
+    for axis in range(3):
+        filled = np.flatnonzero(grid.occupancy.any(axis=tuple(k for k in range(3) if k != axis)))
+        assert (filled[0], filled[-1]) == (1, grid.shape[axis] - 2)
+    assert (grid.lower < mesh.bounds[0] - margin).all()
+    assert (grid.upper > mesh.bounds[1] + margin).all()
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.int64])
-@pytest.mark.parametrize(("rows", "columns"), [(1, 3), (500, 2), (500, 3), (0, 3)])
-def test_distinct_rows_are_those_of_numpy(dtype, rows, columns):
-    values = np.random.default_rng(0).integers(-3, 4, (rows, columns)).astype(dtype)
-    unique, first, inverse = np.unique(values, axis=0, return_index=True, return_inverse=True)
-    found = distinct_rows(values)
-    for one, other in zip(found, (unique, first, inverse.reshape(-1)), strict=True):
-        assert (one == other).all()
-        assert one.shape == other.shape
+def box(half: float, inverted: bool = False) -> trimesh.Trimesh:
+    made = trimesh.creation.box(extents=[2 * half] * 3)
+    if inverted:
+        made.invert()
+    return made
+
+
+def walls() -> list[trimesh.Trimesh]:
+    """Six boxes that run through one another: a room without a door."""
+    made = []
+    for axis in range(3):
+        for low, high in ((-1, -0.8), (0.8, 1)):
+            corners = np.array([[-1.0] * 3, [1.0] * 3])
+            corners[:, axis] = low, high
+            made.append(trimesh.creation.box(bounds=corners))
+    return made
+
+
+def cube(half: float):
+    return lambda x: np.abs(x).max(axis=1) <= half
+
+
+def hole(half: float):
+    return lambda x: np.abs(x).max(axis=1) < half
+
+
+TANK = [box(1), box(0.8, True)]
+# name: parts, which points are solid, closed hollows
+HOLLOW = {
+    "tank": (TANK, lambda x: cube(1)(x) & ~hole(0.8)(x), 1),
+    "tank turned inside out": ([box(1, True), box(0.8)], lambda x: cube(1)(x) & ~hole(0.8)(x), 1),
+    "thin tank": ([box(1), box(0.999, True)], lambda x: cube(1)(x) & ~hole(0.999)(x), 1),
+    "tank in a tank": (
+        [*TANK, box(0.6), box(0.4, True)],
+        lambda x: (cube(1)(x) & ~hole(0.8)(x)) | (cube(0.6)(x) & ~hole(0.4)(x)),
+        2,
+    ),
+    "room of walls": (walls(), lambda x: cube(1)(x) & ~hole(0.8)(x), 1),
+    "box in a box": ([box(1), box(0.5)], cube(1), 0),  # both turned outwards: solid twice over
+    "boxes that overlap": (
+        [trimesh.creation.box(bounds=[[-1] * 3, [0.3] * 3]), trimesh.creation.box(bounds=[[-0.3] * 3, [1] * 3])],
+        lambda x: ((x >= -1) & (x <= 0.3)).all(axis=1) | ((x >= -0.3) & (x <= 1)).all(axis=1),
+        0,
+    ),
+}
+
+
+def made(parts, **options):
+    joined = trimesh.util.concatenate(parts)
+    return load_indicator((joined.vertices, joined.faces), **options)
+
+
+@pytest.mark.parametrize("name", HOLLOW)
+def test_empty_hollows_of_a_mesh(name):
+    parts, solid, hollows = HOLLOW[name]
+    filled, empty = (made(parts, hollow=hollow) for hollow in ("filled", "empty"))
+    words = f"{hollows} closed hollow{'s' * (hollows != 1)} " if hollows else ""
+    assert (filled.remark, empty.remark) == tuple(words + word if words else "" for word in ("filled", "empty"))
+    assert filled.digest != empty.digest
+    assert filled.digest == made(parts).digest
+    rng = np.random.default_rng(0)
+    x = rng.uniform(-1.2, 1.2, (6000, 3))
+    x[:1000] = np.round(x[:1000] * 10) / 10  # on faces, edges and diagonals
+    truth, found = solid(x), empty.decide(x)
+    on = np.isclose(np.abs(x)[..., None], [1, 0.999, 0.8, 0.6, 0.5, 0.4, 0.3]).any(axis=(1, 2))
+    assert not (truth & ~on & (found == OUT)).any()
+    assert not (~truth & ~on & (found == IN)).any()
+    assert ((found == OUT) == ~truth)[~on].mean() > 0.99
+    reach = rng.uniform(0, 0.2, (6000, 1))
+    lower, upper = x - reach, x + reach
+    inner = solid((lower[:, None] + (upper - lower)[:, None] * rng.random((6000, 16, 3))).reshape(-1, 3)).reshape(
+        -1, 16
+    )
+    assert not (empty.empty(lower, upper) & inner.any(axis=1)).any()
+    assert not (empty.inside(lower, upper) & ~inner.all(axis=1)).any()
+    low, high = empty.distances(x).T
+    assert (low[truth & ~on] == 0).all()
+    assert (low <= high).all()
+    for margin in (0.0, 0.05):
+        grid = empty.to_grid(resolution=24, margin=margin)
+        assert grid.contains(x[truth]).all()
+        if hollows and name != "tank in a tank":
+            assert not grid.contains(np.zeros((1, 3)))[0]
+            assert filled.to_grid(resolution=24, margin=margin).contains(np.zeros((1, 3)))[0]
+
+
+def test_bounders_of_a_tank():
+    tank = made(TANK, hollow="empty")
+    x = np.random.default_rng(1).uniform(-1.2, 1.2, (20000, 3))
+    bounder = wb.fit(tank, method="bvh", leaves=64, resolution=24, device="cpu")
+    answers = bounder.query(x).numpy()
+    assert answers[HOLLOW["tank"][1](x)].all()
+    assert answers[hole(0.6)(x)].mean() < 0.05
+    assert wb.certify(bounder, tank).proven
+    assert "1 closed hollow empty" in bounder.certificate.message
+    assert wb.certify(bounder, made(TANK)).kind == "refuted"  # of the filled one it would not be true
+
+
+def test_faces_must_be_turned_alike_for_empty_hollows():
+    joined = trimesh.util.concatenate(TANK)
+    faces = joined.faces.copy()
+    faces[0] = faces[0][::-1]
+    with pytest.raises(wb.BoundingError, match="turned alike"):
+        load_indicator((joined.vertices, faces), hollow="empty")
+    assert "turned alike" in load_indicator((joined.vertices, faces)).remark
+    assert load_indicator((box(1).vertices, box(1).faces)).remark == ""
+
+
+@pytest.mark.parametrize("time", [False, True])
+def test_hollows_of_cells(time):
+    rng = np.random.default_rng(3)
+    array = rng.random((9, 10, 11)) < 0.75
+    plain, filled, kept = (load_indicator(array, time=time, hollow=hollow) for hollow in (None, "filled", "empty"))
+    np.testing.assert_array_equal(plain.occupancy, array)
+    np.testing.assert_array_equal(kept.occupancy, array)
+    reached = np.zeros(np.array(array.shape) + 2, bool)
+    reached[0] = True
+    if time:
+        reached[:, 0] = True
+    air = ~np.pad(array, 1)
+    axes = range(1, 3) if time else range(3)
+    while True:  # a flood from outside, from face to face
+        wider = (
+            reduce(np.logical_or, [np.roll(reached, step, axis) for axis in axes for step in (-1, 1)], reached) & air
+        )
+        if (wider | reached == reached).all():
+            break
+        reached |= wider
+    np.testing.assert_array_equal(filled.occupancy, ~reached[1:-1, 1:-1, 1:-1])
+    assert "closed hollow" in filled.remark
+
+
+TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+BAD_MESHES = {
+    "no faces": (TRIANGLE, np.zeros((0, 3), dtype=int), "faces"),
+    "2-D vertices": ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], "(V, 3)"),
+    "text": ([["a", "b", "c"]], [[0, 0, 0]], "(V, 3)"),
+    "unused nan": ([*TRIANGLE, [np.nan, 0, 0]], [[0, 1, 2]], "finite"),
+    "overflow": ([[1e39, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], "finite float32"),
+    "quads": ([*TRIANGLE, [1, 1, 0]], [[0, 1, 2, 3]], "(F, 3)"),
+    "float faces": (TRIANGLE, [[0.0, 1.0, 2.0]], "integers"),
+    "too high": (TRIANGLE, [[0, 1, 3]], "vertex 3"),
+    "too low": (TRIANGLE, [[-1, 1, 2]], "vertex -1"),
+    "lines": ([[0, 0, 0], [1, 2, 3], [2, 4, 6]], [[0, 1, 2], [0, 0, 1]], "without area"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_MESHES)
+def test_bad_mesh(case):
+    vertices, faces, word = BAD_MESHES[case]
+    with pytest.raises(IndicatorError, match=r"part\.stl: expected") as caught:
+        IndicatorMesh(np.array(vertices), np.array(faces), name="part.stl")
+    assert word in str(caught.value)

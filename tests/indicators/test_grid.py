@@ -1,4 +1,4 @@
-"""The map between object space and cells is exact, and closed cells own their faces."""
+"""The map between object space and cells is exact, closed cells own their faces, and dilation and distances are those of the definition."""
 
 from dataclasses import replace
 from fractions import Fraction
@@ -6,11 +6,16 @@ from itertools import product
 
 import numpy as np
 import pytest
+from bounding_shapes import shape
+from distances import squared_distance_to_cells
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+import warp_bounding as wb
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators import IndicatorGrid, load_indicator
+from warp_bounding.indicators import shape as limits
+from warp_bounding.indicators.grid import dilate
 
 F32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
 
@@ -83,14 +88,9 @@ def test_unit_grid_of_the_paper():
     assert grid.offset.tolist() == [0, 0]
     assert grid.lower.tolist() == [-0.125, -0.125]
     assert grid.upper.tolist() == [1.125, 1.125]
-    assert grid.sample_lower.tolist() == [0, 0]
-    assert grid.sample_upper.tolist() == [1, 1]
-
-
-def test_an_axis_of_one_cell_is_the_unit_interval():
-    grid = IndicatorGrid([[True, False]])
-    assert (grid.lower[0], grid.upper[0]) == (0, 1)
-    assert (grid.sample_lower[0], grid.sample_upper[0]) == (0, 1)
+    assert (grid.sample_lower.tolist(), grid.sample_upper.tolist()) == ([0, 0], [1, 1])
+    single = IndicatorGrid([[True, False]])  # an axis of one cell is the unit interval
+    assert (single.lower[0], single.upper[0], single.sample_lower[0], single.sample_upper[0]) == (0, 1, 0, 1)
 
 
 def test_faces_belong_to_both_cells():
@@ -114,27 +114,20 @@ def test_points_outside_and_not_a_number_are_in_no_cell():
     assert grid.contains(np.zeros((0, 2))).shape == (0,)
 
 
-def test_position_inverts_cell_coordinate(rng):
-    grid = IndicatorGrid(rng.random((6, 7)) < 0.5, cells_per_unit=[2.5, 4], offset=[-1.5, 3])
-    t = rng.uniform(-1, 7, (100, 2))
-    assert np.allclose(grid.cell_coordinate(grid.position(t)), t)
-
-
-def test_digest_knows_every_voxel_and_the_map(blob):
+def test_the_digest_knows_every_voxel_and_the_map(blob):
     grid = IndicatorGrid(blob)
-    digests = {grid.digest}
+    made = [
+        grid,
+        replace(grid, cells_per_unit=grid.cells_per_unit * 2),
+        replace(grid, offset=grid.offset + 0.5),
+        replace(grid, time=True),
+    ]
+    made.append(IndicatorGrid(blob.reshape(5, 4, 6)))
     for index in np.ndindex(blob.shape):
         changed = blob.copy()
         changed[index] = ~changed[index]
-        digests.add(IndicatorGrid(changed).digest)
-    assert len(digests) == blob.size + 1
-    others = {
-        replace(grid, cells_per_unit=grid.cells_per_unit * 2).digest,
-        replace(grid, offset=grid.offset + 0.5).digest,
-        replace(grid, time=True).digest,
-        IndicatorGrid(blob.reshape(5, 4, 6)).digest,
-    }
-    assert len(digests | others) == blob.size + 5
+        made.append(IndicatorGrid(changed))
+    assert len({each.digest for each in made}) == blob.size + 5
     assert replace(grid, name="other", note="other").digest == grid.digest == IndicatorGrid(blob.copy()).digest
 
 
@@ -149,9 +142,8 @@ def test_boundary_against_brute_force(blob):
     assert grid.boundary.tolist() == expected
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
+def test_bad_maps():
+    for options, words in (
         ({"cells_per_unit": [1.0]}, "2 scales"),
         ({"cells_per_unit": [1.0, 0.0]}, "positive float32"),
         ({"cells_per_unit": [1.0, 0.1]}, "positive float32"),
@@ -159,28 +151,9 @@ def test_boundary_against_brute_force(blob):
         ({"offset": [0.0, 0.25]}, "multiples of 1/2"),
         ({"offset": [0.0, 2.0**22]}, "multiples of 1/2"),
         ({"offset": [0.0, np.nan]}, "multiples of 1/2"),
-    ],
-)
-def test_bad_maps(options, words):
-    with pytest.raises(IndicatorError, match=words):
-        IndicatorGrid(np.eye(3, dtype=bool), **options)
-
-
-def test_margin_dilates_and_moves_the_map(rng):
-    """A dilated grid contains every point within the margin of the old cells."""
-    grid = load_indicator(rng.random((5, 6, 7)) < 0.1)
-    margin = 0.3
-    wide = grid.to_grid(margin=margin)
-    assert wide.margin == margin
-    assert grid.to_grid(margin=0.0) is grid
-    assert wide.to_grid(margin=margin) is wide
-    with pytest.raises(IndicatorError, match=r"dilated by 0\.3 already"):
-        wide.to_grid(margin=0.4)
-    inside = grid.position(grid.occupied.repeat(100, axis=0) + rng.uniform(-0.5, 0.5, (100 * len(grid.occupied), 3)))
-    direction = rng.normal(size=inside.shape)
-    direction *= margin * rng.random((len(inside), 1)) ** 0.2 / np.linalg.norm(direction, axis=1, keepdims=True)
-    assert grid.contains(inside).all()
-    assert wide.contains(inside + direction).all()
+    ):
+        with pytest.raises(IndicatorError, match=words):
+            IndicatorGrid(np.eye(3, dtype=bool), **options)
 
 
 def test_time_is_not_dilated():
@@ -189,3 +162,95 @@ def test_time_is_not_dilated():
     wide = load_indicator(occupancy).to_grid(margin=0.1)
     assert wide.time
     assert np.array_equal(wide.occupied[:, 0], np.full(27, 2))
+
+
+def brute_force(occupancy, radius, static_axes, pad, shape):
+    """Which cells of the padded grid come within the radius, decided exactly."""
+    result = np.zeros(shape, dtype=bool)
+    occupied = np.argwhere(occupancy) + pad
+    for index in np.ndindex(shape):
+        for cell in occupied:
+            gaps = [max(abs(int(a) - int(b)) - 1, 0) for a, b in zip(index, cell, strict=True)]
+            still = all(index[k] == cell[k] for k in range(len(shape)) if k in static_axes or radius[k] == 0)
+            moved = [k for k in range(len(shape)) if k not in static_axes and radius[k] > 0]
+            if still and sum(Fraction(gaps[k]) ** 2 / Fraction(float(radius[k])) ** 2 for k in moved) <= 1:
+                result[index] = True
+                break
+    return result
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    shape=st.lists(st.integers(1, 3), min_size=1, max_size=4),
+    radius=st.lists(st.sampled_from([0.0, 1e-12, 0.3, 1.0, 1.5, 2.0, 2.3]), min_size=4, max_size=4),
+    static=st.booleans(),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_dilation_against_brute_force(shape, radius, static, seed):
+    occupancy = np.random.default_rng(seed).random(shape) < 0.3
+    occupancy.flat[0] = True
+    radius, axes = np.array(radius[: len(shape)]), (0,) if static else ()
+    result, pad = dilate(occupancy, radius, static_axes=axes)
+    assert np.array_equal(result, brute_force(occupancy, radius, axes, pad, result.shape))
+
+
+@pytest.mark.parametrize(("radius", "cells"), [(0.0, 1), (1e-300, 3), (0.999, 3), (1.0, 5), (1.001, 5), (7.0, 17)])
+def test_reach_along_a_line(radius, cells):
+    result, pad = dilate(np.array([True]), np.array([radius]))
+    assert result.tolist() == [True] * cells
+    assert pad.tolist() == [cells // 2]
+
+
+def square(x: float) -> Fraction:
+    return Fraction(float(x)) ** 2
+
+
+@pytest.mark.parametrize("name", ["line", "c", "blob", "anisotropic", "single"])
+def test_distances(name, rng):
+    grid = shape(name)
+    size = grid.upper - grid.lower
+    x = rng.uniform(grid.lower - size, grid.upper + size, (30, grid.ndim))
+    x = np.concatenate([x, grid.position(grid.occupied[:10] - 0.5)])
+    for point, (low, high) in zip(x, grid.distances(x), strict=True):
+        truth = squared_distance_to_cells(grid, point)
+        assert square(low) <= truth <= square(high)
+        assert high - low <= 2.0**-40 * (np.abs(point).max() + 1 + high)
+
+
+def test_distances_of_animated_grids_at_a_time(rng):
+    grid = shape("animated")
+    x = rng.uniform(-0.5, 1.5, (60, 4))
+    for point, (low, high) in zip(x, grid.distances(x), strict=True):
+        if not grid.lower[0] <= point[0] <= grid.upper[0]:
+            assert (low, high) == (0, np.inf)
+            continue
+        cells = grid.occupied
+        there = np.abs(grid.cell_coordinate(point[None])[0, 0] - cells[:, 0]) <= 0.5
+        still = np.zeros(grid.shape[1:], bool)
+        still[tuple(cells[there][:, 1:].T)] = True
+        then = wb.IndicatorGrid(still, cells_per_unit=grid.cells_per_unit[1:], offset=grid.offset[1:])
+        assert square(low) <= squared_distance_to_cells(then, point[1:]) <= square(high)
+
+
+BALL = np.linalg.norm(np.mgrid[-1:1:9j, -1:1:9j], axis=0) < 0.5
+
+
+@pytest.fixture
+def small(monkeypatch):
+    monkeypatch.setattr(limits, "_memory", lambda: 2000)
+
+
+def test_a_margin_that_memory_does_not_hold(small):
+    with pytest.raises(wb.IndicatorError, match=r"dilating 81 cells needs about .* GB .* a smaller margin"):
+        load_indicator(BALL).to_grid(margin=0.5)
+
+
+@pytest.mark.parametrize(
+    ("margin", "words"), [(-1, "non-negative"), (np.nan, "finite"), (1e300, "suffice"), (1e9, "suffice")]
+)
+def test_bad_margins_and_resolutions(margin, words):
+    grid = IndicatorGrid(np.arange(24).reshape(2, 3, 4) > 5)
+    with pytest.raises(IndicatorError, match=words):
+        grid.to_grid(margin=margin)
+    with pytest.raises(IndicatorError, match="its own resolution"):
+        grid.to_grid(resolution=8)

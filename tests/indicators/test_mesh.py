@@ -1,104 +1,324 @@
-"""The mesh itself, and the grid that is laid around it."""
+"""What a mesh says of points, boxes, segments, planes and distances is true: against rational arithmetic, with no tolerance at all."""
+
+from fractions import Fraction
 
 import numpy as np
 import pytest
 import trimesh
-
-from warp_bounding.indicators import IndicatorMesh, load_indicator
-
-BOX = trimesh.creation.box(extents=(1, 2, 3))
-
-
-def test_digest_is_of_the_geometry():
-    mesh = load_indicator(BOX)
-    assert mesh.digest == load_indicator(BOX.copy()).digest
-    assert mesh.digest == IndicatorMesh(mesh.vertices.copy(), mesh.faces.copy(), name="other", note="other").digest
-    moved = mesh.vertices.copy()
-    moved[3, 1] = np.nextafter(moved[3, 1], np.float32(9))
-    assert IndicatorMesh(moved, mesh.faces).digest != mesh.digest
-    assert IndicatorMesh(mesh.vertices, mesh.faces[:-1]).digest != mesh.digest
-
-
-def test_arrays_are_our_own_and_read_only():
-    vertices = BOX.vertices.astype(np.float32)
-    mesh = IndicatorMesh(vertices, BOX.faces)
-    vertices[:] = 0
-    assert mesh.bounds[1].tolist() == [0.5, 1, 1.5]
-    with pytest.raises(ValueError, match="read-only"):
-        mesh.vertices[0] = 0
-    with pytest.raises(ValueError, match="read-only"):
-        mesh.faces[0] = 0
-
-
-def test_bounds_ignore_vertices_of_no_face():
-    mesh = IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [99, 99, 99]], [[0, 1, 2]])
-    assert mesh.bounds.tolist() == [[0, 0, 0], [1, 1, 0]]
-    assert max(mesh.to_grid(resolution=8).shape) < 13
-
-
-@pytest.mark.parametrize(
-    ("mesh", "watertight"),
-    [
-        (BOX, True),
-        (trimesh.Trimesh(BOX.triangles.reshape(-1, 3), np.arange(36).reshape(-1, 3), process=False), True),
-        (trimesh.Trimesh(BOX.vertices, BOX.faces[1:], process=False), False),
-        (trimesh.util.concatenate([BOX, BOX]), True),
-        (trimesh.creation.torus(1, 0.3), True),
-    ],
-    ids=["box", "unmerged", "hole", "twice", "torus"],
+from exact_mesh import (
+    NAMES,
+    box_is_near,
+    hard_points,
+    in_tetrahedron,
+    mesh_case,
+    plane_meets,
+    segment_is_near,
+    squared_distance,
 )
-def test_watertight(mesh, watertight):
-    assert load_indicator(mesh).watertight is watertight
+
+from warp_bounding.errors import IndicatorError
+from warp_bounding.indicators import IndicatorMesh, load_indicator
+from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 
 
-def test_solids_that_touch_in_an_edge_are_watertight():
-    other = BOX.copy()
-    other.apply_translation([1, 2, 0])
-    assert load_indicator(trimesh.util.concatenate([BOX, other])).watertight
+def _truth(mesh: IndicatorMesh, enclosed: list[np.ndarray], margin: float, points: np.ndarray) -> np.ndarray:
+    limit = Fraction(margin) ** 2
+    return np.array(
+        [
+            any(in_tetrahedron(corners, x) for corners in enclosed)
+            or squared_distance(mesh.vertices, mesh.faces, x) <= limit
+            for x in points
+        ]
+    )
 
 
-def test_a_collapsed_face_leaves_a_surface_closed():
-    faces = np.concatenate([BOX.faces, [[0, 1, 1]]])
-    assert IndicatorMesh(BOX.vertices, faces).watertight
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125, 0.7])
+def test_points_and_boxes(rng, name, margin):
+    unsure = []
+    for _ in range(3):
+        plain, enclosed = mesh_case(name, rng)
+        mesh = plain.dilated(margin)
+        points = hard_points(plain, margin, rng, 15)
+        truth = _truth(plain, enclosed, margin, points)
+        answer = mesh.decide(points)
+        assert not (truth & (answer == OUT)).any()
+        assert not (~truth & (answer == IN)).any()
+        unsure.append((answer == UNDECIDED)[:15])
+        # A box with a point of the object on its border is not empty, one with a point outside lies not inside.
+        below, above = (rng.uniform(0, 1, points.shape) * 10.0 ** rng.uniform(-9, 0, (len(points), 1)) for _ in "ab")
+        below[rng.random(points.shape) < 0.4] = 0
+        above[rng.random(points.shape) < 0.4] = 0
+        empty, inside = (f(points - below, points + above) for f in (mesh.empty, mesh.inside))
+        assert not (empty & truth).any()
+        assert not (inside & ~truth).any()
+        # Points are boxes too.
+        empty, inside = (f(points, points) for f in (mesh.empty, mesh.inside))
+        assert not (empty & (answer != OUT)).any()
+        assert not (inside & (answer == OUT)).any()
+        assert (empty | (answer != OUT)).all()
+    assert np.mean(unsure) < 0.02
 
 
-@pytest.mark.parametrize("resolution", [2, 3, 10, 64, 100])
-@pytest.mark.parametrize("margin", [0.0, 0.01, 2.0])
-def test_the_grid_around_a_mesh(resolution, margin):
-    mesh = load_indicator(BOX)
-    grid = mesh.to_grid(resolution=resolution, margin=margin)
-    scale = grid.cells_per_unit
-    assert (scale == scale[0]).all()
-    mantissa, _ = np.frexp(scale[0])
-    assert mantissa * 2**16 == int(mantissa * 2**16)
-    asked = resolution / (3 + 2 * margin)
-    assert asked * (1 - 2**-15) <= scale[0] <= asked
-    assert (grid.offset == np.rint(grid.offset)).all()
-    assert resolution + 2 <= max(grid.shape) <= resolution + 4
-    assert (grid.margin, grid.resolution, grid.name, grid.note) == (margin, resolution, "trimesh", "")
-    assert not grid.time
-    # one empty cell on every side, and no more
+@pytest.mark.parametrize("margin", [0.0, 0.3])
+@pytest.mark.parametrize("shift", [0.0, 1e3])
+def test_rounding_never_decides(rng, margin, shift):
+    """A triangle and some hundred points at its very margin: a wrong answer would be a matter of the last digit."""
+    corners = (rng.uniform(-1, 1, (3, 3)) + shift).astype(np.float32)
+    mesh = IndicatorMesh(corners, [[0, 1, 2]], margin=margin)
+    a, b, c = corners.astype(np.float64)
+    normal = np.cross(b - a, c - a)
+    count = 150
+    on = rng.dirichlet(np.ones(3), count) @ np.stack([a, b, c])
+    edge = a + rng.random((count, 1)) * (b - a)
+    beside = np.cross(b - a, normal)
+    x = np.concatenate([on + margin * normal / np.linalg.norm(normal), edge - margin * beside / np.linalg.norm(beside)])
+    x += np.spacing(x) * rng.integers(-2, 3, x.shape)
+    squared = [squared_distance(corners, [[0, 1, 2]], p) for p in x]
+    truth = np.array([d <= Fraction(margin) ** 2 for d in squared])
+    answer = mesh.decide(x)
+    assert not (truth & (answer == OUT)).any()
+    assert not (~truth & (answer == IN)).any()
+    assert not (truth & mesh.empty(x, x)).any()
+    assert all(
+        (Fraction(d) + Fraction(margin)) ** 2 <= s or d == 0 for d, s in zip(mesh.distance(x), squared, strict=True)
+    )
+
+
+@pytest.mark.parametrize("shift", [0.0, 1e6])
+def test_against_trimesh(rng, shift):
+    solid = trimesh.creation.icosphere(subdivisions=2, radius=1000.0 if shift else 1.0)
+    solid.apply_translation([shift, -shift, shift])
+    mesh = load_indicator((np.float32(solid.vertices), solid.faces))  # float64 ones would be recentred
+    solid = trimesh.Trimesh(mesh.vertices.astype(np.float64) - [shift, -shift, shift], mesh.faces, process=False)
+    x = rng.uniform(mesh.sample_lower, mesh.sample_upper, (2000, 3))
+    signed = trimesh.proximity.signed_distance(solid, x - [shift, -shift, shift])
+    size = float(mesh.extent.max())
+    answer = mesh.decide(x)
+    clear = np.abs(signed) > 1e-6 * size
+    assert (answer[clear] == np.where(signed[clear] > 0, IN, OUT)).all()
+    dilated = mesh.dilated(0.1 * size)
+    clear = np.abs(signed + 0.1 * size) > 1e-6 * size
+    assert (dilated.decide(x)[clear] == np.where(signed[clear] > -0.1 * size, IN, OUT)).all()
+
+
+def _vase(neck: float) -> IndicatorMesh:
+    profile = [[0, 0], [1, 0.4], [1, 1.6], [neck + 0.2, 2], [neck, 2], [0.8, 1.5], [0.8, 0.5], [0, 0.2]]
+    return load_indicator(trimesh.creation.revolve(np.array(profile), sections=24))
+
+
+def test_the_hollow_of_a_vase_is_outside_and_that_of_a_ball_is_not():
+    middle = np.array([[0.01, 0.02, 1.0]])
+    vase = _vase(0.05)
+    assert vase.watertight
+    assert vase.decide(middle) == OUT
+    assert vase.empty(middle - 0.1, middle + 0.1)
+    assert not vase.empty(middle - 1, middle + 1)
+    narrow = _vase(0.0005)
+    assert narrow.decide(middle) != IN
+    shells = [trimesh.creation.icosphere(subdivisions=2, radius=radius) for radius in (1.0, 0.5)]
+    shells[1].invert()
+    ball = load_indicator(trimesh.util.concatenate(shells))
+    assert ball.decide(middle - [0, 0, 1]) == IN
+    assert ball.inside(middle - [0.1, 0.1, 1.1], middle - [-0.1, -0.1, 0.9])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.3])
+def test_distances_are_lower_bounds_and_good_ones(rng, name, margin):
+    plain, enclosed = mesh_case(name, rng)
+    mesh = plain.dilated(margin)
+    points = hard_points(plain, margin, rng, 6)
+    distance, high = mesh.distances(points).T
+    assert (mesh.distance(points) == distance).all()
+    assert ((distance >= 0) & (high >= distance)).all()
+    truth = [squared_distance(plain.vertices, plain.faces, x) for x in points]
+    for x, found, most, squared in zip(points, distance.tolist(), high.tolist(), truth, strict=True):
+        held = any(in_tetrahedron(corners, x) for corners in enclosed)
+        assert not held or found == 0
+        assert found == 0 or (Fraction(found) + Fraction(margin)) ** 2 <= squared
+        assert held or most == np.inf or (Fraction(most) + Fraction(margin)) ** 2 >= squared
+    exact = np.maximum(np.sqrt(np.array(truth, dtype=float)) - margin, 0)
+    size = np.ptp(points, axis=0).max()
+    outside = mesh.decide(points) == OUT
+    assert (distance[outside] >= exact[outside] - 1e-13 * size).all()
+    assert (high[outside] - distance[outside] <= 1e-13 * size).all()
+    assert (distance[mesh.decide(points) == IN] == 0).all()
+    # A box is no farther than any of its points is.
+    low, high = points - rng.random(points.shape) * 0.3 * size, points + rng.random(points.shape) * 0.3 * size
+    clearance = mesh.clearance(low, high)
+    for corner in range(4):
+        within = low + (rng.integers(0, 2, points.shape) if corner < 2 else rng.random(points.shape)) * (high - low)
+        within = np.clip(within, low, high)
+        for bound, x in zip(clearance, within, strict=True):
+            squared = squared_distance(plain.vertices, plain.faces, x)
+            assert bound == 0 or (Fraction(bound) + Fraction(margin)) ** 2 <= squared
+    assert (mesh.empty(low, high) | (clearance == 0)).all()
+    far = np.array([[1e300, 0, 0], [np.nan, 0, 0], [-np.inf, 0, 0]])
+    assert mesh.distances(far).tolist() == [[pytest.approx(1e300), np.inf], [0, np.inf], [np.inf, np.inf]]
+
+
+def _room(overlap: float) -> IndicatorMesh:
+    """Six solid plates around a hollow, each as large as its side of the room."""
+    plates = []
     for axis in range(3):
-        filled = np.flatnonzero(grid.occupancy.any(axis=tuple(k for k in range(3) if k != axis)))
-        assert (filled[0], filled[-1]) == (1, grid.shape[axis] - 2)
-    assert (grid.lower < mesh.bounds[0] - margin).all()
-    assert (grid.upper > mesh.bounds[1] + margin).all()
+        for side in (-1, 1):
+            extents = np.full(3, 2.0 + overlap)
+            extents[axis] = 0.2
+            middle = np.zeros(3)
+            middle[axis] = side * 0.9
+            plates.append(trimesh.creation.box(extents=extents).apply_translation(middle))
+    return load_indicator(trimesh.util.concatenate(plates))
 
 
-def test_the_grid_is_the_same_every_time_whatever_the_order_of_faces(rng):
-    mesh = load_indicator(trimesh.creation.icosphere(subdivisions=2))
-    digest = mesh.to_grid(resolution=20, margin=0.05).digest
-    assert (
-        load_indicator(trimesh.creation.icosphere(subdivisions=2)).to_grid(resolution=20, margin=0.05).digest == digest
-    )
-    shuffled = IndicatorMesh(mesh.vertices, rng.permutation(mesh.faces))
-    assert shuffled.to_grid(resolution=20, margin=0.05).digest == digest
-    assert (
-        mesh.to_grid(resolution=np.int64(20), margin=np.float32(0.05)).shape
-        == mesh.to_grid(resolution=20, margin=0.05).shape
-    )
+def test_a_hollow_that_no_part_encloses_alone_belongs_to_the_object(rng):
+    mesh, x = _room(0.0), rng.uniform(-0.7, 0.7, (1000, 3))
+    assert mesh.contains(x).all()
+    assert not mesh.empty(x - 0.05, x + 0.05).any()
+    assert (mesh.decide(x + np.array([2, 0, 0])) == OUT).all()
 
 
-def test_open_meshes_say_so():
-    sheet = IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], note="half a quad")
-    assert sheet.to_grid(resolution=8).note.startswith("half a quad; surface only: the mesh is open")
+def test_a_surface_of_faces_that_are_crushed_doubled_and_turned(rng):
+    """A ball whose faces are split at their edges, where faces without area fill the cracks, and that is doubled in part."""
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    vertices, faces = ball.vertices.tolist(), []
+    for a, b, c in ball.faces[:40]:
+        middle = len(vertices)
+        vertices.append(((ball.vertices[a] + ball.vertices[b]) / 2).tolist())
+        faces += [[a, middle, c], [middle, b, c], [a, b, middle]]
+    faces += ball.faces[40:].tolist() + ball.faces[60:90, ::-1].tolist() + [[0, 0, 5], [7, 7, 7]]
+    mesh, plain = IndicatorMesh(vertices, faces), load_indicator(ball)
+    assert mesh.watertight
+    x = rng.uniform(-1.3, 1.3, (20_000, 3))
+    answer, expected = mesh.decide(x), plain.decide(x)
+    near = plain.distance(x) + (expected == IN) < 1e-6
+    assert (answer == expected)[~near].all()
+    assert (answer == UNDECIDED).mean() < 1e-3
+
+
+def _checked(answer: np.ndarray, truth: list[bool]) -> None:
+    truth = np.array(truth)
+    assert not (truth & (answer == OUT)).any()
+    assert not (~truth & (answer == IN)).any()
+
+
+def _ends(points: np.ndarray, size: float, rng) -> np.ndarray:
+    """Beside the points, at all distances, along an axis now and then."""
+    away = rng.uniform(-1, 1, points.shape) * size * 10.0 ** rng.uniform(-3, 0.3, (len(points), 1))
+    away[rng.random(points.shape) < 0.25] = 0
+    return points + away
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_boxes_and_segments(rng, name, margin):
+    plain, enclosed = mesh_case(name, rng)
+    mesh, limit = plain.dilated(margin), Fraction(margin) ** 2
+    faces = [f for f in plain.faces if len(set(f)) == 3]
+    x = hard_points(plain, margin, rng, 2)
+    y = _ends(x, float(plain.extent.max()), rng)
+    low, high = np.minimum(x, y), np.maximum(x, y)
+    truth = [
+        any(in_tetrahedron(corners, a) for corners in enclosed) or box_is_near(plain.vertices, faces, limit, a, b)
+        for a, b in zip(low, high, strict=True)
+    ]
+    answer = mesh.decide_boxes(low, high)
+    _checked(answer, truth)
+    assert (answer[:2] == UNDECIDED).mean() <= 0.05
+    assert (mesh.empty(low, high) <= (answer == OUT)).all()
+    truth = [
+        any(in_tetrahedron(corners, a) for corners in enclosed) or segment_is_near(plain.vertices, faces, limit, a, b)
+        for a, b in zip(x, y, strict=True)
+    ]
+    answer = mesh.decide_segments(x, y)
+    _checked(answer, truth)
+    assert (answer[:2] == UNDECIDED).mean() <= 0.05
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_planes(rng, name, margin):
+    for _ in range(3):
+        plain, _ = mesh_case(name, rng)
+        x = hard_points(plain, margin, rng, 10)
+        normal = rng.normal(size=x.shape) * 10.0 ** rng.uniform(-20, 20, (len(x), 1))
+        normal[rng.random(x.shape) < 0.2] = 0
+        normal[~normal.any(axis=1)] = 1
+        answer = plain.dilated(margin).decide_planes(normal, x)
+        truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, x, strict=True)]
+        _checked(answer, truth)
+        assert (answer[:10] != UNDECIDED).all()
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.03])
+def test_regions_of_a_torus(rng, margin):
+    mesh = load_indicator(trimesh.creation.torus(1, 0.3)).dilated(margin)
+    count = 50_000
+    x, y = rng.uniform(mesh.sample_lower, mesh.sample_upper, (2, count, 3))
+    y[::2] = x[::2] + 0.1 * (y[::2] - x[::2])
+    boxes, segments = mesh.decide_boxes(np.minimum(x, y), np.maximum(x, y)), mesh.decide_segments(x, y)
+    planes = mesh.decide_planes(y - x, x)
+    for answer in (boxes, segments, planes):
+        assert (answer == UNDECIDED).mean() < 1e-3
+        assert 0.05 < (answer == IN).mean() < 0.99
+    between = x + rng.random((count, 1)) * (y - x)
+    held = {
+        "boxes": mesh.decide(np.minimum(x, y) + rng.random(x.shape) * np.abs(y - x)),
+        "segments": mesh.decide(between),
+    }
+    assert not ((boxes == OUT) & (held["boxes"] == IN)).any()
+    assert not ((segments == OUT) & (held["segments"] == IN)).any()
+    assert not ((boxes == OUT) & (segments == IN)).any()
+    assert not ((planes == OUT) & (mesh.decide(x) == IN)).any()
+    assert (mesh.empty(np.minimum(x, y), np.maximum(x, y)) == (boxes == OUT)).mean() > 0.999
+
+
+def test_regions_that_are_none_or_far():
+    mesh = load_indicator(trimesh.creation.icosphere()).dilated(0.1)
+    nan, inf = float("nan"), float("inf")
+    zero, one = np.zeros((1, 3)), np.ones((1, 3))
+    assert mesh.decide_boxes(one, zero) == OUT
+    assert mesh.decide_boxes(zero * nan, one) == OUT
+    assert mesh.decide_boxes(zero - inf, zero + inf) == IN
+    assert mesh.decide_boxes(one * 1e300, one * 2e300) == OUT
+    assert mesh.decide_boxes(zero, one * inf) == UNDECIDED
+    assert mesh.decide_segments(one * nan, zero) == OUT
+    assert mesh.decide_segments(zero, zero) == IN
+    assert mesh.decide_segments(one * 1e300, zero) == UNDECIDED
+    assert mesh.decide_segments(one * 1e30, zero) == IN
+    assert mesh.decide_planes(zero, zero) == OUT
+    assert mesh.decide_planes(one * nan, zero) == OUT
+    assert mesh.decide_planes(one * inf, zero) == OUT
+    assert mesh.decide_planes(one * 1e300, zero) == UNDECIDED
+    assert mesh.decide_planes(one * np.float32(1e-45), zero) == IN
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_planes_that_touch(rng, margin):
+    """At the very margin from the vertex that lies farthest along the normal: a matter of the last digit."""
+    plain, _ = mesh_case("tetrahedron", rng)
+    normal = rng.normal(size=(400, 3))
+    normal[::2] = normal[::2].astype(np.float32)
+    vertices = plain.vertices.astype(np.float64)
+    point = vertices[np.argmax(normal @ vertices.T, axis=1)]
+    point = point + margin * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    point += np.spacing(point) * rng.integers(-2, 3, point.shape)
+    point[::4] += rng.normal(size=(100, 3)) * 1e-15
+    normal[1::2] *= -1
+    truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, point, strict=True)]
+    assert 0.1 < np.mean(truth) < 0.9
+    _checked(plain.dilated(margin).decide_planes(normal, point), truth)
+
+
+def test_resolutions_and_margins_that_are_none():
+    box = load_indicator(trimesh.creation.box())
+    for resolution in (1, 1025, 2.5, "64", True, np.nan):
+        with pytest.raises(IndicatorError, match="resolution must be an integer from 2 to 1024"):
+            box.to_grid(resolution=resolution)
+    for margin in (-1e-9, np.nan, np.inf, "wide", None):
+        with pytest.raises(IndicatorError, match="margin must be finite and non-negative"):
+            box.to_grid(margin=margin)
+    with pytest.raises(IndicatorError, match="that float32 cells can divide"):
+        box.to_grid(margin=1e40)
+    with pytest.raises(IndicatorError, match="of the origin"):
+        load_indicator(trimesh.creation.box().apply_translation([1e6, 0, 0])).to_grid()

@@ -37,7 +37,7 @@ def on_walls(boxes, count, rng) -> np.ndarray:
     return lower[which] + (upper - lower)[which] * share.clip(0, 1)
 
 
-@pytest.mark.parametrize("origin", [UTM, -UTM, UTM * 1000])
+@pytest.mark.parametrize("origin", [UTM, -UTM * 1000])
 def test_walls_far_away_are_where_they_are(origin):
     vertices, faces, boxes = site(origin)
     shape = load_indicator((vertices, faces))
@@ -52,16 +52,6 @@ def test_walls_far_away_are_where_they_are(origin):
     assert not shape.contains(yard).any()
     assert bounder.query(yard).numpy().tolist() == [1, 1, 0]
     assert wb.certify(bounder, shape).proven
-
-
-def test_a_site_far_away_is_as_tight_as_one_nearby():
-    here, there = (load_indicator(site(origin)[:2]) for origin in (np.zeros(3), UTM))
-    rates = [
-        wb.evaluate(wb.fit(s, method="aabb", margin=0.01, device="cpu"), s, samples=20_000).fp_rate
-        for s in (here, there)
-    ]
-    assert isinstance(there, Recentred)
-    assert rates[1] == pytest.approx(rates[0], abs=1.5)
 
 
 def test_only_what_float32_would_move_is_recentred():
@@ -99,6 +89,8 @@ def test_every_type_of_numbers_is_of_the_world(bounder):
     expected = bounder.local.query((coarse.astype(float) - UTM).astype(np.float32)).numpy()
     for given in (coarse, torch.from_numpy(coarse), wp.array(coarse, dtype=wp.vec3, device="cpu")):
         np.testing.assert_array_equal(bounder.query(given).numpy(), expected)
+    with pytest.raises(wb.BounderError, match="beside the ones asked for"):
+        wb.fit(far_ball(Frame(tuple(UTM), (0.01, 0.0, 0.0))), method="aabb", device="cpu")
     assert bounder.query(np.zeros((0, 3))).shape == (0,)
     assert bounder.query(np.array([[np.nan, 0, 0], [np.inf, 0, 0]])).numpy().all()
     with pytest.raises(wb.QueryError, match="shape"):
@@ -125,19 +117,14 @@ def test_what_reads_float32_in_place_is_asked_of_the_local_bounder(bounder):
     assert local.local is local
     with pytest.raises(wb.BoundingError, match="origin"):
         wb.cascade(bounder, local)
+    both = wb.cascade(*(wb.fit(far_ball(), method=m, device="cpu") for m in ("aabb", "kdop")))
+    inner = UTM + np.random.default_rng(1).uniform(0.5, 1.0, (3000, 3))
+    assert far_ball().contains(inner).all()
+    assert both.frame == bounder.frame
+    assert both.query(inner).numpy().all()
+    assert wb.certify(both, far_ball()).proven
     with pytest.raises(wb.BoundingError, match=r"shape\.local"):
         wb.choose(far_ball(), narrow_ns=100.0)
-
-
-def test_a_cascade_keeps_the_origin():
-    both = wb.fit(far_ball(), method="aabb+kdop", device="cpu")
-    x = UTM + np.random.default_rng(1).uniform(-0.5, 2, (3000, 3))
-    truth = far_ball().contains(x)
-    assert both.query(x).numpy()[truth].all()
-    joined = wb.cascade(*(wb.fit(far_ball(), method=m, device="cpu") for m in ("aabb", "kdop")))
-    assert joined.frame == both.frame
-    np.testing.assert_array_equal(joined.query(x).numpy(), both.query(x).numpy())
-    assert wb.certify(joined, far_ball()).proven
 
 
 def test_files_keep_the_origin_and_certify_checks_it(bounder, tmp_path):
@@ -207,8 +194,9 @@ def test_distances_are_never_too_large(method):
     assert (bounds[:, 1] >= nearest - 1e-12).all()
 
 
-@pytest.mark.parametrize("spacing", [0.03, 0.15, (0.07, 0.3)])
-@pytest.mark.parametrize("origin", [(1000.013, -7.7), (0.011, 0.0), (-5e5, 4.7e6)])
+@pytest.mark.parametrize(
+    ("spacing", "origin"), [(0.03, (1000.013, -7.7)), (0.15, (0.011, 0.0)), ((0.07, 0.3), (-5e5, 4.7e6))]
+)
 def test_cells_whose_size_has_no_float32_inverse(spacing, origin):
     array = np.zeros((700, 500), bool)
     array[3, 2] = array[640:690, 450:499] = True
@@ -225,9 +213,3 @@ def test_cells_whose_size_has_no_float32_inverse(spacing, origin):
     assert not shape.contains(free).any()
     assert shape.empty(free - step / 3, free + step / 3).all()
     assert not shape.inside(free - step, free + step).any()
-
-
-def test_a_blur_that_delta_does_not_hold_is_refused():
-    for query in ("point", "ray"):
-        with pytest.raises(wb.BounderError, match="beside the ones asked for"):
-            wb.fit(far_ball(Frame(tuple(UTM), (0.01, 0.0, 0.0))), query, "aabb", device="cpu")

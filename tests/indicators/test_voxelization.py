@@ -9,7 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding.indicators import IndicatorMesh, load_indicator
-from warp_bounding.indicators.surfaces import Surface
 from warp_bounding.indicators.triangles.cells import fill_inside, surface_cells
 
 
@@ -51,8 +50,7 @@ def surface_points(mesh, rng, count):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize("resolution", [3, 24])
-@pytest.mark.parametrize("margin", [0.0, 0.11, 0.9])
+@pytest.mark.parametrize(("resolution", "margin"), [(24, 0.0), (3, 0.11), (24, 0.11), (24, 0.9)])
 def test_every_point_of_the_dilated_object_lies_in_an_occupied_cell(rng, name, resolution, margin):
     mesh = load_indicator(SHAPES[name]())
     grid = mesh.to_grid(resolution=resolution, margin=margin)
@@ -130,44 +128,6 @@ def test_slack_outweighs_rounding(rng):
         assert occupied[4:6, 4:6, 4:6].all()
 
 
-@pytest.mark.parametrize("name", ["icosphere", "turned box", "torus", "turned open box", "thin plate"])
-@pytest.mark.parametrize("margin", [0.0, 0.07, 0.4])
-def test_no_surface_cell_is_far_from_the_mesh(rng, monkeypatch, name, margin):
-    """A cell within d of the surface has its centre within half a diagonal and d; outer cells are checked closer."""
-    solid = SHAPES[name]()
-    mesh = load_indicator(solid)
-    grid = mesh.to_grid(resolution=16, margin=margin)
-    hollow, none = IndicatorMesh(mesh.vertices, mesh.faces), np.zeros(len(mesh.faces), dtype=bool)
-    monkeypatch.setitem(vars(hollow), "surface", Surface(closed=none, loose=~none))  # as if it were open
-    shell = hollow.to_grid(resolution=16, margin=margin)
-    assert "surface only" in shell.note
-    assert (grid.occupancy | ~shell.occupancy).all()
-    surface = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
-    cells = shell.occupied
-    size = 1 / grid.cells_per_unit[0]
-    # The distance of a cell is the least over a fine lattice of its points, up to the lattice's own spacing.
-    steps = np.linspace(-0.5, 0.5, 5)
-    lattice = np.array(list(product(steps, repeat=3)))
-    cells = cells[rng.permutation(len(cells))[:15]]
-    points = grid.position(cells[:, None] + lattice).reshape(-1, 3)
-    _, distance, _ = trimesh.proximity.closest_point_naive(surface, points) if len(mesh.faces) < 100 else (
-        trimesh.proximity.closest_point(surface, points)
-    )  # fmt: skip
-    nearest = distance.reshape(len(cells), -1).min(axis=1)
-    assert (nearest <= margin + size * np.sqrt(3) / 8 + 1e-6).all()
-
-
-@pytest.mark.parametrize("resolution", [16, 32, 64])
-@pytest.mark.parametrize("margin", [0.0, 0.25])
-def test_volume_of_a_sphere(resolution, margin):
-    grid = load_indicator(trimesh.creation.icosphere(subdivisions=4)).to_grid(resolution=resolution, margin=margin)
-    size = 1 / grid.cells_per_unit[0]
-    volume = grid.occupancy.sum() * size**3
-    radius = 1 + margin
-    # Cells that the sphere cuts reach out by 3/4 of a cell on average (half the mean width of a cube, 3/4 of its side).
-    assert 4 / 3 * np.pi * (radius * 0.998) ** 3 < volume < 4 / 3 * np.pi * (radius + size) ** 3
-
-
 def test_a_box_on_cell_faces_takes_the_cells_on_both_sides():
     """Closed cells that touch the object in a face meet it."""
     corners = np.array(list(product([1.5, 3.5], repeat=3)))
@@ -187,23 +147,7 @@ def test_degenerate_triangles_are_covered_as_what_they_are():
     assert surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.4999).sum() == 1
 
 
-def test_margins_round_corners():
-    """The dilated object is round: a cube of cells would be more."""
-    cells = surface_cells(np.array([[10.0, 10, 10]] * 3), np.array([[0, 1, 2]]), (21, 21, 21), 8.0)
-    offset = np.maximum(np.abs(np.indices((21, 21, 21)) - 10) - 0.5, 0)
-    assert np.array_equal(cells, (offset**2).sum(axis=0) <= 64)
-
-
-def test_inside_of_nested_and_open_surfaces():
-    ring = load_indicator(trimesh.creation.torus(1, 0.3)).to_grid(resolution=32)
-    assert not ring.contains(np.zeros((1, 3)))[0]  # the hole is outside
-    nested = load_indicator(SHAPES["two spheres in one"]()).to_grid(resolution=32)
-    assert nested.contains(np.zeros((1, 3)))[0]  # a cavity is not reached from outside
-    opened = load_indicator(open_box()).to_grid(resolution=32)
-    assert not opened.contains(np.zeros((1, 3)))[0]
-
-
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=8)
 @given(scale=st.floats(-20, 20), shift=st.floats(-60, 60), resolution=st.integers(2, 40), margin=st.floats(0, 1))
 def test_any_size_and_place(scale, shift, resolution, margin):
     """Sizes from a millionth to a million, up to 60 sizes away from the origin: farther off, float32 is too coarse and the mesh refused."""

@@ -12,10 +12,10 @@ newton = pytest.importorskip("newton", reason="Newton is not installed: pip inst
 
 import warp.examples  # noqa: E402
 
-from warp_bounding.newton import ParticleCull, kernels, margin_for  # noqa: E402
+from warp_bounding.newton import ParticleCull, margin_for  # noqa: E402
 from warp_bounding.newton.kernels import runs_of  # noqa: E402
 
-RADIUS, RECORDS = 0.02, ("particle", "shape", "body_pos", "body_vel", "normal")
+RADIUS, RECORDS = 0.02, ("particle", "shape", "body_pos", "body_vel", "normal", "indices", "barycentric")
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +23,9 @@ def bunny() -> wb.IndicatorMesh:
     return wb.load_indicator(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
 
 
-def scene(bunny, *, moving=False, particles=4000, seed=0):
+def scene(bunny, *, moving=False, particles=4000):
     """Bunnies that are turned, scaled and (some) carried by bodies, a ground plane and a box, and particles."""
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     builder = newton.ModelBuilder(up_axis=newton.Axis.Y)
     mesh = newton.Mesh(bunny.vertices, bunny.faces.reshape(-1))
     shapes = []
@@ -35,154 +35,108 @@ def scene(bunny, *, moving=False, particles=4000, seed=0):
             place = wp.transform(wp.vec3(2.0 * i, 0.0, 2.0 * k), turn)
             body = builder.add_body(xform=place, mass=1.0) if moving and k == 1 else -1
             local = wp.transform(wp.vec3(0.1, 0.0, 0.0), wp.quat_identity()) if body >= 0 else place
-            shapes.append(
-                builder.add_shape_mesh(body=body, mesh=mesh, xform=local, scale=wp.vec3(1.0, 1.0 + 0.2 * k, 0.8))
-            )
+            scale = wp.vec3(1.0, 1.0 + 0.2 * k, 0.8)
+            shapes.append(builder.add_shape_mesh(body=body, mesh=mesh, xform=local, scale=scale))
     builder.add_ground_plane()
-    builder.add_shape_box(
-        body=-1, xform=wp.transform(wp.vec3(1.0, 0.5, 1.0), wp.quat_identity()), hx=0.2, hy=0.2, hz=0.2
-    )
-    for x in rng.uniform([-1.5, -0.5, -1.5], [3.5, 2.0, 5.5], (particles, 3)):
-        builder.add_particle(wp.vec3(*x), wp.vec3(0.0), 0.01, radius=float(RADIUS * rng.uniform(0.5, 1.0)))
-    model = builder.finalize(device="cpu")
-    return model, mesh, shapes
+    place = wp.transform(wp.vec3(1.0, 0.5, 1.0), wp.quat_identity())
+    builder.add_shape_box(body=-1, xform=place, hx=0.2, hy=0.2, hz=0.2)
+    x, sizes = rng.uniform([-1.5, -0.5, -1.5], [3.5, 2.0, 5.5], (particles, 3)), rng.uniform(0.5, 1.0, particles)
+    builder.add_particles(x.tolist(), [[0.0] * 3] * particles, [0.01] * particles, (RADIUS * sizes).tolist())
+    return builder.finalize(device="cpu"), mesh, shapes
 
 
-def bounder_of(bunny, mesh, pipeline, method="voxels", extra=1.0) -> wb.Bounder:
-    reach = RADIUS + pipeline.soft_contact_gap
-    return wb.fit(
-        bunny, method=method, margin=extra * margin_for(mesh, reach, scale=0.8, world=10.0), resolution=48, device="cpu"
-    )
+def bounder_of(bunny, mesh, pipeline, extra=1.0) -> wb.Bounder:
+    margin = extra * margin_for(mesh, RADIUS + pipeline.soft_contact_gap, scale=0.8, world=10.0)
+    return wb.fit(bunny, method="voxels", margin=margin, resolution=48, device="cpu")
 
 
 def records(contacts) -> list[np.ndarray]:
+    """Contacts in their order; on CUDA, where that is by chance, in one of their own."""
     count = int(contacts.soft_contact_count.numpy()[0])
-    return [getattr(contacts, f"soft_contact_{name}").numpy()[:count].copy() for name in RECORDS]
+    arrays = [getattr(contacts, f"soft_contact_{name}", None) for name in RECORDS]
+    rows = [array.numpy()[:count].copy() for array in arrays if array is not None]
+    order = np.lexsort((rows[1], rows[0])) if contacts.soft_contact_count.device.is_cuda else np.arange(count)
+    return [row[order] for row in rows]
+
+
+def contacts_of(collide, pipeline, state=None) -> list[np.ndarray]:
+    contacts = pipeline.contacts()
+    collide(pipeline.model.state() if state is None else state, contacts)
+    return records(contacts)
+
+
+def same(a: list[np.ndarray], b: list[np.ndarray]) -> bool:
+    return len(a) == len(b) and all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+def check(pipeline, cull, state=None, least: int = 1) -> list[np.ndarray]:
+    """The contacts, which are those of the whole pass."""
+    found = contacts_of(pipeline.collide, pipeline, state)
+    assert same(found, contacts_of(cull.collide, pipeline, state))
+    assert len(found[0]) >= least
+    return found
 
 
 @pytest.mark.parametrize("moving", [False, True])
 @pytest.mark.parametrize("gap", [0.01, pytest.param(0.2, marks=pytest.mark.slow)])
 def test_contacts_are_the_same(bunny, moving, gap):
     model, mesh, shapes = scene(bunny, moving=moving)
-    pipeline = newton.CollisionPipeline(model, soft_contact_gap=gap)
-    state, contacts = model.state(), pipeline.contacts()
-    pipeline.collide(state, contacts)
-    there = records(contacts)
-    assert len(there[0]) > 100
+    pipeline, state = newton.CollisionPipeline(model, soft_contact_gap=gap), model.state()
     cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
     rng = np.random.default_rng(1)
     for _ in range(3):
-        cull.collide(state, contacts)
-        assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
+        check(pipeline, cull, state, 100)
         assert cull.survivors < 0.75 * cull.pairs
-        state.particle_q.assign(
-            state.particle_q.numpy() + rng.normal(size=(model.particle_count, 3)).astype(np.float32) * 0.1
-        )
+        x = state.particle_q.numpy()
+        state.particle_q.assign(x + np.float32(0.1 * rng.normal(size=x.shape)))
         if model.body_count:
             place = state.body_q.numpy()
             place[:, :3] += rng.normal(size=(len(place), 3)) * 0.2
             state.body_q.assign(place)
-        pipeline.collide(state, contacts)
-        there = records(contacts)
 
 
 @pytest.mark.parametrize("dilated", [0.0, 0.03])
 def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilated):
     """Contacts are the same at gaps and radii that it was never told, and also of particles that are far from the origin."""
     model, _, shapes = scene(bunny, moving=True)
-    pipeline = newton.CollisionPipeline(model, soft_contact_gap=0.01)
-    far = wb.fit(bunny, "distance", "bvh", leaves=256, margin=dilated, device="cpu")
+    pipeline, state, survivors = newton.CollisionPipeline(model, soft_contact_gap=0.01), model.state(), []
+    far = wb.fit(bunny, "distance", "bvh", leaves=64, margin=dilated, device="cpu")
     cull = ParticleCull(pipeline, dict.fromkeys(shapes, far))
-    state, contacts, survivors = model.state(), pipeline.contacts(), []
+    changed = model.particle_radius, state.particle_q, model.shape_transform
+    radius, *places = [array.numpy() for array in changed]
     for gap, size, away in ((0.0, 1.0, 0.0), (0.01, 1.0, 0.0), (0.2, 1.0, 0.0), (0.05, 20.0, 0.0), (0.01, 1.0, 3000.0)):
-        changed = model.particle_radius, state.particle_q, model.shape_transform
-        radius, *places = before = [array.numpy() for array in changed]
         model.particle_radius.assign(size * radius)
         for array, place in zip(changed[1:], places, strict=True):
             array.assign(place + np.float32([away, *[0.0] * (place.shape[1] - 1)]))
         pipeline.soft_contact_gap = gap
-        pipeline.collide(state, contacts)
-        there = records(contacts)
-        cull.collide(state, contacts)
-        assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
-        assert len(there[0]) > 10
-        assert cull.survivors < cull.pairs
+        check(pipeline, cull, state, 10)
         survivors.append(cull.survivors)
-        for array, values in zip(changed, before, strict=True):
-            array.assign(values)
-    assert survivors[0] <= survivors[1] < survivors[2] < survivors[3]
+    assert survivors[0] <= survivors[1] < survivors[2] < survivors[3] < cull.pairs > survivors[4]
 
 
 @pytest.mark.parametrize("of_distances", [False, True])
 def test_pairs_in_any_order(bunny, of_distances):
     """Where neighbours in the list are not neighbours in space, pairs are looked at one by one: the same ones survive."""
     model, mesh, shapes = scene(bunny, moving=True)
-    pipeline = newton.CollisionPipeline(model)
+    pipeline, state = newton.CollisionPipeline(model), model.state()
     far = wb.fit(bunny, "distance", "bvh", leaves=64, device="cpu") if of_distances else None
     own = dict.fromkeys(shapes, far or bounder_of(bunny, mesh, pipeline))
-    state, contacts = model.state(), pipeline.contacts()
     in_order = ParticleCull(pipeline, own).candidates(state).numpy()
     pairs = pipeline.soft_rigid_contact_pairs.numpy()
     assert runs_of(pairs).mean() > 0.9
     pairs = np.random.default_rng(2).permutation(pairs)[:-7]  # not a multiple of what is looked at together
     assert not runs_of(pairs).any()
     pipeline.soft_rigid_contact_pairs = wp.array(pairs, dtype=wp.vec2i, device="cpu")
-    pipeline.collide(state, contacts)
-    there, cull = records(contacts), ParticleCull(pipeline, own)
-    cull.collide(state, contacts)
-    assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
-    assert len(there[0]) > 100
+    cull = ParticleCull(pipeline, own)
+    check(pipeline, cull, state, 100)
     here = {(*pair,) for pair in cull.candidates(state).numpy().tolist()}
     assert here == {(*pair,) for pair in in_order.tolist()} & {(*pair,) for pair in pairs.tolist()}
 
 
-@pytest.mark.parametrize("method", ["mlp", "bvh", "sphere"])
-def test_distances_in_lanes_are_those_one_by_one(bunny, method):
-    """What a CPU does with many pairs at a time, and CUDA with one; but for the last bits of a distance."""
-    options = {"mlp": {"hidden": (12, 12), "steps": 300}, "bvh": {"leaves": 64}}.get(method, {})
-    model, _, shapes = scene(bunny, moving=True, particles=6000)
-    pipeline = newton.CollisionPipeline(model, soft_contact_gap=0.02)
-    far = wb.fit(bunny, "distance", method, margin=0.01, device="cpu", **options)
-    cull, state = ParticleCull(pipeline, dict.fromkeys(shapes, far)), model.state()
-    cull.candidates(state)
-    lanes, keep = cull._keep.numpy().copy(), cull._keep
-    keep.fill_(9)
-    given = [0, kernels.block_size(cull._device), far.data, 0, 0.01, cull._shapes.bounder_of, cull._all]
-    given += [
-        state.particle_q,
-        model.particle_radius,
-        cull._placed,
-        cull._hulls,
-        cull._undecided,
-        cull._undecided_count,
-    ]
-    wp.launch(kernels.ask_distances(far.source), len(cull._undecided_count), given, [keep], device="cpu")
-    one = keep.numpy()
-    asked = one != 9
-    assert asked.sum() == cull._undecided_count.numpy().sum() > 1000
-    assert 0 < lanes[asked].sum() < asked.sum()
-    assert (one != lanes)[asked].mean() < 1e-3
-
-
-def test_distances_that_do_not_fit_are_refused(bunny):
-    model, _, shapes = scene(bunny, particles=100)
-    pipeline = newton.CollisionPipeline(model)
-    other = wb.fit(wb.IndicatorMesh(bunny.vertices * 1.5, bunny.faces), "distance", "aabb", device="cpu")
-    with pytest.raises(wb.BounderError, match="another mesh"):
-        ParticleCull(pipeline, {shapes[0]: other})
-    flat = wb.fit(wb.IndicatorGrid(np.eye(4, dtype=bool)), "distance", "aabb", device="cpu")
-    with pytest.raises(wb.BounderError, match="expected a bounder of 3D points or distances, got one of 2D"):
-        ParticleCull(pipeline, {shapes[0]: flat})
-    far = wb.fit(bunny, "distance", "aabb", device="cpu").freeze(0.0, None)
-    with pytest.raises(wb.BounderError, match="expected a proven bounder"):
-        ParticleCull(pipeline, {shapes[0]: far})
-
-
 def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
     model, mesh, shapes = scene(bunny, particles=500)
-    pipeline = newton.CollisionPipeline(model)
+    pipeline, state = newton.CollisionPipeline(model), model.state()
     cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
-    state = model.state()
 
     def culled() -> int:
         cull.candidates(state)
@@ -198,124 +152,210 @@ def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
     assert culled() == 0
 
 
-@pytest.mark.parametrize(
-    "turn", [(0.0, 0.0, 0.0, 1.0), (0.7, 0.0, 0.0, 0.7), (0.0, 0.9, 0.0, 0.5), (0.0, 1e-4, 0.0, 1.0)]
-)
+@pytest.mark.parametrize("turn", [(0.7, 0.0, 0.0, 0.7), (0.0, 0.9, 0.0, 0.5), (0.0, 1e-4, 0.0, 1.0)])
 def test_rotations_that_are_not_quite_ones(bunny, turn):
     """A mesh that lies far from its origin, turned by a quaternion of another length than 1: taken as Newton takes it."""
     far = wb.IndicatorMesh(bunny.vertices + np.float32([0.0, 0.0, 9.0]), bunny.faces)
-    mesh = newton.Mesh(far.vertices, far.faces.reshape(-1))
-    builder = newton.ModelBuilder(up_axis=newton.Axis.Y)
-    shape = builder.add_shape_mesh(body=-1, mesh=mesh, xform=wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn)))
-    rng = np.random.default_rng(0)
-    x = far.vertices[rng.integers(len(far.vertices), size=3000)] + rng.normal(0, 0.1, (3000, 3))
-    for place in x:
-        at = wp.transform_point(wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn)), wp.vec3(*place))
-        builder.add_particle(at, wp.vec3(0.0), 0.01, radius=RADIUS)
+    mesh, place = newton.Mesh(far.vertices, far.faces.reshape(-1)), wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn))
+    builder, rng = newton.ModelBuilder(up_axis=newton.Axis.Y), np.random.default_rng(0)
+    shape = builder.add_shape_mesh(body=-1, mesh=mesh, xform=place)
+    for x in far.vertices[rng.integers(len(far.vertices), size=3000)] + rng.normal(0, 0.1, (3000, 3)):
+        builder.add_particle(wp.transform_point(place, wp.vec3(*x)), wp.vec3(0.0), 0.01, radius=RADIUS)
     pipeline = newton.CollisionPipeline(builder.finalize(device="cpu"))
-    state, contacts = pipeline.model.state(), pipeline.contacts()
-    pipeline.collide(state, contacts)
-    there = records(contacts)
     margin = margin_for(mesh, RADIUS + pipeline.soft_contact_gap, world=20.0)
     cull = ParticleCull(pipeline, {shape: wb.fit(far, method="voxels", margin=margin, resolution=48, device="cpu")})
-    cull.collide(state, contacts)
-    assert all((a == b).all() for a, b in zip(there, records(contacts), strict=True))
-    assert len(there[0]) > 100
+    check(pipeline, cull, least=100)
     assert cull.survivors < cull.pairs
-
-
-def test_candidates_of_another_gap_are_refused(bunny):
-    model, mesh, shapes = scene(bunny, particles=200)
-    pipeline = newton.CollisionPipeline(model)
-    cull, state, contacts = (
-        ParticleCull(pipeline, {shapes[0]: bounder_of(bunny, mesh, pipeline)}),
-        model.state(),
-        pipeline.contacts(),
-    )
-    kept = cull.candidates(state)
-    cull.collide(state, contacts, candidates=kept)
-    with pytest.raises(wb.BounderError, match=r"contact gap of 0\.02, got ones for 0\.01"):
-        cull.collide(state, contacts, candidates=kept, soft_contact_margin=0.02)
 
 
 def test_arrays_with_gaps_between_their_numbers(bunny):
     """Views of larger arrays: Newton reads them as they are meant, and so must the cull."""
     model, mesh, shapes = scene(bunny, particles=2000)
-    pipeline = newton.CollisionPipeline(model)
-    state, contacts = model.state(), pipeline.contacts()
-    pipeline.collide(state, contacts)
-    there = records(contacts)
+    pipeline, state = newton.CollisionPipeline(model), model.state()
+    there = contacts_of(pipeline.collide, pipeline, state)
     for name, of in (("particle_q", state), ("particle_radius", model)):
         values = getattr(of, name).numpy()
         wide = np.stack([values, np.zeros_like(values) - 99.0], axis=1)
         setattr(of, name, wp.array(wide, dtype=getattr(of, name).dtype, device="cpu")[:, 0])
         assert not getattr(of, name).is_contiguous
     cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
-    cull.collide(state, contacts)
-    here = records(contacts)
-    assert len(there[0]) == len(here[0]) > 10
-    assert all((a == b).all() for a, b in zip(there, here, strict=True))
+    assert same(there, contacts_of(cull.collide, pipeline, state))
     assert cull.survivors < cull.pairs
-
-
-@pytest.mark.parametrize(
-    ("reach", "scale", "world"), [(-0.1, 1.0, 1.0), (0.1, 0.0, 1.0), (0.1, 1.0, -1.0), (0.1, 1.0, float("nan"))]
-)
-def test_a_margin_of_nonsense_is_refused(bunny, reach, scale, world):
-    mesh = newton.Mesh(bunny.vertices, bunny.faces.reshape(-1))
-    with pytest.raises(wb.BounderError, match="at least 0 and scale not 0"):
-        margin_for(mesh, reach, scale=scale, world=world)
-    assert margin_for(mesh, 0.1, scale=-2.0, world=1.0) == margin_for(mesh, 0.1, scale=2.0, world=1.0) > 0.1 / 2
-
-
-def test_no_pair_is_left(bunny):
-    model, mesh, shapes = scene(bunny, particles=200)
-    pipeline = newton.CollisionPipeline(model)
-    state, contacts = model.state(), pipeline.contacts()
-    state.particle_q.assign(state.particle_q.numpy() * 0.01 + np.float32([40.0, 7.0, 0.0]))
-    bounder = wb.fit(
-        bunny, method="voxels", margin=margin_for(mesh, 0.05, scale=0.8, world=60.0), resolution=48, device="cpu"
-    )
-    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder))
-    cull.collide(state, contacts)
-    assert cull.survivors == 0
-    assert not len(records(contacts)[0])
 
 
 def test_what_does_not_fit_is_refused(bunny):
     model, mesh, shapes = scene(bunny, particles=100)
-    pipeline = newton.CollisionPipeline(model)
-    with pytest.raises(wb.BounderError, match=r"margin of 0\.\d+ at least, got 0\.\d+"):
-        ParticleCull(pipeline, {shapes[0]: bounder_of(bunny, mesh, pipeline, extra=0.5)})
-    other = wb.fit(wb.IndicatorMesh(bunny.vertices * 1.5, bunny.faces), method="aabb", margin=0.1, device="cpu")
-    with pytest.raises(wb.BounderError, match="another mesh"):
-        ParticleCull(pipeline, {shapes[0]: other})
+    pipeline, state, contacts = (
+        newton.CollisionPipeline(model),
+        model.state(),
+        newton.CollisionPipeline(model).contacts(),
+    )
     good = bounder_of(bunny, mesh, pipeline)
-    for wrong, message in ((model, "must be a newton.CollisionPipeline, got Model"), (None, "got NoneType")):
-        with pytest.raises(wb.BounderError, match=message):
-            ParticleCull(wrong, {shapes[0]: good})
+    larger, flat = wb.IndicatorMesh(bunny.vertices * 1.5, bunny.faces), wb.IndicatorGrid(np.eye(4, dtype=bool))
+    occupancy = wb.fit(bunny, method="occupancy", steps=5, margin=0.05, resolution=16, device="cpu")
     for bounders, message in (
         ([good], "mapping from indices of shapes to bounders, got list"),
         ({shapes[0]: "file"}, "expected a bounder, got str"),
         ({"bunny": good}, "whole number from 0 to"),
+        ({99: good}, "from 0 to"),
+        ({len(shapes) + 1: good}, "expected a mesh"),
+        ({shapes[0]: bounder_of(bunny, mesh, pipeline, extra=0.5)}, r"margin of 0\.\d+ at least, got 0\.\d+"),
+        ({shapes[0]: wb.fit(larger, method="aabb", margin=0.1, device="cpu")}, "another mesh"),
+        ({shapes[0]: wb.fit(larger, "distance", "aabb", device="cpu")}, "another mesh"),
+        ({shapes[0]: wb.fit(flat, "distance", "aabb", device="cpu")}, "3D points or distances, got one of 2D"),
+        ({shapes[0]: wb.fit(bunny, "distance", "aabb", device="cpu").freeze(0.0, None)}, "expected a proven bounder"),
+        ({shapes[0]: occupancy}, "proven"),
     ):
         with pytest.raises(wb.BounderError, match=message):
             ParticleCull(pipeline, bounders)
-    with pytest.raises(wb.BounderError, match="expected a mesh"):
-        ParticleCull(pipeline, {len(shapes) + 1: good})
-    with pytest.raises(wb.BounderError, match="from 0 to"):
-        ParticleCull(pipeline, {99: good})
-    with pytest.raises(wb.BounderError, match="differentiable"):
-        ParticleCull(newton.CollisionPipeline(model, requires_grad=True), {shapes[0]: good})
-    occupancy = wb.fit(bunny, method="occupancy", steps=5, margin=0.05, resolution=16, device="cpu")
-    with pytest.raises(wb.BounderError, match="proven"):
-        ParticleCull(pipeline, {shapes[0]: occupancy})
     ParticleCull(pipeline, {shapes[0]: occupancy}, unproven=True)
+    for wrong, message in (
+        (model, "must be a newton.CollisionPipeline, got Model"),
+        (newton.CollisionPipeline(model, requires_grad=True), "differentiable"),
+    ):
+        with pytest.raises(wb.BounderError, match=message):
+            ParticleCull(wrong, {shapes[0]: good})
+    cull = ParticleCull(pipeline, {shapes[0]: good})
+    kept = cull.candidates(state)
+    with pytest.raises(wb.BounderError, match=r"contact gap of 0\.02, got ones for 0\.01"):
+        cull.collide(state, contacts, candidates=kept, soft_contact_margin=0.02)
+    with pytest.raises(wb.BounderError, match="at least 0 and scale not 0"):
+        margin_for(mesh, -0.1, scale=1.0, world=1.0)
+    assert margin_for(mesh, 0.1, scale=-2.0, world=1.0) == margin_for(mesh, 0.1, scale=2.0, world=1.0) > 0.1 / 2
+    with pytest.warns(wb.BoundingWarning, match="every edge and face"):
+        ParticleCull(newton.CollisionPipeline(model, enable_rigid_soft_full_surface_contact=True))
 
 
-def test_full_surface_contacts_are_told_not_to_be_culled(bunny):
-    model, _, _ = scene(bunny, particles=4)
-    pipeline = newton.CollisionPipeline(model, enable_rigid_soft_full_surface_contact=True)
-    with pytest.warns(wb.BoundingWarning, match="every edge and face") as told:
-        ParticleCull(pipeline)
-    assert len(told) == 1
+# --- where no count is read back: inside a captured graph, and wherever the caller wants it ------------------------
+
+
+def two_bunnies(bunny, device: str):
+    """Two bunnies, one with a bounder of distances, one with its box alone, a ground plane, and a state to be moved."""
+    builder, mesh = newton.ModelBuilder(up_axis=newton.Axis.Y), newton.Mesh(bunny.vertices, bunny.faces.reshape(-1))
+    places = [wp.transform(wp.vec3(2.5 * i, 0.0, 0.0), wp.quat_identity()) for i in range(2)]
+    first, _ = (builder.add_shape_mesh(body=-1, mesh=mesh, xform=place) for place in places)
+    builder.add_ground_plane()
+    x = np.random.default_rng(0).uniform([-1.5, -0.1, -1.5], [4.0, 2.0, 1.5], (3000, 3))
+    builder.add_particles(x.tolist(), [[0.0] * 3] * len(x), [0.01] * len(x), [0.02] * len(x))
+    pipeline = newton.CollisionPipeline(builder.finalize(device=device), soft_contact_gap=0.02)
+    return pipeline, {first: wb.fit(bunny, "distance", "bvh", leaves=64, device=device)}
+
+
+def test_nothing_is_read_back(bunny, device, monkeypatch):
+    """Not one array is copied to the host, and nothing waits for the device; survivors keep their order, and a denied pair stands for all others."""
+    pipeline, bounders = two_bunnies(bunny, device)
+    state, contacts = pipeline.model.state(), pipeline.contacts()
+    cull = ParticleCull(pipeline, bounders, reads_back=False)
+    usual = ParticleCull(pipeline, bounders).candidates(state).numpy()
+
+    def refused(*_, **__):
+        raise AssertionError("something was read back")
+
+    with monkeypatch.context() as patch:
+        for name in ("numpy", "list", "__getitem__", "__array__"):
+            patch.setattr(wp.array, name, refused, raising=False)
+        for name in ("synchronize", "synchronize_device", "synchronize_stream", "synchronize_event"):
+            patch.setattr(wp, name, refused)
+        kept = cull.candidates(state)
+    cull.collide(state, contacts, candidates=kept)
+    assert same(contacts_of(pipeline.collide, pipeline, state), records(contacts))
+    assert len(kept) == cull.pairs
+    pairs, left = kept.numpy(), cull.survivors
+    assert len(usual) == left < 0.5 * cull.pairs
+    denied = next(pair for pair in pairs if not (usual == pair).all(axis=1).any())
+    assert (pairs[(pairs != denied).any(axis=1)] == usual).all()
+    assert np.abs(state.particle_q.numpy()[denied[0]] - [2.5 * denied[1], 0.7, 0.0]).max() > 1.0  # a far one
+
+
+def test_a_graph_holds_the_whole_pass(bunny, device):
+    """Captured once, without a pass before it, and launched for other places: contacts are those of all pairs."""
+    pipeline, bounders = two_bunnies(bunny, device)
+    state, contacts = pipeline.model.state(), pipeline.contacts()
+    rng, first, there = np.random.default_rng(1), state.particle_q.numpy(), []
+    places = [first + rng.normal(0, 0.2, first.shape).astype(np.float32) for _ in range(3)]
+    for place in places:
+        state.particle_q.assign(place)
+        there.append(contacts_of(pipeline.collide, pipeline, state))
+    state.particle_q.assign(first)
+    cull = ParticleCull(pipeline, bounders)
+    try:
+        with wp.ScopedCapture(device) as capture:
+            cull.collide(state, contacts)
+    except (RuntimeError, TypeError) as error:
+        if device != "cpu":
+            raise
+        pytest.skip(f"this Warp captures no graphs on a CPU: {error}")
+    if capture.graph is None:
+        pytest.skip("this Warp captures no graphs on a CPU")
+    for place, own in zip(places, there, strict=True):
+        state.particle_q.assign(place)
+        wp.capture_launch(capture.graph)
+        assert same(own, records(contacts))
+        assert 0 < cull.survivors < 0.5 * cull.pairs
+        assert cull.tally()["plane"].culled > 0
+    cull.collide(state, contacts)  # and without a graph again
+    assert same(there[-1], records(contacts))
+
+
+# --- numbers that nobody should use, and models that were changed ---------------------------------------------------
+
+TILTED = wp.transform(wp.vec3(), wp.quat_from_axis_angle(wp.vec3(1.0, 0.0, 0.0), float(np.pi / 4)))
+
+
+def box(size: float = 1.0, **options):
+    return lambda builder: builder.add_shape_mesh(body=-1, mesh=newton.Mesh.create_box(size, size, size), **options)
+
+
+def pipeline_of(add, reach: float, radius: float, gap: float, count: int = 2000):
+    builder, rng = newton.ModelBuilder(), np.random.default_rng(0)
+    add(builder)
+    points = rng.uniform(-reach, reach, (count, 3))
+    builder.add_particles(points.tolist(), [[0.0] * 3] * count, [0.01] * count, [radius] * count)
+    pipeline = newton.CollisionPipeline(builder.finalize(device="cpu"), soft_contact_gap=max(gap, 0.0))
+    pipeline.soft_contact_gap = gap  # the constructor refuses negative ones, the attribute does not
+    return pipeline
+
+
+@pytest.mark.parametrize(
+    ("scale", "margin", "gap", "radius"),
+    [(0.2, -0.02, 0.05, 0.005), (0.1, -0.03, 0.05, 0.01), (2.0, 0.0, -0.1, 0.01), (0.1, 0.0, 0.05, -0.03)],
+)
+def test_a_mesh_with_negative_margin_gap_or_radius(scale, margin, gap, radius):
+    config = newton.ModelBuilder.ShapeConfig(margin=margin)
+    pipeline = pipeline_of(box(scale=wp.vec3(scale), cfg=config), 1.3 * scale, radius, gap)
+    check(pipeline, ParticleCull(pipeline))
+    if radius < 0:
+        far = wb.fit(newton.Mesh.create_box(1.0, 1.0, 1.0), "distance", "bvh", device="cpu")
+        check(pipeline, ParticleCull(pipeline, {0: far}))
+
+
+@pytest.mark.parametrize("thin", [1e-8, 0.0])
+def test_a_thin_ellipsoid_far_away(thin):
+    pipeline = pipeline_of(
+        lambda b: b.add_shape_ellipsoid(body=-1, rx=1e4, ry=1e4, rz=thin, xform=TILTED), 7000.0, 0.02, 0.03
+    )
+    check(pipeline, ParticleCull(pipeline))
+
+
+@pytest.mark.parametrize(("gap", "radius", "scale"), [(2e6, 0.02, 1.0), (2e6, 0.02, 0.5), (0.01, 1.5e6, 1.0)])
+def test_a_mesh_and_reaches_beyond_newtons_largest_distance(gap, radius, scale):
+    pipeline = pipeline_of(box(scale=wp.vec3(scale)), 1.99e6, radius, gap, 1000)
+    check(pipeline, ParticleCull(pipeline))
+
+
+def test_the_mesh_on_the_device_counts_and_not_the_one_of_the_host():
+    mesh = newton.Mesh.create_box(1.0, 1.0, 1.0)
+    pipeline = pipeline_of(lambda b: b.add_shape_mesh(body=-1, mesh=mesh), 1.3, 0.01, 0.03)
+    mesh.vertices = 0.1 * mesh.vertices
+    check(pipeline, ParticleCull(pipeline))
+    with pytest.raises(wb.BounderError, match="made for another mesh"):
+        ParticleCull(pipeline, {0: wb.fit(mesh, method="kdop", margin=0.1, device="cpu")})
+
+
+def test_shapes_whose_mesh_or_type_is_another_later():
+    pipeline = pipeline_of(lambda b: (box(0.1)(b), box()(b)), 1.3, 0.01, 0.03)
+    cull, model = ParticleCull(pipeline), pipeline.model
+    model.shape_source_ptr.assign(model.shape_source_ptr.numpy()[::-1].copy())
+    check(pipeline, cull)
+    model.shape_type.fill_(int(newton.GeoType.SPHERE))
+    check(pipeline, cull)

@@ -560,7 +560,7 @@ URDF = {
     "urdf/attributes-of-links": urdf("attributes color of joint, drake_ignore of link, margin of collision", own=(" drake_ignore='0'", " margin='0.1'", " color='red'")),
     "urdf/negative-sizes": urdf("radius of 1 finite number from 0, got '-1'", geometry="<cylinder radius='-1' length='1'/>"),
     "urdf/counts": urdf("xyz of 3 finite numbers", origin="xyz='1 0 0 7'"),
-    "urdf/not-numbers": urdf("radius of 1 finite number, got '1_0'", geometry="<sphere radius='1_0'/>"),
+    "urdf/not-numbers": urdf("radius of 1 finite number from 0, got '1_0'", geometry="<sphere radius='1_0'/>"),
     "urdf/comments": urdf(geometry="<!-- a cube --><mesh filename='a.stl'/>"),
     "urdf/other-shapes": urdf("cone", geometry="<cone radius='1' length='1'/>"),
     "urdf/double-names": urdf("two of base", more="<link name='base'/>"),

@@ -241,8 +241,7 @@ def test_from_the_inside(shape, bounders):
     both = wb.two_sided(bounders["mlp"], inner)
     x = np.random.default_rng(0).uniform([-60, -1.4], [60, 1.4], (20000, 2)).astype(np.float32)
     answers, held = both.classify(x).numpy(), shape.contains(x.astype(np.float64))
-    assert not (held & (answers == 0)).any()
-    assert not (~held & (answers == 2)).any()
+    assert not ((held & (answers == 0)) | (~held & (answers == 2))).any()
     assert (both.classify(beyond(shape)).numpy() == 1).all()
     assert wb.certify(inner, shape).proven
 
@@ -262,15 +261,10 @@ def test_files_tell_of_joints(shape, bounders, tmp_path):
         assert (found.kind, "older file" in found.message) == ("inapplicable", False)
 
 
-@pytest.mark.parametrize("what", ["slides", "continuous"])
-def test_what_a_joint_is_takes_true_or_false(what):
-    with pytest.raises(BoundingError, match=f"expected {what} to be True or False, got 'no'"):
-        Joint(**{what: "no"})
-
-
-@pytest.mark.parametrize(
-    "edit",
-    [
+def test_a_file_that_lies_about_joints_is_no_proof(shape, bounders):
+    """It is refused as it is read, or by ``certify``, as is one that was written before bounders knew of joints."""
+    bounder, refused = bounders["mlp"], 0
+    for edit in (
         {"period": [0.0, 0.0]},
         {"period": [np.nan, 0.0]},
         {"period": [1e-30, 0.0]},
@@ -279,23 +273,19 @@ def test_what_a_joint_is_takes_true_or_false(what):
         {"upper": [8364.17578125, -2.0]},
         {"upper": [8364.17578125, "2"]},
         None,
-    ],
-)
-def test_a_file_that_lies_about_joints_is_no_proof(edit, shape, bounders):
-    """It is refused as it is read, or by ``certify``, as is one that was written before bounders knew of joints."""
-    domain = bounders["mlp"].domain
-    told = domain.to_dict()
-    told |= {"joints": told["joints"] | edit} if edit else {}
-    if edit is None:
-        del told["joints"]
-    try:
-        other = type(domain).from_dict(told)
-    except (ValueError, TypeError):
-        return
-    lie = type(bounders["mlp"])(other, bounders["mlp"].tensors, bounders["mlp"].sizes, "cpu")
-    lie.freeze(float(bounders["mlp"].threshold), None).info = dict(bounders["mlp"].info)
-    found = wb.certify(lie, shape)
-    assert (found.kind, "limits" in found.message) == ("inapplicable", True)
+    ):
+        told = bounder.domain.to_dict()
+        joints = told.pop("joints")
+        try:
+            other = type(bounder.domain).from_dict(told | ({"joints": joints | edit} if edit else {}))
+        except (ValueError, TypeError):
+            refused += 1
+            continue
+        lie = type(bounder)(other, bounder.tensors, bounder.sizes, "cpu")
+        lie.freeze(float(bounder.threshold), None).info = dict(bounder.info)
+        found = wb.certify(lie, shape)
+        assert (found.kind, "limits" in found.message) == ("inapplicable", True)
+    assert refused >= 5
 
 
 def test_what_is_not_asked_of_configurations(shape, bounders):
@@ -304,6 +294,7 @@ def test_what_is_not_asked_of_configurations(shape, bounders):
         (lambda: wb.fit(shape, "distance", method="aabb"), "distances of configurations are not bounded"),
         (lambda: bounders["mlp"].query(np.zeros((1, 2), np.float32), scale=2.0), "no place in the world"),
         (lambda: Joint(continuous=True, upper=1.0), "has no limits"),
+        (lambda: Joint(slides="no"), "expected slides to be True or False, got 'no'"),
     ):
         with pytest.raises(BoundingError, match=message):
             ask()

@@ -1,4 +1,4 @@
-"""What a motion says of points and boxes of time and space is true: against rational arithmetic, with no tolerance at all.
+"""What a motion says of points and boxes of time and space is true, as are its cells: against rational arithmetic, with no tolerance at all.
 
 There are two truths, and answers hold for both: the straight ways, and what ``vertices_at`` rounds them to.
 """
@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 import trimesh
 from exact_mesh import NAMES, hard_points, in_tetrahedron, mesh_case, squared_distance
-from turning_solids import SOLIDS, turning, unevenly_turning
+from hypothesis import example, given
+from hypothesis import strategies as st
 
+import warp_bounding as wb
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators import IndicatorMesh, IndicatorMotion, load_indicator
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, HalfSpaces
+from warp_bounding.indicators import IndicatorMesh, IndicatorMotion
+from warp_bounding.indicators.motion import MAX_TIMES
+from warp_bounding.indicators.shape import IN, OUT, SPARE, UNDECIDED, HalfSpaces, time_axis
 
 
 def _motion_case(name: str, rng, keyframes: int, wild: bool) -> tuple[IndicatorMotion, list[np.ndarray]]:
@@ -83,8 +86,7 @@ def _linear(known: HalfSpaces, i: int, x: np.ndarray) -> Fraction:
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name != "far away"])  # refused: too coarse in float32
-@pytest.mark.parametrize("margin", [0.0, 0.125, 0.7])
-@pytest.mark.parametrize("wild", [False, True])
+@pytest.mark.parametrize(("margin", "wild"), [(0.0, False), (0.125, True), (0.7, False)])
 def test_points_and_boxes(rng, name, margin, wild):
     plain, enclosed = _motion_case(name, rng, 4, wild)
     motion = plain.dilated(margin)
@@ -110,64 +112,6 @@ def test_points_and_boxes(rng, name, margin, wild):
     assert not (empty & (answer != OUT)).any()
     assert not (inside & (answer == OUT)).any()
     assert (empty | (answer != OUT)).all()
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.03])
-@pytest.mark.parametrize("name", [*SOLIDS, "open"])
-def test_answers_never_contradict_each_other(rng, name, margin):
-    motion = unevenly_turning(name, margin)
-    count = 50_000
-    x = rng.uniform(motion.sample_lower, motion.sample_upper, (count, 4))
-    size = 10.0 ** rng.uniform(-4, 0, (count, 1)) * [0.3, 1, 1, 1]
-    low, high = x - size * rng.random((count, 4)), x + size * rng.random((count, 4))
-    within = low + rng.random((count, 4)) * (high - low)
-    empty, inside = motion.empty(low, high), motion.inside(low, high)
-    assert empty.mean() > 0.1
-    assert inside.any() or (name == "open" and margin == 0)
-    for points in (x, within, within.clip(motion.lower, motion.upper)):
-        answer = motion.decide(points)
-        there = (points >= low).all(axis=1) & (points <= high).all(axis=1)
-        assert not (empty & there & (answer == IN)).any()
-        assert not (inside & there & (answer == OUT)).any()
-        assert (answer == UNDECIDED).mean() < 1e-3
-        assert (motion.contains(points) == (answer != OUT)).all()
-        assert (
-            motion.decide(points.astype(np.float32)) == motion.decide(points.astype(np.float32).astype(float))
-        ).all()
-
-
-@pytest.mark.parametrize("name", SOLIDS)
-@pytest.mark.parametrize("margin", [0.0, 0.1])
-def test_at_each_time_it_is_the_mesh_there(rng, name, margin):
-    solid = SOLIDS[name]()
-    motion = IndicatorMotion(turning(solid), solid.faces, margin=margin)
-    for time in np.float32([0, 0.1, 0.25, 0.6, 0.99, 1]).tolist():
-        mesh = IndicatorMesh(motion.vertices_at(time), solid.faces, margin=margin)
-        x = rng.uniform(motion.sample_lower[1:], motion.sample_upper[1:], (5000, 3))
-        answer = motion.decide(np.insert(x, 0, time, axis=1))
-        assert (answer == mesh.decide(x)).mean() > 0.999
-        assert not ((answer == OUT) & (mesh.decide(x) == IN)).any()
-        assert not ((answer == IN) & (mesh.decide(x) == OUT)).any()
-        half = 0.1 * rng.random(x.shape)
-        boxes = [np.insert(x + way * half, 0, time, axis=1) for way in (-1, 1)]
-        assert (motion.empty(*boxes) == mesh.empty(x - half, x + half)).mean() > 0.999
-        assert (motion.inside(*boxes) == mesh.inside(x - half, x + half)).mean() > 0.99
-
-
-@pytest.mark.parametrize("margin", [0.0, 0.05])
-def test_a_motion_that_stands_still_is_the_mesh(rng, margin):
-    mesh = load_indicator(trimesh.creation.torus(1, 0.3)).dilated(margin)
-    motion = IndicatorMotion(np.stack([mesh.vertices] * 3), mesh.faces, times=[1, 2, 5], margin=margin)
-    assert (motion.lower == [1, *mesh.lower]).all()
-    assert (motion.upper == [5, *mesh.upper]).all()
-    assert (motion.extent == mesh.extent).all()
-    x = rng.uniform(mesh.sample_lower, mesh.sample_upper, (20_000, 3))
-    half = 0.1 * rng.random(x.shape)
-    low, high = (np.insert(x + way * half, 0, time, axis=1) for way, time in ((-1, 1.5), (1, 4.5)))
-    assert (motion.empty(low, high) == mesh.empty(x - half, x + half)).mean() > 0.999
-    assert (motion.inside(low, high) == mesh.inside(x - half, x + half)).mean() > 0.99
-    answer = motion.decide(np.insert(x, 0, rng.uniform(1, 5, len(x)), axis=1))
-    assert (answer == mesh.decide(x)).mean() > 0.999
 
 
 def test_a_hollow_is_part_of_the_object_while_it_is_shut():
@@ -229,20 +173,6 @@ def test_faces_that_are_crushed_on_their_way(rng):
             assert (answer == IN)[(size < 0.95) & (np.abs(x[:, 2]) > 1e-6)].all()
 
 
-def test_numbers_that_are_none_and_boxes_that_are_none():
-    ball = trimesh.creation.icosphere()
-    motion = IndicatorMotion(np.stack([ball.vertices] * 2), ball.faces, times=[0, 2], margin=0.1)
-    nan, inf = float("nan"), float("inf")
-    bad = np.array([[nan, 0, 0, 0], [0, 0, 0, nan], [1, inf, 0, 0], [1, 0, -inf, 0], [1, 1e300, 0, 0], [inf, 0, 0, 0]])
-    assert (motion.decide(bad) == OUT).all()
-    lower = np.array([[nan, 0, 0, 0], [0, 1, 0, 0], [2, 0, 0, 0], [0, -inf, -inf, -inf], [-inf, 0, 0, 0]])
-    upper = np.array([[1, 1, 1, 1], [1, 0, 1, 1], [1, 1, 1, 1], [1, inf, inf, inf], [inf, 1, 1, 1]])
-    assert not motion.empty(lower, upper).any()
-    assert not motion.inside(lower, upper).any()
-    assert motion.empty(np.array([[0, 2, 0, 0]]), np.array([[1, inf, 1, 1]])).all()
-    assert motion.decide(np.empty((0, 4))).shape == (0,)
-
-
 def test_before_and_after_the_motion_there_is_nothing():
     ball = trimesh.creation.icosphere()
     motion = IndicatorMotion(np.stack([ball.vertices] * 2), ball.faces, times=[0, 2])
@@ -256,54 +186,143 @@ def test_before_and_after_the_motion_there_is_nothing():
     assert motion.empty(aside - 1.25, aside + 1.25).all()
 
 
-def test_a_dilated_motion():
-    ball = trimesh.creation.icosphere()
-    motion = IndicatorMotion(np.stack([ball.vertices, ball.vertices + 1]), ball.faces)
-    dilated = motion.dilated(0.25)
-    assert dilated.dilated(0.25) is dilated
-    assert motion.dilated(0) is motion
-    assert (dilated.margin, motion.margin) == (0.25, 0.0)
-    assert dilated.geometry == motion.geometry
-    assert dilated.digest != motion.digest
-    assert (dilated.lower[1:] <= motion.lower[1:] - 0.25).all()
-    assert (dilated.lower[0], dilated.upper[0]) == (0, 1)
-    assert "margin 0.25" in repr(dilated)
-    for grid in (dilated.to_grid(resolution=8), dilated.to_grid(resolution=8, margin=0.25)):
-        assert grid.digest == motion.to_grid(resolution=8, margin=0.25).digest
-        assert grid.margin == 0.25
-    with pytest.raises(IndicatorError, match=r"dilated by 0\.25 already"):
-        dilated.dilated(0.5)
-    with pytest.raises(IndicatorError, match=r"dilated by 0\.25 already"):
-        dilated.to_grid(margin=0.5)
-    with pytest.raises(IndicatorError, match="margin must be"):
-        IndicatorMotion(motion.frames, motion.faces, margin=-1)
+def test_half_spaces_far_away_in_time_and_over_many_keyframes(rng):
+    solid = trimesh.creation.icosphere(subdivisions=2)
+    times = 1e6 + 2.0**-4 * np.arange(30)
+    angles = np.linspace(0, 3, len(times))
+    frames = np.array([solid.vertices * (1 + 0.2 * np.sin(a)) + [a, 0, np.cos(3 * a)] for a in angles])
+    motion = IndicatorMotion(frames, solid.faces, times).dilated(0.02)
+    at = rng.uniform(times[0], times[-1], 3000)
+    border = np.array([np.insert(motion.vertices_at(t)[rng.integers(len(solid.vertices))], 0, t) for t in at])
+    size = 10.0 ** rng.uniform(-3, 0, (len(border), 1)) * [1.5, 0.3, 0.3, 0.3]
+    low, high = border - size * rng.random(border.shape), border + size * rng.random(border.shape)
+    known = motion.half_spaces(low, high)
+    spans = np.searchsorted(times, high[:, 0]) - np.searchsorted(times, low[:, 0])
+    found = known.slope.any(axis=1)
+    assert found[spans <= 1].sum() > 20
+    assert found[(spans > 1) & (spans < 6)].any()
+    assert (spans > 9).sum() > 100
+    assert not found[spans > 9].any()
+    for _ in range(10):
+        x = low + rng.random(low.shape) * (high - low)
+        value = known.level + (known.slope * (x - known.center)).sum(axis=1)
+        assert (value[(motion.decide(x) == IN) & ~known.empty] >= 0).all()
 
 
-def test_landmarks_lie_on_the_border():
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    motion = IndicatorMotion(np.stack([ball.vertices, ball.vertices + 1]), ball.faces, times=[2, 3])
-    assert len(motion.landmarks()) == 2 * len(ball.vertices)
-    landmarks = motion.dilated(0.25).landmarks()
-    assert len(landmarks) == 2 * len(ball.vertices)
-    middle = landmarks[:, :1] - 2
-    assert np.linalg.norm(landmarks[:, 1:] - middle, axis=1) == pytest.approx(1.25, abs=1e-3)
+def stretching(mesh, keyframes=9, angle=np.pi, shift=(0.3, 0.0, 0.1)) -> np.ndarray:
+    frames = []
+    for share in np.linspace(0, 1, keyframes):
+        turn = trimesh.transformations.rotation_matrix(share * angle, [1, 2, 3])[:3, :3]
+        frames.append(mesh.vertices @ turn.T * (1 + 0.3 * np.sin(3 * share)) + share * np.array(shift))
+    return np.array(frames)
 
 
-@pytest.mark.parametrize("margin", [0.0, 0.05])
-def test_random_points_are_of_the_object(rng, margin):
-    solid = trimesh.creation.torus(1, 0.3)
-    motion = IndicatorMotion(turning(solid), solid.faces, times=[1, 2, 4, 5, 6]).dilated(margin)
-    points = motion.points(5000, rng)
-    assert points.shape == (5000, 4)
-    assert motion.contains(points).mean() > (0.95 if margin else 0.3)  # undecided, as a rule, and rounded
-    assert np.histogram(points[:, 0], bins=5, range=(1, 6))[0] == pytest.approx(1000, abs=150)
+SMALL = {
+    "box": lambda: trimesh.creation.box(extents=(1, 0.6, 0.3)),
+    "sphere": lambda: trimesh.creation.icosphere(subdivisions=2, radius=0.5),
+}
 
 
-@pytest.mark.parametrize("margin", [0.0, 0.05])
-def test_cells_hold_the_object(rng, margin):
-    solid = trimesh.creation.torus(1, 0.3)
-    motion = IndicatorMotion(turning(solid), solid.faces, time_cells=5)
-    grid, dilated = motion.to_grid(resolution=20, margin=margin), motion.dilated(margin)
-    x = rng.uniform(dilated.sample_lower, dilated.sample_upper, (20_000, 4))
-    x[:, 0] = rng.uniform(grid.lower[0], grid.upper[0], len(x))
-    assert grid.contains(x[dilated.decide(x) == IN]).all()
+@pytest.mark.parametrize("margin", [0.0, 0.07])
+@pytest.mark.parametrize("name", SMALL)
+def test_every_point_at_every_time_lies_in_an_occupied_cell(name, margin, rng):
+    solid = SMALL[name]()
+    motion = IndicatorMotion(stretching(solid), solid.faces, times=np.linspace(2.0, 3.5, 9), time_cells=7)
+    assert motion.watertight
+    grid = motion.to_grid(resolution=14, margin=margin)
+    assert grid.time
+    assert grid.lower[0] == 2.0
+    assert grid.upper[0] == 3.5
+    ends = grid.position(np.arange(grid.shape[0] + 1)[:, None] - 0.5)[:, 0]
+    times = np.unique(np.concatenate([rng.uniform(2.0, 3.5, 20), motion.times, ends]).astype(np.float32))
+    for t in times:
+        corners = motion.vertices_at(t).astype(np.float64)[solid.faces]
+        x = np.einsum("fkc,fcx->fkx", rng.dirichlet(np.ones(3) / 2, size=(len(corners), 30)), corners).reshape(-1, 3)
+        x = np.concatenate([x, corners.reshape(-1, 3)])
+        inside = rng.uniform(x.min(axis=0), x.max(axis=0), (200, 3))
+        at = trimesh.Trimesh(motion.vertices_at(t).astype(np.float64), solid.faces, process=False)
+        x = np.concatenate([x, inside[at.contains(inside)]])
+        if margin:
+            away = rng.normal(size=x.shape)
+            x += away / np.linalg.norm(away, axis=1, keepdims=True) * margin * rng.random((len(x), 1))
+        assert grid.contains(np.column_stack([np.full(len(x), t, np.float64), x])).all()
+
+
+@given(
+    start=st.floats(-1e3, 1e3, width=32),
+    length=st.floats(2.0**-6, 1e3, width=32),
+    count=st.integers(1, MAX_TIMES),
+)
+@example(start=2.0, length=1.5, count=7)
+@example(start=-0.3, length=1e-2, count=MAX_TIMES)
+def test_cells_of_time_lie_between_the_keyframes(start, length, count):
+    start, end = float(np.float32(start)), float(np.float32(start + length))
+    rate, begin, cells = time_axis(start, end, count, "motion")
+    assert count <= cells <= count + SPARE
+    assert float(np.float32(rate)) == rate
+    assert (2 * begin).is_integer()
+    assert Fraction(start) <= Fraction(begin) / Fraction(rate)
+    assert (Fraction(begin) + cells) / Fraction(rate) <= Fraction(end)
+    assert (Fraction(end) - Fraction(start)) * Fraction(rate) - cells < 1
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("range_", [(0.0, 2.0**-149), (-(2.0**-140), 2.0**-139)])
+def test_a_range_of_time_that_float32_cannot_divide_is_refused(range_):
+    with pytest.raises(IndicatorError, match="float32 cells can divide"):
+        time_axis(*range_, 32, "motion")
+
+
+@pytest.mark.parametrize("behind", [True, False])
+def test_a_jump_between_neighbouring_numbers_that_a_face_of_time_cuts(behind):
+    solid, end, count = SMALL["box"](), 3.0, 7
+    rate, begin, cells = time_axis(0.0, end, count, "motion")
+    faces = (begin + np.arange(1, cells)) / rate
+    rounded = faces.astype(np.float32)
+    keyframe = rounded[(rounded > faces) == behind][0]  # the nearest number to a face, on one side of it
+    other = np.nextafter(keyframe, np.float32(0.0 if behind else end))
+    there = np.array(solid.vertices, dtype=np.float32) + np.float32(10.0)
+    frames = [solid.vertices, solid.vertices, there, solid.vertices][:: 1 if behind else -1]
+    motion = IndicatorMotion(np.array(frames), solid.faces, np.sort([0.0, keyframe, other, end]), count)
+    x = np.column_stack([np.full(len(there), keyframe), motion.vertices_at(keyframe)])
+    assert (x[:, 1:] == there).all()
+    assert motion.to_grid(resolution=40).contains(x).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"frames": np.zeros((1, 3, 3))}, "K >= 2"),
+        ({"frames": np.full((2, 8, 3), np.nan)}, "finite"),
+        ({"faces": np.array([[0, 1, 99]])}, "vertices 0 to 7"),
+        ({"times": [1.0, 0.0]}, "ascending"),
+        ({"times": [0.0, 1.0, 2.0]}, "2 ascending"),
+        ({"time_cells": 0}, "time_cells"),
+    ],
+)
+def test_bad_motions(change, words):
+    solid = SMALL["box"]()
+    good = {"frames": stretching(solid, 2), "faces": solid.faces}
+    with pytest.raises(IndicatorError, match=words):
+        IndicatorMotion(**(good | change))
+
+
+TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)
+FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+
+def test_distances_at_a_time(rng):
+    """As the mesh that the motion is then, but for the rounding of its vertices."""
+    frames = np.stack([TETRAHEDRON, TETRAHEDRON + np.float32(0.5), TETRAHEDRON * np.float32(2)])
+    motion = wb.IndicatorMotion(frames, FACES, times=[0.0, 1.0, 3.0], margin=0.05)
+    for time in (0.0, 0.3, 1.0, 2.5, 3.0):
+        x = np.column_stack([np.full(1000, time), rng.uniform(-2, 4, (1000, 3))])
+        bounds = motion.distances(x)
+        still = wb.IndicatorMesh(motion.vertices_at(time), FACES, margin=0.05).distances(x[:, 1:])
+        assert (bounds[:, 0] <= bounds[:, 1]).all()
+        assert (bounds[:, 0] <= still[:, 1] + 1e-6).all()  # the mesh then is rounded to float32
+        assert (bounds[:, 1] >= still[:, 0] - 1e-6).all()
+        assert (bounds[:, 1] - bounds[:, 0] < 1e-5).mean() > 0.99
+    outside = motion.distances(np.array([[-1.0, 0, 0, 0], [4.0, 0, 0, 0], [np.nan, 0, 0, 0], [1.0, np.inf, 0, 0]]))
+    assert (outside == [0, np.inf]).all()
+    assert (motion.distance(x) == motion.distances(x)[:, 0]).all()
