@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from random_networks import random_network
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
@@ -346,8 +347,7 @@ def test_a_stress_test_asks_certain_positives_only(query):
 @pytest.mark.parametrize("query", ["ray", "box"])
 def test_no_positive_is_in_a_box_that_is_called_vacant(query):
     shape, rng = mesh(MARGIN), np.random.default_rng(1)
-    told = {"length": 0.7} if query == "ray" else {}
-    bounder = fit(mesh(), query, steps=2, margin=MARGIN, **told)
+    bounder = random_network(query, shape)
     regions = ShapeRegions(bounder, shape, coarse_cells(shape, 0.25))
     lower, upper = regions.boxes()
     count, n = 4000, shape.ndim

@@ -27,7 +27,7 @@ from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS, LeastBox, of_points
 from warp_bounding.proof.distances import TOUCHED, Checkpoint, excess_within
 from warp_bounding.proof.prove import ShapeRegions, charted, coarse_cells, corners, in_part
-from warp_bounding.proof.search import NARROWEST, HeldBounds, Positives, ShapePositives, halve
+from warp_bounding.proof.search import NARROWEST, HeldBounds, ShapePositives, halve
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
@@ -306,7 +306,7 @@ def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
 
 
 class Everything:
-    """Boxes all of whose points come from positives, as ``Positives`` tells of a shape.
+    """Boxes all of whose points come from positives, as ``ShapePositives`` tells of a shape.
 
     Args:
         f: What is bounded: a bounder, ``LeastBox``, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the boxes that the chart has cut.
@@ -327,7 +327,7 @@ class Everything:
 
 
 def _halved(
-    positives: Everything | Positives,
+    positives: Everything | ShapePositives | ShapeRegions,
     lower: np.ndarray,
     upper: np.ndarray,
     target: float,
@@ -393,7 +393,7 @@ def _halved(
 class Piece(NamedTuple):
     """Some of an object's positives."""
 
-    positives: Everything | Positives
+    positives: Everything | ShapePositives | ShapeRegions
     lower: np.ndarray
     upper: np.ndarray
     target: float

@@ -25,7 +25,6 @@ from warp_bounding.proof.search import (
     NARROWEST,
     ChartedPositives,
     HeldBounds,
-    Positives,
     Search,
     ShapePositives,
     charted_minimum,
@@ -211,7 +210,7 @@ def coarse_cells(shape: Shape, share: float = 1.0) -> IndicatorGrid:
     return known[resolution]
 
 
-class ShapeRegions(Positives):
+class ShapeRegions:
     """P_delta of a shape for rays or boxes of a network, as boxes of a chart's numbers z: coarse cells first, the shape itself where they fail.
 
     Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is too
@@ -231,14 +230,13 @@ class ShapeRegions(Positives):
         self.kind, self._query = COVERS[bounder.query_kind], QUERIES[bounder.query_kind]
         self.cover = self.kind.charted(bounder, cells)
         self._narrow = narrowest + self._sides(self.cover.lower[:1], self.cover.lower[:1]).max(initial=0.0)
-        self.asked = 0  # boxes that the shape was asked about
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """See ``Positives``."""
+        """See ``ShapePositives``."""
         return self.cover.lower, self.cover.upper
 
     def reference(self, z: np.ndarray) -> np.ndarray:
-        """See ``Positives``."""
+        """See ``ShapePositives``."""
         return self.bounder.reference(self.coordinates(z))
 
     def coordinates(self, z: np.ndarray) -> np.ndarray:
@@ -246,11 +244,11 @@ class ShapeRegions(Positives):
         return self.cover.coordinates(z)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Positives``; ``boxes`` are without what the chart has cut off, by the cells."""
+        """See ``ShapePositives``; ``boxes`` are without what the chart has cut off, by the cells."""
         return self.cover.bound(lower, upper)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``Positives``: no positive of the shape lies in the closed box, but for those that others have, too."""
+        """See ``ShapePositives``: no positive of the shape lies in the closed box, but for those that others have, too."""
         vacant = np.zeros(len(lower), dtype=bool)
         for pieces in self.kind.pieces:
             left = np.flatnonzero(~vacant)
@@ -259,19 +257,18 @@ class ShapeRegions(Positives):
             low, high = self.domain.base.origins(low.reshape(-1, shape[2]), high.reshape(-1, shape[2]))
             empty = (low > high).any(axis=1)
             some = np.flatnonzero(~empty)
-            self.asked += len(some)
             empty[some] = self.shape.empty(low[some], high[some])
             vacant[left] = empty.reshape(shape[:2]).all(axis=1)
         return vacant
 
     def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
-        """See ``Positives``; corners are without what the chart has cut off."""
+        """See ``ShapePositives``; corners are without what the chart has cut off."""
         low, high = bounds.boxes.swapaxes(0, 1)
         least = np.where(self.vacant(low, high), np.inf, bounds.lower)
         return HeldBounds(least, bounds.axis, (low, high), np.zeros(len(low), dtype=bool))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``Positives``."""
+        """See ``ShapePositives``."""
         return self._sides(lower, upper).max(axis=1) <= self._narrow
 
     def _sides(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -280,7 +277,7 @@ class ShapeRegions(Positives):
         return high - low
 
     def holds(self, z: np.ndarray) -> np.ndarray:
-        """See ``Positives``."""
+        """See ``ShapePositives``."""
         q = self.domain.to_object(self.coordinates(z))
         return self._query.decide(self.shape, q, self.domain.oracle_length) != OUT
 

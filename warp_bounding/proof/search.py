@@ -25,7 +25,6 @@ proven any more, so it is lowered to that bound too (``Pace.reach``), which is w
 """
 
 import re
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -104,7 +103,7 @@ def minimum(
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
-    positives: "Positives | None" = None,
+    positives: "ShapePositives | None" = None,
     known: float = float("inf"),
     groups: np.ndarray | None = None,
     group_of: Callable[[np.ndarray], np.ndarray] | None = None,
@@ -387,50 +386,10 @@ NARROWEST = 2.0**-14  # local units, in which the domain is about [-1, 1]^n: sid
 LONGEST_TO_SPLIT = 8.0
 
 
-class Positives(ABC):
-    """Boxes that hold all positives of a shape, and what the shape knows of these; searched by ``best_first.minimum``.
+class ShapePositives:
+    """Boxes that hold all positives of a shape of points, and what the shape knows of these: P_delta, by what it certifies to be absent.
 
-    The numbers of the boxes are coordinates v, or others (Z of them) from which v follows.
-    """
-
-    @abstractmethod
-    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(N, Z)`` corners of boxes that hold everything which can come from a positive."""
-
-    @abstractmethod
-    def reference(self, v: np.ndarray) -> np.ndarray:
-        """F at ``(N, Z)``; see ``Bounder.reference``."""
-
-    @abstractmethod
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """Certified bounds of f over boxes; see ``Bounder.bound``."""
-
-    @abstractmethod
-    def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool, certified: nothing in the closed box can come from a positive."""
-
-    @abstractmethod
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
-        """What is known of f over what in boxes comes from positives.
-
-        Args:
-            lower: ``(N, Z)`` float64 corners.
-            upper: ``(N, Z)`` float64.
-            bounds: What ``bound`` has told of these boxes.
-            target: ``(N,)``, f that is of no interest any more.
-        """
-
-    @abstractmethod
-    def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: boxes that are not halved any more."""
-
-    @abstractmethod
-    def holds(self, v: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: whether these are positives of the shape, for all that is known."""
-
-
-class ShapePositives(Positives):
-    """P_delta of a shape of points, by what it certifies to be absent.
+    ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` is the same of regions, in other numbers of which v follows.
 
     Args:
         bounder: Its f is bounded; it is tested as a point of the object's space, or a ``LeastBox``.
@@ -441,43 +400,47 @@ class ShapePositives(Positives):
     def __init__(self, bounder: Bounder, shape: Shape, narrowest: float = NARROWEST):
         self.bounder, self.shape, self.narrowest = bounder, shape, narrowest
         self.domain = bounder.domain
-        self.asked = 0  # boxes that the shape was asked about
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """See ``Positives``: every v of a query that is not answered without f, one box, or ``cut`` in pieces."""
+        """``(N, n)`` corners of boxes that hold everything which can come from a positive: what is not answered without f, one box or ``cut``."""
         limit = self.domain.limit.astype(np.float64)[None]
         return self.bounder.cut(-limit, limit)[:2]
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Positives``."""
+        """F at ``(N, n)``; see ``Bounder.reference``."""
         return self.bounder.reference(v)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Positives``; flat boxes are halved along their longest side."""
+        """Certified bounds of f over boxes, see ``Bounder.bound``; flat boxes are halved along their longest side."""
         bounds = self.bounder.bound(lower, upper)
         return bounds._replace(axis=_unless_flat(upper - lower, bounds.axis), next_axis=None)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``Positives``."""
-        self.asked += len(lower)
+        """``(N,)`` bool, certified: nothing in the closed box can come from a positive."""
         return self.shape.empty(*self.domain.origins(lower, upper))
 
     def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
-        """See ``Positives``."""
+        """What is known of f over what in boxes comes from positives.
+
+        Args:
+            lower: ``(N, n)`` float64 corners.
+            upper: ``(N, n)`` float64.
+            bounds: What ``bound`` says of these boxes.
+            target: ``(N,)``, f that is of no interest any more.
+        """
         known = None if bounds.slope is None else self.shape.half_spaces(*self.domain.origins(lower, upper))
         if known is None:
             least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
             return HeldBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
-        self.asked += len(lower)
         found = bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
         return found._replace(axis=_unless_flat(found.corners[1] - found.corners[0], found.axis))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``Positives``."""
+        """``(N,)`` bool: boxes that are not halved any more."""
         return ((upper - lower) <= self.narrowest).all(axis=1)
 
     def holds(self, v: np.ndarray) -> np.ndarray:
-        """See ``Positives``: whether the exact v of a point of the object lies here."""
+        """``(N,)`` bool: whether these are positives of the shape, for all that is known: whether the exact v of a point of the object lies here."""
         return self.shape.contains(self.domain.to_object(v))
 
 
