@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from random_networks import random_network
+from random_networks import random_network, random_supports
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
@@ -80,7 +80,7 @@ def test_closed_forms_of_functions_are_proven(method, ndim):
 @pytest.mark.parametrize("ndim", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
 def test_networks_of_functions_are_proven(ndim):
     shape = balls(ndim)
-    bounder = fit(shape, steps=300)
+    bounder = fit(shape, steps=100)
     check_proven(bounder, shape)
     assert wb.evaluate(bounder, shape, 50_000).fp_rate < wb.evaluate(fit(shape, method="aabb"), shape, 50_000).fp_rate
 
@@ -295,7 +295,7 @@ def test_volumes_of_a_mesh_are_proven_for_regions(method, query):
 
 def test_bounds_of_supports_hold_on_boxes_of_normals():
     rng = np.random.default_rng(1)
-    gap = SupportGap(fit(mesh(), "plane", steps=40, margin=MARGIN), mesh(MARGIN))
+    gap = SupportGap(random_supports(mesh(MARGIN)), mesh(MARGIN))
     lower, upper = gap.boxes()
     pick, part = rng.integers(len(lower), size=300), rng.random((300, 1)) ** 3
     center = lower[pick] + rng.random((300, 3)) * (upper - lower)[pick]
@@ -325,6 +325,7 @@ def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are
     assert QUERIES[query].decide(mesh(MARGIN), found)[0] == IN
 
 
+@pytest.mark.slow
 def test_rays_are_fitted_to_the_mesh_itself():
     bounder = fit(mesh(), "ray", steps=60, margin=MARGIN, length=0.7)
     assert bounder.info["resolution"] is None
