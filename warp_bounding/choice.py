@@ -160,33 +160,19 @@ WORTH = 0.1  # of the least cost: what a larger budget must be able to save so t
 
 @dataclass(frozen=True)
 class Row:
-    """One candidate, measured on the caller's queries.
+    """One candidate, measured on the caller's queries."""
 
-    Attributes:
-        label: Method and size; ``"none"`` is no broad phase.
-        nbytes: Of memory that a query can read.
-        nanoseconds: Of a query in a batch, overhead included.
-        share: Of the queries that it leaves to the narrow phase.
-        cost: ``nanoseconds + share * narrow_ns``.
-        certificate: Its kind; ``"by construction"`` for no broad phase, and empty where there is none.
-        missed: Queries that meet the object and that it denied: 0 for whatever is proven.
-        seconds: That its fit took.
-        why_not: Why it cannot be chosen, in words; empty for those that can.
-        note: That a network is hardly trained, in words; empty for others.
-        needs: The budget, about, that has room for what was not tried or is hardly trained, seconds; 0 for others.
-    """
-
-    label: str
-    nbytes: int
-    nanoseconds: float = math.nan
-    share: float = math.nan
-    cost: float = math.nan
-    certificate: str = ""
-    missed: int = 0
-    seconds: float = 0.0
-    why_not: str = ""
-    note: str = ""
-    needs: float = 0.0
+    label: str  # method and size; ``"none"`` is no broad phase
+    nbytes: int  # of memory that a query can read
+    nanoseconds: float = math.nan  # of a query in a batch, overhead included
+    share: float = math.nan  # of the queries that it leaves to the narrow phase
+    cost: float = math.nan  # ``nanoseconds + share * narrow_ns``
+    certificate: str = ""  # its kind, if it has one
+    missed: int = 0  # queries that meet the object and that it denied: none where it is proven
+    seconds: float = 0.0  # that its fit took
+    why_not: str = ""  # why it cannot be chosen
+    note: str = ""  # that a network is hardly trained
+    needs: float = 0.0  # the budget with room for what was not tried or is hardly trained, about; 0 for others
 
 
 class Stretch(NamedTuple):
@@ -270,17 +256,15 @@ class Choice:
         """In a sentence, why this one."""
         row, others = self.row, [row for row in self.rows if row.label != NONE and not row.why_not]
         if row.label != NONE:
-            times = f"{self.narrow_ns / row.cost:.3g} times less than with no broad phase"
-            leaves = (
-                f"leaves {100 * row.share:.3g} % of the queries, of which {100 * self.positives:.3g} % must be left"
-            )
-            takes = f"it takes {duration(row.nanoseconds)} and {leaves}"
-            return f"{row.label}: {duration(row.cost)} a query in all, {times}; {takes}"
+            less = f"{self.narrow_ns / row.cost:.3g} times less than with no broad phase"
+            leaves = f"it takes {duration(row.nanoseconds)} and leaves {100 * row.share:.3g} % of the queries"
+            must = f"of which {100 * self.positives:.3g} % must be left"
+            return f"{row.label}: {duration(row.cost)} a query in all, {less}; {leaves}, {must}"
         if not others:
             return "no candidate can be chosen, so every query goes to the narrow phase"
-        best, price = min(others, key=lambda row: row.cost), duration(self.narrow_ns)
+        best = min(others, key=lambda row: row.cost)
         cost = f"the best, {best.label}, would cost {duration(best.cost)} a query in all"
-        return f"none pays: the narrow phase takes {price}, and {cost}"
+        return f"none pays: the narrow phase takes {duration(self.narrow_ns)}, and {cost}"
 
     @property
     def more(self) -> str:
@@ -699,8 +683,7 @@ def choose_among(asked: Mapping[str, Callable[[], Any]], queries: int, *, narrow
         >>> wb.choose_among({"box": lambda: box.query(x).numpy()}, len(x), narrow_ns=0.0).label
         'none'
     """
-    if not is_number(narrow_ns) or narrow_ns < 0:
-        raise BounderError(f"narrow_ns must be a number of nanoseconds of at least 0, got {narrow_ns!r}")
+    check_prices("point", narrow_ns)
     if isinstance(queries, bool) or not isinstance(queries, (int, np.integer)) or queries < 1:
         raise BounderError(f"queries must be a whole number of at least 1, got {queries!r}")
     taken, shares = dict.fromkeys(asked, math.inf), {}
@@ -716,62 +699,46 @@ def choose_among(asked: Mapping[str, Callable[[], Any]], queries: int, *, narrow
             if answers.shape != (queries,):
                 raise BounderError(f"{label}: expected ({queries},) answers, got {answers.shape}")
             shares[label] = float(np.count_nonzero(answers)) / queries
-    rows = [Row(NONE, 0, 0.0, 1.0, float(narrow_ns), "by construction")]
-    for label, share in shares.items():
-        nanoseconds = 1e9 * taken[label] / queries
-        rows.append(Row(label, 0, nanoseconds, share, nanoseconds + share * narrow_ns))
-    rows.sort(key=lambda row: row.cost)
+    lines = [(NONE, 0.0, 1.0), *((label, 1e9 * taken[label] / queries, share) for label, share in shares.items())]
+    rows = sorted((Row(label, 0, t, p, t + p * narrow_ns) for label, t, p in lines), key=lambda row: row.cost)
     return Choice(None, tuple(rows), float(narrow_ns), min(shares.values(), default=1.0), int(queries))
 
 
 # --- plot ------------------------------------------------------------------------------------------------------------
 
-COLOURS = ("#1b5e9e", "#d1420a", "#00846b", "#8a1c5a", "#c58a00", "#43474b", "#4aa3df", "#a8323e")
-INK, PALE, FAINT = "#22303c", "#dde2e6", "#b9c1c8"
 PRICES = (1.0, 1e6)  # of the narrow phase, nanoseconds, that are shown at least
 
 
 def cost_plot(choice: Choice) -> bytes:
     """Draw what each candidate costs, by the price of the narrow phase: a PNG file. Needs matplotlib."""
     try:
-        from matplotlib import rc_context
         from matplotlib.figure import Figure
     except ImportError as error:
         raise BoundingError("the plot needs matplotlib: pip install 'warp-bounding[train]'") from error
-    best, price = choice.prices, choice.narrow_ns
-    edges = [price, *(stretch.price for stretch in best)]
+    best, rows = choice.prices, {row.label: row for row in choice.rows if not row.why_not}
+    edges = [choice.narrow_ns, *(stretch.price for stretch in best)]
     low = min([PRICES[0], *(edge / 3 for edge in edges if edge > 0)])
     high = max(PRICES[1], 3 * max(edges))
-    here, prices = max(price, low), np.geomspace(low, high, 400)
-    ends = [*(stretch.price for stretch in best[1:]), high]
-    with rc_context({"font.size": 9}):
-        figure = Figure(figsize=(7.6, 4.6), layout="constrained")
-        panel = figure.subplots()
-        for row in choice.rows:
-            if not row.why_not:
-                panel.plot(prices, row.nanoseconds + row.share * prices, color=FAINT, linewidth=0.7)
-        for number, (stretch, end) in enumerate(zip(best, ends, strict=True)):
-            row = next(row for row in choice.rows if row.label == stretch.label)
-            own = np.geomspace(max(stretch.price, low), end, 50)
-            label = f"{row.label}, from {duration(stretch.price)}" if stretch.price else row.label
-            colour = COLOURS[number % len(COLOURS)]
-            panel.plot(own, row.nanoseconds + row.share * own, color=colour, linewidth=3, label=label)
-        if choice.positives > 0:
-            panel.plot(prices, choice.positives * prices, ":", color=INK, linewidth=0.9, label="what meets the object")
-        panel.axvline(here, color=INK, linewidth=0.8, linestyle="--")
-        cost = choice.row.nanoseconds + choice.row.share * here
-        panel.plot([here], [cost], "o", color=INK)
-        place = {"xytext": (8, -8), "textcoords": "offset points", "va": "top", "color": INK}
-        panel.annotate(f"{choice.label}\n{duration(choice.row.cost)} a query", (here, cost), **place)
-        panel.set(xscale="log", yscale="log", xlim=(low, high))
-        fastest = min((row.nanoseconds for row in choice.rows if row.nanoseconds > 0), default=low)
-        panel.set_ylim(bottom=max(0.5 * fastest, 1e-2))
-        panel.set_xlabel("price of the narrow phase, nanoseconds a call", color=INK)
-        panel.set_ylabel("broad and narrow phase, nanoseconds a query", color=INK)
-        panel.set_title("What each broad phase costs; thick: the cheapest", loc="left", color=INK, fontweight="bold")
-        panel.grid(color=PALE, linewidth=0.6)
-        panel.spines[["top", "right"]].set_visible(False)
-        panel.legend(loc="upper left", frameon=False, fontsize=8, labelcolor=INK)
-        file = io.BytesIO()
-        figure.savefig(file, format="png", dpi=130)
+    prices, here = np.geomspace(low, high, 400), max(choice.narrow_ns, low)
+    figure = Figure(figsize=(7.6, 4.6), layout="constrained")
+    panel = figure.subplots()
+    for row in rows.values():
+        panel.plot(prices, row.nanoseconds + row.share * prices, color="silver", linewidth=0.7)
+    for stretch, end in zip(best, [*(stretch.price for stretch in best[1:]), high], strict=True):
+        row, own = rows[stretch.label], np.geomspace(max(stretch.price, low), end, 50)
+        label = f"{row.label}, from {duration(stretch.price)}" if stretch.price else row.label
+        panel.plot(own, row.nanoseconds + row.share * own, linewidth=3, label=label)
+    if choice.positives > 0:
+        panel.plot(prices, choice.positives * prices, "k:", linewidth=0.9, label="what meets the object")
+    panel.axvline(here, color="black", linestyle="--", linewidth=0.8)
+    panel.plot([here], [choice.row.nanoseconds + choice.row.share * here], "ko", label=f"chosen: {choice.label}")
+    fastest = min((row.nanoseconds for row in rows.values() if row.nanoseconds > 0), default=low)
+    panel.set(xscale="log", yscale="log", xlim=(low, high), title="What each broad phase costs; thick: the cheapest")
+    panel.set_ylim(bottom=max(0.5 * fastest, 1e-2))
+    panel.set_xlabel("price of the narrow phase, nanoseconds a call")
+    panel.set_ylabel("broad and narrow phase, nanoseconds a query")
+    panel.spines[["top", "right"]].set_visible(False)
+    panel.legend(loc="upper left", frameon=False, fontsize=8)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=130)
     return file.getvalue()
