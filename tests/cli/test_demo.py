@@ -3,7 +3,6 @@
 import errno
 import json
 import os
-import subprocess
 import sys
 from importlib import import_module
 from pathlib import Path
@@ -137,22 +136,6 @@ def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):
     status, out, err = run(capsys, "demo", "particles", "--out", tmp_path)
     assert (status, out) == (2, "")
     assert err == f"sims: {tmp_path / 'rain.png'}: {os.strerror(errno.ENOSPC)}\n"
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")
-def test_a_full_disk_behind_standard_output_is_one_line(tmp_path):
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
-    with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "warp_bounding", "--version"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            env=environment,
-            check=False,
-        )
-    assert done.returncode == 2
-    assert done.stderr == f"warp-bounding: {os.strerror(errno.ENOSPC)}\n"
 
 
 def test_assets_are_the_meshes_of_installed_packages(capsys, tmp_path):
