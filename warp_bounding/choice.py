@@ -638,7 +638,8 @@ def choose(
     half = np.zeros(len(x), dtype=bool)
     half[rng.permutation(len(x))[: len(x) // 2]] = True
     fit_to, x = (x[half], x[~half]) if len(x) > 1 else (x, x)  # what is measured is in the caller's order
-    options = {"margin": margin, "seed": int(seed)} | ({"length": length} if QUERIES[query].has_length else {})
+    options = {"margin": float(margin), "seed": int(seed)}
+    options |= {"length": float(length)} if QUERIES[query].has_length else {}
     given = None if queries is None else hashlib.sha256(fit_to.tobytes()).hexdigest()
     settings = {"shape": bounded.digest, "query": query, **options, "queries": given}
     options["queries"], folder = None if queries is None else fit_to, None if folder is None else Path(folder)
