@@ -7,7 +7,7 @@ OUT ?= out/demo
 .PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean dist release-check release-check-full resolve lowest
 .NOTPARALLEL:  # one pip at a time
 
-demo: $(VENV)/.sims
+demo: $(VENV)/.show
 	$(BIN)/python -m sims particles --steps 100 --out $(OUT)
 
 # on all cores that this process may use, each worker with a share of the files; a worker that is done helps the others
@@ -73,7 +73,7 @@ format: $(VENV)/.lint
 	$(BIN)/ruff format .
 
 # An extra of pyproject.toml, installed. The compiling of every module of every package is left to its first import.
-EXTRAS := sims test notebooks docs lint dev
+EXTRAS := show sims test notebooks docs lint dev
 $(EXTRAS:%=$(VENV)/.%): $(VENV)/.%: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "warp-bounding needs Python 3.10 or newer, this is " + sys.version.split()[0])'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)

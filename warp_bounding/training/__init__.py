@@ -1,11 +1,4 @@
-"""Training of learned bounders; torch lives here only."""
-
-from warp_bounding.errors import BounderError
-
-try:
-    import torch  # noqa: F401
-except ImportError as error:
-    raise BounderError("fitting needs torch: pip install 'warp-bounding[train]'") from error
+"""``fit``: bounders from shapes. torch lives here only, and is imported where a bounder is learned (``lazy_torch``)."""
 
 from warp_bounding.training.fit import fit
 from warp_bounding.training.hierarchy import hierarchy

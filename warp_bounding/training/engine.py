@@ -1,5 +1,7 @@
 """What trains networks in short steps on a CPU: threads, the clock, an optimiser, networks with hand-written gradients, and an adversary."""
 
+from __future__ import annotations
+
 import contextlib
 import math
 from collections.abc import Callable, Iterator
@@ -9,12 +11,12 @@ from itertools import pairwise
 from threading import local
 
 import numpy as np
-import torch
 
 from warp_bounding.activations import Activation, activation_of
 from warp_bounding.bounders.mlp import encoding_tensors
 from warp_bounding.runtime.launch import cpu_threads, run_shares, working_seconds
 from warp_bounding.runtime.progress import Progress
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Samples
 
 # Shares of a job on the library's own threads, each of which runs torch on one core.

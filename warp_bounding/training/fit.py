@@ -146,6 +146,7 @@ def fit(
     spent = Stopwatch()
     if query == DISTANCE.name:
         check_distance(method, length, side, last, queries)
+        check_distance_options(distance_class(method), options)
         device_of(device)
         shape, frame = parted(load_indicator(shape))
         check_extent(shape, margin, force)
@@ -157,6 +158,7 @@ def fit(
         return in_frame(found, frame)
     check_regions(query, method, length, side)
     length = length or 1.0
+    settled([method_class(name) for name in method.split("+")], query, options, [fit])
     device_of(device)
     shape, frame = parted(load_indicator(shape))
     check_extent(shape, margin, force)
@@ -302,13 +304,12 @@ DistanceTraining = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
 DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTraining] = {MlpDistance: train_distance}
 
 
-def check_distance_options(cls: type[DistanceBounder], names: Iterable[str], callers: Iterable[Callable] = ()) -> None:
+def check_distance_options(cls: type[DistanceBounder], names: Iterable[str]) -> None:
     """Refuse options that a method's distance does not take.
 
     Args:
         cls: Of the method.
         names: Of the options, all but those of ``fit``.
-        callers: As of ``settled``.
 
     Raises:
         BounderError: Naming one of them, and what there is.
@@ -316,7 +317,7 @@ def check_distance_options(cls: type[DistanceBounder], names: Iterable[str], cal
     known = [*(option.name for option in cls.options_taken()), METRIC]
     for name in names:
         if name not in known:
-            raise BounderError(unknown_option(name, cls.method, known, "distances", callers))
+            raise BounderError(unknown_option(name, cls.method, known, "distances", [fit]))
 
 
 def _fit_distance(
@@ -360,7 +361,6 @@ def _fit_distance(
             f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids take metric={METRICS[1]!r}, where "
             "time is one more coordinate"
         )
-    check_distance_options(cls, options, [fit])
     own = {"margin": margin, "resolution": resolution}
     if issubclass(cls, VolumeDistance):
         own |= {"budget": budget, "seed": seed, "device": device, "progress": progress, "force": force}

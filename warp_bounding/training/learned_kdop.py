@@ -4,13 +4,14 @@ Normals have length 1 in the coordinates of what is bounded. Faces are supports 
 rounding: they steer the search only, ``LearnedKdop.of_normals`` sets the real ones.
 """
 
+from __future__ import annotations
+
 import contextlib
 from functools import partial
 from itertools import combinations
 from typing import Any
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
 from warp_bounding.errors import BounderError
@@ -21,6 +22,7 @@ from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Problem, Trained
 
 HALVINGS = 12  # of the interval in which f is highest along a ray

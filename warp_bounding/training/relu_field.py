@@ -6,10 +6,11 @@ at the end is repaired: every value has a non-negative share in f, so raising th
 lacks never lowers f anywhere.
 """
 
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders.relu_field import (
     FieldMap,
@@ -23,6 +24,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Problem, Trained
 
 __all__ = ["train_relu_field"]

@@ -6,13 +6,14 @@ the object. Labels are those of the exact oracles; no sample is ever taken for a
 kind of query, found by its name (``samples_of``).
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError, QueryError
@@ -23,6 +24,7 @@ from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.boundary import border_points, held_points, pulled, random_points
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import RegionDomain
+from warp_bounding.training.lazy_torch import torch
 
 # Random points in the cells of a grid: a cell's index and an offset in [-1/2, 1/2]^n, as columns.
 #
@@ -295,15 +297,15 @@ class CallersQueries:
         self.positives = float(truth.mean())
         v = domain.to_local(self.x[~truth])
         # what lies outside the domain is denied whatever a network says
-        self._free = columns(v[(np.abs(v) <= domain.limit).all(axis=1)])
+        self._free = np.ascontiguousarray(v[(np.abs(v) <= domain.limit).all(axis=1)].T, dtype=np.float32)
 
     def negatives(self, count: int, generator: torch.Generator) -> torch.Tensor:
         """``v`` of those among ``count`` random ones of them that are negatives, and can be anything else for a network."""
-        free = self._free.shape[1]
-        if not free:
-            return self._free
-        chosen = torch.randint(free, (round(count * free / len(self.x)),), generator=generator)
-        return self._free.index_select(1, chosen)
+        free = torch.from_numpy(self._free)
+        if not free.shape[1]:
+            return free
+        chosen = torch.randint(free.shape[1], (round(count * free.shape[1] / len(self.x)),), generator=generator)
+        return free.index_select(1, chosen)
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """``(count, m)`` random ones of them."""

@@ -8,16 +8,18 @@ Samples are columns here: coordinates v ``(ndim, N)``, and of positives their *s
 (``training.samples``: a cell and an offset in it, for instance) and which stay positive wherever they move.
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders.mlp import Lattice
 from warp_bounding.queries import QUERIES
 from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, geometric
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Samples
 
 # The asymmetric loss of the default recipe and its constants, the batches that it is taken on, and its gradient.

@@ -13,11 +13,12 @@ large distances by a share, which marches make up for with a few steps: boxes of
 and these fill most of the domain.
 """
 
+from __future__ import annotations
+
 import math
 from typing import Any
 
 import numpy as np
-import torch
 
 from warp_bounding.bounders.mlp_distance import AXES_OF_MANY, MANY, MlpDistance
 from warp_bounding.indicators.shape import Shape
@@ -36,6 +37,7 @@ from warp_bounding.training.engine import (
     interrupts,
     single_threaded_torch,
 )
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import summed
 
 # Of the first and of later layers' weights; from ``EASED_IN`` dimensions on the same whatever the object: of a 4D dragon, 200 s, false positives at

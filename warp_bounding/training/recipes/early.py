@@ -12,19 +12,20 @@ Limits: exits cost the network some of its own tightness, and time. Exits of pla
 behind which they are trained.
 """
 
+from __future__ import annotations
+
 import math
 from dataclasses import replace
 
 import numpy as np
-import torch
 from scipy.optimize import minimize
-from torch.nn.functional import softplus
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle
 from warp_bounding.training.engine import Clock, Evaluator, Soap, TrainableNetwork
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import (
     NEGATIVES,
     Batches,
@@ -187,7 +188,7 @@ class _ExitTrainer(NetworkTrainer):
         """One damped Newton step of the output's weights.
 
         The loss is ``accumulate``'s over all samples, from their activations ``(N, H + 1)``: the mean over negatives
-        of ``softplus(f) - softplus(f - ramp)``, and over positives of ``width softplus(-f / width) boost``. The ramp's
+        of ``softplus(f) - torch.nn.functional.softplus(f - ramp)``, and over positives of ``width torch.nn.functional.softplus(-f / width) boost``. The ramp's
         concave part is left out of the Hessian, which is then positive definite.
         """
         recipe, output = self.recipe, self.network.layers[-1][0]
@@ -198,8 +199,12 @@ class _ExitTrainer(NetworkTrainer):
 
         def loss(at: torch.Tensor) -> float:
             f_negative, f_positive = negative @ at, positive @ at
-            below = (softplus(f_negative) - softplus(f_negative - ramp)).sum() * w_negative
-            return float(below + (softplus(-f_positive / width) * boost).sum() * (w_positive * width))
+            below = (
+                torch.nn.functional.softplus(f_negative) - torch.nn.functional.softplus(f_negative - ramp)
+            ).sum() * w_negative
+            return float(
+                below + (torch.nn.functional.softplus(-f_positive / width) * boost).sum() * (w_positive * width)
+            )
 
         s_negative = torch.sigmoid(negative @ output)
         s_positive = torch.sigmoid((positive @ output).div_(-width))
@@ -320,7 +325,7 @@ def _regression(inputs: np.ndarray, answer: np.ndarray) -> np.ndarray:
 
     def loss(at: np.ndarray) -> tuple[float, np.ndarray]:
         z = z_of(at)
-        value = float((weight * (softplus(z) - y * z)).sum()) + RIDGE * at @ at
+        value = float((weight * (torch.nn.functional.softplus(z) - y * z)).sum()) + RIDGE * at @ at
         return value, (x.T @ (weight * (torch.sigmoid(z) - y))).double().numpy() + 2 * RIDGE * at
 
     def hessian(at: np.ndarray) -> np.ndarray:

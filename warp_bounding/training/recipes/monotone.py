@@ -10,12 +10,14 @@ draw, to walk and to search as a point network's, the prover's own counterexampl
 is proven.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
-import torch
 
 from warp_bounding.training.engine import Soap, TrainableNetwork
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import NetworkTrainer, Recipe
 from warp_bounding.training.samples import LeastBoxes, LeastBoxesOfShape
 

@@ -5,14 +5,15 @@ negatives as false positives. The optimiser and the initial weights are those of
 trained equally well and can be compared.
 """
 
+from __future__ import annotations
+
 import numpy as np
-import torch
-from torch.nn.functional import binary_cross_entropy_with_logits
 
 from warp_bounding.activations import activation_of
 from warp_bounding.networks.network import head_of
 from warp_bounding.queries import oracle
 from warp_bounding.training.engine import Clock, RowNetwork, Soap, Team, TrainableNetwork, cosine, geometric, tensors_of
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Problem
 
 __all__ = ["OccupancyTrainer"]
@@ -83,7 +84,7 @@ class OccupancyTrainer:
             part = self.team.share(index, len(h))
             with torch.enable_grad():
                 f = sharpness * self.forward(h[part], offset[part])
-                loss = binary_cross_entropy_with_logits(f, truth[part], reduction="sum") / len(h)
+                loss = torch.nn.functional.binary_cross_entropy_with_logits(f, truth[part], reduction="sum") / len(h)
                 shares[index] = torch.autograd.grad(loss, self.network.layers)
 
         self.team.run(job)

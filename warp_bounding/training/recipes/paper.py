@@ -6,11 +6,12 @@ supplement, Sec. 2). At its batch of 200,000 and 10,000 iterations a stage this 
 earlier. Unlike in the paper, the threshold is then set by the proof.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
-import torch
-
 from warp_bounding.training.engine import Clock
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import NetworkTrainer
 
 __all__ = ["PaperRecipe", "PaperTrainer"]

@@ -6,11 +6,12 @@ gaps exceed it by, times the density of the queries' offsets there. The loss is 
 falls short, ever sharper: no label is needed, the supports are known exactly (``geometry``).
 """
 
+from __future__ import annotations
+
 import copy
 import math
 
 import numpy as np
-import torch
 
 from warp_bounding.activations import activation_of
 from warp_bounding.queries.boundary import ObjectSupport
@@ -24,6 +25,7 @@ from warp_bounding.training.engine import (
     initial_layers,
     tensors_of,
 )
+from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Problem
 
 __all__ = ["SupportTrainer"]
@@ -53,7 +55,7 @@ class SupportTrainer:
         self.network = RowNetwork(initial_layers([self.ndim, *hidden, 2], act.support_gains, self.generator), act)
         self._best = (math.inf, self.network.copy())
 
-    def behind(self, layers: list[torch.Tensor]) -> "SupportTrainer":
+    def behind(self, layers: list[torch.Tensor]) -> SupportTrainer:
         """A trainer of two supports behind finished layers, which stay as they are; all else is shared with this one."""
         own = copy.copy(self)  # __init__ would draw a whole network and look for the hull again
         head = initial(self.generator, 2, len(layers[-1]))
