@@ -916,7 +916,7 @@ def show(
     times; more than three coordinates need --slice.
     """
     from warp_bounding.views.draw import UPS, Window, check_display, page, picture
-    from warp_bounding.views.view import facts_of, needed, title_of, view_of
+    from warp_bounding.views.view import needed, view_of
 
     radii, times, held = _numbers("radius", radius), _numbers("time", time), _held(slice_)
     count, (least, most) = whole_number("samples", samples), RESOLUTIONS
@@ -946,15 +946,13 @@ def show(
     with bar("show") as update:
         options |= {"resolution": resolution, "samples": count, "seed": seed, "progress": update}
         view = view_of(bounder, indicator, **options)
-    title = title_of(bounder, indicator)
-    view.facts = facts_of(bounder, indicator, view)
     if "Another shape" in view.facts:
         warn(view.facts["Another shape"])
     if html is not None:
-        write_whole(html, page(view, title, up).encode(), whole_file.PAGE_FILE)
+        write_whole(html, page(view, view.title, up).encode(), whole_file.PAGE_FILE)
     if screenshot is not None:
         panels = view.states if radii or times else _spread(view.states)
-        write_whole(screenshot, picture(replace(view, states=panels), title, up, cut), whole_file.PICTURE_FILE)
+        write_whole(screenshot, picture(replace(view, states=panels), view.title, up, cut), whole_file.PICTURE_FILE)
     if json:
         names = ("label", "fp_rate", "fn", "samples", "undecided")
         fitted, states = bounder.info.get("indicator"), view.states
@@ -975,7 +973,7 @@ def show(
     for path in filter(None, (html, screenshot)):
         console().print(f"written to {path}")
     if html is None and screenshot is None:
-        Window(view, title, up).open()
+        Window(view, view.title, up).open()
     return 0
 
 

@@ -1,71 +1,46 @@
-"""A view on a pyvista plotter: what the window and the off-screen pictures have in common."""
+"""How a view is shown: a picture drawn off-screen, a window, or one self-contained web page."""
 
 import base64
 import io
 import json
 import os
+import pickle
+import re
 import subprocess
 import sys
 import tempfile
 import textwrap
 import zlib
-from collections.abc import Callable
-from dataclasses import asdict, replace
 from functools import partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from string import Template
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from warp_bounding.errors import BoundingError
-from warp_bounding.views.view import State, Surface, View, needed
+from warp_bounding.views.view import State, View, needed
 
-__all__ = [
-    "BOUND",
-    "INK",
-    "MISSED",
-    "MOST_TRIANGLES",
-    "OPACITY",
-    "STONE",
-    "UPS",
-    "VIEW",
-    "WINDOWS",
-    "Drawn",
-    "Placing",
-    "Window",
-    "aim",
-    "check_display",
-    "draw",
-    "draw_with",
-    "page",
-    "picture",
-    "pixels",
-    "placing",
-    "polygons",
-    "show_points",
-    "with_palette",
-]
+__all__ = ["UPS", "Drawn", "Window", "check_display", "draw", "draw_with", "page", "picture", "with_palette"]
 
-# --- off screen ------------------------------------------------------------------------------------------------------
+STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
+UPS = {"x": 0, "y": 1, "z": 2}  # the axis that is up in pictures
+VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
+
+# --- drawing in a process of its own ---------------------------------------------------------------------------------
 #
-# Drawing with pyvista in a process of its own, off-screen: no display is needed.
-#
-# Where there is no OpenGL, VTK does not raise an exception, it crashes; so a crash costs the pictures, not the program, and its complaints go
-# to a log instead of the terminal. Without a display the process asks for EGL, then for OSMesa. A module of pictures has a
-# ``draw(data, folder)`` that runs there.
+# Where there is no OpenGL, VTK raises no exception but crashes: in a process of its own a crash costs the pictures, not the program. No display is
+# needed: the process asks for EGL, then for OSMesa.
 
 SECONDS = 120  # for drawing
 COLOURS = 256  # of a picture's palette
 WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
-KEPT = "Everything else is complete."
 PROGRAM = """
 import importlib, pathlib, sys
 import numpy
 importlib.import_module(sys.argv[1]).draw(dict(numpy.load(sys.argv[2])), pathlib.Path(sys.argv[3]))
-"""  # of the process that draws
+"""
 
 
 class Drawn(NamedTuple):
@@ -76,7 +51,7 @@ class Drawn(NamedTuple):
 
     def lines(self) -> str:
         """For people."""
-        told = [f"No pictures: {self.problem}. {KEPT}"] if self.problem else []
+        told = [f"No pictures: {self.problem}. Everything else is complete."] if self.problem else []
         return "\n".join([*(f"Picture: {path}" for path in self.paths), *told])
 
 
@@ -94,16 +69,15 @@ def draw_with(module: str, folder: Path, data: dict[str, np.ndarray], colours: i
     """
     from PIL import Image
 
-    folder = Path(folder)
+    folder, root = Path(folder), str(Path(__file__).resolve().parents[2])
     folder.mkdir(parents=True, exist_ok=True)
-    root = str(Path(__file__).resolve().parents[2])
+    paths = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
     with tempfile.TemporaryDirectory(dir=folder, prefix=".drawing") as work:
         file, problem = Path(work) / "data.npz", ""
         np.savez(file, **data)
+        command = [sys.executable, "-c", PROGRAM, module, str(file), work]
         for window in _windows():
-            environment = {**os.environ, **window}
-            environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-            command = [sys.executable, "-c", PROGRAM, module, str(file), work]
+            environment = {**os.environ, **window, "PYTHONPATH": paths}
             try:
                 done = subprocess.run(
                     command, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
@@ -121,7 +95,7 @@ def draw_with(module: str, folder: Path, data: dict[str, np.ndarray], colours: i
 
 
 def with_palette(image, colours: int = COLOURS):
-    """A Pillow image with a palette, which makes its file a third as large, and no difference that one could see."""
+    """A Pillow image with a palette: a third of the bytes, and no difference that one could see."""
     from PIL import Image
 
     return image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
@@ -137,145 +111,136 @@ def _windows() -> list[dict[str, str]]:
 
 def _reason(done: subprocess.CompletedProcess) -> str:
     """Why the drawing process failed, in a few words."""
-    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     if "No module named 'pyvista'" in done.stderr:
         return "pyvista is not installed (pip install 'warp-bounding[show]')"
-    if done.returncode < 0 or "OpenGL" in done.stderr or "EGL" in done.stderr or "OSMesa" in done.stderr:
+    if done.returncode < 0 or any(name in done.stderr for name in ("OpenGL", "EGL", "OSMesa")):
         return "this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)"
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
 
 
-Placing = Callable[[np.ndarray], np.ndarray]
+# --- a view on a pyvista plotter -------------------------------------------------------------------------------------
 
-STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
-OPACITY = 0.3  # of the bound
-POINT = 6.0  # pixels, of a point
-UPS = {"x": 0, "y": 1, "z": 2}  # the axis that is up in pictures
-ANGLE = 28.0  # of the view, degrees
+OPACITY, OPENED = 0.3, 0.9  # of the bound, whole and cut open
+SMOOTH = {"smooth_shading": True, "ambient": 0.3}  # of surfaces
 EDGE = (
     30.0  # degrees between two triangles from which they meet in an edge, rather than being parts of one curved surface
 )
-NEAR = 0.86  # of the distance from which the ball around what is seen fills the picture
-VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
+ANGLE, NEAR = (
+    28.0,
+    0.86,
+)  # degrees, of the view; of the distance from which the ball around what is seen fills the picture
+LIGHTS = (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3))  # where, in radii of that ball; how strong
+PANEL, MOST_COLUMNS, LETTERS = 760, 3, 72  # pixels of a panel's sides; panels side by side; letters of a line in one
+SIZE, LETTERS_OF_WINDOW = (1200, 900), 110  # of a window, likewise
+BOX, FIRST, STEP = 22, 20, 34  # pixels: a tick box, where the first begins, and from one to the next
 
 
-def placing(view: View, up: str) -> Placing:
-    """Where points of a view are put: a function from ``(N, k)`` to ``(N, 3)`` float64.
+class Scene:
+    """A view on one panel of a plotter: object, bound and points of one of its states."""
 
-    Args:
-        view: Of space, or of a plane, which lies at z = 0.
-        up: The axis that becomes z, a name in ``UPS``; of a view of space.
-    """
-    axis, stretch = UPS[up], np.asarray(view.stretch)
+    def __init__(self, plotter, view: View, up: str):
+        self.plotter, self.view, self.up, self.number = plotter, view, UPS[up], 0
+        self.shown = {"object": True, "bound": True, **{group.name: group.shown for group in view.groups}}
+        self.plane: tuple[np.ndarray, np.ndarray] | None = None  # normal and origin: the side of the normal is cut away
+        corners = self.place(np.stack([view.lower, view.upper]))
+        self.lower, self.upper, self.middle = corners.min(axis=0), corners.max(axis=0), corners.mean(axis=0)
+        plotter.set_background("white")
+        if view.solid:
+            plotter.enable_depth_peeling(8)
 
-    def of_space(points: np.ndarray) -> np.ndarray:
-        x, y, z = np.asarray(points, dtype=np.float64).T
-        return np.stack(((y, z, x), (x, -z, y), (x, y, z))[axis], axis=1)
+    def place(self, points: np.ndarray) -> np.ndarray:
+        """Where points ``(N, k)`` of the view are put, ``(N, 3)``: turned so that ``up`` is z; those of a plane at z = 0."""
+        points = np.asarray(points, dtype=np.float64)
+        if self.view.solid:
+            x, y, z = points.T
+            return np.stack(((y, z, x), (x, -z, y), (x, y, z))[self.up], axis=1)
+        a, b = (points * self.view.stretch).T
+        return np.stack([b, -a, 0 * a] if self.view.down else [a, b, 0 * a], axis=1)
 
-    def of_plane(points: np.ndarray) -> np.ndarray:
-        a, b = (np.asarray(points, dtype=np.float64) * stretch).T
-        x, y = (b, -a) if view.down else (a, b)
-        return np.stack([x, y, np.zeros(len(x))], axis=1)
+    def draw(self) -> None:
+        """Draw what is shown by now."""
+        view, state = self.view, self.view.states[self.number]
+        if view.solid:
+            self._add("object", self._surface(state.object), color=STONE, specular=0.1, **SMOOTH)
+            bound, opacity = self._surface(state.bound), OPACITY
+            if self.plane is not None and bound.n_cells:
+                bound, opacity = bound.clip(tuple(self.plane[0]), origin=tuple(self.plane[1])), OPENED
+            self._add("bound", bound, color=BOUND, opacity=opacity, specular=0.4, specular_power=30, **SMOOTH)
+        else:
+            self.plotter.add_mesh(self._pixels(state), scalars="colour", rgb=True, lighting=False, name="pixels")
+        for group in view.groups:
+            points = needed("pyvista").PolyData(self.place(state.points[group.name]))
+            dots = {"point_size": 6.0, "render_points_as_spheres": True, "lighting": False}
+            self._add(group.name, points, color=group.colour, **dots)
 
-    return of_space if view.solid else of_plane
+    def _add(self, name: str, mesh, **options) -> None:
+        if not mesh.n_points or not self.shown[name]:
+            self.plotter.remove_actor(name, render=False)
+            return
+        self.plotter.add_mesh(mesh, name=name, reset_camera=False, **options)
 
+    def _surface(self, surface):
+        found = surface.copy()
+        found.points = self.place(surface.points)
+        return _with_edges(found)
 
-def polygons(surface: Surface, place: Placing):
-    """A pyvista mesh of a surface, put in its place, with sharp edges where it has some; ``None`` where it is empty."""
-    pyvista = needed("pyvista")
-    if not len(surface.faces):
-        return None
-    faces = np.insert(surface.faces, 0, 3, axis=1).reshape(-1)
-    found = pyvista.PolyData(place(surface.vertices), faces)
-    return found.compute_normals(
-        split_vertices=True, feature_angle=EDGE, consistent_normals=False, auto_orient_normals=False
-    )
+    def _pixels(self, state: State):
+        """A plane as an image of coloured cells."""
+        view = self.view
+        layers = [(state.bound, BOUND, "bound"), (state.object, STONE, "object")][:: -1 if view.within else 1]
+        colours = np.full((*state.bound.shape, 3), 255, dtype=np.uint8)
+        for mask, colour, name in layers:
+            colours[mask & self.shown[name]] = _rgb(colour)
+        colours[state.missed(view.within)] = _rgb(MISSED)
+        if view.down:
+            colours = colours.transpose(1, 0, 2)[:, ::-1]
+        count = np.array(colours.shape[:2])
+        spacing = (*(self.upper - self.lower)[:2] / count, 1.0)
+        image = needed("pyvista").ImageData(dimensions=(*(count + 1), 1), spacing=spacing, origin=tuple(self.lower))
+        image.cell_data["colour"] = colours.reshape(-1, 3, order="F")
+        return image
 
+    def aim(self) -> None:
+        """Lights, and a camera that sees all of the view."""
+        plotter, camera, size = self.plotter, self.plotter.camera, self.upper - self.lower
+        if not self.view.solid:
+            plotter.view_xy()
+            camera.parallel_projection = True
+            camera.focal_point, camera.position = self.middle, self.middle + np.array([0, 0, size.max()])
+            width, height = plotter.renderer.GetSize()
+            camera.parallel_scale = max(size[1], size[0] * height / max(width, 1)) / 2 * 1.12
+            plotter.reset_camera_clipping_range()
+            return
+        radius = np.linalg.norm(size) / 2
+        plotter.remove_all_lights()
+        for source, strength in LIGHTS:
+            light = {"focal_point": tuple(self.middle), "intensity": strength, "light_type": "scene light"}
+            plotter.add_light(needed("pyvista").Light(position=tuple(self.middle + radius * np.array(source)), **light))
+        away = np.array(VIEW) / np.linalg.norm(VIEW) * radius / np.sin(np.radians(ANGLE) / 2) * NEAR
+        camera.focal_point, camera.position = tuple(self.middle), tuple(self.middle + away)
+        camera.up, camera.view_angle = (0, 0, 1), ANGLE
 
-def pixels(view: View, state: State, place: Placing, layers: tuple[str, ...] = ("object", "bound")):
-    """A picture of a plane as a pyvista image of coloured cells."""
-    pyvista = needed("pyvista")
-    colours = coloured(view, state, layers)
-    if view.down:
-        colours = colours.transpose(1, 0, 2)[:, ::-1]
-    count = np.array(colours.shape[:2])
-    corners = place(np.stack([view.lower, view.upper]))
-    lower, size = corners.min(axis=0), (corners.max(axis=0) - corners.min(axis=0))[:2] / count
-    image = pyvista.ImageData(dimensions=(*(count + 1), 1), spacing=(*size, 1.0), origin=tuple(lower))
-    image.cell_data["colour"] = colours.reshape(-1, 3, order="F")
-    return image
-
-
-def coloured(view: View, state: State, layers: tuple[str, ...]) -> np.ndarray:
-    """``(X, Y, 3)`` uint8: the pixels of a plane."""
-    bound = state.bound if "bound" in layers else np.zeros_like(state.bound)
-    body = state.object if "object" in layers else np.zeros_like(bound)
-    colours = np.full((*bound.shape, 3), 255, dtype=np.uint8)
-    first, second = ((body, STONE), (bound, BOUND)) if view.within else ((bound, BOUND), (body, STONE))
-    for mask, colour in (first, second):
-        colours[mask] = _rgb(colour)
-    colours[state.missed(view.within)] = _rgb(MISSED)
-    return colours
+    def text(self, letters: int, head: str = "") -> str:
+        """The rates of what is drawn, and the first facts, in lines."""
+        texts = head + self.view.states[self.number].rates, self.view.brief
+        return "\n".join(line for text in texts for line in textwrap.wrap(text, letters))
 
 
 def _rgb(colour: str) -> list[int]:
     return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
 
 
-def show_points(plotter, view: View, state: State, place: Placing, shown: dict[str, bool]) -> None:
-    """Add the groups of points that are shown, and take away the others."""
-    pyvista = needed("pyvista")
-    for group in view.groups:
-        points = state.points[group.name]
-        if not shown.get(group.name, group.shown) or not len(points):
-            plotter.remove_actor(group.name, render=False)
-            continue
-        options: dict[str, Any] = {
-            "color": group.colour,
-            "point_size": POINT,
-            "render_points_as_spheres": True,
-            "lighting": False,
-        }
-        plotter.add_mesh(pyvista.PolyData(place(points)), name=group.name, **options)
-
-
-def aim(plotter, view: View, place: Placing) -> None:
-    """Lights, and a camera that sees all of a view."""
-    pyvista = needed("pyvista")
-    corners = place(np.stack([view.lower, view.upper]))
-    middle, size = corners.mean(axis=0), np.abs(corners[1] - corners[0])
-    if not view.solid:
-        plotter.view_xy()
-        plotter.camera.parallel_projection = True
-        plotter.camera.focal_point, plotter.camera.position = middle, middle + np.array([0, 0, size.max()])
-        width, height = plotter.renderer.GetSize()
-        plotter.camera.parallel_scale = max(size[1], size[0] * height / max(width, 1)) / 2 * 1.12
-        plotter.reset_camera_clipping_range()
-        return
-    radius = np.linalg.norm(size) / 2
-    plotter.remove_all_lights()
-    for source, strength in (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3)):
-        at = tuple(middle + radius * np.array(source))
-        plotter.add_light(
-            pyvista.Light(position=at, focal_point=tuple(middle), intensity=strength, light_type="scene light")
-        )
-    away = np.array(VIEW) / np.linalg.norm(VIEW) * radius / np.sin(np.radians(ANGLE) / 2) * NEAR
-    plotter.camera.focal_point, plotter.camera.position = tuple(middle), tuple(middle + away)
-    plotter.camera.up, plotter.camera.view_angle = (0, 0, 1), ANGLE
-
-
-# --- picture ---------------------------------------------------------------------------------------------------------
-#
-# Off-screen pictures of a view: a panel for each radius or time, drawn in a process of its own (``off_screen``).
-
-PICTURE = "view.png"
-PANEL, MOST_COLUMNS = (760, 760), 3  # pixels of a panel; panels side by side
-TOLD = ("names", "asked", "down", "stretch", "within", "indicator", "facts")  # of a view, what is no array
-LETTERS = 72  # of a line of text in a panel
+def _with_edges(surface):
+    """A ``pyvista.PolyData`` whose vertices at sharp edges are split, so that these look sharp."""
+    if not surface.n_cells:
+        return surface
+    options = {"consistent_normals": False, "auto_orient_normals": False}
+    return surface.compute_normals(split_vertices=True, feature_angle=EDGE, **options)
 
 
 def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
-    """A PNG of a view.
+    """A PNG of a view: a panel for each of its states, drawn in a process of its own.
 
     Args:
         view: What is seen.
@@ -288,123 +253,45 @@ def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
     """
     needed("pyvista")
     needed("PIL")
-    told = {"title": title, "up": up, "cut": None if cut is None else UPS[cut], **_told(view)}
-    data = {"told": np.array(json.dumps(told)), "lower": view.lower, "upper": view.upper}
-    for number, state in enumerate(view.states):
-        for name in ("bound", "object"):
-            shown = getattr(state, name)
-            parts = shown._asdict() if isinstance(shown, Surface) else {"pixels": shown}
-            data |= {f"{number}.{name}.{part}": value for part, value in parts.items()}
-        data |= {f"{number}.{name}": points for name, points in state.points.items()}
     with tempfile.TemporaryDirectory() as folder:
+        data = {"view": np.frombuffer(pickle.dumps((view, title, up, cut)), np.uint8)}
         drawn = draw_with(__spec__.name, Path(folder), data)
         if not drawn.paths:
             raise BoundingError(f"no picture: {drawn.problem}; --html needs no OpenGL here")
         return drawn.paths[0].read_bytes()
 
 
-def _told(view: View) -> dict:
-    """What of a view is no array."""
-    states = []
-    for state in view.states:
-        states.append(asdict(replace(state, bound=None, object=None, points={})) | {"points": list(state.points)})
-    return {**{name: getattr(view, name) for name in TOLD}, "states": states}
-
-
-def _view(data: dict[str, np.ndarray], told: dict) -> View:
-    """Inverse of what ``picture`` sends."""
-
-    def seen(number: int, name: str) -> Surface | np.ndarray:
-        start = f"{number}.{name}."
-        if start + "pixels" in data:
-            return data[start + "pixels"]
-        return Surface(data[start + "vertices"], data[start + "faces"])
-
-    states = []
-    for number, each in enumerate(told["states"]):
-        points = {name: data[f"{number}.{name}"] for name in each.pop("points")}
-        states.append(
-            State(**{**each, "bound": seen(number, "bound"), "object": seen(number, "object"), "points": points})
-        )
-    return View(lower=data["lower"], upper=data["upper"], states=states, **{name: told[name] for name in TOLD})
-
-
 def draw(data: dict[str, np.ndarray], folder: Path) -> None:
-    """Draw ``view.png`` into a folder, from what ``picture`` sends."""
+    """Draw what ``picture`` sends, as ``view.png`` into a folder."""
     import pyvista
 
-    told = json.loads(str(data["told"]))
-    view = _view(data, told)
-    place, count = placing(view, told["up"]), len(view.states)
-    columns = min(count, MOST_COLUMNS)
-    rows = -(-count // columns)
-    size = (PANEL[0] * columns, PANEL[1] * rows)
+    view, title, up, cut = pickle.loads(data["view"].tobytes())
+    columns = min(len(view.states), MOST_COLUMNS)
+    rows = -(-len(view.states) // columns)
+    size = (PANEL * columns, PANEL * rows)
     plotter = pyvista.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
-    for number, state in enumerate(view.states):
+    for number in range(rows * columns):
         plotter.subplot(number // columns, number % columns)
-        plotter.set_background("white")
-        add(plotter, view, state, place, told["cut"])
-        aim(plotter, view, place)
+        if number >= len(view.states):
+            plotter.set_background("white")
+            continue
+        scene = Scene(plotter, view, up)
+        scene.number = number
+        if cut is not None:
+            normal = scene.place(np.eye(3)[[UPS[cut]]])[0]
+            scene.plane = (normal if normal @ VIEW > 0 else -normal), scene.middle  # the side of the camera
+        scene.draw()
+        scene.aim()
         plotter.enable_anti_aliasing("ssaa")
-        text = f"{view.asked} {state.label}" if state.label else ""
-        heading = told["title"] + (f", {text}" if text else "")
-        plotter.add_text(heading, position=(0.03, 0.945), viewport=True, font_size=13, color=INK)
-        lines = "\n".join([*textwrap.wrap(state.rates, LETTERS), *textwrap.wrap(view.brief, LETTERS)])
-        plotter.add_text(lines, position=(0.03, 0.015), viewport=True, font_size=10, color=INK)
-    for number in range(count, rows * columns):
-        plotter.subplot(number // columns, number % columns)
-        plotter.set_background("white")
-    plotter.screenshot(str(folder / PICTURE))
+        at = f", {view.asked} {view.states[number].label}" if view.states[number].label else ""
+        plotter.add_text(title + at, position=(0.03, 0.945), viewport=True, font_size=13, color=INK)
+        plotter.add_text(scene.text(LETTERS), position=(0.03, 0.015), viewport=True, font_size=10, color=INK)
+    plotter.screenshot(str(folder / "view.png"))
     plotter.close()
 
 
-def add(plotter, view: View, state: State, place: Placing, cut: int | None) -> None:
-    """Add object, bound and points to a panel."""
-    if not view.solid:
-        plotter.add_mesh(pixels(view, state, place), scalars="colour", rgb=True, lighting=False)
-    else:
-        body, bound = polygons(state.object, place), polygons(state.bound, place)
-        if body is not None:
-            plotter.add_mesh(body, color=STONE, smooth_shading=True, ambient=0.25, specular=0.1)
-        if bound is not None and cut is not None:
-            bound = _opened(view, bound, place, cut)
-        if bound is not None and bound.n_cells:
-            plotter.enable_depth_peeling(8)
-            options = {"smooth_shading": True, "ambient": 0.3, "specular": 0.4, "specular_power": 30}
-            plotter.add_mesh(bound, color=BOUND, opacity=OPACITY if cut is None else 0.9, **options)
-    show_points(plotter, view, state, place, {})
-
-
-def _opened(view: View, bound, place: Placing, cut: int):
-    """The half of a bound that lies behind the middle of the object, as the camera looks."""
-    normal = place(np.eye(3)[[cut]])[0]
-    middle = place(((view.lower + view.upper) / 2)[None])[0]
-    towards = normal if normal @ VIEW > 0 else -normal
-    return bound.clip(tuple(towards), origin=tuple(middle))
-
-
-# --- window ----------------------------------------------------------------------------------------------------------
-#
-# A window on a view: turn it with the mouse, slide through radii or times, drag a plane that cuts the bound open, tick what is shown.
-
-SIZE = (1200, 900)  # pixels
-BOX, FIRST, STEP = 22, 20, 34  # pixels: a tick box, where the first begins, and from one to the next
-LETTERS_OF_WINDOW = 110  # of a line of text
-OPENED = 0.85  # opacity of a bound that is cut open
-
-
-def check_display() -> None:
-    """Refuse where there is no display to open a window on, rather than let VTK crash.
-
-    Raises:
-        BoundingError: Saying what works without one.
-    """
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise BoundingError("there is no display for a window: expected --screenshot FILE.png or --html FILE.html")
-
-
-class Window:
-    """A window, not yet open.
+class Window(Scene):
+    """A window on a view, not yet open: turn it with the mouse, slide through radii or times, tick what is shown, drag a plane that cuts the bound.
 
     Args:
         view: What is seen.
@@ -417,17 +304,11 @@ class Window:
     """
 
     def __init__(self, view: View, title: str, up: str, *, off_screen: bool = False):
-        pyvista = needed("pyvista")
-        self.view, self.place, self.number = view, placing(view, up), 0
-        self.shown = {"object": True, "bound": True, **{g.name: g.shown for g in view.groups}}
-        self.plane: tuple[np.ndarray, np.ndarray] | None = None  # normal and origin of the cut
-        self.plotter = pyvista.Plotter(window_size=SIZE, title=title, off_screen=off_screen)
-        self.plotter.set_background("white")
+        super().__init__(needed("pyvista").Plotter(window_size=SIZE, title=title, off_screen=off_screen), view, up)
         if view.solid:
-            self.plotter.enable_depth_peeling(8)
             self.plotter.enable_anti_aliasing("fxaa")  # with samples of pixels nothing that is peeled is drawn
         self.draw()
-        aim(self.plotter, view, self.place)
+        self.aim()
         self._controls()
 
     def open(self) -> None:
@@ -435,22 +316,10 @@ class Window:
         self.plotter.show()
 
     def draw(self) -> None:
-        """Draw what is shown by now."""
-        view, plotter, state = self.view, self.plotter, self.view.states[self.number]
-        if view.solid:
-            self._add("object", polygons(state.object, self.place), STONE, 1.0)
-            self._add("bound", self._bound(), BOUND, OPACITY if self.plane is None else OPENED)
-        else:
-            layers = tuple(name for name in ("object", "bound") if self.shown[name])
-            plotter.add_mesh(
-                pixels(view, state, self.place, layers), scalars="colour", rgb=True, lighting=False, name="pixels"
-            )
-        show_points(plotter, view, state, self.place, self.shown)
-        at = f"{view.asked} {state.label}: " if state.label else ""
-        text = "\n".join(
-            [*textwrap.wrap(f"{at}{state.rates}", LETTERS_OF_WINDOW), *textwrap.wrap(view.brief, LETTERS_OF_WINDOW)]
-        )
-        plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
+        super().draw()
+        label = self.view.states[self.number].label
+        text = self.text(LETTERS_OF_WINDOW, f"{self.view.asked} {label}: " if label else "")
+        self.plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
 
     def toggle(self, name: str, shown: bool) -> None:
         """Show something, or hide it: ``object``, ``bound`` or a group of points."""
@@ -459,34 +328,19 @@ class Window:
 
     def go(self, number: float) -> None:
         """Go to the state that is nearest to a number."""
-        nearest = round(float(number))
-        if nearest != self.number:
+        if (nearest := round(float(number))) != self.number:
             self.number = nearest
             self.draw()
 
     def cut(self, normal, origin) -> None:
         """Cut the bound by a plane, and show what lies on its normal's side."""
-        self.plane = np.asarray(normal, dtype=float), np.asarray(origin, dtype=float)
+        self.plane = -np.asarray(normal, dtype=float), np.asarray(origin, dtype=float)
         self.draw()
-
-    def _bound(self):
-        bound = polygons(self.view.states[self.number].bound, self.place)
-        if bound is None or self.plane is None:
-            return bound
-        return bound.clip(tuple(-self.plane[0]), origin=tuple(self.plane[1]))
-
-    def _add(self, name: str, surface, colour: str, opacity: float) -> None:
-        if surface is None or not surface.n_cells or not self.shown[name]:
-            self.plotter.remove_actor(name, render=False)
-            return
-        options = {"smooth_shading": True, "ambient": 0.3, "specular": 0.2, "reset_camera": False}
-        self.plotter.add_mesh(surface, color=colour, opacity=opacity, name=name, **options)
 
     def _controls(self) -> None:
         view, plotter = self.view, self.plotter
         bound = "certainly inside" if view.within else "the bound: maybe"
-        listed = [("object", "the object", STONE), ("bound", bound, BOUND)]
-        listed += [(group.name, group.text, group.colour) for group in view.groups]
+        listed = [("object", "the object", STONE), ("bound", bound, BOUND), *(group[:3] for group in view.groups)]
         ticks = [(text, colour, self.shown[name], partial(self.toggle, name)) for name, text, colour in listed]
         if view.solid:
             ticks.append(("a plane that cuts the bound", INK, False, self._cutting))
@@ -495,19 +349,10 @@ class Window:
             options = {"value": shown, "position": (FIRST, high), "size": BOX, "border_size": 2}
             plotter.add_checkbox_button_widget(tell, **options, color_on=colour, color_off="white")
             plotter.add_text(text, position=(FIRST + BOX + 10, high), font_size=10, color=INK)
-        if len(view.states) > 1:
-            last = len(view.states) - 1
-            options = {"title": f"{view.asked} {view.states[0].label} to {view.states[last].label}", "color": INK}
-            plotter.add_slider_widget(
-                self.go,
-                rng=(0, last),
-                value=0,
-                pointa=(0.55, 0.08),
-                pointb=(0.95, 0.08),
-                fmt="",
-                style="modern",
-                **options,
-            )
+        if (last := len(view.states) - 1) > 0:
+            title = f"{view.asked} {view.states[0].label} to {view.states[last].label}"
+            where = {"rng": (0, last), "value": 0, "pointa": (0.55, 0.08), "pointb": (0.95, 0.08)}
+            plotter.add_slider_widget(self.go, **where, title=title, color=INK, fmt="", style="modern")
 
     def _cutting(self, on: bool) -> None:
         """Add the plane that cuts, or take it away."""
@@ -516,19 +361,21 @@ class Window:
             self.plane = None
             self.draw()
             return
-        middle = self.place(((self.view.lower + self.view.upper) / 2)[None])[0]
-        corners = self.place(np.stack([self.view.lower, self.view.upper]))
-        bounds = np.sort(corners, axis=0).T.reshape(-1).tolist()
-        self.plotter.add_plane_widget(
-            self.cut, normal=(0, 1, 0), origin=tuple(middle), color=INK, bounds=bounds, factor=1.0
-        )
+        bounds = np.stack([self.lower, self.upper], axis=1).reshape(-1).tolist()
+        plane = {"normal": (0, 1, 0), "origin": tuple(self.middle), "bounds": bounds, "factor": 1.0}
+        self.plotter.add_plane_widget(self.cut, **plane, color=INK)
 
 
-# --- page ------------------------------------------------------------------------------------------------------------
+def check_display() -> None:
+    """Refuse where there is no display to open a window on, rather than let VTK crash; raises ``BoundingError`` with what works without one."""
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise BoundingError("there is no display for a window: expected --screenshot FILE.png or --html FILE.html")
+
+
+# --- a web page ------------------------------------------------------------------------------------------------------
 #
-# One self-contained web page of a view, which turns with the mouse and needs no network: plotly.js comes from the installed plotly.
-#
-# Surfaces are stored as 16-bit numbers between the corners of what is seen, compressed; pictures of a plane as PNG.
+# It turns with the mouse and needs no network: plotly.js comes from the installed plotly. Surfaces are stored as 16-bit numbers between the corners of
+# what is seen, compressed; pictures of a plane as PNG.
 
 MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified
 CUTS = (2, 2, 1)  # by the axis that is up: the axis along which the camera looks the most
@@ -546,96 +393,63 @@ def page(view: View, title: str, up: str) -> str:
     Raises:
         BoundingError: If a package is missing.
     """
-    library = needed("plotly.offline").get_plotlyjs()
-    surfaces: list[dict[str, str]] = []
-    numbers: dict[int, int] = {}  # of surfaces that several states have, by identity
+    surfaces: dict[int, int] = {}  # numbers of surfaces, which several states can share, by identity
+    packed: list[dict[str, str]] = []
 
-    def number_of(surface: Surface) -> int:
-        if id(surface) not in numbers:
-            numbers[id(surface)] = len(surfaces)
-            surfaces.append(_packed(view, surface))
-        return numbers[id(surface)]
+    def number_of(surface) -> int:
+        if id(surface) not in surfaces:
+            surfaces[id(surface)] = len(packed)
+            packed.append(_packed(view, surface))
+        return surfaces[id(surface)]
 
-    told = {
-        "names": view.names,
-        "lower": view.lower.tolist(),
-        "upper": view.upper.tolist(),
-        "solid": view.solid,
-        "asked": view.asked,
-        "within": view.within,
-        "down": view.down,
-        "stretch": list(view.stretch),
-        "up": UPS[up],
-        "cut": CUTS[UPS[up]],
-        "eye": _eye(UPS[up]),
-        "colours": {"object": STONE, "bound": BOUND},
-        "groups": [group._asdict() for group in view.groups],
-        "states": [_state(view, state, number_of) for state in view.states],
-        "surfaces": surfaces,
-    }
-    return _template("page.html").substitute(
-        title=escape(title),
-        style=_template("page.css").template,
-        facts="\n".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in view.facts.items()),
-        library=library,
-        view=json.dumps(told, allow_nan=False).replace("</", "<\\/"),
-        program=_template("page.js").template,
-    )
+    def about(state: State) -> dict[str, Any]:
+        told = {"label": state.label, "rates": state.rates, "fn": state.fn}
+        told["points"] = {name: _places(view, points) for name, points in state.points.items()}
+        told["counts"] = {name: len(points) for name, points in state.points.items()}
+        if view.solid:
+            return told | {"object": number_of(state.object), "bound": number_of(state.bound)}
+        layers = {"object": (state.object, STONE), "bound": (state.bound, BOUND)}
+        layers["missed"] = (state.missed(view.within), MISSED)
+        return told | {"pictures": {name: _png(view, mask, colour) for name, (mask, colour) in layers.items()}}
 
-
-def _template(name: str) -> Template:
-    return Template((files("warp_bounding.views") / "templates" / name).read_text(encoding="utf-8"))
-
-
-def _state(view: View, state: State, number_of) -> dict[str, Any]:
-    about: dict[str, Any] = {"label": state.label, "rates": state.rates, "fn": state.fn}
-    about["points"] = {name: _places(view, points) for name, points in state.points.items()}
-    about["counts"] = {name: len(points) for name, points in state.points.items()}
-    if view.solid:
-        return about | {"object": number_of(state.object), "bound": number_of(state.bound)}
-    layers = {"object": (state.object, STONE), "bound": (state.bound, BOUND)}
-    layers["missed"] = (state.missed(view.within), MISSED)
-    return about | {
-        "pictures": {
-            name: _png(mask if view.down else np.rot90(mask), colour) for name, (mask, colour) in layers.items()
-        }
-    }
-
-
-def _eye(up: int) -> dict[str, float]:
-    """Where the camera stands, in plotly's units, seen from the middle; as in pictures."""
+    names = ("names", "solid", "asked", "within", "down", "stretch")
     right, into, high = np.array(VIEW) / np.linalg.norm(VIEW) * DISTANCE
-    turned = {0: (high, right, into), 1: (right, high, -into), 2: (right, into, high)}[up]
-    return dict(zip("xyz", map(float, turned), strict=True))
+    eye = ((high, right, into), (right, high, -into), (right, into, high))[UPS[up]]  # the camera, as in pictures
+    told = {name: getattr(view, name) for name in names} | {"up": UPS[up], "cut": CUTS[UPS[up]]}
+    told |= {"lower": view.lower.tolist(), "upper": view.upper.tolist(), "eye": dict(zip("xyz", eye, strict=True))}
+    told |= {"colours": {"object": STONE, "bound": BOUND}, "groups": [group._asdict() for group in view.groups]}
+    told |= {"states": [about(state) for state in view.states], "surfaces": packed}
+    facts = "\n".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in view.facts.items())
+    parts = {"title": escape(title), "facts": facts, "library": needed("plotly.offline").get_plotlyjs()}
+    parts["view"] = json.dumps(told, allow_nan=False).replace("</", "<\\/")
+    template = (files("warp_bounding.views") / "page.html").read_text(encoding="utf-8")
+    return re.sub(r"@(title|facts|library|view)@", lambda found: parts[found[1]], template)
 
 
-def _packed(view: View, surface: Surface) -> dict[str, str]:
-    """A surface with split edges, so that these look sharp, and no more triangles than a browser turns smoothly."""
-    found = polygons(surface, np.asarray)
-    if found is None:
-        return {"vertices": _deflated(np.empty(0, "<u2")), "faces": _deflated(np.empty(0, "<u4"))}
+def _packed(view: View, surface) -> dict[str, str]:
+    """A surface with sharp edges, and no more triangles than a browser turns smoothly."""
+    found = _with_edges(surface)
     if found.n_cells > MOST_TRIANGLES:
         whole = found.clean().triangulate()
-        simple = whole.decimate(1 - MOST_TRIANGLES / whole.n_cells)
-        found = polygons(Surface(np.asarray(simple.points, np.float64), simple.regular_faces), np.asarray)
-    faces = found.regular_faces.astype("<u4")
-    return {"vertices": _places(view, np.asarray(found.points)), "faces": _deflated(np.ascontiguousarray(faces.T))}
+        found = _with_edges(whole.decimate(1 - MOST_TRIANGLES / whole.n_cells))
+    faces = found.regular_faces.astype("<u4") if found.n_cells else np.empty((0, 3), "<u4")
+    return {"vertices": _places(view, np.asarray(found.points)), "faces": _deflated(faces.T)}
 
 
 def _places(view: View, points: np.ndarray) -> str:
     """Points ``(N, k)`` as 16-bit numbers between the corners of what is seen, axis by axis."""
     shares = (points - view.lower) / (view.upper - view.lower)
-    return _deflated(np.ascontiguousarray(np.rint(np.clip(shares, 0, 1) * 65535).astype("<u2").T))
+    return _deflated(np.rint(np.clip(shares, 0, 1) * 65535).astype("<u2").T)
 
 
 def _deflated(values: np.ndarray) -> str:
     return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode()
 
 
-def _png(mask: np.ndarray, colour: str) -> str:
-    """Rows of a mask as a picture, clear where it is false."""
-    image = needed("PIL.Image").fromarray(np.ascontiguousarray(mask).astype(np.uint8), mode="P")
-    image.putpalette([0, 0, 0, *(int(colour[k : k + 2], 16) for k in (1, 3, 5))])
-    content = io.BytesIO()
+def _png(view: View, mask: np.ndarray, colour: str) -> str:
+    """A plane's mask as a picture, clear where it is false."""
+    rows = np.ascontiguousarray(mask if view.down else np.rot90(mask)).astype(np.uint8)
+    image, content = needed("PIL.Image").fromarray(rows, mode="P"), io.BytesIO()
+    image.putpalette([0, 0, 0, *_rgb(colour)])
     image.save(content, "png", transparency=0, optimize=True)
     return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode()

@@ -1,0 +1,314 @@
+"""What is seen of a bounder is its own answers and the shape's own truth, and pictures, windows and pages show that."""
+
+import base64
+import io
+import itertools
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bounding_shapes import shape
+
+import warp_bounding as wb
+from warp_bounding.errors import BoundingError, QueryError
+from warp_bounding.views import draw_with, view_of
+from warp_bounding.views.draw import BOUND, STONE, WINDOWS, page, picture
+from warp_bounding.views.view import level_surface, object_surface
+
+pytest.importorskip("pyvista")
+pytest.importorskip("plotly")
+Image = pytest.importorskip("PIL.Image")
+FEW = {"resolution": 12, "samples": 4000}
+RADII = [0.0, 0.1, 0.3]
+
+
+def box(name: str, query: str = "point"):
+    return wb.fit(shape(name), query, "aabb", device="cpu")
+
+
+def volume(surface) -> float:
+    """The enclosed volume of a surface that is closed, positive where it is turned outwards."""
+    assert surface.is_manifold
+    a, b, c = (np.asarray(surface.points, np.float64)[surface.regular_faces[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
+
+
+def test_a_level_set_lies_where_the_answer_changes():
+    ball = level_surface(lambda x: np.linalg.norm(x, axis=1) < 1, np.array([-2.0, -2, -2]), np.array([2.0, 2, 2.5]), 30)
+    np.testing.assert_allclose(np.linalg.norm(ball.points, axis=1), 1.0, atol=1e-4)
+    assert 0.97 < volume(ball) / (4 / 3 * np.pi) < 1
+    half = level_surface(lambda x: x[:, 0] < 0.3, -np.ones(3), np.ones(3), 8)  # closed where the box ends
+    assert volume(half) == pytest.approx(1.3 * 4, rel=1e-3)
+    assert level_surface(lambda x: x[:, 0] > 9, -np.ones(3), np.ones(3), 8).n_cells == 0
+
+
+def test_cells_of_a_grid_lie_where_the_grid_has_them():
+    grid, moving = shape("star"), shape("animated")
+    found = object_surface(grid, {}, 8)
+    low, high = grid.position(grid.occupied.min(axis=0) - 0.5), grid.position(grid.occupied.max(axis=0) + 0.5)
+    np.testing.assert_allclose(np.reshape(found.bounds, (3, 2)).T, [low, high], atol=1e-6)
+    assert volume(found) == pytest.approx(len(grid.occupied) / np.prod(grid.cells_per_unit), rel=1e-5)
+    time = float(moving.position(np.full((1, 4), 3.0))[0, 0])
+    cells = moving.occupancy[3].sum() / np.prod(moving.cells_per_unit[1:])
+    assert volume(object_surface(moving, {0: time}, 8)) == pytest.approx(cells, rel=1e-5)
+
+
+def test_the_bound_of_a_box_is_that_box():
+    bounder, grid = box("star"), shape("star")
+    seen = view_of(bounder, grid, resolution=12, samples=50_000)
+    low, high = grid.position(grid.occupied.min(axis=0) - 0.5), grid.position(grid.occupied.max(axis=0) + 0.5)
+    np.testing.assert_allclose(np.reshape(seen.states[0].bound.bounds, (3, 2)).T, [low, high], atol=1e-3)
+    assert (seen.lower < low).all()
+    assert (seen.upper > high).all()
+    rates = wb.evaluate(bounder, grid, samples=50_000)
+    assert seen.states[0].fp_rate == pytest.approx(rates.fp_rate, abs=1.0)
+    assert (seen.states[0].fn, seen.states[0].samples) == (0, 50_000)
+
+
+def test_groups_of_points_have_the_answer_and_the_truth_that_they_are_named_for():
+    bounder, grid = box("c"), shape("c")
+    broken = bounder.to("cpu").freeze(bounder.threshold + 0.2, None)  # denies a part of the object
+    seen = view_of(broken, grid, **FEW).states[0]
+    for name, maybe, true in (("denied", 0, False), ("false-positives", 1, False), ("false-negatives", 0, True)):
+        points = seen.points[name]
+        assert len(points) > 0
+        assert (broken.query(points).numpy() == maybe).all()
+        assert (grid.contains(points) == true).all()
+    assert seen.missed(False).any()
+    assert seen.fn > 0
+
+
+@pytest.mark.parametrize("query", ["point", "box"])
+def test_pixels_of_a_plane_are_the_answers_at_their_centres(query):
+    bounder, grid = box("c", query), shape("c")
+    seen = view_of(bounder, grid, resolution=30, samples=100)
+    state, sides = seen.states[0], seen.states[0].bound.shape
+    ends = zip(seen.lower, seen.upper, sides, strict=True)
+    ticks = [low + (np.arange(n) + 0.5) * (up - low) / n for low, up, n in ends]
+    centres = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float32)
+    asked = centres if query == "point" else np.hstack([centres, centres])
+    np.testing.assert_array_equal(state.bound.reshape(-1), bounder.query(asked).numpy() == 1)
+    np.testing.assert_array_equal(state.object.reshape(-1), grid.contains(centres))
+    assert (state.fn, state.missed(False).sum(), seen.down) == (0, 0, True)
+
+
+def test_a_distance_is_seen_at_every_radius():
+    seen = view_of(box("star", "distance"), shape("star"), radii=RADII, **FEW)
+    assert (seen.asked, [state.label for state in seen.states]) == ("radius", ["0", "0.1", "0.3"])
+    for (less, more), grown in zip(itertools.pairwise(seen.states), np.diff(RADII), strict=True):
+        far = np.abs(np.subtract(more.bound.bounds, less.bound.bounds))
+        np.testing.assert_allclose(far, grown, atol=4e-3)
+    assert seen.states[0].object is seen.states[1].object
+    assert all(state.fn == 0 for state in seen.states)
+
+
+def test_a_shape_that_moves_is_seen_at_its_times_and_in_slices():
+    bounder, grid = box("animated"), shape("animated")
+    seen = view_of(bounder, grid, times=[0.0, 1.0], **FEW)
+    assert (seen.asked, seen.names) == ("time", ["x", "y", "z"])
+    assert seen.states[0].object.bounds != seen.states[1].object.bounds
+    plane = view_of(bounder, grid, times=[0.5], held={1: 0.5}, **FEW)
+    assert plane.names == ["coordinate 2", "coordinate 3"]
+    assert all(state.fn == 0 for state in seen.states + plane.states)
+
+
+def test_from_the_inside_what_is_held_is_in_the_object():
+    x = np.stack(np.meshgrid(*[np.linspace(-1, 1, 24)] * 2, indexing="ij"), axis=-1)
+    disc = wb.load_indicator(np.hypot(x[..., 0], x[..., 1]) < 0.8)
+    bounder = wb.fit(disc, method="sphere", side="inside", device="cpu")
+    seen = view_of(bounder, disc, **FEW)
+    assert seen.within
+    assert (seen.states[0].fn, seen.states[0].missed(True).sum()) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "query", "options", "told"),
+    [
+        ("star", "point", {"radii": [0.1]}, "a radius is for distances, got one for point queries"),
+        ("star", "point", {"times": [0.1]}, "a time is for shapes that move"),
+        ("star", "point", {"held": {3: 0.0}}, "expected coordinates 0 to 2, got 3"),
+        ("star", "point", {"held": {0: 0.0, 1: 0.0}}, "at least 2 coordinates must run, got 1 of the bounder's 3"),
+        ("animated", "point", {}, "expected a time from -0.125 to 1.125"),
+        ("animated", "point", {"times": [np.nan]}, "where the shape moves, got nan"),
+        ("animated", "point", {"times": [0.5], "held": {0: 0.5}}, "coordinate 0 is time: expected --time"),
+        ("c", "ray", {}, "got one of ray queries"),
+    ],
+)
+def test_what_cannot_be_seen_is_refused(name, query, options, told):
+    with pytest.raises(QueryError, match=told):
+        view_of(box(name, query), shape(name), **options)
+
+
+# --- pictures and windows, skipped where nothing can be drawn --------------------------------------------------------
+
+
+def drawn(view, **options) -> np.ndarray:
+    """The pixels of a picture."""
+    try:
+        png = picture(view, "a test", "y", **options)
+    except BoundingError as error:
+        if "OpenGL" not in str(error):
+            raise
+        pytest.skip(str(error))
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
+
+
+def test_a_plane_stands_as_the_image_does():
+    """The shape c is open towards the last columns, which are to the right."""
+    pixels = drawn(view_of(box("c"), shape("c"), resolution=16, samples=500))[60:680]  # without the text
+    stone, bound = (np.abs(pixels - list(bytes.fromhex(c[1:]))).max(axis=-1) < 24 for c in (STONE, BOUND))
+    low, high = np.argwhere(stone).min(axis=0), np.argwhere(stone).max(axis=0)
+    middle = (low + high) // 2
+    row = stone[middle[0], low[1] : high[1] + 1]
+    assert row[: len(row) // 6].all()
+    assert not row[len(row) // 2 :].any()
+    assert bound[middle[0], middle[1] + (high[1] - middle[1]) // 2]
+
+
+def test_a_panel_for_each_radius():
+    pixels = drawn(view_of(box("star", "distance"), shape("star"), radii=[0.0, 0.2], **FEW), cut="z")
+    assert pixels.shape == (760, 1520, 3)
+    blue = (pixels[..., 2] > pixels[..., 0] + 60).reshape(760, 2, 760).sum(axis=(0, 2))
+    assert 1000 < blue[0] < blue[1]  # the larger radius has the larger bound
+
+
+def test_without_opengl_there_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    found = draw_with("warp_bounding.views.draw", tmp_path, {})
+    assert (found.paths, list(tmp_path.iterdir())) == ([], [])
+    assert found.lines() == "No pictures: drawing failed (status 1). Everything else is complete."
+    with pytest.raises(BoundingError, match="no picture: drawing failed"):
+        picture(view_of(box("c"), shape("c"), **FEW), "a test", "y")
+
+
+WINDOW = """
+import numpy as np
+from test_views import box, shape, view_of
+from warp_bounding.views.draw import Window
+
+for up in "xzy":
+    view = view_of(box("star", "distance"), shape("star"), radii=[0.0, 0.1], resolution=12, samples=500)
+    window = Window(view, "a test", up, off_screen=True)
+    turned = window.place(np.eye(3))
+    assert abs(np.linalg.det(turned) - 1) < 1e-9  # turned and not mirrored
+    assert (turned["xyz".index(up)] == [0, 0, 1]).all()
+actors = window.plotter.actors
+assert {"object", "bound"} <= set(actors)
+assert "false-positives" not in actors
+before = actors["bound"].bounds
+window.go(1.2)
+np.testing.assert_allclose(np.abs(np.subtract(actors["bound"].bounds, before)), 0.1, atol=2e-3)
+window.cut((0, 1, 0), actors["object"].center)
+assert window.plotter.actors["bound"].bounds[2] > before[2] + 0.2
+window.toggle("bound", False)
+window.toggle("false-positives", True)
+assert "bound" not in window.plotter.actors
+assert "false-positives" in window.plotter.actors
+print("done")
+"""
+
+
+@pytest.mark.slow
+def test_a_window_slides_cuts_and_hides():
+    """In a process of its own, since VTK does not raise an exception where there is no OpenGL, but crashes."""
+    root = Path(__file__).parents[2]
+    paths = os.pathsep.join(str(path) for path in (root, root / "tests" / "shared", Path(__file__).parent))
+    for kind in WINDOWS:
+        environment = os.environ | {"VTK_DEFAULT_OPENGL_WINDOW": kind, "DISPLAY": "", "PYTHONPATH": paths}
+        command = [sys.executable, "-c", WINDOW]
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
+        assert "Traceback" not in done.stderr, done.stderr
+        if done.stdout.endswith("done\n"):
+            return
+    pytest.skip("this machine has no OpenGL for off-screen drawing")
+
+
+# --- pages -----------------------------------------------------------------------------------------------------------
+
+
+def test_a_page_is_whole_in_itself_and_its_surfaces_come_back_as_they_were():
+    view = view_of(box("star", "distance"), shape("star"), radii=RADII, **FEW)
+    view.facts["Bounder"] = "</script><b>"
+    text = page(view, "<i>&", "y")
+    markup = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+    assert re.findall(r'(?:src|href)="(?!data:)[^"]+"', markup) == []
+    assert "<title>&lt;i&gt;&amp;</title>" in text
+    assert "<dd>&lt;/script&gt;&lt;b&gt;</dd>" in text
+    assert all(f"<dt>{fact}</dt>" in text for fact in view.facts)
+    told = json.loads(re.search(r'<script type="application/json" id="view">(.*?)</script>', text, re.S)[1])
+    assert len({state["object"] for state in told["states"]}) == 1  # it is stored once
+    step = (view.upper - view.lower) / 65535
+    for state, seen in zip(told["states"], view.states, strict=True):
+        packed = {key: zlib.decompress(base64.b64decode(v)) for key, v in told["surfaces"][state["bound"]].items()}
+        axes = np.frombuffer(packed["vertices"], "<u2").reshape(3, -1) * step[:, None] + view.lower[:, None]
+        bounds = np.stack([axes.min(axis=1), axes.max(axis=1)], axis=1).reshape(-1)
+        np.testing.assert_allclose(bounds, seen.bound.bounds, atol=step.max())
+        assert len(np.frombuffer(packed["faces"], "<u4")) == 3 * seen.bound.n_cells
+
+
+def test_another_shape_is_told():
+    bounder, other = box("c"), wb.load_indicator(~shape("c").occupancy)
+    assert "Another shape" in view_of(bounder, other, resolution=8, samples=100).facts
+    assert "Another shape" not in view_of(bounder, shape("c"), resolution=8, samples=100).facts
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Headless Chromium; tests of pages in it are skipped where there is none."""
+    webdriver = pytest.importorskip("selenium.webdriver")
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if not chromium or not shutil.which("chromedriver"):
+        pytest.skip("there is no Chromium with its driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    found = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
+    found.set_script_timeout(30)
+    yield found
+    found.quit()
+
+
+SLIDE = """
+const [name, value, done] = arguments, control = document.getElementById(name);
+if (control.type === "checkbox") control.click();
+else { control.value = value; control.dispatchEvent(new Event("input")); }
+setTimeout(done, 1500);
+"""
+PLOT = "return document.getElementById('plot')"
+
+
+@pytest.mark.slow
+def test_a_page_in_a_browser(browser, tmp_path):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    def opened(view) -> None:
+        (tmp_path / "page.html").write_text(page(view, view.title, "y"), encoding="utf-8")
+        browser.get((tmp_path / "page.html").as_uri())
+        WebDriverWait(browser, 60).until(lambda b: b.execute_script(f"{PLOT}.dataset.state"))
+
+    opened(view_of(box("star", "distance"), shape("star"), radii=RADII, **FEW))
+    places = f"{PLOT}.data.find(t => t.name === 'bound')"
+    before = max(browser.execute_script(f"{places}.x"))
+    browser.execute_async_script(SLIDE, "state", 2)
+    assert max(browser.execute_script(f"{places}.x")) == pytest.approx(before + 0.3, abs=0.01)
+    browser.execute_async_script(SLIDE, "cut", 50)
+    found = "const t = document.getElementById('plot').data.find(t => t.name === 'bound');"
+    kept = browser.execute_script(f"{found} return Math.max(...[...t.i, ...t.j, ...t.k].map(v => t.z[v]))")
+    assert kept == pytest.approx(0.5, abs=0.05)
+    for name in ("object", "bound"):
+        browser.execute_async_script(SLIDE, f"show {name}", 0)
+    assert "mesh3d" not in browser.execute_script(f"{PLOT}.data.map(t => t.type)")
+    opened(view_of(box("c"), shape("c"), **FEW))
+    whole = browser.execute_script(f"{PLOT}.layout.images[0].source")
+    browser.execute_async_script(SLIDE, "show bound", 0)
+    assert browser.execute_script(f"{PLOT}.layout.images[0].source") != whole
+    assert [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
