@@ -106,8 +106,7 @@ _HOMES = {
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit", "hierarchy"),
     "warp_bounding.baking.bake": ("Baked", "bake"),
-    "warp_bounding.baking.library": ("BounderLibrary",),
-    "warp_bounding.baking.stack": ("BounderStack",),
+    "warp_bounding.baking.library": ("BounderLibrary", "BounderStack"),
     "warp_bounding.choice": ("Choice", "choose", "choose_among"),
     "warp_bounding.runtime.launch": ("device_of", "launch_on_cores"),
 }

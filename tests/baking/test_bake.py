@@ -1,89 +1,223 @@
-"""Whole bakes on processes of this machine, with a worker that dies."""
+"""A bake of a folder: what a task does, what is not done again, and that nothing is lost whatever is killed."""
+
+import errno
+import io
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from bounding_shapes import shape
-from dying import DyingSettings
 
 import warp_bounding as wb
 from warp_bounding.baking import bake as module
-from warp_bounding.baking.bake import BakeFolder, bake_with
-from warp_bounding.errors import BounderError, BoundingError, FileFormatError
+from warp_bounding.baking.bake import SHEET, Job, Record, Settings, all_records, bake_shape, bake_with, jobs_of, picture
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError, IndicatorError
+
+pytest.importorskip("distributed", reason="Dask is not installed")
+Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+KDOP = Settings({"method": "kdop", "device": "cpu"}, samples=1000)
 
 
-def bake_dying(folder, tmp_path, lines, told):
-    arguments = {"method": "kdop", "device": "cpu"}
-    settings = DyingSettings(arguments, samples=1000, mark=str(tmp_path / "mark"))
-    run = {"jobs": 1, "progress": lambda *t: told.append(t), "tell": lines.append}
-    return bake_with(settings, folder, tmp_path / "out", **run)
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """Three shapes, one of them broken, and a file that is none."""
+    (tmp_path / "shapes").mkdir()
+    for name in ("blob", "star"):
+        np.save(tmp_path / "shapes" / f"{name}.npy", shape(name).occupancy)
+    (tmp_path / "shapes" / "broken.stl").write_text("solid nothing\nendsolid")
+    (tmp_path / "shapes" / "notes.txt").write_text("no shape")
+    return tmp_path / "shapes"
 
 
-def test_a_worker_that_is_killed_loses_nothing(folder, tmp_path):
-    told, lines = [], []
-    done = bake_dying(folder, tmp_path, lines, told)
-    assert (tmp_path / "mark").exists()
-    assert {record.name: record.error for record in done.records if record.error} == {
-        "broken": "expected a .stl mesh, but it cannot be read: expected a mesh with faces, got none"
-    }
+def jobs(folder: Path, settings: Settings = KDOP) -> dict[str, Job]:
+    return {job.record.name: job for job in jobs_of(folder, folder.parent / "out", settings, 1.0)[0]}
+
+
+def in_this_process(monkeypatch) -> None:
+    """Let bakes have no workers but this process."""
+
+    def ended(open_, out, done, *_):
+        for job in open_:
+            yield (record := Record(**bake_shape(job)))
+            done.baked, done.failed = done.baked + (not record.error), done.failed + bool(record.error)
+
+    monkeypatch.setattr(module, "_ended", ended)
+
+
+def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder, monkeypatch):
+    in_this_process(monkeypatch)
+    out = folder.parent / "out"
+    done = bake_with(KDOP, folder, out)
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
-    assert told[-1][:2] == (3, 3)
+    library = wb.BounderLibrary(out, device="cpu")
+    rows = {row["name"]: row for row in library.manifest}
+    assert (set(rows), library.names) == ({"blob", "star", "broken"}, ["blob", "star"])
+    for name, bounder in library.items():
+        assert rows[name]["certificate"] == bounder.certificate.kind == "proven"
+        assert (rows[name]["method"], rows[name]["bytes"]) == (bounder.method, bounder.nbytes)
+        rates = wb.evaluate(bounder, folder / f"{name}.npy", samples=1000)
+        assert rows[name]["fp_rate"] == pytest.approx(rates.fp_rate)
+    assert "expected a mesh with faces" in rows["broken"]["error"]
+    page = (out / SHEET).read_text()
+    assert (page.count("<article"), page.count("data:image/png;base64,"), page.count("http")) == (3, 2, 0)
+
+    written = {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")}
+    again = bake_with(KDOP, folder, out)
+    assert (again.baked, again.kept, again.failed) == (0, 2, 1)
+    assert {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")} == written
+    job = jobs(folder)["blob"]
+    assert Record(**bake_shape(job)) == replace(job.done(), picture="")  # as Dask asks once more when a worker dies
+    job.bounder_path.write_bytes(job.bounder_path.read_bytes()[:-1])
+    assert job.done() is None  # damaged
+    job.record.path_in(out).write_text("{")
+    assert bake_with(KDOP, folder, out).baked == 1
+    other = bake_with(Settings({"method": "aabb", "device": "cpu"}, samples=1000), folder, out)
+    assert (other.baked, other.kept, len(wb.BounderLibrary(out))) == (2, 0, 4)  # both stay
+
+
+def test_names_tell_shapes_settings_and_version_apart(folder, monkeypatch):
+    def names(**more):
+        return {job.record.hash for job in jobs(folder, Settings({"method": "kdop", **more})).values()}
+
+    before = names()
+    assert names() == before
+    assert not names(k=26) & before
+    np.save(folder / "blob.npy", ~shape("blob").occupancy)
+    assert len(names() - before) == 1
+    (folder / "a.gltf").write_text(json.dumps({"buffers": [{"uri": "a.bin"}, {"uri": "data:;base64,AA=="}]}))
+    own = set()
+    for content in (b"1", b"2"):
+        (folder / "a.bin").write_bytes(content)
+        own.add(jobs(folder)["a"].record.hash)
+    assert len(own) == 2
+    monkeypatch.setattr(module, "__version__", "99")
+    assert not names() & before
+
+
+def test_whatever_a_shape_does_is_a_record_and_a_full_disk_is_none(folder, monkeypatch):
+    def fails(self, shape):
+        raise MemoryError("no room\nat all")
+
+    def full(file):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    job = jobs(folder)["blob"]
+    with monkeypatch.context() as patched:
+        patched.setattr(Settings, "bounder", fails)
+        assert bake_shape(job)["error"] == "MemoryError: no room at all"
+    (record,) = all_records(Path(job.out))
+    assert record.error
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(FileFormatError, match="No space left on device"):
+        bake_shape(job)
+    assert not list(Path(job.out).glob("*.safetensors"))
+
+
+def test_warnings_are_notes_and_a_choice_may_be_that_none_pays(folder):
+    trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
+    trimesh.creation.box((1.0, 1.0, 1.0)).export(folder / "box.stl")
+    settings = Settings({"method": "bvh", "resolution": 8, "margin": 0.01, "device": "cpu"}, samples=1000)
+    assert "margin" in bake_shape(jobs(folder, settings)["box"])["note"]
+    arguments = {"narrow_ns": 0.0, "methods": ["aabb"], "networks": [], "budget": 1.0, "device": "cpu"}
+    job = jobs(folder, Settings(arguments, samples=1000))["blob"]
+    record = bake_shape(job)
+    assert (record["method"], record["file"], record["error"]) == ("none", "", "")
+    assert job.done() is not None
+
+
+@pytest.mark.parametrize(
+    ("settings", "told"),
+    [
+        (Settings({"method": "nothing"}), "method must be one of"),
+        (Settings({"methd": "kdop"}), "there is no option 'methd'; did you mean 'method'"),
+        (Settings({"budget": 0}), "budget must be a positive number"),
+        (Settings({"query": "distance", "method": "kdop", "leaves": 5}), "kdop takes no option 'leaves'"),
+        (Settings({"narrow_ns": -1.0}), "narrow_ns must be"),
+        (Settings({"narrow_ns": 1.0, "k": 14}), "unexpected keyword argument 'k'"),
+        (Settings(queries="none.npy"), "No such file"),
+    ],
+)
+def test_what_is_wrong_for_every_shape_is_told_before(folder, settings, told):
+    with pytest.raises(BoundingError, match=told):
+        bake_with(settings, folder, folder.parent / "out")
+    assert not (folder.parent / "out").exists()
+
+
+def test_folders_are_looked_through(folder):
+    for inside in ("inside", ".hidden"):
+        (folder / inside).mkdir()
+        np.save(folder / inside / "a.npy", np.eye(3))
+    np.save(folder / "large.npy", np.zeros(200_000, bool))
+    found, too_large, foreign = jobs_of(folder, folder / "out", KDOP, 0.1)
+    assert [job.record.source for job in found] == ["blob.npy", "broken.stl", "star.npy", "inside/a.npy"]
+    assert (too_large, foreign) == (["large.npy"], 1)
+    with pytest.raises(IndicatorError, match="no shapes, expected files of"):
+        jobs_of(folder / ".hidden", folder, KDOP, 1e-6)
+    with pytest.raises(IndicatorError, match="no such folder"):
+        jobs_of(folder / "none", folder, KDOP, 1.0)
+
+
+@pytest.mark.parametrize("query", ["point", "ray", "plane", "box", "distance"])
+def test_pictures_of_every_kind_of_query_show_the_object_in_its_bound(query):
+    bounder = wb.fit(shape("star"), query, "sphere" if query == "distance" else "aabb", device="cpu")
+    drawn = np.asarray(Image.open(io.BytesIO(picture(bounder, shape("star")))))
+    assert drawn.shape == (72, 222)
+    assert {1, 2} <= set(np.unique(drawn))  # a box around a star is loose
+    assert picture(wb.fit(shape("line"), method="aabb", device="cpu"), shape("line")) == b""
+
+
+def test_only_one_bake_at_a_time_and_only_in_a_folder_of_its_own(folder):
+    out = folder.parent / "out"
+    module.prepare(out)
+    (left := out / ".blob-0123456789ab.safetensors.abc").write_bytes(b"half")  # by a worker that was killed
+    with module.locked(out), pytest.raises(FileFormatError, match="another bake writes to it"):
+        wb.bake(folder, out, method="kdop", progress=False)
+    assert not left.exists()
+    (other := folder.parent / "other").mkdir()
+    (other / "manifest.csv").write_text("mine")
+    with pytest.raises(FileFormatError, match="holds other files"):
+        wb.bake(folder, other, method="kdop", progress=False)
+    assert (other / "manifest.csv").read_text() == "mine"
+    with pytest.raises(BounderError, match="another folder than that of the shapes"):
+        wb.bake(folder, folder, method="kdop", progress=False)
+    for options in ({"jobs": 0}, {"largest": 0}):
+        with pytest.raises(BoundingError, match=f"{next(iter(options))} must be"):
+            wb.bake(folder, out, progress=False, **options)
+
+
+# --- on processes of this machine ------------------------------------------------------------------------------------
+
+
+def bake_dying(folder: Path, lines: list[str]):
+    from dying import DyingSettings
+
+    settings = DyingSettings(KDOP.arguments, samples=1000, mark=str(folder.parent / "mark"))
+    return bake_with(settings, folder, folder.parent / "out", jobs=1, progress=False, tell=lines.append)
+
+
+def test_a_worker_that_is_killed_loses_nothing(folder):
+    done = bake_dying(folder, lines := [])
+    assert (folder.parent / "mark").exists()
+    assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
     assert any("broken.stl: " in line and "got none" in line for line in lines)
-    library = wb.BounderLibrary(tmp_path / "out", device="cpu")
+    library = wb.BounderLibrary(folder.parent / "out", device="cpu")
     assert library.names == ["blob", "star"]
     assert all(bounder.certificate.proven for bounder in library.values())
 
 
 @pytest.mark.slow
-def test_a_shape_that_kills_every_worker_is_given_up(folder, tmp_path, monkeypatch):
+def test_a_shape_that_kills_every_worker_is_given_up(folder, monkeypatch):
     monkeypatch.setattr(module, "DEATHS", 1)
     np.save(folder / "deadly.npy", shape("half").occupancy)
-    lines = []
-    done = bake_dying(folder, tmp_path, lines, [])
+    done = bake_dying(folder, lines := [])
     assert {record.name for record in done.records if record.error} == {"broken", "deadly"}
     assert "deadly.npy: every worker that fitted it died (killed, out of memory, or a crash)" in lines
-    again = bake_dying(folder, tmp_path, lines, [])
-    assert (again.kept, again.failed) == (2, 2)
 
 
-def test_only_one_bake_at_a_time(folder, tmp_path):
-    with (
-        BakeFolder((tmp_path / "out").resolve()).locked(),
-        pytest.raises(FileFormatError, match="another bake writes to it"),
-    ):
-        wb.bake(folder, tmp_path / "out", method="kdop", progress=False)
-
-
-def test_other_folders_are_left_alone(folder, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "manifest.csv").write_text("mine")
-    with pytest.raises(FileFormatError, match="holds other files"):
-        wb.bake(folder, tmp_path / "out", method="kdop", progress=False)
-    assert (tmp_path / "out" / "manifest.csv").read_text() == "mine"
-    with pytest.raises(BounderError, match="another folder than that of the shapes"):
-        wb.bake(folder, folder, method="kdop", progress=False)
-
-
-def test_what_killed_workers_left_is_removed(folder, jobs, tmp_path):
-    kept = BakeFolder(tmp_path / "out")
-    left = kept.path / ".blob-0123456789ab.safetensors.abc"
-    left.write_bytes(b"half")
-    kept.clean()
-    assert not left.exists()
-    assert (kept.path / "bake.json").exists()
-
-
-def test_a_scheduler_that_does_not_answer(folder, tmp_path, monkeypatch):
+def test_a_scheduler_that_does_not_answer(folder, monkeypatch):
     monkeypatch.setattr(module, "CONNECT_SECONDS", 0.2)
     with pytest.raises(BoundingError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"):
-        wb.bake(folder, tmp_path / "out", scheduler="tcp://127.0.0.1:1", method="kdop", progress=False)
-
-
-def test_options_are_checked(folder, tmp_path):
-    for options, told in [
-        ({"jobs": 0}, "jobs must be"),
-        ({"largest": 0}, "largest must be"),
-        ({"k": 3}, "takes no option 'k'"),
-    ]:
-        with pytest.raises(BoundingError, match=told):
-            wb.bake(folder, tmp_path / "out", progress=False, **options)
-    assert not (tmp_path / "out").exists()
+        wb.bake(folder, folder.parent / "out", scheduler="tcp://127.0.0.1:1", method="kdop", progress=False)

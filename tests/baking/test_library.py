@@ -18,16 +18,6 @@ def library(tmp_path):
     return wb.BounderLibrary(tmp_path, device="cpu")
 
 
-def test_a_bake_is_a_library(baked):
-    library = wb.BounderLibrary(baked, device="cpu")
-    assert library.names == ["blob", "star"]
-    assert (len(library), "blob" in library, "broken" in library) == (2, True, False)
-    assert library["blob"] is library["blob"]
-    assert {row["name"] for row in library.manifest} == {"blob", "star", "broken"}
-    with pytest.raises(KeyError):
-        library["broken"]
-
-
 def test_names_that_several_have_get_their_hash(tmp_path):
     bounder = fitted("aabb", "blob")
     for name in ("a-0123456789ab", "a-ba9876543210", "b-0123456789ab", "c"):

@@ -22,35 +22,31 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.util import find_spec
-from inspect import Parameter, signature
+from inspect import signature
 from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from warp_bounding.baking.library import COLUMNS, HASH_DIGITS, MANIFEST
-from warp_bounding.bounders import METHODS, distance_class, method_class
-from warp_bounding.bounders.bounder import arguments_of, meant, settled
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, IndicatorError
 from warp_bounding.indicators import load_indicator
 from warp_bounding.indicators.formats.gltf import referred_buffers
 from warp_bounding.indicators.formats.load import READERS
 from warp_bounding.indicators.formats.usd import USD_SUFFIXES
-from warp_bounding.queries import check_query
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.runtime.launch import cpu_threads, device_of
+from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress, quiet_warp, reported
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, PAGE_FILE, FileKind, write_whole
 from warp_bounding.version import __version__
 
-__all__ = ["LARGEST", "SAMPLES", "SHEET", "Baked", "SchedulerError", "Settings", "bake", "bake_with"]
+__all__ = ["LARGEST", "SAMPLES", "SHEET", "Baked", "Job", "Record", "SchedulerError", "Settings", "bake", "bake_with"]
 
 LARGEST = 500.0  # megabytes of a shape's file: reading one takes some ten times as much memory
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
 WINDOW = 10_000  # tasks that the scheduler knows at a time
-# How often the manifest is written: not oftener, and not for a larger share of the time.
-MANIFEST_SECONDS, MANIFEST_SHARE = 5.0, 0.02
+MANIFEST_SECONDS, MANIFEST_SHARE = 5.0, 0.02  # the manifest is not written oftener, nor for a larger share of the time
 DEATHS = 10  # of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
 CONNECT_SECONDS = 15
 # Each task has one core: the library's own threads, and those of the libraries below it.
@@ -65,24 +61,17 @@ class SchedulerError(BoundingError):
     """The scheduler of a bake has gone away, or its workers cannot do the work; what was baked stays."""
 
 
-# --- settings, shapes and records ------------------------------------------------------------------------------------
+# --- settings, records and jobs --------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How each shape is baked: a method is fitted to all of them, or a bounder is chosen for each.
+    """How each shape is baked: a method is fitted to all of them, or a bounder is chosen for each."""
 
-    Attributes:
-        arguments: Keyword arguments of ``fit``, or with ``narrow_ns`` of ``choose``, JSON-ready; neither shape nor queries or progress.
-        reading: Keyword arguments of ``load_indicator``, JSON-ready.
-        queries: A ``.npy`` file of the caller's own queries, absolute, which every worker can read; ``None`` for none.
-        samples: Random queries that false positives are counted on.
-    """
-
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    reading: Mapping[str, Any] = field(default_factory=dict)
-    queries: str | None = None
-    samples: int = SAMPLES
+    arguments: Mapping[str, Any] = field(default_factory=dict)  # of ``fit``, or with ``narrow_ns`` of ``choose``
+    reading: Mapping[str, Any] = field(default_factory=dict)  # keyword arguments of ``load_indicator``
+    queries: str | None = None  # a .npy file of the caller's own queries, absolute, which every worker can read
+    samples: int = SAMPLES  # random queries that false positives are counted on
 
     @property
     def engine(self) -> str:
@@ -91,58 +80,21 @@ class Settings:
 
     def bounder(self, shape):
         """Make the bounder of a shape; ``None`` where none is the best choice. Raises as ``fit`` and ``choose`` do."""
-        from warp_bounding.choice import choose
-        from warp_bounding.training import fit
+        import warp_bounding
 
-        told = {
-            "queries": None if self.queries is None else np.load(self.queries, allow_pickle=False),
-            "progress": False,
-        }
-        if self.engine == "fit":
-            return fit(shape, **told, **self.arguments)
-        return choose(shape, **told, **self.arguments).bounder
+        function = getattr(warp_bounding, self.engine)
+        try:
+            signature(function).bind(shape, **self.arguments)
+            queries = None if self.queries is None else np.load(self.queries, allow_pickle=False)
+        except (TypeError, OSError, ValueError) as error:
+            raise BounderError(f"{self.engine}: {error}") from error
+        found = function(shape, queries=queries, progress=False, **self.arguments)
+        return found if self.engine == "fit" else found.bounder
 
-    def check(self, *callers: Callable) -> None:
-        """Refuse what would be wrong for every shape, before any of them is read; raises as ``fit`` and ``choose`` do.
-
-        Args:
-            *callers: Functions that hand on the arguments, whose own ones may have been meant by an unknown one.
-        """
-        from warp_bounding.choice import check_methods, check_networks, check_prices, choose
-        from warp_bounding.training import fit
-        from warp_bounding.training.fit import check_distance, check_distance_options, check_numbers, check_regions
-
-        function = fit if self.engine == "fit" else choose
-        told = {p.name: p.default for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD}
-        own = {name: value for name, value in self.arguments.items() if name not in told}
-        told |= {name: value for name, value in self.arguments.items() if name in told}
-        query = told["query"]
-        if function is choose:
-            if own:
-                near = meant(next(iter(own)), [name for each in (choose, *callers) for name in arguments_of(each)])
-                hint = f"there is no option {next(iter(own))!r}; did you mean {near!r}?"
-                raise BounderError(hint if near else f"choose takes no option {next(iter(own))!r}")
-            prices = ("narrow_ns", "overhead_ns", "memory", "length", "statistical")
-            check_query(query)
-            check_prices(query, *(told[name] for name in prices))
-            check_methods(told["methods"])
-            check_networks(told["networks"])
-        check_query(query, DISTANCE.name)
-        check_numbers(told["budget"], told["seed"], told["margin"])
-        device_of(told["device"])
-        if function is choose:
-            return
-        method = told["method"]
-        if query == DISTANCE.name:
-            check_distance(method, told["length"], told["side"], None, self.queries)
-            check_distance_options(distance_class(method), own, [fit, *callers])
-            return
-        check_regions(query, method, told["length"], told["side"])
-        names = method.split("+")
-        for name in names:
-            if name not in METHODS:
-                method_class(name)  # says which there are
-        settled([METHODS[name] for name in names], query, own, [fit, *callers])
+    def check(self) -> None:
+        """Refuse what would be wrong for every shape, before any of them is read; raises as ``fit`` and ``choose`` do."""
+        with contextlib.suppress(IndicatorError):  # a folder is no shape, and nothing else is wrong
+            Settings.bounder(self, ".")
 
     def to_dict(self) -> dict[str, Any]:
         """All that makes a difference to what is baked, JSON-ready; of a file of queries its content."""
@@ -154,131 +106,30 @@ class Settings:
         except (TypeError, ValueError) as error:
             raise BounderError(f"options of a bake must be numbers, texts and lists of them: {error}") from error
 
-    @property
-    def digest(self) -> str:
-        """A hash of the settings and the library's version."""
-        return short_digest(self.to_dict())
-
-
-def short_digest(value: Any) -> str:
-    """``HASH_DIGITS`` hexadecimal digits of what is JSON-ready."""
-    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:HASH_DIGITS]
-
-
-def file_digest(path: Path) -> str:
-    """SHA-256 of a file's bytes; raises ``OSError`` where it cannot be read."""
-    with path.open("rb") as file:
-        sha = hashlib.sha256()
-        while block := file.read(1 << 20):
-            sha.update(block)
-    return sha.hexdigest()
-
-
-class Found(NamedTuple):
-    """What a folder holds: paths, in the order of their names."""
-
-    shapes: list[Path]
-    too_large: list[Path]
-    foreign: int  # files of other kinds
-
-
-def find_shapes(folder: Path, largest: float, without: Path) -> Found:
-    """Files whose extension ``load_indicator`` reads, in folders inside, too, but hidden ones.
-
-    Args:
-        folder: Where.
-        largest: Megabytes; files above it are not taken.
-        without: A folder that is left out, wherever it is: that of the results.
-
-    Raises:
-        IndicatorError: If there is no such folder, or no shape in it.
-    """
-    if not folder.is_dir():
-        raise IndicatorError(f"{folder}: {'a file, expected a folder' if folder.exists() else 'no such folder'}")
-    shapes, too_large, foreign = [], [], 0
-    for where, folders, files in os.walk(folder):
-        inside = Path(where)
-        folders[:] = sorted(f for f in folders if not f.startswith(".") and (inside / f).resolve() != without.resolve())
-        for path in (inside / f for f in sorted(files) if not f.startswith(".") and (inside / f).is_file()):
-            if path.suffix.lower() not in READERS:
-                foreign += 1
-            else:
-                (too_large if path.stat().st_size > largest * 1e6 else shapes).append(path)
-    if not shapes:
-        others = f", {len(too_large)} above {largest:g} MB" if too_large else ""
-        raise IndicatorError(
-            f"{folder}: no shapes, expected files of {' '.join(READERS)}; got {foreign} of other kinds{others}"
-        )
-    return Found(shapes, too_large, foreign)
-
-
-def shape_digest(path: Path) -> str:
-    """SHA-256 of all bytes that a shape is read from: the file's, its extension, and those of files that a glTF or USD file refers to.
-
-    Raises:
-        OSError: If the file itself cannot be read.
-    """
-    others, suffix = set(), path.suffix.lower()
-    if suffix == ".gltf":
-        with contextlib.suppress(ValueError, AttributeError, TypeError):  # too damaged to tell
-            others = referred_buffers(path)
-    if suffix in USD_SUFFIXES:
-        with contextlib.suppress(ImportError):  # the task says what is not installed
-            from pxr import Tf, UsdUtils
-
-            with contextlib.suppress(Tf.ErrorException):
-                layers = UsdUtils.ComputeAllDependencies(str(path))[0]
-                others = {Path(layer.realPath) for layer in layers if layer.realPath} - {path.resolve()}
-    parts = [suffix, file_digest(path), *(file_digest(p) if p.is_file() else "" for p in sorted(others))]
-    return hashlib.sha256("|".join(parts).encode()).hexdigest()
-
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of one shape under one set of settings, kept as a file of its own.
+    """What is known of one shape under one set of settings, kept as a file of its own."""
 
-    Attributes:
-        name: The shape's file without its extension.
-        source: Its path, relative to the folder that was baked.
-        hash: Of shape, settings and version.
-        settings: Hash of the settings alone; ``settings/HASH.json`` has them.
-        file: The bounder's file in the folder of the bake; empty where there is none.
-        method: Of the bounder; ``"none"`` where a choice said that none pays; empty after an error.
-        query: The kind of query that it answers.
-        bytes: That one query can read (``Bounder.nbytes``).
-        certificate: The certificate's kind; empty where there is none.
-        fp_rate: False positives, per cent of the samples; ``None`` where they were not counted.
-        seconds: That the task took, all in all.
-        error: Why there is no bounder, in one line; empty where there is one.
-        note: What the library warned of, in one line.
-        sha256: Of the bounder's file.
-        picture: A PNG in base64; empty where there is none.
-    """
-
-    name: str
-    source: str
-    hash: str
-    settings: str
-    file: str = ""
-    method: str = ""
-    query: str = ""
-    bytes: int = 0
-    certificate: str = ""
-    fp_rate: float | None = None
-    seconds: float = 0.0
-    error: str = ""
-    note: str = ""
-    sha256: str = ""
-    picture: str = ""
-
-    @property
-    def key(self) -> str:
-        """The name of everything that belongs to it, without an extension."""
-        return f"{self.name}-{self.hash}"
+    name: str  # the shape's file without its extension
+    source: str  # its path, relative to the folder that was baked
+    hash: str  # of shape, settings and version
+    settings: str  # hash of the settings alone; settings/HASH.json has them
+    file: str = ""  # the bounder's, in the folder of the bake; empty where there is none
+    method: str = ""  # "none" where a choice said that none pays; empty after an error
+    query: str = ""  # the kind of query that the bounder answers
+    bytes: int = 0  # that one query can read (``Bounder.nbytes``)
+    certificate: str = ""  # its kind; empty where there is none
+    fp_rate: float | None = None  # false positives, per cent of the samples; ``None`` where they were not counted
+    seconds: float = 0.0  # that the task took, all in all
+    error: str = ""  # why there is no bounder, in one line
+    note: str = ""  # what the library warned of, in one line
+    sha256: str = ""  # of the bounder's file
+    picture: str = ""  # a PNG in base64
 
     def path_in(self, folder: Path) -> Path:
         """Where the record is, in the folder of a bake."""
-        return folder / RECORDS / f"{self.key}.json"
+        return folder / RECORDS / f"{self.name}-{self.hash}.json"
 
     def write(self, folder: Path) -> None:
         """Write it, whole or not at all; raises ``FileFormatError`` if it cannot be written."""
@@ -295,39 +146,97 @@ class Record:
             return None
 
 
-# --- what a worker does ----------------------------------------------------------------------------------------------
-
-
 @dataclass(frozen=True)
 class Job:
-    """One shape to bake.
+    """One shape to bake."""
 
-    Attributes:
-        path: The shape's file, absolute.
-        out: The folder of the bake, absolute.
-        record: What is known of it before.
-        settings: How.
-    """
-
-    path: str
-    out: str
-    record: Record
+    path: str  # the shape's file, absolute
+    out: str  # the folder of the bake, absolute
+    record: Record  # what is known of it before
     settings: Settings
 
     @property
     def bounder_path(self) -> Path:
         """Where the bounder goes."""
-        return Path(self.out) / f"{self.record.key}{BOUNDER_FILE.suffix}"
+        return Path(self.out) / f"{self.record.name}-{self.record.hash}{BOUNDER_FILE.suffix}"
 
     def done(self) -> Record | None:
         """Its record, if it was baked without an error and its bounder's file is still what was written; else ``None``."""
         record = Record.read(self.record.path_in(Path(self.out)))
-        if record is None or record.error:
-            return None
+        with contextlib.suppress(OSError):
+            if record and not record.error and (not record.file or file_digest(self.bounder_path) == record.sha256):
+                return record
+        return None
+
+
+def jobs_of(folder: Path, out: Path, settings: Settings, largest: float) -> tuple[list[Job], list[str], int]:
+    """A job for each file of a folder whose extension ``load_indicator`` reads, in folders inside it too, but hidden ones and ``out``.
+
+    Returns:
+        The jobs; paths of files above ``largest`` megabytes, relative to the folder; the number of files of other kinds.
+
+    Raises:
+        IndicatorError: If there is no such folder, or no shape in it.
+    """
+    if not folder.is_dir():
+        raise IndicatorError(f"{folder}: {'a file, expected a folder' if folder.exists() else 'no such folder'}")
+    jobs, too_large, foreign, about = [], [], 0, short_digest(settings.to_dict())
+    for where, folders, names in os.walk(folder):
+        inside = Path(where)
+        folders[:] = sorted(f for f in folders if not f.startswith(".") and (inside / f).resolve() != out.resolve())
+        for path in (inside / name for name in sorted(names) if not name.startswith(".")):
+            source = str(path.relative_to(folder))
+            if not path.is_file() or path.suffix.lower() not in READERS:
+                foreign += path.is_file()
+            elif path.stat().st_size > largest * 1e6:
+                too_large.append(source)
+            else:
+                record = Record(path.stem, source, short_digest([shape_digest(path), about]), about)
+                jobs.append(Job(str(path.resolve()), str(out.resolve()), record, settings))
+    if not jobs:
+        others = f", {len(too_large)} above {largest:g} MB" if too_large else ""
+        expected = f"expected files of {' '.join(READERS)}; got {foreign} of other kinds{others}"
+        raise IndicatorError(f"{folder}: no shapes, {expected}")
+    return jobs, too_large, foreign
+
+
+def short_digest(value: Any) -> str:
+    """``HASH_DIGITS`` hexadecimal digits of what is JSON-ready."""
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()[:HASH_DIGITS]
+
+
+def file_digest(path: Path) -> str:
+    """SHA-256 of a file's bytes; raises ``OSError`` where it cannot be read."""
+    sha = hashlib.sha256()
+    with path.open("rb") as file:
+        while block := file.read(1 << 20):
+            sha.update(block)
+    return sha.hexdigest()
+
+
+def shape_digest(path: Path) -> str:
+    """SHA-256 of all bytes that a shape is read from: the file's, its extension, and those of files that a glTF or USD file refers to."""
+    others, suffix = set(), path.suffix.lower()
+    if suffix == ".gltf":
+        with contextlib.suppress(OSError, ValueError, AttributeError, TypeError):  # too damaged to tell
+            others = referred_buffers(path)
+    if suffix in USD_SUFFIXES:
+        with contextlib.suppress(ImportError):  # the task says what is not installed
+            from pxr import Tf, UsdUtils
+
+            with contextlib.suppress(Tf.ErrorException):
+                layers = UsdUtils.ComputeAllDependencies(str(path))[0]
+                others = {Path(layer.realPath) for layer in layers if layer.realPath} - {path.resolve()}
+    parts = [suffix]
+    for file in (path, *sorted(others)):
         try:
-            return record if not record.file or file_digest(self.bounder_path) == record.sha256 else None
+            parts.append(file_digest(file))
         except OSError:
-            return None
+            parts.append("")  # the task finds out why
+    return hashlib.sha256("|".join(parts).encode()).hexdigest()
+
+
+# --- what a worker does ----------------------------------------------------------------------------------------------
 
 
 def bake_shape(job: Job) -> dict[str, Any]:
@@ -339,17 +248,16 @@ def bake_shape(job: Job) -> dict[str, Any]:
     Raises:
         FileFormatError: If the folder cannot be written to.
     """
-    if (before := job.done()) is not None:
-        return vars(replace(before, picture=""))
-    started = time.perf_counter()
-    os.environ.update(ONE_THREAD)
-    quiet_warp()
-    bounder, record = _made(job)
-    if bounder is not None:
-        bounder.save(job.bounder_path)
-        record = replace(record, file=job.bounder_path.name, sha256=file_digest(job.bounder_path))
-    record = replace(record, seconds=round(time.perf_counter() - started, 3))
-    record.write(Path(job.out))
+    if (record := job.done()) is None:
+        started = time.perf_counter()
+        os.environ.update(ONE_THREAD)
+        quiet_warp()
+        bounder, record = _made(job)
+        if bounder is not None:
+            bounder.save(job.bounder_path)
+            record = replace(record, file=job.bounder_path.name, sha256=file_digest(job.bounder_path))
+        record = replace(record, seconds=round(time.perf_counter() - started, 3))
+        record.write(Path(job.out))
     return vars(replace(record, picture=""))
 
 
@@ -365,18 +273,16 @@ def _made(job: Job) -> tuple[Any, Record]:
             bounder = settings.bounder(shape)
             if bounder is None:
                 return None, replace(record, method="none", note="no bounder pays")
-            rates = evaluate(bounder, shape, samples=settings.samples)
-            drawn = base64.b64encode(picture(bounder, shape)).decode()
-        except (
-            Exception
-        ) as error:  # whatever a file makes a reader, a fit or a proof do: it is told, and the others go on
+            rates, drawn = evaluate(bounder, shape, samples=settings.samples), picture(bounder, shape)
+        except Exception as error:  # whatever a file makes a reader, a fit or a proof do: the others go on
             text = " ".join(str(error).split()).removeprefix(f"{job.path}: ").removeprefix(f"{Path(job.path).name}: ")
             known = isinstance(error, BoundingError) and text
             return None, replace(record, error=text if known else f"{type(error).__name__}: {text}".rstrip(": "))
     notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught if issubclass(w.category, BoundingWarning))
     found = {"method": bounder.method, "query": bounder.query_kind, "bytes": bounder.nbytes, "note": "; ".join(notes)}
-    kind = bounder.certificate.kind if bounder.certificate else ""
-    return bounder, replace(record, **found, certificate=kind, fp_rate=round(rates.fp_rate, 4), picture=drawn)
+    found |= {"certificate": bounder.certificate.kind if bounder.certificate else ""}
+    found |= {"fp_rate": round(rates.fp_rate, 4), "picture": base64.b64encode(drawn).decode()}
+    return bounder, replace(record, **found)
 
 
 def looked_at(folders: list[str]) -> dict[str, Any]:
@@ -407,11 +313,10 @@ def picture(bounder, source) -> bytes:
     from warp_bounding.indicators.shape import OUT
 
     bounder, source = in_local(bounder, source)
-    given, fitted = of_side(bounder, source), as_fitted(bounder, source)
-    if bounder.query_kind == DISTANCE.name:
-        shape, truth = fitted, fitted.contains
-    else:
-        shape = judge_of(given, fitted, bounder.query_kind, PROTOCOLS[0])
+    shape = as_fitted(bounder, source)
+    truth = shape.contains
+    if bounder.query_kind != DISTANCE.name:
+        shape = judge_of(of_side(bounder, source), shape, bounder.query_kind, PROTOCOLS[0])
         decide = truth_by(PROTOCOLS[0], bounder.query_kind, shape, bounder.device, bounder.domain.oracle_length, 0)
         truth = lambda q: np.asarray(decide(q)) != OUT  # noqa: E731
     axes, middle = list(range(int(shape.time), shape.ndim))[:3], (shape.lower + shape.upper) / 2
@@ -428,11 +333,10 @@ def picture(bounder, source) -> bytes:
         reach = in_plane * half / SIDE
         numbers = {"ray": [x, along], "box": [x - reach, x + reach], "plane": [x - middle + 1e-30 * along, x]}
         q = np.hstack(numbers.get(bounder.query_kind, [x])).astype(np.float32)
-        slices += [np.where(truth(q.astype(np.float64)), 2, bounder.query(q).numpy() != 0).reshape(SIDE, SIDE)]
-        slices += [np.zeros((SIDE, WALL))]
-    image = Image.fromarray(np.hstack(slices[:-1]).astype(np.uint8), mode="P")
+        seen = np.where(truth(q.astype(np.float64)), 2, bounder.query(q).numpy() != 0).reshape(SIDE, SIDE)
+        slices += [seen, np.zeros((SIDE, WALL))]
+    image, file = Image.fromarray(np.hstack(slices[:-1]).astype(np.uint8), mode="P"), io.BytesIO()
     image.putpalette([value for colour in COLOURS.values() for value in colour[:3]])
-    file = io.BytesIO()
     image.save(file, "PNG", transparency=bytes(colour[3] for colour in COLOURS.values()), optimize=True)
     return file.getvalue()
 
@@ -440,78 +344,53 @@ def picture(bounder, source) -> bytes:
 # --- the folder of a bake --------------------------------------------------------------------------------------------
 
 
-class BakeFolder:
-    """Where a bake writes; made if it is not there.
+def prepare(out: Path) -> None:
+    """Make the folder of a bake; raises ``FileFormatError`` if it cannot be written to, or holds something else: it is then left as it is."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        marked = (out / MARK).exists()
+        foreign = not marked and any(not file.name.startswith(".") for file in out.iterdir())
+    except OSError as error:
+        raise FileFormatError(f"{out}: cannot be used for a bake ({error.strerror or error})") from error
+    if foreign:
+        raise FileFormatError(f"{out}: holds other files, expected a new folder or one of a bake")
+    if not marked:
+        write_whole(out / MARK, json.dumps({"format": FORMAT, "contact_sheet": SHEET}).encode(), RECORD_FILE)
 
-    Args:
-        path: Absolute.
 
-    Raises:
-        FileFormatError: If it cannot be written to, or holds something else: it is then left as it is.
-    """
-
-    def __init__(self, path: Path):
-        self.path = path
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            marked = (path / MARK).exists()
-            foreign = not marked and any(not file.name.startswith(".") for file in path.iterdir())
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot be used for a bake ({error.strerror or error})") from error
-        if foreign:
-            raise FileFormatError(f"{path}: holds other files, expected a new folder or one of a bake")
-        if not marked:
-            write_whole(path / MARK, json.dumps({"format": FORMAT, "contact_sheet": SHEET}).encode(), RECORD_FILE)
-
-    @contextlib.contextmanager
-    def locked(self) -> Iterator[None]:
-        """Keep other bakes out, with ``FileFormatError``; the system gives the lock back if this process is killed."""
-        try:
-            from filelock import FileLock, Timeout
-        except ImportError as error:
-            raise BoundingError("baking needs filelock: pip install 'warp-bounding[bake]'") from error
-        lock = FileLock(self.path / LOCK, timeout=0)
-        try:
-            lock.acquire()
-        except Timeout:
-            expected = "wait until it has ended, or give another folder"
-            raise FileFormatError(f"{self.path}: another bake writes to it; {expected}") from None
-        try:
+@contextlib.contextmanager
+def locked(out: Path) -> Iterator[None]:
+    """Keep other bakes out, with ``FileFormatError``; the system gives the lock back if this process is killed."""
+    try:
+        from filelock import FileLock, Timeout
+    except ImportError as error:
+        raise BoundingError("baking needs filelock: pip install 'warp-bounding[bake]'") from error
+    try:
+        with FileLock(out / LOCK, timeout=0):
+            for folder in (out, out / RECORDS):  # what workers have left that were killed while they wrote
+                for left in folder.glob(".*.*.*"):
+                    if {BOUNDER_FILE.suffix, RECORD_FILE.suffix} & set(left.suffixes):
+                        left.unlink(missing_ok=True)
             yield
-        finally:
-            lock.release()
+    except Timeout:
+        expected = "wait until it has ended, or give another folder"
+        raise FileFormatError(f"{out}: another bake writes to it; {expected}") from None
 
-    def clean(self) -> None:
-        """Remove what workers that were killed while they wrote have left: files under names that nobody reads."""
-        for folder in (self.path, self.path / RECORDS):
-            for left in folder.glob(".*.*.*"):
-                if {BOUNDER_FILE.suffix, RECORD_FILE.suffix} & set(left.suffixes):
-                    left.unlink(missing_ok=True)
 
-    def records(self) -> list[Record]:
-        """All records, of this bake and of those before, with other settings too."""
-        found = (Record.read(path) for path in sorted((self.path / RECORDS).glob("*.json")))
-        return [record for record in found if record is not None]
+def all_records(out: Path) -> list[Record]:
+    """All records of a folder, of this bake and of those before, with other settings too."""
+    found = (Record.read(path) for path in sorted((out / RECORDS).glob("*.json")))
+    return [record for record in found if record is not None]
 
-    def write_manifest(self, records: list[Record]) -> None:
-        """Write a row for each record, by source and settings."""
-        text = io.StringIO(newline="")
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(COLUMNS)
-        for record in sorted(records, key=lambda r: (r.source, r.settings, r.hash)):
-            writer.writerow(["" if (value := getattr(record, name)) is None else value for name in COLUMNS])
-        write_whole(self.path / MANIFEST, text.getvalue().encode(), MANIFEST_FILE)
 
-    def conclude(self, records: list[Record]) -> None:
-        """Write the manifest and the contact sheet of all records."""
-        self.write_manifest(records)
-        baked = [record for record in records if record.file]
-        failed, proven = sum(bool(r.error) for r in records), sum(r.certificate == "proven" for r in baked)
-        head = f"{len(records)} shapes, {len(baked)} with a bounder, {proven} of them proven; {failed} failed"
-        order = sorted(records, key=lambda r: (not r.error, r.source, r.settings))
-        cards = "\n".join(_card(Record.read(record.path_in(self.path)) or record) for record in order)
-        colours = {name: f"rgb{COLOURS[name][:3]}" for name in ("object", "maybe")}
-        write_whole(self.path / SHEET, PAGE.format(head=head, cards=cards, **colours).encode(), PAGE_FILE)
+def write_manifest(out: Path, records: list[Record]) -> None:
+    """Write a row for each record, by source and settings."""
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for record in sorted(records, key=lambda r: (r.source, r.settings, r.hash)):
+        writer.writerow(["" if (value := getattr(record, name)) is None else value for name in COLUMNS])
+    write_whole(out / MANIFEST, text.getvalue().encode(), MANIFEST_FILE)
 
 
 PAGE = """<!DOCTYPE html>
@@ -526,6 +405,17 @@ img {{ image-rendering: pixelated; max-width: 100% }} h2 {{ font-size: 1rem; mar
 {cards}
 </main></body></html>
 """
+
+
+def write_sheet(out: Path, records: list[Record]) -> None:
+    """Write the contact sheet of all records; shapes with an error come first."""
+    baked = [record for record in records if record.file]
+    failed, proven = sum(bool(r.error) for r in records), sum(r.certificate == "proven" for r in baked)
+    head = f"{len(records)} shapes, {len(baked)} with a bounder, {proven} of them proven; {failed} failed"
+    order = sorted(records, key=lambda r: (not r.error, r.source, r.settings))
+    cards = "\n".join(_card(Record.read(record.path_in(out)) or record) for record in order)
+    colours = {name: f"rgb{COLOURS[name][:3]}" for name in ("object", "maybe")}
+    write_whole(out / SHEET, PAGE.format(head=head, cards=cards, **colours).encode(), PAGE_FILE)
 
 
 def _card(record: Record) -> str:
@@ -546,19 +436,6 @@ def _card(record: Record) -> str:
 class Baked:
     """What a bake has done.
 
-    Attributes:
-        folder: Where the results are.
-        records: One for each shape of the folder, those that were there before included.
-        baked: Shapes that this run baked.
-        kept: Shapes that had been baked already.
-        failed: Shapes with an error.
-        foreign: Files of the folder that are no shapes.
-        too_large: Files that were left out for their size.
-        seconds: Of this run.
-        task_seconds: Of all tasks of this run together.
-        running_seconds: From the first task's start to the last one's end; without the start of workers.
-        workers: How many threads of workers there were when the first task was handed out.
-
     Example:
         >>> wb.bake("no such folder", "bounders")
         Traceback (most recent call last):
@@ -566,17 +443,17 @@ class Baked:
         warp_bounding.errors.IndicatorError: no such folder: no such folder
     """
 
-    folder: Path
-    records: list[Record] = field(default_factory=list)
-    baked: int = 0
-    kept: int = 0
-    failed: int = 0
-    foreign: int = 0
-    too_large: list[str] = field(default_factory=list)
-    seconds: float = 0.0
-    task_seconds: float = 0.0
-    running_seconds: float = 0.0
-    workers: int = 0
+    folder: Path  # where the results are
+    records: list[Record] = field(default_factory=list)  # one for each shape, those that were there before included
+    baked: int = 0  # shapes that this run baked
+    kept: int = 0  # shapes that had been baked already
+    failed: int = 0  # shapes with an error
+    foreign: int = 0  # files of the folder that are no shapes
+    too_large: list[str] = field(default_factory=list)  # files that were left out for their size
+    seconds: float = 0.0  # of this run
+    task_seconds: float = 0.0  # of all tasks of this run together
+    running_seconds: float = 0.0  # from the first task's start to the last one's end, without the start of workers
+    workers: int = 0  # threads of workers when the first task was handed out
 
 
 def bake(
@@ -647,54 +524,38 @@ def bake_with(
         raise BounderError(f"largest must be a positive number of megabytes, got {largest!r}")
     if folder.resolve() == out.resolve():
         raise BounderError(f"{out}: expected another folder than that of the shapes")
-    settings.check(bake)
-    found = find_shapes(folder, largest, out)
-    kept = BakeFolder(out.resolve())
-    done = Baked(kept.path, foreign=found.foreign, too_large=[str(p.relative_to(folder)) for p in found.too_large])
-    with kept.locked(), reported(progress, "bake") as update:
-        kept.clean()
-        text = json.dumps(settings.to_dict(), indent=1)
-        write_whole(kept.path / "settings" / f"{settings.digest}.json", text.encode(), RECORD_FILE)
-        update = update or (lambda *told: None)
+    settings.check()
+    found, too_large, foreign = jobs_of(folder, out, settings, largest)
+    out = out.resolve()
+    prepare(out)
+    with locked(out), reported(progress, "bake") as update:
+        update, about = update or (lambda *told: None), settings.to_dict()
+        path = out / "settings" / f"{short_digest(about)}.json"
+        write_whole(path, json.dumps(about, indent=1).encode(), RECORD_FILE)
         update(0, 1, "what is there is read")
-        every = {job.record.key: job for job in jobs_of(folder, found, settings, kept)}
-        records = {key: job.done() for key, job in every.items()}
-        open_ = deque(job for key, job in every.items() if records[key] is None)
-        done.kept = len(every) - len(open_)
-        others = [record for record in kept.records() if record.key not in every]
-
-        def ready() -> list[Record]:
-            return others + [record for record in records.values() if record is not None]
-
+        every = {job.record.path_in(out): job for job in found}  # the same file under the same name twice is one
+        records = {path: job.done() for path, job in every.items()}
+        open_ = deque(job for path, job in every.items() if records[path] is None)
+        done = Baked(out, kept=len(every) - len(open_), foreign=foreign, too_large=too_large)
+        others = [record for record in all_records(out) if record.path_in(out) not in every]
         written, pause = time.perf_counter(), MANIFEST_SECONDS
         try:
-            for record in _ended(open_, kept, done, jobs, scheduler, update, tell) if open_ else ():
-                records[record.key], now = record, time.perf_counter()
-                if now - written > pause:
-                    kept.write_manifest(ready())
+            for record in _ended(open_, out, done, jobs, scheduler, update, tell) if open_ else ():
+                records[record.path_in(out)] = record
+                if (now := time.perf_counter()) - written > pause:
+                    write_manifest(out, [*others, *filter(None, records.values())])
                     written = time.perf_counter()
                     pause = max(MANIFEST_SECONDS, (written - now) / MANIFEST_SHARE)
         finally:  # Ctrl-C, and whatever else ends it: what is there is listed
             done.seconds = time.perf_counter() - started
-            done.records = [records[key] or job.record for key, job in every.items()]
-            kept.conclude(ready())
+            done.records = [records[path] or job.record for path, job in every.items()]
+            write_manifest(out, [*others, *filter(None, records.values())])
+            write_sheet(out, [*others, *filter(None, records.values())])
     return done
 
 
-def jobs_of(folder: Path, found: Found, settings: Settings, kept: BakeFolder) -> Iterator[Job]:
-    """A job for each shape; the same file under the same name twice has the same."""
-    about = settings.digest
-    for path in found.shapes:
-        try:
-            digest = shape_digest(path)
-        except OSError:
-            digest = "unreadable"  # the task finds out why
-        record = Record(path.stem, str(path.relative_to(folder)), short_digest([digest, about]), about)
-        yield Job(str(path.resolve()), str(kept.path), record, settings)
-
-
 def _ended(
-    open_: deque[Job], kept: BakeFolder, done: Baked, jobs: int | None, scheduler: str | None, update: Progress, tell
+    open_: deque[Job], out: Path, done: Baked, jobs: int | None, scheduler: str | None, update: Progress, tell
 ) -> Iterator[Record]:
     """Hand out jobs until there are none, ``WINDOW`` at a time at most; the records, as they end."""
     total = len(open_)
@@ -704,18 +565,18 @@ def _ended(
 
         if client.scheduler_info().get("services", {}).get("dashboard"):
             tell(f"dashboard: {client.dashboard_link}")
-        _check_workers(client, [kept.path, Path(open_[0].path).parent])
+        _check_workers(client, [out, Path(open_[0].path).parent])
         started, done.workers = time.perf_counter(), sum(client.nthreads().values())
         futures, running = {}, distributed.as_completed()
         while open_ or futures:
             if open_ and len(futures) < WINDOW // 2:
                 batch = [open_.popleft() for _ in range(min(WINDOW - len(futures), len(open_)))]
-                keys = [f"bake-{job.record.key}" for job in batch]
+                keys = [f"bake-{job.bounder_path.stem}" for job in batch]
                 for future, job in zip(client.map(bake_shape, batch, key=keys, pure=False), batch, strict=True):
                     futures[future.key] = job
                     running.add(future)
             future = next(running)
-            record = _outcome(future, futures.pop(future.key), client, kept)
+            record = _outcome(future, futures.pop(future.key), client)
             del future  # else Dask would do it again if the worker that has its result died
             done.task_seconds += record.seconds
             done.failed, done.baked = done.failed + bool(record.error), done.baked + (not record.error)
@@ -729,7 +590,7 @@ def _ended(
             yield record
 
 
-def _outcome(future, job: Job, client, kept: BakeFolder) -> Record:
+def _outcome(future, job: Job, client) -> Record:
     """What became of a task: a record, or an error that ends the bake."""
     import distributed
 
@@ -738,7 +599,7 @@ def _outcome(future, job: Job, client, kept: BakeFolder) -> Record:
     error = future.exception() if future.status == "error" else None
     if isinstance(error, distributed.KilledWorker):
         record = replace(job.record, error="every worker that fitted it died (killed, out of memory, or a crash)")
-        record.write(kept.path)
+        record.write(Path(job.out))
         return record
     if isinstance(error, BoundingError):
         raise error  # the folder cannot be written to
@@ -760,24 +621,18 @@ def _connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
         "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the task that waits behind
         "logging.distributed": "critical",
     }
-    loggers = [logging.getLogger(n) for n in list(logging.root.manager.loggerDict) if n.startswith("distributed")]
     with contextlib.ExitStack() as stack:
-        for logger in loggers:  # of workers that die and connections that are lost what matters is told
+        for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
+            logger = logging.getLogger(name)  # of workers that die and connections that are lost what matters is told
             stack.callback(logger.setLevel, logger.level)
             logger.setLevel(logging.CRITICAL)
         stack.enter_context(dask.config.set(own))
         try:
             if scheduler is None:
-                local = {
-                    "n_workers": jobs or cpu_threads(),
-                    "threads_per_worker": 1,
-                    "processes": True,
-                    "memory_limit": 0,
-                }
-                local |= {"silence_logs": logging.CRITICAL, "env": ONE_THREAD, "preload": __name__}
-                local |= {"dashboard_address": "127.0.0.1:0" if find_spec("bokeh") else None}
-                cluster = distributed.LocalCluster(**local)
-                client = distributed.Client(stack.enter_context(cluster))
+                workers = {"n_workers": jobs or cpu_threads(), "threads_per_worker": 1, "processes": True}
+                workers |= {"memory_limit": 0, "silence_logs": logging.CRITICAL, "env": ONE_THREAD, "preload": __name__}
+                workers |= {"dashboard_address": "127.0.0.1:0" if find_spec("bokeh") else None}
+                client = distributed.Client(stack.enter_context(distributed.LocalCluster(**workers)))
             else:
                 client = distributed.Client(scheduler, timeout=CONNECT_SECONDS)
         except (OSError, TimeoutError, ValueError) as error:
@@ -808,6 +663,5 @@ def _check_workers(client: Any, folders: list[Path]) -> None:
         if answer["version"] != __version__:
             raise SchedulerError(f"worker {address} has warp-bounding {answer['version']}, expected {__version__}")
         if answer["missing"]:
-            raise SchedulerError(
-                f"worker {address} sees no {answer['missing'][0]}; expected folders that all workers share"
-            )
+            expected = "expected folders that all workers share"
+            raise SchedulerError(f"worker {address} sees no {answer['missing'][0]}; {expected}")
