@@ -6,7 +6,6 @@ slows all of them alike, each is compared with the run without a broad phase, to
 pictures and JSON are made of it.
 """
 
-import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping
@@ -19,13 +18,13 @@ import warp as wp
 from rich.console import Console
 
 import warp_bounding as wb
-from sims.assets import Shape
+from sims.assets import Shape, once
 from sims.chosen import Taken
 from sims.drawing import Drawn
 from sims.prefitted import FitSpec, fitted
 from sims.report import Run, bounder_rows, kept, output, result, run_table, shown, verdict
 
-__all__ = ["Demo", "Example", "command", "compare", "now", "simulate", "weakest"]
+__all__ = ["Demo", "Example", "compare", "now", "simulate", "weakest"]
 
 
 class Example(ABC):
@@ -87,13 +86,6 @@ class Example(ABC):
         missed = self.missed(reference)
         assert missed == 0, f"{missed} {self.LOST}"
         assert self.identical(reference), self.DIFFER
-
-
-def command(name: str) -> None:
-    """What ``python -m sims.NAME`` does: the same as ``python -m sims NAME``, with this process' arguments."""
-    from sims.__main__ import run
-
-    run([name, *sys.argv[1:]])
 
 
 def now(device: wp.Device) -> float:
@@ -228,7 +220,7 @@ class Demo(ABC):
     def _run(self) -> dict[str, Any]:
         self.console = self.console or output()
         self.specs = self.SPECS if self.specs is None else self.specs
-        shapes = self.set_up()
+        shapes = {name: once(shape) for name, shape in self.set_up().items()}
         self.bounders = self.fit(shapes)
         told = self.SAMPLES[self.quick], self.DISTANCES
         self.rows = {name: bounder_rows(self.of_shape(name), shape, *told) for name, shape in shapes.items()}

@@ -114,7 +114,7 @@ def _depth(
     # outputs
     depth: wp.array(dtype=float),
 ):
-    i = wp.tid()
+    i, _ = wp.tid()
     x = wp.transform_point(to_shape, q[i])
     query = wp.mesh_query_point_sign_parity(mesh, x, DEEPEST)
     if query.result and query.sign < 0.0:

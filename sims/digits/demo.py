@@ -11,7 +11,7 @@ proof reaches there is in ``sims.digits.neighbourhood``.
 
 After Fig. 12 of *Neural Bounding* (Liu et al. 2024).
 
-    python -m sims.digits --out out/demo
+    python -m sims digits --out out/demo
 """
 
 from dataclasses import dataclass

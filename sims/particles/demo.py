@@ -7,7 +7,7 @@ narrow phase only has to say which ones are in it; there a bounder from the insi
 narrow phase. Each simulation runs with no broad phase and with every bounder, from the
 same state; no contact may be missed, and all runs must end in the same state to the bit (see ``scene``).
 
-    python -m sims.particles --out out/demo
+    python -m sims particles --out out/demo
 """
 
 from dataclasses import dataclass

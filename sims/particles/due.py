@@ -48,7 +48,8 @@ def _asking(distance: wp.Function, segment: wp.Function) -> wp.Kernel:
         mask: wp.array(dtype=wp.uint8),
         asked: wp.array(dtype=wp.uint8),
     ):
-        i = first + wp.tid()
+        thread, _ = wp.tid()
+        i = first + thread
         mask[i] = wp.uint8(0)
         asked[i] = wp.uint8(0)
         if lives[i] == known[i] and step < due[i]:

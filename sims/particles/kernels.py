@@ -45,7 +45,8 @@ def integrate(
     contacts: wp.array(dtype=wp.uint8),
 ):
     """Move one particle, as if there were no bunny. A new life begins at a place that depends on seed, particle and life only."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     x = wp.vec3(positions[i])
     v = wp.vec3(velocities[i])
     age = ages[i] + 1
@@ -90,7 +91,8 @@ def collide(
     contacts: wp.array(dtype=wp.uint8),
 ):
     """Push one candidate out to the contact distance, with friction and a little bounce; write only if it is in contact."""
-    item = first + wp.tid()
+    thread, _ = wp.tid()
+    item = first + thread
     if item >= count[0]:
         return
     i = candidates[item]
@@ -132,7 +134,8 @@ def touch(
     contacts: wp.array(dtype=wp.uint8),
 ):
     """Whether one candidate is in contact, by the same numbers as in ``collide``."""
-    item = first + wp.tid()
+    thread, _ = wp.tid()
+    item = first + thread
     if item >= count[0]:
         return
     i = candidates[item]
@@ -154,7 +157,8 @@ def seep(
     velocities: wp.array(dtype=wp.vec3),
 ):
     """Slow a particle down that is in contact."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     if contacts[i] != wp.uint8(0):
         velocities[i] = velocities[i] * (1.0 - SEEPING * DT)
 
@@ -169,7 +173,8 @@ def split(
     certain: wp.array(dtype=wp.uint8),
 ):
     """What a two-sided bounder has answered (``warp_bounding.two_sided``), as two masks."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     maybe[i] = wp.uint8(wp.where(answers[i] == wp.uint8(1), 1, 0))
     certain[i] = wp.uint8(wp.where(answers[i] == wp.uint8(2), 1, 0))
 
@@ -184,7 +189,8 @@ def with_time(
     queries: wp.array(dtype=wp.vec4),
 ):
     """What a bounder of the motion is asked: time and place."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     x = positions[i]
     queries[i] = wp.vec4(time, x[0], x[1], x[2])
 
@@ -197,7 +203,8 @@ def box_of(
     box: wp.array(dtype=wp.vec3),
 ):
     """The box around all vertices; ``box`` holds infinity and minus infinity before."""
-    x = points[wp.tid()]
+    thread, _ = wp.tid()
+    x = points[thread]
     wp.atomic_min(box, 0, x)
     wp.atomic_max(box, 1, x)
 
@@ -213,7 +220,8 @@ def box_mask(
     mask: wp.array(dtype=wp.uint8),
 ):
     """1 where a particle lies in the box, dilated by the margin."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     x = positions[i]
     inside = wp.uint8(1)
     for k in range(3):

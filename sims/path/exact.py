@@ -55,7 +55,8 @@ def meet_states(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Whether a state lies in a closed occupied cell."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     p0 = wp.float64(states[i][0]) * scale[0]
     p1 = wp.float64(states[i][1]) * scale[1]
     rows, columns = occupancy.shape[0], occupancy.shape[1]
@@ -86,7 +87,8 @@ def meet_segments(
     answers: wp.array(dtype=wp.uint8),
 ):
     """Whether a closed segment meets a closed occupied cell; ``DOUBT`` where float64 cannot tell."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     a0 = wp.float64(starts[i][0]) * scale[0]
     a1 = wp.float64(starts[i][1]) * scale[1]
     b0 = wp.float64(ends[i][0]) * scale[0]

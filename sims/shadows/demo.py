@@ -10,7 +10,7 @@ A ray that begins on an object's own surface is hardly ever denied: it begins in
 floor, and from one object towards the other. A ``wp.Mesh`` has a hierarchy of boxes of its own, which denies most rays at its first nodes; so
 do not expect a network to save time here, with meshes of some thousand faces on a CPU. What is at stake are the shadows.
 
-    python -m sims.shadows --out out/demo
+    python -m sims shadows --out out/demo
 """
 
 from dataclasses import dataclass

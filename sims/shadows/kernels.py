@@ -46,7 +46,8 @@ def see_floor(
     smooth: wp.array(dtype=wp.vec3),
 ):
     """Begin a picture: the floor, thing 0, or nothing, thing -1."""
-    pixel = first + wp.tid()
+    thread, _ = wp.tid()
+    pixel = first + thread
     d = _towards(camera, pixel)
     depths[pixel] = farthest
     things[pixel] = wp.int8(-1)
@@ -77,7 +78,8 @@ def see_mesh(
     smooth: wp.array(dtype=wp.vec3),
 ):
     """Add a mesh to a picture, where it is nearer than what is there. ``corners``: a normal for each corner of each face."""
-    pixel = first + wp.tid()
+    thread, _ = wp.tid()
+    pixel = first + thread
     d = _towards(camera, pixel)
     hit = wp.mesh_query_ray(mesh, camera.eye, d, depths[pixel])
     if not hit.result:
@@ -105,7 +107,8 @@ def face_sun(
     facing: wp.array(dtype=wp.uint8),
 ):
     """Which surfaces face the sun; the others are dark without a ray."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     facing[i] = wp.uint8(wp.where(wp.dot(normals[i], sun) > 0.0, 1, 0))
 
 
@@ -122,7 +125,8 @@ def cast(
     rays: wp.array2d(dtype=float),
 ):
     """The shadow ray of a surface point: from a little above it, towards the sun."""
-    i = first + wp.tid()
+    thread, _ = wp.tid()
+    i = first + thread
     o = points[chosen[i]] + normals[chosen[i]] * lift
     for k in range(3):
         rays[i, k] = o[k]
@@ -143,7 +147,8 @@ def stop(
     stopped: wp.array(dtype=wp.uint8),
 ):
     """Whether a mesh stops a ray: the narrow phase. A hit counts if the ray does pass the point of the face that was named."""
-    item = first + wp.tid()
+    thread, _ = wp.tid()
+    item = first + thread
     if item >= count[0]:
         return
     i = candidates[item]

@@ -1,3 +1,5 @@
+"""Bounders of demos: fitted, or loaded where a file is of the very shape."""
+
 import numpy as np
 import pytest
 
@@ -44,8 +46,6 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
         check_fit(made, mesh, own, "file")
         with pytest.raises(wb.BounderError, match=got):
             check_fit(made, mesh, other, "file")
-    with pytest.raises(wb.BounderError, match="of box queries in 2D, got one of point queries in 2D"):
-        check_fit(bounder, grid, FitSpec("mlp", query="box"), "file")
     inner = FitSpec("mlp", options=MLP.options | {"side": "inside"})
     within = fit(inner, grid, device="cpu")
     check_fit(within, grid, inner, "file")
@@ -65,11 +65,3 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
     bounder.certificate = None
     with pytest.raises(wb.BounderError, match="expected a bounder with a certificate"):
         check_fit(bounder, grid, MLP, "file")
-
-
-def test_a_budget_replaces_that_of_the_spec(monkeypatch):
-    seen = []
-    monkeypatch.setattr(prefitted.wb, "fit", lambda grid, **options: seen.append(options["budget"]))
-    for budget in (None, 5.0, 500.0):
-        fit(FitSpec("mlp", budget=60.0), disc(), budget=budget, device="cpu")
-    assert seen == [60.0, 5.0, 500.0]

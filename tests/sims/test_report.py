@@ -1,12 +1,12 @@
+"""What demos print and return: promises kept or broken, tables, and the page of results."""
+
 import json
-from io import StringIO
 
 import pytest
-from rich.console import Console
 
 import warp_bounding as wb
 from sims.page import page
-from sims.report import Run, kept, result, run_table, verdict
+from sims.report import Run, kept, result, verdict
 
 NONE = Run("none", 100, 0.0, 2.0, 3.0, 0, True)
 
@@ -35,29 +35,6 @@ def test_what_is_statistical_is_no_promise():
     assert "whose certificate is statistical, missed 3 contacts" in verdict(runs)
     assert "proven" not in verdict(runs)
     assert "missed none" in verdict([NONE, of("mlp", "statistical")])
-
-
-def test_a_table_has_a_reference_in_each_section():
-    runs = [NONE, of("mlp", "proven", section=""), of("occupancy", "", 1234, False)]
-    text = StringIO()
-    Console(file=text, width=140).print(run_table("runs", runs, steps=10, extra={"depth": "depth"}))
-    lines = text.getvalue()
-    assert "1,234" in lines
-    assert "differs" in lines
-    assert lines.count("identical") == 1
-
-
-def test_rates_against_cells_stand_beside_those_against_the_shape(tmp_path):
-    runs = [NONE, of("mlp", "proven"), of("bvh", "proven", cells=3.25)]
-    text = StringIO()
-    Console(file=text, width=140).print(run_table("runs", runs, steps=10))
-    assert "of cells" in text.getvalue()
-    assert text.getvalue().count("3.25") == 1
-    (tmp_path / "path.json").write_text(json.dumps(result("path", "rooms", 1, runs, [])))
-    lines = page(tmp_path)
-    assert "| FP % | of cells | certificate |" in lines
-    assert "| 0 | 5.00 | 3.25 | proven | identical |" in lines
-    assert "| 0 | 5.00 |  | proven | identical |" in lines
 
 
 def test_a_page_of_what_a_demo_printed(tmp_path):

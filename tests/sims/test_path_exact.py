@@ -1,3 +1,5 @@
+"""The exact truth about segments and states in a grid, beside rational arithmetic."""
+
 from fractions import Fraction
 
 import numpy as np
@@ -116,13 +118,6 @@ def test_lines_through_a_corner_that_float64_cannot_tell():
     assert 0 < found.sum() < len(found)
 
 
-def test_tiny_and_large_coordinates():
-    grid, rng = WORLDS["unit"], np.random.default_rng(6)
-    sizes = np.float32([0.0, 1e-45, -1e-45, 1e-38, -1e-30, 1e-8, 0.5 / 8, 1.0, -3.0, 1e6, -1e6])
-    starts, ends = (rng.choice(sizes, (400, 2)).astype(np.float32) for _ in range(2))
-    agree(grid, starts, ends)
-
-
 @pytest.mark.parametrize("name", WORLDS)
 def test_states_are_those_of_the_grid(name):
     grid, rng = WORLDS[name], np.random.default_rng(7)
@@ -139,22 +134,6 @@ def test_states_are_those_of_the_grid(name):
     np.testing.assert_array_equal(found[-500:], exact)
     if name != "odd":  # where the grid's own answer is exact
         np.testing.assert_array_equal(found, grid.contains(x))
-
-
-def test_threads_do_not_change_an_answer(monkeypatch):
-    grid, rng = WORLDS["unit"], np.random.default_rng(8)
-    starts, ends = (rng.random((3000, 2), dtype=np.float32) for _ in range(2))
-    answers = []
-    for threads in ("1", "3"):
-        monkeypatch.setenv("WARP_BOUNDING_THREADS", threads)
-        answers.append(ExactWorld(grid).segments(starts, ends))
-    np.testing.assert_array_equal(*answers)
-
-
-def test_nothing_to_ask():
-    nothing = np.zeros((0, 2), dtype=np.float32)
-    assert ExactWorld(WORLDS["unit"]).segments(nothing, nothing).shape == (0,)
-    assert ExactWorld(WORLDS["unit"]).states(nothing).shape == (0,)
 
 
 def test_bad_input_is_refused():

@@ -46,19 +46,3 @@ def test_a_state_that_differs_is_found():
     example.frames += 1
     with pytest.raises(ValueError, match="expected the same particle_q as without the cull"):
         example.test_final()
-
-
-@pytest.mark.parametrize("wrong", ["0", "-3", "many"])
-def test_sizes_that_are_none_are_refused(wrong, capsys):
-    with pytest.raises(SystemExit) as refused:
-        Example.create_parser().parse_args(["--meshes", wrong])
-    assert refused.value.code == 2
-    assert f"must be a whole number of 1 at least, got '{wrong}'" in capsys.readouterr().err
-
-
-def test_a_window_that_cannot_be_opened_says_what_to_install(monkeypatch, capsys):
-    monkeypatch.setattr("sims.newton.example_cull.find_spec", lambda name: None)
-    with pytest.raises(SystemExit) as refused:
-        run(monkeypatch, capsys, "--viewer", "gl")
-    assert refused.value.code == 2
-    assert "the viewer gl needs pip install 'newton[examples]'" in capsys.readouterr().err

@@ -1,3 +1,5 @@
+"""Shadows: the same pictures, bit by bit, with every proven bounder; broken ones are found out, and the scene is what it says."""
+
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +12,12 @@ from sims.base import compare
 from sims.prefitted import FitSpec, owner, stored
 from sims.report import kept, verdict
 from sims.shadows import Example, Scene
+from sims.shadows.chair import chair
 from sims.shadows.demo import simulate
 from sims.shadows.example import check_rays
 from sims.shadows.kernels import stop
 from sims.shadows.scene import FARTHEST, LENGTH, LIFT, LOWEST, REACH, TOLERANCE, margin_of
+from warp_bounding.queries import oracle
 
 RESOLUTION, STEPS, SIZE = 32, 2, (120, 90)
 CLOSED = ("aabb", "kdop", "bvh")
@@ -44,16 +48,6 @@ def examples(scene, bounders):
     return simulate(scene, bounders, steps=STEPS)
 
 
-def denying(scene, bounders):
-    """The bounders, that of the chair with its threshold raised above what a good part of its shadow has."""
-    example = Example(scene, steps=STEPS)
-    example.step()
-    rays = shadow_rays(scene, example)[example.shadows[0][scene.seen.things >= 0][facing(scene, example)] & 2 != 0]
-    values = bounders["chair"].values(rays).numpy()
-    raised = bounders["chair"].to(str(scene.device))
-    return bounders | {"chair": raised.freeze(float(np.nextafter(np.median(values), np.float32(np.inf))), None)}
-
-
 def facing(scene, example, step=0):
     return (scene.seen.normals.numpy().astype(np.float64) @ example.suns[step].astype(np.float64)) > 0
 
@@ -61,88 +55,78 @@ def facing(scene, example, step=0):
 def shadow_rays(scene, example, step=0):
     """The shadow rays of a picture, in NumPy, in the order of the pixels."""
     points, normals = scene.seen.points.numpy(), scene.seen.normals.numpy()
-    chosen = facing(scene, example, step)
-    origins = (points + normals * np.float32(LIFT)).astype(np.float32)[chosen]
+    origins = (points + normals * np.float32(LIFT)).astype(np.float32)[facing(scene, example, step)]
     return np.concatenate([origins, np.broadcast_to(example.suns[step], origins.shape)], axis=1).astype(np.float32)
 
 
-def test_there_are_shadows_of_both_objects_on_the_floor_and_on_each_other(scene, examples):
-    shadow, things = examples["none"].shadows, scene.seen.things
+def stopped_by(scene, example, step=0):
+    """Which objects stop these rays, a bit each."""
+    return example.shadows[step][scene.seen.things >= 0][facing(scene, example, step)]
+
+
+def denying(scene, bounders, example):
+    """The bounders, that of the chair with its threshold raised above what a good part of its shadow has."""
+    values = bounders["chair"].values(shadow_rays(scene, example)[stopped_by(scene, example) & 2 != 0]).numpy()
+    raised = bounders["chair"].to(str(scene.device))
+    return bounders | {"chair": raised.freeze(float(np.nextafter(np.median(values), np.float32(np.inf))), None)}
+
+
+def test_proven_bounders_change_nothing_but_the_number_of_calls(scene, examples, monkeypatch):
+    reference, things = examples["none"], scene.seen.things
     for bit in (1, 2):
-        assert all(((s & bit != 0) & (things == 0)).sum() > 50 for s in shadow)
-    assert any(((s & 2 != 0) & (things == 1)).any() for s in shadow)  # the chair's on the bunny
-    assert all((s[things < 0] == 0).all() for s in shadow)
-    assert shadow[0].tobytes() != shadow[1].tobytes()
-
-
-@pytest.mark.parametrize("method", CLOSED)
-def test_a_proven_bounder_changes_nothing_but_the_number_of_calls(examples, method):
-    reference, example = examples["none"], examples[method]
-    example.test_final(reference)
-    assert example.missed(reference) == 0
-    assert example.state() == reference.state()
-    assert example.rays == reference.rays
-    assert example.hits == reference.hits
-    assert all(few < all_ / 2 for few, all_ in zip(example.calls, reference.calls, strict=True))
-
-
-def test_a_tighter_bounder_calls_less(examples):
-    assert sum(examples["bvh"].calls) < sum(examples["kdop"].calls) < sum(examples["aabb"].calls)
-
-
-def test_distances_march_along_rays(scene, examples):
-    """Bounders of the meshes themselves, which are of no kind of ray: no pixel is lost, and fewer rays are left."""
-    reference = examples["none"]
+        assert all(((s & bit != 0) & (things == 0)).sum() > 50 for s in reference.shadows)  # of both on the floor
+    assert all((s[things < 0] == 0).all() for s in reference.shadows)
     own = {
         name: wb.fit(shape, "distance", "bvh", leaves=64, margin=margin_of(shape), device=str(scene.device))
         for name, shape in scene.shapes.items()
     }
-    example = Example(scene, own, steps=STEPS)
+    marching, again = Example(scene, own, steps=STEPS), Example(scene, steps=STEPS)
+    monkeypatch.setenv("WARP_BOUNDING_THREADS", "1")
     for _ in range(STEPS):
-        example.step()
-    example.test_final(reference)
-    assert example.hits == reference.hits
-    assert sum(example.calls) < 0.5 * sum(reference.calls)
+        marching.step()
+        again.step()
+    assert again.state() == reference.state()
+    for each in [*(examples[method] for method in CLOSED), marching]:
+        each.test_final(reference)
+        assert (each.missed(reference), each.state(), each.hits) == (0, reference.state(), reference.hits)
+        assert sum(each.calls) < 0.5 * sum(reference.calls)
+    assert sum(examples["bvh"].calls) < sum(examples["kdop"].calls) < sum(examples["aabb"].calls)
 
 
-def test_no_stopped_ray_lies_outside_the_cells(scene, cells, examples):
+def test_every_stopped_ray_meets_the_cells(scene, cells, examples):
     """The exact truth of the very rays that the narrow phase stops: each meets the dilated object."""
-    from warp_bounding.queries import oracle
-
-    reference = examples["none"]
     for step in range(STEPS):
-        rays = shadow_rays(scene, reference, step)
-        shadow = reference.shadows[step][scene.seen.things >= 0][facing(scene, reference, step)]
+        rays, shadow = (each(scene, examples["none"], step) for each in (shadow_rays, stopped_by))
         for bit, grid in enumerate(cells.values()):
             stopped = rays[shadow & (1 << bit) != 0]
             assert len(stopped) > 100
             assert oracle("ray", grid, str(scene.device), LENGTH)(stopped).all()
 
 
-@pytest.mark.parametrize("method", CLOSED)
-def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(scene, bounders, method):
-    broken = {"broken": denying(scene, bounders[method])}
+def test_a_bounder_that_denies_a_part_of_the_object_is_found_out_and_drawn(scene, bounders, examples, tmp_path):
+    pytest.importorskip("matplotlib")
+    from matplotlib.image import imread
+
+    from sims.shadows.pictures import draw
+
+    broken = {"broken": denying(scene, bounders["kdop"], examples["none"])}
     runs = simulate(scene, broken, steps=STEPS)
     row = compare(runs, broken)[1]
-    assert not kept([row])
+    assert (kept([row]), row.identical) == (False, False)
     assert row.missed > 0
-    assert not row.identical
     with pytest.raises(AssertionError, match="shadow pixels were lost"):
         runs["broken"].test_final(runs["none"])
-
-
-def test_one_bit_of_a_picture_makes_it_another(scene, bounders, examples):
-    """A pixel in both shadows that loses one of them stays dark: nothing is missed, and the pictures still differ."""
-    reference, example = examples["none"], Example(scene, bounders["aabb"], steps=STEPS)
-    for _ in range(STEPS):
-        example.step()
-    example.test_final(reference)
-    row, column = np.argwhere(example.shadows[0] != 0)[0]
-    example.shadows[0][row, column] ^= 4
-    assert example.missed(reference) == 0
-    assert not compare({"none": reference, "aabb": example}, {"aabb": bounders["aabb"]})[1].identical
+    picture = imread(draw(tmp_path, runs["none"], runs))[..., :3]
+    red = (picture[..., 0] > 0.8) & (picture[..., 1] < 0.3) & (picture[..., 2] < 0.35)
+    half = picture.shape[1] // 2
+    assert not red[50:, :half].any()
+    assert red[50:, half:].sum() > 10
+    # a pixel in both shadows that loses one of them stays dark: nothing is missed, and the pictures still differ
+    row, column = np.argwhere(runs["none"].shadows[0] != 0)[0]
+    runs["none"].shadows[0][row, column] ^= 4
+    assert runs["none"].missed(examples["none"]) == 0
     with pytest.raises(AssertionError, match="pictures differ"):
-        example.test_final(reference)
+        runs["none"].test_final(examples["none"])
 
 
 def test_a_series_is_called_what_its_weakest_certificate_is(examples, bounders):
@@ -152,44 +136,24 @@ def test_a_series_is_called_what_its_weakest_certificate_is(examples, bounders):
         return {"aabb": bounders["aabb"] | {"chair": bounder.freeze(bounder.threshold, certificate)}}
 
     two = {name: examples[name] for name in ("none", "aabb")}
-    assert [compare(two, certified(kind))[1].certificate for kind in ("proven", "statistical", "")] == [
-        "proven",
-        "statistical",
-        "",
-    ]
-    told = verdict(compare(two, certified("statistical")), "shadow pixels")
-    assert "proven" not in told
-    assert "whose certificate is statistical, missed none of the shadow pixels" in told
-
-
-def test_threads_do_not_change_the_pictures(scene, examples, monkeypatch):
-    monkeypatch.setenv("WARP_BOUNDING_THREADS", "1")
-    single = Example(scene, steps=STEPS)
-    for _ in range(STEPS):
-        single.step()
-    assert single.state() == examples["none"].state()
+    for kind in ("proven", "statistical", ""):
+        assert compare(two, certified(kind))[1].certificate == kind
+    assert "whose certificate is statistical" in verdict(compare(two, certified("statistical")), "shadow pixels")
 
 
 def test_a_hit_counts_only_where_the_ray_passes_the_named_point(scene):
     """With no tolerance at all hardly a hit is confirmed; with that of the demo every one is."""
-    example = Example(scene, steps=STEPS)
-    rays = shadow_rays(scene, example)
-    device = scene.device
+    rays, device = shadow_rays(scene, Example(scene, steps=STEPS)), scene.device
     inputs = [wp.array(rays, dtype=float, device=device), REACH]
     everyone = wp.array(np.arange(len(rays)), dtype=wp.int32, device=device)
-    count = wp.array([len(rays)], dtype=wp.int32, device=device)
-    stopped = {}
+    count, stopped = wp.array([len(rays)], dtype=wp.int32, device=device), {}
     for tolerance in (0.0, 1e-5, TOLERANCE, 1e6):
         answers = wp.zeros(len(rays), dtype=wp.uint8, device=device)
         given = [0, scene.meshes["bunny"].id, *inputs, tolerance, everyone, count]
         wp.launch(stop, dim=len(rays), inputs=given, outputs=[answers], device=device)
         stopped[tolerance] = int(answers.numpy().sum())
     assert stopped[0.0] < stopped[1e-5] == stopped[TOLERANCE] == stopped[1e6]
-
-
-def test_the_margin_covers_the_tolerance_and_its_rounding(scene):
-    for name in scene.shapes:
-        assert TOLERANCE < scene.margin(name) < TOLERANCE * 1.2
+    assert all(TOLERANCE < scene.margin(name) < TOLERANCE * 1.2 for name in scene.shapes)
 
 
 def test_rays_are_long_enough_to_leave_the_objects(scene):
@@ -215,76 +179,37 @@ def test_bounders_of_other_rays_are_refused(scene, bounders, cells):
 
 
 def test_the_camera_sees_the_meshes_where_they_are(scene):
+    assert chair().watertight
+    assert chair().digest == chair().digest
     seen = scene.seen
-    assert {int(t) for t in np.unique(seen.things)} == {-1, 0, 1, 2}
     points, things = seen.points.numpy(), seen.things.reshape(-1)[seen.pixels]
     assert (points[things == 0][:, 1] == np.float32(scene.floor)).all()
     for thing, shape in enumerate(scene.shapes.values(), 1):
-        inside = (points[things == thing] >= shape.bounds[0] - 1e-5) & (
-            points[things == thing] <= shape.bounds[1] + 1e-5
-        )
-        assert inside.all()
+        of_it = points[things == thing]
+        assert len(of_it)
+        assert ((of_it >= shape.bounds[0] - 1e-5) & (of_it <= shape.bounds[1] + 1e-5)).all()
     eye = np.array(scene.camera.eye)
     assert np.allclose(np.linalg.norm(points - eye, axis=1), seen.depths.reshape(-1)[seen.pixels], atol=1e-4)
     assert (np.einsum("ij,ij->i", seen.normals.numpy(), points - eye) <= 0).all()
 
 
-def test_a_picture(scene, bounders, examples, tmp_path):
-    pytest.importorskip("matplotlib")
-    from matplotlib.image import imread
-
-    from sims.shadows.pictures import LOST, draw, shaded
-
-    runs = simulate(scene, {"broken": denying(scene, bounders["kdop"])}, steps=1)
-    reference, broken = runs["none"], runs["broken"]
-    path = draw(tmp_path, reference, {"none": reference, "broken": broken})
-    picture = imread(path)[..., :3]
-    red = (picture[..., 0] > 0.8) & (picture[..., 1] < 0.3) & (picture[..., 2] < 0.35)
-    half = picture.shape[1] // 2
-    assert not red[50:, :half].any()
-    assert red[50:, half:].sum() > 10
-    assert [p.name for p in tmp_path.iterdir()] == ["shadows.png"]
-    lit, dark = shaded(broken), shaded(reference)
-    same = ~broken.lost(reference)
-    assert (lit[same] == dark[same]).all()
-    assert (lit[~same].sum(axis=-1) >= dark[~same].sum(axis=-1)).all()
-    assert LOST[0] > 0.5
-
-
-def test_the_whole_demo(tmp_path, monkeypatch, capsys):
+def test_the_demo_with_bounders_of_its_own(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(shadows.demo, "SIZES", (SIZE, SIZE))
-    network = {"length": LENGTH, "hidden": (8,), "steps": 60}
-    specs = {name: replace(shadows.SPECS[name], resolution=RESOLUTION) for name in ("aabb", "kdop")}
-    for name, options in (("learned-kdop", {"length": LENGTH, "k": 16, "steps": 20}), ("aabb+learned-kdop", {})):
-        specs[name] = FitSpec(name, "ray", options=options, resolution=RESOLUTION)
+    specs = {"aabb": replace(shadows.SPECS["aabb"], resolution=RESOLUTION)}
+    learned, network = {"length": LENGTH, "k": 16, "steps": 20}, {"length": LENGTH, "hidden": (8,), "steps": 60}
+    specs["learned-kdop"] = FitSpec("learned-kdop", "ray", options=learned, resolution=RESOLUTION)
+    specs["aabb+learned-kdop"] = FitSpec("aabb+learned-kdop", "ray", resolution=RESOLUTION)
     specs["occupancy"] = FitSpec("occupancy", "ray", options=network, resolution=RESOLUTION)
     result = shadows.run(tmp_path, quick=True, refit=True, specs=specs)
     assert result["identical"]
-    assert result["demo"] == "shadows"
-    assert result["steps"] == 2
     runs = {row["bounder"]: row for row in result["runs"]}
     assert list(runs) == ["none", *(name for name in specs if name != "occupancy"), "chosen", "occupancy"]
-    assert set(result["chosen"][""]) == set(result["bounders"])
-    assert all(runs[name]["certificate"] == "proven" for name in specs if name != "occupancy")
-    assert runs["occupancy"]["certificate"] == ""
-    assert runs["none"]["narrow_calls"] == 2 * result["rays"]
+    assert all(runs[name]["certificate"] == ("" if name == "occupancy" else "proven") for name in specs)
     for row in (row for rows in result["bounders"].values() for row in rows if row["bounder"] != "occupancy"):
         assert row["fn"] == 0
         assert row["fp_rate_cells"] < row["fp_rate"]  # cells are larger than the mesh
-    told = " ".join(capsys.readouterr().out.split())
-    assert "The 4 runs with proven bounders missed none of the shadow pixels" in told
-    assert "occupancy, which has no proof" in told
     assert [p.name for p in tmp_path.glob("*.png")] == ["shadows.png"]
-    files = {p.name for p in tmp_path.glob("*.safetensors")}
-    assert stored("shadows-chair", "occupancy").name in files
-    again = shadows.run(
-        tmp_path,
-        quick=True,
-        specs={"aabb": specs["aabb"]},
-        steps=1,
-    )
-    assert again["identical"]
     dilated = {name: shape.dilated(margin_of(shape)) for name, shape in Scene.still_life(8, 8, "cpu").shapes.items()}
     for name in dilated:
         assert owner(stored(f"shadows-{name}", "occupancy", tmp_path), dilated, specs["occupancy"]) == name
