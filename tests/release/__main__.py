@@ -6,6 +6,8 @@ Python would get. ``lowest`` installs the lowest versions that are allowed and r
 """
 
 import argparse
+import re
+import subprocess
 import sys
 import tempfile
 import time
@@ -14,11 +16,9 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests/shared"))
 
-import lowest  # noqa: E402
-import resolution  # noqa: E402
 import strangers  # noqa: E402
-from distributions import build, problems, told_by_twine  # noqa: E402
-from environments import Environment, installed, linked  # noqa: E402
+from distributions import build, problems  # noqa: E402
+from environments import installed, linked  # noqa: E402
 
 EXTRAS = ((), strangers.CORE), (("sims",), strangers.DEMOS)
 
@@ -28,7 +28,7 @@ def dist(out: Path, *, isolated: bool) -> tuple[Path, list[str]]:
     wheel, sdist = build(ROOT, out, isolated=isolated)
     for path in (wheel, sdist):
         print(f"{path}  {path.stat().st_size / 1e6:.2f} MB", flush=True)
-    found = problems(wheel, sdist, ROOT) + told_by_twine(wheel, sdist)
+    found = problems(wheel, sdist, ROOT)
     for line in found:
         print(line, file=sys.stderr)
     return wheel, found
@@ -42,7 +42,8 @@ def check(*, full: bool) -> int:
         wheel, found = dist(place / "dist", isolated=full)
         for extras, steps in EXTRAS:
             label, started = ", ".join(extras) or "core", time.perf_counter()
-            environment = _environment(place / f"env-{label}", wheel, extras, full=full)
+            where = place / f"env-{label}"
+            environment = installed(where, wheel, extras, ROOT / "constraints.txt") if full else linked(where, wheel, extras)  # fmt: skip
             print(f"{label}: installed in {time.perf_counter() - started:.1f} s", flush=True)
             for step in steps:
                 folder, started = place / f"{label}-{step.__name__}", time.perf_counter()
@@ -58,9 +59,52 @@ def check(*, full: bool) -> int:
     return failed + len(found)
 
 
-def _environment(folder: Path, wheel: Path, extras: tuple[str, ...], *, full: bool) -> Environment:
-    """A clean environment with the wheel."""
-    return installed(folder, wheel, extras, ROOT / "constraints.txt") if full else linked(folder, wheel, extras)
+BOUNDS = {  # by its name, what ``uv pip compile`` is told
+    "constraints.txt": ("--constraint", "constraints.txt"),
+    "newest": (),
+    "lowest": ("--resolution", "lowest-direct"),
+}
+SHOWN = ("warp-lang", "numpy", "scipy", "torch", "newton", "usd-core")
+
+
+def resolve() -> int:
+    """Print which versions every supported Python would get, with all extras, in Markdown; 1 if some do not fit together."""
+    print(f"| Python | versions | packages | {' | '.join(SHOWN)} |\n|---|---|---|{'---|' * len(SHOWN)}")
+    named, failed = (
+        re.findall(r'"Programming Language :: Python :: (3\.\d+)"', (ROOT / "pyproject.toml").read_text()),
+        0,
+    )
+    for python, (name, options) in ((python, bound) for python in named for bound in BOUNDS.items()):
+        command = [sys.executable, "-m", "uv", "pip", "compile", "--quiet", "--no-header", "--no-annotate"]
+        command += ["--all-extras", "--python-version", python, *options, "pyproject.toml"]
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+        found = dict(re.findall(r"^([\w.-]+)==(\S+)", done.stdout, re.MULTILINE))
+        versions = " | ".join(found.get(package, "") for package in SHOWN)
+        print(f"| {python} | {name} | {'none' if done.returncode else len(found)} | {versions} |", flush=True)
+        print(end=done.stderr, file=sys.stderr)
+        failed += bool(done.returncode)
+    return bool(failed)
+
+
+TOOLS = ("pytest", "pytest-xdist", "hypothesis")
+TESTS = (
+    *("test_package.py", "test_extending.py", "bounders/test_file_format.py", "bounders/test_query_api.py"),
+    *("cli/test_commands.py", "cli/test_usage.py", "evaluation", "indicators/formats", "kernels/test_functions.py"),
+    *("newton", "proof/test_certify.py", "sims/test_prefitted.py", "training/test_fit.py"),
+)
+
+
+def lowest() -> int:
+    """Install the versions of ``constraints-min.txt`` and run a part of the tests; their exit status."""
+    tests = [str(path) for test in TESTS if (path := ROOT / "tests" / test).exists()]
+    with tempfile.TemporaryDirectory(prefix="warp-bounding-lowest-") as name:
+        place = Path(
+            name
+        )  # the folder of the checkout is no place to stand in: it would be imported in place of the wheel
+        wheel, _ = build(ROOT, place / "dist", isolated=True)
+        environment = installed(place / "env", wheel, ("sims", "digits"), ROOT / "constraints-min.txt", TOOLS)
+        options = ["-m", "pytest", "-p", "no:cacheprovider", "--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml")]
+        return environment.call(["python", *options, *tests], place)
 
 
 def main() -> int:
@@ -73,9 +117,9 @@ def main() -> int:
     task.add_argument("--full", action="store_true", help="install everything with pip, and shorten nothing")
     task.set_defaults(does=lambda asked: bool(check(full=asked.full)))
     task = tasks.add_parser("resolve", help="which versions every supported Python would get")
-    task.set_defaults(does=lambda _: resolution.run(ROOT))
+    task.set_defaults(does=lambda _: resolve())
     task = tasks.add_parser("lowest", help="test the lowest versions that are allowed")
-    task.set_defaults(does=lambda _: lowest.run(ROOT))
+    task.set_defaults(does=lambda _: lowest())
     asked = parser.parse_args()
     try:
         return int(asked.does(asked))

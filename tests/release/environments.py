@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
-from distributions import contents, metadata_of
+from distributions import metadata_of
 from packaging.requirements import Requirement
 
 __all__ = ["Environment", "installed", "linked", "needed"]
@@ -98,7 +98,7 @@ def linked(folder: Path, wheel: Path, extras: Iterable[str] = ()) -> Environment
         LookupError: If something that it asks for is not installed here.
         RuntimeError: If pip refuses the wheel.
     """
-    asked = needed(metadata_of(contents(wheel)).get_all("Requires-Dist") or (), extras)
+    asked = needed(metadata_of(wheel).get_all("Requires-Dist") or (), extras)
     venv.create(folder, with_pip=False, symlinks=os.name != "nt")
     environment = Environment(folder)
     said = environment.run(

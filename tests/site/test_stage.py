@@ -3,33 +3,11 @@
 import re
 
 import pytest
-from stage import ROOT, StageError, filled, place, relinked, stage
+from stage import ROOT, StageError, relinked, stage
 
 import warp_bounding as wb
 
 pytest.importorskip("PIL", reason="thumbnails need pillow: pip install '.[train]'")
-
-
-@pytest.mark.parametrize(
-    ("path", "where"),
-    [
-        ("README.md", "overview.md"),
-        ("docs/guide/points.md", "guide/points.md"),
-        ("docs/rain.png", "rain.png"),
-        ("results/speed/rivals/README.md", "results/speed/rivals/index.md"),
-        ("results/speed/speed.csv", "results/speed/speed.csv"),
-        ("notebooks/05_proofs.ipynb", "notebooks/05_proofs.ipynb"),
-        ("notebooks", "gallery.md"),
-    ],
-)
-def test_everything_has_its_place(path, where):
-    assert place(path) == where
-
-
-@pytest.mark.parametrize("path", ["pyproject.toml", "warp_bounding/errors.py", "docs", "notebooks/execute.py"])
-def test_what_the_site_does_not_have_is_refused(path):
-    with pytest.raises(StageError, match=f"got {re.escape(path)}"):
-        place(path)
 
 
 def test_links_are_turned_to_where_their_targets_are():
@@ -51,11 +29,6 @@ def test_links_are_turned_to_where_their_targets_are():
 def test_links_out_of_the_site_are_refused(link, why):
     with pytest.raises(StageError, match=why):
         relinked(f"[a]({link})", "docs/tables.md")
-
-
-def test_a_table_that_nobody_makes_is_refused():
-    with pytest.raises(StageError, match=r"docs/a\.md: expected a table of meshes, .* got nothing"):
-        filled("x\n<!-- measured: nothing -->\ny", "docs/a.md", ROOT / "results")
 
 
 def test_all_pages_are_laid_out(tmp_path):
