@@ -443,17 +443,17 @@ class Baked:
         warp_bounding.errors.IndicatorError: no such folder: no such folder
     """
 
-    folder: Path  # where the results are
-    records: list[Record] = field(default_factory=list)  # one for each shape, those that were there before included
-    baked: int = 0  # shapes that this run baked
-    kept: int = 0  # shapes that had been baked already
-    failed: int = 0  # shapes with an error
-    foreign: int = 0  # files of the folder that are no shapes
-    too_large: list[str] = field(default_factory=list)  # files that were left out for their size
-    seconds: float = 0.0  # of this run
-    task_seconds: float = 0.0  # of all tasks of this run together
-    running_seconds: float = 0.0  # from the first task's start to the last one's end, without the start of workers
-    workers: int = 0  # threads of workers when the first task was handed out
+    folder: Path  #: Where the results are
+    records: list[Record] = field(default_factory=list)  #: One for each shape, those that were there before included
+    baked: int = 0  #: Shapes that this run baked
+    kept: int = 0  #: Shapes that had been baked already
+    failed: int = 0  #: Shapes with an error
+    foreign: int = 0  #: Files of the folder that are no shapes
+    too_large: list[str] = field(default_factory=list)  #: Files that were left out for their size
+    seconds: float = 0.0  #: Of this run
+    task_seconds: float = 0.0  #: Of all tasks of this run together
+    running_seconds: float = 0.0  #: From the first task's start to the last one's end, without the start of workers
+    workers: int = 0  #: Threads of workers when the first task was handed out
 
 
 def bake(
