@@ -196,6 +196,7 @@ def test_the_camera_sees_the_meshes_where_they_are(scene):
 def test_the_demo_with_bounders_of_its_own(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(shadows.demo, "SIZES", (SIZE, SIZE))
+    monkeypatch.setattr(shadows.demo.Demo, "SAMPLES", (10_000, 10_000))
     specs = {"aabb": replace(shadows.SPECS["aabb"], resolution=RESOLUTION)}
     learned, network = {"length": LENGTH, "k": 16, "steps": 20}, {"length": LENGTH, "hidden": (8,), "steps": 60}
     specs["learned-kdop"] = FitSpec("learned-kdop", "ray", options=learned, resolution=RESOLUTION)

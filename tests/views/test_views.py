@@ -172,6 +172,7 @@ def test_a_plane_stands_as_the_image_does():
     assert bound[middle[0], middle[1] + (high[1] - middle[1]) // 2]
 
 
+@pytest.mark.slow
 def test_a_panel_for_each_radius():
     pixels = drawn(view_of(box("star", "distance"), shape("star"), radii=[0.0, 0.2], **FEW), cut="z")
     assert pixels.shape == (760, 1520, 3)
