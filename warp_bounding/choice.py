@@ -629,9 +629,10 @@ def choose(
     check_numbers(budget, seed, margin)
     check_prices(query, narrow_ns, overhead_ns, memory, length, statistical)
     methods, device, budget = check_methods(methods), str(device_of(device)), float(budget)
+    networks = check_networks(networks)
     shape, length = own_coordinates(load_indicator(shape), "choose"), length or 1.0
     warn_of_restriction(shape)
-    candidates = candidates_of(query, shape, check_networks(networks), methods)
+    candidates = candidates_of(query, shape, networks, methods)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     given = sample(query, bounded, SAMPLES, rng) if queries is None else queries
     x = CallersQueries(given, bounded, domain_of(bounded, query, length), seed).x
