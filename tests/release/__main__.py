@@ -89,8 +89,14 @@ def resolve() -> int:
 TOOLS = ("pytest", "pytest-xdist", "hypothesis")
 TESTS = (
     *("test_package.py", "test_extending.py", "bounders/test_file_format.py", "bounders/test_query_api.py"),
-    *("cli/test_commands.py", "cli/test_usage.py", "evaluation", "indicators/test_formats.py", "kernels/test_functions.py"),
-    *("newton", "proof/test_certify.py", "sims/test_prefitted.py", "training/test_fit.py"),
+    *(
+        "cli/test_commands.py",
+        "cli/test_usage.py",
+        "evaluation",
+        "indicators/test_formats.py",
+        "kernels/test_functions.py",
+    ),
+    *("newton", "proof/test_check.py", "sims/test_prefitted.py", "training/test_fit.py"),
 )
 
 
