@@ -38,13 +38,6 @@ def test_an_object_that_is_cut_off_has_points_on_its_ends(made, axis, rng):
         assert (~shape.contains(np.insert(beside, axis, end, axis=1))).mean() > 0.5
 
 
-def test_an_object_that_only_touches_its_box_is_as_it_was(rng):
-    shape = wb.load_indicator(BALL)
-    x = border_points(shape, COUNT, rng)
-    assert shape.contains(x).all()
-    assert ((x == shape.lower) | (x == shape.upper)).mean() < 1e-3
-
-
 def test_a_positive_walks_along_the_end_that_it_has_come_to(rng):
     shape = motion()
     domain = Domain.of(shape)
