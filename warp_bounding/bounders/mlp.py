@@ -345,7 +345,7 @@ def unpacked(words: np.ndarray, count: int) -> np.ndarray:
 #
 # Native code of local thresholds: where v lies among the edges, the level that stands there, and what is left of f.
 #
-# The lattice is that of ``kernels.lattice``. A threshold is ``step * (first + level)``, a power of two times a whole number under 2^24: float32
+# The lattice is that of ``kernels.source.level_text``. A threshold is ``step * (first + level)``, a power of two times a whole number under 2^24: float32
 # holds it, however it is computed.
 
 NOWHERE = 255  # the level of a part without positives: there every query is denied

@@ -1,6 +1,6 @@
 """Warp functions of a distance: of one point, along a segment or a ray, and over a box; of any source.
 
-``distance_func`` is native text (``assemble``), and all others ask it, so they are the same function in
+``distance_func`` is native text (``distances.h``), and all others ask it, so they are the same function in
 Warp's own Python for every source and device.
 
 *Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther than the radius,

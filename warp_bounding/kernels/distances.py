@@ -2,7 +2,7 @@
 
 A method gives C text that computes a number ``f`` from local coordinates v (``DistanceDomain``), such that the exact function
 F satisfies ``F(v) + threshold <= d(v)``: d is the local distance to the object, ``-threshold`` the *slack* of the method and of its rounding.
-What is around it (``assemble``) makes of it a number ``g(x) <= distance(x, object)`` for every float32 x:
+What is around it (``distances.h``) makes of it a number ``g(x) <= distance(x, object)`` for every float32 x:
 
 * Where ``whole``, f is asked of v itself, and ``g' = f + threshold - share (|v|_1 + |f|)``.
 * Else it is asked of p, the point of the domain that is nearest to v, and ``g' = r - share (|v|_1 + r)`` with

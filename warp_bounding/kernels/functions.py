@@ -166,7 +166,7 @@ def point_func(source: Source) -> wp.Function:
     kernel is defined. Data of another source are answered with *maybe*.
 
     What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a module of any options
-    of Warp's, ``fast_math`` too (``assemble.TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
+    of Warp's, ``fast_math`` too (``TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
     that give up IEEE arithmetic are outside the claim.
     """
     name = named(unique_name(source, "test"))

@@ -1,7 +1,7 @@
 """The contract of a method's native source: C text of ``f``, written once and compiled three ways.
 
 A method gives the C text that computes ``f`` from the coordinates ``v[0..n-1]`` (its ``body``), in terms of a type
-``V``. ``assemble`` puts around it what all methods share: reading queries, the test for NaN and infinity, the world-to-
+``V``. ``kernels.functions`` puts around it what all methods share: reading queries, the test for NaN and infinity, the world-to-
 object map, the domain test and the comparison ``not (f < threshold)``.
 
 * CPU batch: ``V`` is a vector of queries, one per SIMD lane; a Warp thread works on a block of ``BLOCK`` queries.
@@ -148,7 +148,7 @@ class Source:
     def ask(self, values: bool) -> str | None:
         """C statements of the CPU batch path that answer the gathered queries, in place of ``body``.
 
-        They read ``held[k][g]``, ``kept`` and ``where[g]`` (``assemble``) and write ``out.data``: f where ``values``, else
+        They read ``held[k][g]``, ``kept`` and ``where[g]`` (``batch.h``) and write ``out.data``: f where ``values``, else
         0 and 1. ``None``, as for most sources: lanes of queries go through ``early`` and ``body`` together.
         """
         return None

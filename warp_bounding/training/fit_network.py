@@ -332,7 +332,7 @@ PROOF_BOXES, REGION_PROOF_BOXES, SEARCH_ROUNDS, EXIT_STEPS = 20_000_000, 300_000
 def fit_network(
     method: type[Mlp], problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
 ) -> Trained:
-    """Train a network and set its threshold (``trainers.Trainer``); Ctrl-C ends training, and the best is taken."""
+    """Train a network and set its threshold (``fit.Trainer``); Ctrl-C ends training, and the best is taken."""
     return _Fit(method, problem, NetworkOptions(budget=seconds, **options), progress).run()
 
 

@@ -139,7 +139,7 @@ FINALISTS = 2  # results whose certified faces are set at the end, of which the 
 def train_learned_kdop(
     _, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
 ) -> Trained:
-    """Learn a ``learned-kdop`` (``trainers.Trainer``); some seconds are enough. Ctrl-C ends training, the best is taken.
+    """Learn a ``learned-kdop`` (``fit.Trainer``); some seconds are enough. Ctrl-C ends training, the best is taken.
 
     There are ``k`` half-spaces, ``MOST`` at most; as many as ``kdop`` has if ``None``. Beyond ``kdop``'s numbers,
     training starts from its default ones and random others. ``steps`` are training steps in all.

@@ -52,7 +52,7 @@ GENTLE = 3
 def train_relu_field(
     _, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
 ) -> Trained:
-    """Learn a ``relu-field`` (``trainers.Trainer``): of points of 1D to 4D objects, or of regions of 2D objects.
+    """Learn a ``relu-field`` (``fit.Trainer``): of points of 1D to 4D objects, or of regions of 2D objects.
 
     Ctrl-C ends training; the field as it is is then repaired.
     """
