@@ -12,7 +12,6 @@ import warp as wp
 from warp_bounding.arithmetic import UNIT64, round_down, round_up
 from warp_bounding.indicators.triangles.hierarchy import nodes_of, sorted_order
 from warp_bounding.runtime.launch import launch_on_cores
-from warp_bounding.runtime.native import module_options
 
 DEEPEST = 32  # levels of a hierarchy: there are never more than 2^31 boxes
 SHORTER = 1.0 - 2.0**-48  # outweighs what a sum of some 16 squares and its root round
@@ -108,7 +107,7 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
             y[k] = wp.float64(x[k])
         return y
 
-    @wp.kernel(enable_backward=False, module="unique", module_options=module_options())
+    @wp.kernel(enable_backward=False, module="unique")
     def find(
         first: int,
         # inputs
@@ -221,7 +220,7 @@ def excess_kernel(n: int) -> wp.Kernel:
             y[k] = wp.float64(x[k])
         return y
 
-    @wp.kernel(enable_backward=False, module="unique", module_options=module_options())
+    @wp.kernel(enable_backward=False, module="unique")
     def find(
         first: int,
         # inputs

@@ -41,7 +41,7 @@ from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import module_options
 
 # Kernels that are asked apart are compiled apart.
-for _name in ("boxes", "segments", "planes", "clearances", "distances", "excesses"):
+for _name in ("boxes", "clearances", "distances"):  # the others are slower with less inlining
     wp.set_module_options(module_options(), wp.get_module(f"{MODULE}.{_name}"))
 
 # --- Points, and boxes that are empty or inside -----------------------------------------------------------------------
