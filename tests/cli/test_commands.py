@@ -282,7 +282,7 @@ def test_a_slack_larger_than_the_object_is_said(files, capsys, monkeypatch):
     monkeypatch.setattr(distances, "COARSEST", 9.0)  # one search, and no time for a finer one
     monkeypatch.setattr(distances, "SAFE", 0.0)
     options = ("--query", "distance", "--hidden", WIDTHS, "--steps", 20, "--budget", 2)
-    path, (status, _, err) = fit(capsys, files, *options, source="blob.npy", method="mlp")
+    path, (status, _, err) = fit(capsys, files, *options, method="mlp")
     assert (status, path.is_file()) == (1, True)
     assert "is larger than the object" in err
 
