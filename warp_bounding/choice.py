@@ -477,15 +477,16 @@ class Search:
         """Add a row of what takes about so many seconds, for which there is no time; or it was stopped."""
         if each.label not in self.fitted:
             self.postponed += seconds if each.numbers else seconds / CLOSED_SHARE
-            budget, begun = self.larger(), f"stopped after {stopped:.0f} s" if stopped else "not tried"
+            budget = self.larger(-max(self.left, 0.0) if each.numbers else 0.0)  # of closed forms their share is spent
+            begun = f"stopped after {stopped:.0f} s" if stopped else "not tried"
             why, nbytes = f"{begun}: needs a budget of about {budget:g} s", BYTES * each.numbers
             self.missing[each.label] = Row(each.label, nbytes, seconds=stopped, why_not=why, needs=budget)
 
-    def larger(self, seconds: float = 0.0) -> float:
-        """A budget that has room for so many seconds more, and for what has been postponed."""
-        more = self.budget + self.postponed + seconds - max(self.left, 0.0)
-        unit = 10 ** max(math.floor(math.log10(max(more, 1.0))) - 1, 0)
-        return float(unit * math.ceil(more / unit))  # two digits
+    def larger(self, more: float) -> float:
+        """A budget that has room for what has been postponed and so many seconds more, rounded up to two digits."""
+        budget = self.budget + self.postponed + more
+        unit = 10 ** max(math.floor(math.log10(max(budget, 1.0))) - 1, 0)
+        return float(unit * math.ceil(budget / unit))
 
     def measure(self, label: str, bounder: Bounder | DistanceBounder, own: bool = False) -> None:
         """Add a bounder with its row; its time is taken once more at the end."""
@@ -545,7 +546,9 @@ class Search:
         self.time(self.fitted, TURNS)
         rows = [Row(NONE, 0, 0.0, 1.0, self.narrow_ns, "by construction")]
         for bounder, row in self.fitted.values():
-            rows.append(replace(row, needs=self.larger(seconds_needed(bounder))) if row.note else row)
+            rows.append(
+                replace(row, needs=self.larger(seconds_needed(bounder) - max(self.left, 0.0))) if row.note else row
+            )
         rows.sort(key=lambda row: (bool(row.why_not), row.cost))
         bounder, _ = self.fitted.get(rows[0].label, (None, None))
         seconds, compiling = self.spent - self.before, compile_seconds() - self.compiled

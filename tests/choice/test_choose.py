@@ -222,6 +222,8 @@ def test_what_takes_too_long_is_stopped(fits):
     assert min(rows["kdop"].needs, rows["kdop k 26"].needs) > 40.0
     assert fits.count("kdop") == 1
     assert "kdop" in choice.more
+    networks = wb.choose(BLOCK, budget=40.0, methods=("aabb", "kdop", "mlp"), **GIVEN)
+    assert all(row.needs > 40.0 for row in networks.rows if row.why_not)
 
 
 @pytest.mark.parametrize("budget", [15.0, 45.0, 100.0, 300.0])
