@@ -162,7 +162,7 @@ class Scene:
         """Draw what is shown by now."""
         view, state = self.view, self.view.states[self.number]
         if view.solid:
-            self._add("object", self._surface(state.object), color=STONE, specular=0.1, **SMOOTH)
+            self._add("object", self._surface(state.object), color=STONE, **SMOOTH | {"ambient": 0.25, "specular": 0.1})
             bound, opacity = self._surface(state.bound), OPACITY
             if self.plane is not None and bound.n_cells:
                 bound, opacity = bound.clip(tuple(self.plane[0]), origin=tuple(self.plane[1])), OPENED
