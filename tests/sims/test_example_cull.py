@@ -26,11 +26,6 @@ def test_it_ends_in_the_state_of_the_run_without(monkeypatch, capsys):
     assert "the cull's own time included" in told
 
 
-def test_without_the_cull(monkeypatch, capsys):
-    told = run(monkeypatch, capsys, "--viewer", "null", "--num-frames", "2", "--no-cull", "--test", "--device", "cpu")
-    assert "ms, without the cull" in told
-
-
 def test_a_viewer_that_draws(monkeypatch, capsys, tmp_path):
     file = tmp_path / "cull.usd"
     run(monkeypatch, capsys, "--viewer", "usd", "--output-path", str(file), "--num-frames", "2", "--device", "cpu")

@@ -95,20 +95,6 @@ def test_a_scenario_that_is_none(map_file, old, new, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_folder_of_worlds(map_file, tmp_path):
-    from PIL import Image
-
-    image = np.zeros((6, 5, 4), dtype=np.uint8)
-    image[2:4, 1:3, 3] = 255
-    Image.fromarray(image).save(tmp_path / "a b.png")
-    (tmp_path / "notes.txt").write_text("not a world")
-    worlds = worlds_at(tmp_path)
-    assert [world.name for world in worlds] == ["a b.png", "m.map"]
-    assert worlds[0].grid.shape == (6, 5)
-    assert worlds[0].scene == f"path-a-b-{worlds[0].grid.digest[:8]}"
-    assert not any(world.fitted for world in worlds)
-
-
 def test_what_is_no_world(tmp_path):
     with pytest.raises(wb.IndicatorError, match="expected a folder with"):
         worlds_at(tmp_path)

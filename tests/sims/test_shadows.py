@@ -7,12 +7,9 @@ import pytest
 import warp as wp
 
 import warp_bounding as wb
-from sims import shadows
 from sims.base import compare
-from sims.prefitted import FitSpec, owner, stored
 from sims.report import kept, verdict
 from sims.shadows import Example, Scene
-from sims.shadows.chair import chair
 from sims.shadows.demo import simulate
 from sims.shadows.example import check_rays
 from sims.shadows.kernels import stop
@@ -176,45 +173,3 @@ def test_bounders_of_other_rays_are_refused(scene, bounders, cells):
         Example(scene, bounders["aabb"] | {"chair": point})
     with pytest.raises(wb.BounderError, match="expected a bounder for each of bunny, chair, got some for chair"):
         Example(scene, {"chair": short})
-
-
-def test_the_camera_sees_the_meshes_where_they_are(scene):
-    assert chair().watertight
-    assert chair().digest == chair().digest
-    seen = scene.seen
-    points, things = seen.points.numpy(), seen.things.reshape(-1)[seen.pixels]
-    assert (points[things == 0][:, 1] == np.float32(scene.floor)).all()
-    for thing, shape in enumerate(scene.shapes.values(), 1):
-        of_it = points[things == thing]
-        assert len(of_it)
-        assert ((of_it >= shape.bounds[0] - 1e-5) & (of_it <= shape.bounds[1] + 1e-5)).all()
-    eye = np.array(scene.camera.eye)
-    assert np.allclose(np.linalg.norm(points - eye, axis=1), seen.depths.reshape(-1)[seen.pixels], atol=1e-4)
-    assert (np.einsum("ij,ij->i", seen.normals.numpy(), points - eye) <= 0).all()
-
-
-def test_the_demo_with_bounders_of_its_own(tmp_path, monkeypatch):
-    pytest.importorskip("matplotlib")
-    monkeypatch.setattr(shadows.demo, "SIZES", (SIZE, SIZE))
-    monkeypatch.setattr(shadows.demo.Demo, "SAMPLES", (10_000, 10_000))
-    specs = {"aabb": replace(shadows.SPECS["aabb"], resolution=RESOLUTION)}
-    learned, network = {"length": LENGTH, "k": 16, "steps": 20}, {"length": LENGTH, "hidden": (8,), "steps": 60}
-    specs["learned-kdop"] = FitSpec("learned-kdop", "ray", options=learned, resolution=RESOLUTION)
-    specs["aabb+learned-kdop"] = FitSpec("aabb+learned-kdop", "ray", resolution=RESOLUTION)
-    specs["occupancy"] = FitSpec("occupancy", "ray", options=network, resolution=RESOLUTION)
-    result = shadows.run(tmp_path, quick=True, refit=True, specs=specs)
-    assert result["identical"]
-    runs = {row["bounder"]: row for row in result["runs"]}
-    assert list(runs) == ["none", *(name for name in specs if name != "occupancy"), "chosen", "occupancy"]
-    assert all(runs[name]["certificate"] == ("" if name == "occupancy" else "proven") for name in specs)
-    for row in (row for rows in result["bounders"].values() for row in rows if row["bounder"] != "occupancy"):
-        assert row["fn"] == 0
-        assert row["fp_rate_cells"] < row["fp_rate"]  # cells are larger than the mesh
-    assert [p.name for p in tmp_path.glob("*.png")] == ["shadows.png"]
-    dilated = {name: shape.dilated(margin_of(shape)) for name, shape in Scene.still_life(8, 8, "cpu").shapes.items()}
-    for name in dilated:
-        assert owner(stored(f"shadows-{name}", "occupancy", tmp_path), dilated, specs["occupancy"]) == name
-    with pytest.raises(wb.BounderError, match="no such file"):
-        shadows.run(tmp_path, quick=True, bounder_file=tmp_path / "none.safetensors", specs=specs)
-    with pytest.raises(wb.BoundingError, match="steps must be at least 1"):
-        shadows.run(tmp_path, steps=0)
