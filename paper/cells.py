@@ -9,7 +9,7 @@ import typer
 from paper.data import Object, grid_of, objects_in, select_objects
 from paper.results import Folder, heed, say, versions
 from paper.table import DISTANCE, MADE, SPACES, VARIANTS, Column, Variant, budget_of, select_columns, select_methods
-from warp_bounding.bounders import METHODS, DistanceBounder
+from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.claim import as_fitted
@@ -139,7 +139,7 @@ def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
     except BoundingError as error:
         say(f"{error}; fitted again")
         return None
-    grid = as_fitted(bounder, cell.grid) if isinstance(bounder, DistanceBounder) else cell.grid
+    grid = as_fitted(bounder, cell.grid) if bounder.of_distances else cell.grid
     if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, settings["seed"]):
         return bounder
     say(f"{path}: fitted to another object or with another seed; fitted again")
@@ -164,7 +164,7 @@ def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
     widths = tuple(width // (made.narrower if made else 1) for width in cell.column.hidden)
     told = {"hidden": widths, "activation": settings.get("activation"), "leaves": variant.leaves}
     if variant.method == DISTANCE:
-        known = [option.name for option in MlpDistance.options_taken()]
+        known = [option.name for option in MlpDistance.options]
         options = {"query": "distance", "method": MlpDistance.method, "metric": METRICS[1]}
     else:
         method, last = "mlp" if made else variant.method, cell._replace(variant=Variant(variant.last))

@@ -147,7 +147,7 @@ class Variant(NamedTuple):
         if self.parametric:
             return SPACES[1] if column.kind.is_region else None
         if self.method == DISTANCE:
-            known = column.query in ASKED and MlpDistance.supports(column.ndim)
+            known = column.query in ASKED and MlpDistance.supports("distance", column.ndim)
         elif made := MADE.get(self.method):
             known = column.query in made.queries and made.kind.supports(column.query, column.ndim)
         else:

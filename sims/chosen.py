@@ -29,7 +29,7 @@ class Taken:
     choices: dict[str, wb.Choice] = field(default_factory=dict)
 
     @property
-    def bounders(self) -> dict[str, wb.Bounder | wb.DistanceBounder] | None:
+    def bounders(self) -> dict[str, wb.Bounder] | None:
         """By name of the shape; ``None`` where no broad phase is the answer for some of them: then all do without."""
         found = {name: choice.bounder for name, choice in self.choices.items()}
         return None if None in found.values() else found
@@ -53,7 +53,7 @@ class Taken:
 
 def take(
     shapes: Mapping[str, Shape],
-    bounders: Mapping[str, Mapping[str, wb.Bounder | wb.DistanceBounder]],
+    bounders: Mapping[str, Mapping[str, wb.Bounder]],
     asked: Mapping[str, np.ndarray],
     narrow_ns: float,
     query: str = "point",

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import DISTANCES, METHODS, Bounder, DistanceBounder, load
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder, load
 from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.bounders.mlp import RECIPES, Mlp, check_hidden
 from warp_bounding.bounders.mlp_distance import MlpDistance
@@ -107,7 +107,11 @@ def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...
         sizes = [size for size in SIZES.get(name, [{}]) if known >= set(size)]
         found += [Candidate(name, size, query) for size in sizes or [{}]]
     as_distance = query in ASKED and not (shape.time and region)
-    if as_distance and DISTANCES[DistanceGrid.method].supports(ndim) and (DistanceGrid.moving or not shape.time):
+    if (
+        as_distance
+        and DISTANCES[DistanceGrid.method].supports("distance", ndim)
+        and (DistanceGrid.moving or not shape.time)
+    ):
         found += [Candidate(DistanceGrid.method, {"nodes": nodes}, DISTANCE.name) for nodes in NODES.get(ndim, ())]
     for name in neural:  # of all but the plain ones one size, since each compiles kernels of its own
         for hidden in networks if METHODS[name] is Mlp else networks[-1:]:
@@ -118,7 +122,8 @@ def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...
         for hidden in networks if Mlp.method in neural else ():
             if hidden in PARTS:
                 network(Mlp.method, hidden, thresholds=PARTS[hidden])
-    if as_distance and region and MlpDistance.supports(ndim):  # of points, a network of just the answers is tighter
+    # of points, a network of just the answers is tighter
+    if as_distance and region and MlpDistance.supports("distance", ndim):
         for hidden in networks[-2:]:
             network(Mlp.method, hidden, DISTANCE.name)
     return [each for each in found if each.label.split()[0] in methods]
@@ -226,7 +231,7 @@ class Choice:
         (True, True)
     """
 
-    bounder: Bounder | DistanceBounder | None
+    bounder: Bounder | None
     rows: tuple[Row, ...]
     narrow_ns: float
     positives: float
@@ -300,7 +305,7 @@ BYTES = 4  # of a network's number
 RECORD, FORMAT = "choice.json", 3
 
 
-def steps_of(bounder: Bounder | DistanceBounder) -> int | None:
+def steps_of(bounder: Bounder) -> int | None:
     """Steps that a network, or the last part of a cascade, was trained by the default recipe; ``None`` for others."""
     last = (getattr(bounder, "parts", None) or (bounder,))[-1]
     record = last.info.get("training") or bounder.info["training"]
@@ -308,14 +313,14 @@ def steps_of(bounder: Bounder | DistanceBounder) -> int | None:
     return record.get("steps") if network and record.get("recipe", RECIPES[0]) == RECIPES[0] else None
 
 
-def hardly_trained(bounder: Bounder | DistanceBounder) -> str:
+def hardly_trained(bounder: Bounder) -> str:
     """That a network has made few steps, in words; empty for others."""
     steps = steps_of(bounder)
     few = steps is not None and steps < FEW * STEPS
     return f"hardly trained: {steps:,} steps, about {STEPS:,} tell what it can do" if few else ""
 
 
-def seconds_needed(bounder: Bounder | DistanceBounder) -> float:
+def seconds_needed(bounder: Bounder) -> float:
     """Seconds of training after which a network like this can be judged, by its own pace; 0 for others."""
     steps = steps_of(bounder)
     return 0.0 if steps is None else bounder.info["training"]["seconds"] * STEPS / max(steps, 1)
@@ -371,10 +376,10 @@ class Search:
         if self.update is not None:
             self.update(min(self.spent, self.budget), self.budget, note)
 
-    def check(self, label: str, bounder: Bounder | DistanceBounder) -> None:
+    def check(self, label: str, bounder: Bounder) -> None:
         """Refuse a bounder of the caller's that does not answer these queries."""
         able = bounder.query_kind == self.query
-        if isinstance(bounder, DistanceBounder):
+        if bounder.of_distances:
             able = self.query in ASKED and not (bounder.domain.time and QUERIES[self.query].is_region)
         if not able or bounder.ndim != self.shape.ndim or label == NONE:
             expected = f"{self.query} queries in {self.shape.ndim}D"
@@ -488,7 +493,7 @@ class Search:
         unit = 10 ** max(math.floor(math.log10(max(budget, 1.0))) - 1, 0)
         return float(unit * math.ceil(budget / unit))
 
-    def measure(self, label: str, bounder: Bounder | DistanceBounder, own: bool = False) -> None:
+    def measure(self, label: str, bounder: Bounder, own: bool = False) -> None:
         """Add a bounder with its row; its time is taken once more at the end."""
         maybe = self.launch(bounder, self.x)().numpy() == 1
         doubtful = self.x[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
@@ -507,10 +512,10 @@ class Search:
         self.missing.pop(label, None)
         self.time([label], TURNS // 3)
 
-    def launch(self, bounder: Bounder | DistanceBounder, x: np.ndarray) -> Callable[[], wp.array]:
+    def launch(self, bounder: Bounder, x: np.ndarray) -> Callable[[], wp.array]:
         """A function that queries a bounder, or a distance in its place; the queries lie on its device before."""
         parts = [wp.array(part, dtype=wp.float32, device=bounder.device) for part in parts_of(self.query, x)]
-        if isinstance(bounder, DistanceBounder):
+        if bounder.of_distances:
             ask = ASKED[self.query](bounder, self.length, {})
             return lambda: ask(*parts)
         return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device)).launch
@@ -578,7 +583,7 @@ def choose(
     length: float | None = None,
     methods: Iterable[str] | None = None,
     networks: Iterable[tuple[int, ...]] = NETWORKS,
-    bounders: Mapping[str, Bounder | DistanceBounder] | None = None,
+    bounders: Mapping[str, Bounder] | None = None,
     overhead_ns: float = 0.0,
     statistical: bool = False,
     folder=None,

@@ -388,7 +388,7 @@ def _options_by_method() -> dict[str, list]:
     found = {name: list(cls.options) for name, cls in METHODS.items()}
     for name, cls in DISTANCES.items():
         known = found.setdefault(name, [])
-        known += [option for option in cls.options_taken() if option.name not in {have.name for have in known}]
+        known += [option for option in cls.options if option.name not in {have.name for have in known}]
     return found
 
 

@@ -23,26 +23,6 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 from warp_bounding.queries.region_domain import domain_of
 
-__all__ = [
-    "ASKED",
-    "CHUNK",
-    "PROTOCOLS",
-    "QUICK",
-    "QUICK_SEED",
-    "Rates",
-    "counted",
-    "evaluate",
-    "evaluate_distance",
-    "judge_of",
-    "judge_of_points",
-    "parts_of",
-    "quick_distance_rates",
-    "quick_rates",
-    "truth_by",
-    "truth_told",
-    "within",
-]
-
 # --- report ----------------------------------------------------------------------------------------------------------
 #
 # What an evaluation tells.
@@ -225,81 +205,32 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
     return shape.dilated(radius).decide
 
 
-def evaluate_distance(
-    bounder: DistanceBounder,
-    shape: Shape,
-    samples: int,
-    protocol: str,
-    seed: int,
-    progress: Callable[[int, int], None] | None,
-    *,
-    radius: float | None = None,
-    query: str | None = None,
-    length: float | None = None,
-    steps: int | None = None,
-) -> Rates:
-    """``evaluate`` of a distance.
-
-    Args:
-        bounder: Of distances.
-        shape: The shape that it bounds, without its margin.
-        samples: Number of queries, drawn as for other bounders.
-        protocol: Checked there, as are ``samples`` and ``seed``.
-        seed: Of the samples.
-        progress: Called with samples done and samples in all.
-        radius: Of points, object units.
-        query: A name in ``ASKED``.
-        length: Of rays.
-        steps: Evaluations.
+def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol: str, seed: int, told: dict) -> tuple:
+    """Of a distance: whose truth counts, around which shape queries are drawn, the truth, how it is asked, and what ``Rates`` tells of that.
 
     Raises:
-        QueryError: For another query, or a value that makes no sense for it.
+        QueryError: For a query that a distance is not asked, or a value that makes no sense for it.
     """
-    query = POINT.name if query is None else query
+    query = POINT.name if told["query"] is None else told["query"]
     if query not in ASKED:
         raise QueryError(f"query of a distance must be one of {', '.join(ASKED)}, got {query!r}")
     kind = QUERIES[query]
-    for name, value, taken in (
-        ("radius", radius, not kind.is_region),
-        ("length", length, kind.has_length),
-        ("steps", steps, kind.is_region),
-    ):
-        if value is not None and not taken:
-            raise QueryError(f"{name} is not for {query} queries, got {name}={value}")
-    for name, value in (("radius", radius), ("length", length)):
-        if value is not None and (
-            isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf
-        ):
+    for name, taken in (("radius", not kind.is_region), ("length", kind.has_length), ("steps", kind.is_region)):
+        if told[name] is not None and not taken:
+            raise QueryError(f"{name} is not for {query} queries, got {name}={told[name]}")
+    for name in ("radius", "length"):
+        value = 0.0 if told[name] is None else told[name]
+        if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf:
             raise QueryError(f"{name} must be a length of at least 0, got {value!r}")
-    fitted, rng = as_fitted(bounder, shape), np.random.default_rng(seed)
-    told = {"protocol": protocol, "seed": seed, "indicator": fitted.digest, "query": query}
     if kind.is_region:
-        length = 1.0 if length is None else float(length)
+        length = 1.0 if told["length"] is None else float(told["length"])
         judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
-        truth_of, given = (
-            truth_by(protocol, query, judge, bounder.device, length, seed),
-            {} if steps is None else {"steps": steps},
-        )
-        around, asked = judge, ASKED[query](bounder, length, given)
-
-        def ask(x: np.ndarray) -> wp.array:
-            return asked(*parts_of(query, x))
-    else:
-        radius = told["radius"] = 0.0 if radius is None else float(radius)
-        judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
-
-        def ask(x: np.ndarray) -> wp.array:
-            return bounder.query(x, radius)
-
-    return counted(
-        lambda count: sample(query, around, count, rng),
-        truth_of,
-        lambda x: ask(x).numpy().astype(bool),
-        samples,
-        progress,
-        truth=truth_told(judge, fitted),
-        **told,
-    )
+        asked = ASKED[query](bounder, length, {} if told["steps"] is None else {"steps": told["steps"]})
+        truth_of = truth_by(protocol, query, judge, bounder.device, length, seed)
+        return judge, judge, truth_of, lambda x: asked(*parts_of(query, x)), {"query": query}
+    radius = float(told["radius"] or 0.0)
+    judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
+    return judge, around, truth_of, lambda x: bounder.query(x, radius), {"query": query, "radius": radius}
 
 
 def _metric(bounder: DistanceBounder) -> str:
@@ -316,21 +247,8 @@ def judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radiu
     return judge, around, within(judge, margin + radius) if not judge.margin else within(around, radius)
 
 
-def quick_distance_rates(bounder: DistanceBounder, shape: Shape) -> dict:
-    """About how tight a distance is at radius 0, and the box around the object; as ``quick_rates`` of other bounders."""
-    x = POINT.sample(shape, QUICK, np.random.default_rng(QUICK_SEED))
-    outside = shape.decide(x) == OUT
-    boxed = ((x >= bounder.domain.lower) & (x <= bounder.domain.upper)).all(axis=1)
-    maybe = bounder.exact(x) <= 0
-    return {
-        "fp_rate": 100 * int((maybe & outside).sum()) / QUICK,
-        "fp_rate_aabb": 100 * int((boxed & outside).sum()) / QUICK,
-        "samples": QUICK,
-    }
-
-
 def evaluate(
-    bounder: Bounder | DistanceBounder | str | os.PathLike,
+    bounder: Bounder | str | os.PathLike,
     shape,
     samples: int = 1_000_000,
     protocol: str = "exact",
@@ -378,39 +296,41 @@ def evaluate(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
     bounder, shape = in_local(bounder_of(bounder), shape)
-    if isinstance(bounder, DistanceBounder):
-        told = {"radius": radius, "query": query, "length": length, "steps": steps}
-        if shape.ndim != bounder.ndim:
-            raise QueryError(f"the shape is {shape.ndim}D, the bounder {bounder.ndim}D")
-        return evaluate_distance(bounder, shape, int(samples), protocol, int(seed), progress, **told)
-    for name, value in {"radius": radius, "query": query, "length": length, "steps": steps}.items():
-        if value is not None:
-            raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
-    shape = of_side(bounder, shape)
-    fitted = as_fitted(bounder, shape)
+    told = {"radius": radius, "query": query, "length": length, "steps": steps}
+    if not bounder.of_distances:
+        for name, value in told.items():
+            if value is not None:
+                raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
+        shape = of_side(bounder, shape)
+    fitted, seed, query = as_fitted(bounder, shape), int(seed), bounder.query_kind
     if fitted.ndim != bounder.ndim:
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
-    judge = judge_of(shape, fitted, bounder.query_kind, protocol)
-    rng, length = np.random.default_rng(seed), bounder.domain.oracle_length
-    truth_of = truth_by(protocol, bounder.query_kind, judge, bounder.device, length, seed)
-    laid = isinstance(fitted, IndicatorGrid) and judge is not fitted
-    of_cells = oracle(bounder.query_kind, fitted, bounder.device, length) if laid else None
+    if bounder.of_distances:
+        judge, around, truth_of, ask, more = _of_distance(bounder, shape, fitted, protocol, seed, told)
+        query = more["query"]
+    else:
+        around = judge = judge_of(shape, fitted, query, protocol)
+        truth_of = truth_by(protocol, query, judge, bounder.device, bounder.domain.oracle_length, seed)
+        ask, more = bounder.query, {}
+        if isinstance(fitted, IndicatorGrid) and judge is not fitted:
+            more["of_cells"] = oracle(query, fitted, bounder.device, bounder.domain.oracle_length)
+    rng = np.random.default_rng(seed)
     return counted(
-        lambda count: sample(bounder.query_kind, judge, count, rng),
+        lambda count: sample(query, around, count, rng),
         truth_of,
-        lambda x: bounder.query(x).numpy().astype(bool),
+        lambda x: ask(x).numpy().astype(bool),
         int(samples),
         progress,
-        of_cells,
         protocol=protocol,
-        seed=int(seed),
+        seed=seed,
         truth=truth_told(judge, fitted),
         indicator=fitted.digest,
+        **more,
     )
 
 
 def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> dict:
-    """About how tight a bounder is, and an axis-aligned box around the same object, by their f in float64.
+    """About how tight a bounder is, and an axis-aligned box around the same object, by their f in float64; a distance at radius 0.
 
     Args:
         bounder: Any bounder.
@@ -422,6 +342,12 @@ def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> di
         ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; and ``itself``, whether the truth is that of the shape
         itself, not of cells. JSON-ready.
     """
+    if bounder.of_distances:
+        x = POINT.sample(grid, QUICK, np.random.default_rng(QUICK_SEED))
+        outside = grid.decide(x) == OUT
+        boxed = ((x >= bounder.domain.lower) & (x <= bounder.domain.upper)).all(axis=1)
+        rates = [100 * int((maybe & outside).sum()) / QUICK for maybe in (bounder.exact(x) <= 0, boxed)]
+        return {"fp_rate": rates[0], "fp_rate_aabb": rates[1], "samples": QUICK}
     query, length = bounder.query_kind, bounder.domain.oracle_length
     judge = judge_of(grid if shape is None else shape, grid, query, PROTOCOLS[0])
     x = sample(query, judge, QUICK, np.random.default_rng(QUICK_SEED))

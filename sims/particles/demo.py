@@ -106,7 +106,7 @@ class Demo(base.Demo):
         rows = [*self.rows[SCENE], {"bounder": MOVING_BOX, "fp_rate": box.fp_rate(self.scene.shape)}]
         broad = {MOVING_BOX: box}
         for name, bounder in bounders.items():
-            broad[name] = (WhenDue if isinstance(bounder, wb.DistanceBounder) else OfMotion)(bounder, self.scene)
+            broad[name] = (WhenDue if bounder.of_distances else OfMotion)(bounder, self.scene)
         inner = self.within[INNER_NAME]
         sided = {f"{n}+{INNER_NAME}": OfSides(bounders[n], inner, self.scene) for n in SIDED if n in bounders}
         options, examples, runs = {"particles": self.particles, "steps": self.steps, "seed": self.seed}, {}, []

@@ -22,7 +22,7 @@ def check_rays(bounder: wb.Bounder, source: str) -> None:
     Raises:
         BounderError: For another kind of query, or another length of rays.
     """
-    if isinstance(bounder, wb.DistanceBounder):
+    if bounder.of_distances:
         return
     if bounder.query_kind != "ray":
         raise wb.BounderError(f"{source}: expected a bounder of rays or distances, got one of {bounder.query_kind}s")
@@ -31,9 +31,9 @@ def check_rays(bounder: wb.Bounder, source: str) -> None:
         raise wb.BounderError(f"{source}: expected a bounder of rays of length {LENGTH:g}, got length {got:g}")
 
 
-def candidates(bounder: wb.Bounder | wb.DistanceBounder, rays: wp.array) -> tuple[wp.array, wp.array]:
+def candidates(bounder: wb.Bounder, rays: wp.array) -> tuple[wp.array, wp.array]:
     """Indices of the rays that may meet the object, and a number: how many they are."""
-    if isinstance(bounder, wb.DistanceBounder):
+    if bounder.of_distances:
         return wb.compact(bounder.rays(rays, length=LENGTH)[0])
     return bounder.candidates(rays)
 

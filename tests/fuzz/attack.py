@@ -12,7 +12,7 @@ import warp as wp
 from bounding_shapes import object_points
 from region_cases import hard_regions
 
-from warp_bounding.bounders import Bounder, Data, DistanceBounder
+from warp_bounding.bounders import Bounder, Data
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.functions import point_func
@@ -25,7 +25,7 @@ STEPS = 12  # of a walk
 
 
 def attack(
-    bounder: Bounder | DistanceBounder,
+    bounder: Bounder,
     shape: Shape,
     rng: np.random.Generator,
     count: int = 4096,
@@ -46,7 +46,7 @@ def attack(
     Returns:
         How many were asked, and the first that was denied.
     """
-    asked, far = 0, isinstance(bounder, DistanceBounder)
+    asked, far = 0, bounder.of_distances
     if far:
         stream = DistancePositives(bounder, shape)
         chunks = range(2 * len(stream.forms))

@@ -13,7 +13,7 @@ import safetensors
 import safetensors.numpy
 
 from warp_bounding.arithmetic import round_down
-from warp_bounding.bounders import METHODS, Bounder, DistanceBounder, file_format
+from warp_bounding.bounders import METHODS, Bounder, file_format
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.certificates import Certificate
@@ -470,7 +470,7 @@ MUTATIONS = {
 }
 
 
-def tighten(file: File, bounder: Bounder | DistanceBounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
+def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
     """Make the most of the proof of a spoilt file, as a liar would: of voxels keep those that the proof counts on, and no others; raise
     (or lower) every threshold to the highest one that the proof of its part allows.
 
@@ -480,7 +480,7 @@ def tighten(file: File, bounder: Bounder | DistanceBounder, grid: IndicatorGrid,
         grid: The object.
         rng: Whether to choose the voxels.
     """
-    if isinstance(bounder, DistanceBounder):
+    if bounder.of_distances:
         least = 0.0 if bounder.volume is not None else -float(largest_excess(bounder, grid, SEARCH_SECONDS)[0].max())
         tightest = float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf)))
         if np.isfinite(tightest):

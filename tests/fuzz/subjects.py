@@ -149,24 +149,24 @@ class Subject:
 
     name: str
     shape: str
-    make: Callable[[], Bounder | DistanceBounder]
+    make: Callable[[], Bounder]
 
     @property
     def grid(self):
         return shape(self.shape)
 
     @property
-    def bounder(self) -> Bounder | DistanceBounder:
+    def bounder(self) -> Bounder:
         return _made(self)
 
 
 @cache
-def _made(subject: Subject) -> Bounder | DistanceBounder:
+def _made(subject: Subject) -> Bounder:
     bounder = subject.make()
     if subject.shape in OTHERS:  # ``fit`` has told what it bounds
         return bounder
     digest = subject.grid.digest
-    if isinstance(bounder, DistanceBounder):  # it may bound the cells in another metric
+    if bounder.of_distances:  # it may bound the cells in another metric
         digest = bounder.info["indicator"]
     bounder.info = {"indicator": digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
     return bounder
@@ -217,7 +217,7 @@ def _distance(method: str, name: str, **options) -> Callable[[], DistanceBounder
     return lambda: wb.fit(shape(name), "distance", method, **told, **DISTANT.get(method, {}), **options)
 
 
-def _fit(name: str, query: str, method: str, **told) -> Callable[[], Bounder | DistanceBounder]:
+def _fit(name: str, query: str, method: str, **told) -> Callable[[], Bounder]:
     return lambda: wb.fit(shape(name), query, method, device="cpu", progress=False, **told)
 
 
@@ -247,7 +247,7 @@ def subjects() -> list[Subject]:
                 if kind.conservative and kind.supports(query, shape(name).ndim):
                     found.append(Subject(f"{method} {query} {name}", name, _maker(method, name, query)))
         for method, kind in DISTANCES.items():
-            if kind.supports(shape(name).ndim):
+            if kind.supports("distance", shape(name).ndim):
                 found.append(Subject(f"{method} distance {name}", name, _distance(method, name)))
     found.append(Subject("mlp distance c in parts", "c", _distance(Mlp.method, "c", thresholds=20)))
     refined = _distance("distance-grid", "c", refine=4)

@@ -14,7 +14,7 @@ from warp_bounding.bounders import DISTANCES
 TOLD = {
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
-    "mlp": {"hidden": (12, 12), "steps": 800, "budget": 5.0},
+    "mlp": {"hidden": (8,), "steps": 200, "budget": 5.0},
     "distance-grid": {"nodes": 7},
 }
 
@@ -33,13 +33,13 @@ def thing(name: str):
     return shape(name)
 
 
-THINGS = ("line", "c", "blob", "anisotropic", "mesh", "five", "tetrahedron", "torus")
+THINGS = ("line", "c", "blob", "anisotropic", "five", "tetrahedron", "torus")
 
 
 @cache
 def far(method: str, name: str, margin: float = 0.0) -> wb.DistanceBounder:
     """A proven distance bounder on the CPU, through the public door; never change it."""
-    if not DISTANCES[method].supports(thing(name).ndim):
+    if not DISTANCES[method].supports("distance", thing(name).ndim):
         pytest.skip(f"{method} has no distance of {thing(name).ndim}D objects")
     if method == "distance-grid" and (thing(name).ndim > 3 or name == "torus"):
         return wb.fit(thing(name), "distance", method, margin=margin, nodes=4, device="cpu", progress=False)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import Bounder, DistanceBounder, load
+from warp_bounding.bounders import Bounder, load
 from warp_bounding.errors import FileFormatError, QueryError
 from warp_bounding.kernels.functions import Data, point_func
 from warp_bounding.kernels.source import Source
@@ -84,7 +84,7 @@ class BounderLibrary(Picklable, Mapping):
         names = {key: found[1] if (found := KEY.fullmatch(key)) else key for key in keys}
         count = Counter(names.values())
         self._keys = {key if count[name] > 1 else name: key for key, name in names.items()}
-        self._loaded: dict[str, Bounder | DistanceBounder] = {}
+        self._loaded: dict[str, Bounder] = {}
 
     @property
     def names(self) -> list[str]:
@@ -107,7 +107,7 @@ class BounderLibrary(Picklable, Mapping):
         """
         return self.folder / f"{self._keys[name]}{BOUNDER_FILE.suffix}"
 
-    def __getitem__(self, name: str) -> Bounder | DistanceBounder:
+    def __getitem__(self, name: str) -> Bounder:
         if name not in self._loaded:
             self._loaded[name] = load(self.path(name), self.device)
         return self._loaded[name]
@@ -233,7 +233,7 @@ class BounderStack:
         if not bounders:
             raise QueryError("a stack needs at least one bounder, got none")
         for bounder in bounders:
-            if isinstance(bounder, DistanceBounder):
+            if bounder.of_distances:
                 raise QueryError(f"a stack is asked points, rays, planes or boxes, got {bounder!r}, a distance")
             bounder.expect_local("a stack")
         first = bounders[0]

@@ -1,15 +1,11 @@
 """Bounding volumes: one file a method; ``register`` adds one from outside."""
 
 from warp_bounding.bounders.batch import Prepared
-from warp_bounding.bounders.bounder import METHODS, Bounder, method_class, register, supports, unregister
+from warp_bounding.bounders.bounder import DISTANCES, METHODS, Bounder, method_class, register, supports, unregister
 from warp_bounding.bounders.bvh import Bvh, BvhDistance
 from warp_bounding.bounders.cascade import Cascade, cascade
 from warp_bounding.bounders.distance import (
-    DISTANCES,
     DistanceBounder,
-    distance_class,
-    register_distance,
-    unregister_distance,
 )
 from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.bounders.ellipsoids import (
@@ -47,27 +43,21 @@ __all__ = [
     "bounder_of",
     "cascade",
     "compact",
-    "distance_class",
     "load",
     "method_class",
     "register",
-    "register_distance",
     "save",
     "supports",
     "union",
     "united",
     "unregister",
-    "unregister_distance",
 ]
 
 # In the order in which they are listed everywhere.
 for _method in (
     *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
     *(ReluField, Mlp, MlpEarly, MonotoneMlp, Occupancy),
-):
-    register(_method)
-for _distance in (
     *(AabbDistance, ObbDistance, SphereDistance, EllipsoidDistance, OrientedEllipsoidDistance),
     *(KdopDistance, BvhDistance, LearnedKdopDistance, DistanceGrid, MlpDistance),
 ):
-    register_distance(_distance)
+    register(_method)

@@ -296,6 +296,10 @@ class Asking(Framed, PicklableBounder, ABC):
         self.expect_local("func")
         return point_func(self.source)
 
+    def _header(self, threshold: np.float32) -> np.ndarray:
+        """float32, what a function reads behind the label: the domain's numbers, and the threshold."""
+        return np.concatenate([self.domain.header, [threshold], self.domain.extra])
+
     @property
     def data(self) -> Data:
         """What ``func`` reads besides the query, on this bounder's device: your kernel's argument of type ``wb.Data``.
@@ -312,7 +316,7 @@ class Asking(Framed, PicklableBounder, ABC):
             weights = np.asarray(self.weights(), dtype=np.float32)
             parameters = np.zeros(source.start + len(weights), dtype=np.float32)
             # label | center scale limit threshold extra | zeros up to ``source.start`` | the method's numbers
-            head = np.concatenate([self.domain.header, [threshold], self.domain.extra])
+            head = self._header(threshold)
             parameters[:LABEL] = source.label(len(parameters), len(words))
             parameters[LABEL : LABEL + len(head)] = head
             parameters[source.start :] = weights

@@ -35,6 +35,7 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
+from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.launch import device_of
@@ -185,6 +186,9 @@ class Bounder(Asking):
     """
 
     method: ClassVar[str]
+    of_distances: ClassVar[bool] = (
+        False  # its value is a lower bound of the distance, compared with a radius (``DistanceBounder``)
+    )
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
     delta_share: "np.ndarray | None" = None  # of a union whose parts have domains of their own, see there
@@ -205,7 +209,7 @@ class Bounder(Asking):
 
         Args:
             domain: See class.
-            tensors: float32 arrays (uint32 for bit fields) by role; copied, so that nothing can change them later.
+            tensors: Arrays by role, float32 or of the method's ``tensor_types``; copied, so that nothing can change them later.
             sizes: JSON-ready structure that the tensors do not tell.
             device: Warp device; the default device if ``None``.
 
@@ -214,18 +218,18 @@ class Bounder(Asking):
             DeviceError: If there is no such device.
         """
         device_of(device)
-        if not self.supports(domain.query, domain.space_ndim):
-            raise BounderError(f"{self.method} does not bound {domain.query} queries of {domain.space_ndim}D objects")
+        self.check_domain(domain)
         if not isinstance(sizes, dict):
             raise BounderError(f"sizes must be a table of names, got {sizes!r}")
         self.domain = domain
         self.sizes = dict(sizes)
         self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
         for name, value in self.tensors.items():
-            expected = np.uint32 if name.rpartition(".")[2] in self.bit_fields else np.float32
-            if value.dtype != expected:
-                raise BounderError(f"tensor {name} must be {expected.__name__}, got {value.dtype}")
-            if value.dtype == np.float32 and not np.isfinite(value).all():
+            expected = self.tensor_types(name)
+            if value.dtype not in expected:
+                names = " or ".join(kind.__name__ for kind in expected)
+                raise BounderError(f"tensor {name} must be {names}, got {value.dtype}")
+            if value.dtype.kind == "f" and not np.isfinite(value).all():
                 raise BounderError(f"tensor {name} holds a value that is not finite")
             value.setflags(write=False)
         self.threshold = np.float32(0.0)
@@ -233,6 +237,17 @@ class Bounder(Asking):
         self.info: dict[str, Any] = {}
         self._device = device
         self.check_tensors()
+
+    @classmethod
+    def check_domain(cls, domain: Any) -> None:
+        """Refuse a domain that the method has no bounders in, with ``BounderError``."""
+        if not cls.supports(domain.query, domain.space_ndim):
+            raise BounderError(f"{cls.method} does not bound {domain.query} queries of {domain.space_ndim}D objects")
+
+    @classmethod
+    def tensor_types(cls, name: str) -> tuple[type, ...]:
+        """NumPy types that a tensor may have."""
+        return (np.uint32,) if name.rpartition(".")[2] in cls.bit_fields else (np.float32,)
 
     def expect_shapes(self, expected: dict[str, tuple[int, ...]]) -> None:
         """Refuse tensors of other names or shapes, with ``BounderError``."""
@@ -418,6 +433,11 @@ class Bounder(Asking):
         looser = rates["fp_rate"] > rates["fp_rate_aabb"]
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text
 
+    @property
+    def told(self) -> str:
+        """What it bounds, in a few words."""
+        return f"bounder, {self.ndim}D {self.query_kind} queries"
+
     # --- keeping it --------------------------------------------------------------------------------------------------
 
     def save(self, path) -> None:
@@ -440,7 +460,7 @@ class Bounder(Asking):
 
     def __repr__(self) -> str:
         proof = self.certificate.kind if self.certificate else "no certificate"
-        text = f"{self.method} bounder, {self.ndim}D {self.query_kind} queries, {self.nbytes} bytes, {proof}"
+        text = f"{self.method} {self.told}, {self.nbytes} bytes, {proof}"
         return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
 
 
@@ -462,6 +482,8 @@ def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
         name: Of the whole, for the message.
         kinds: Classes of members.
     """
+    if any(kind.of_distances for kind in kinds):
+        raise BounderError(f"{name}: expected bounders that answer yes or no, got one of distances")
     if wrong := [kind.method for kind in kinds if not kind.conservative]:
         raise BounderError(f"{name}: {wrong[0]} is not conservative")
 
@@ -565,7 +587,9 @@ def has_bits(member: Bounder) -> bool:
 # The methods by name. ``register`` adds one, from inside the package (``bounders/__init__.py``) or from outside it.
 
 _registered: dict[str, type[Bounder]] = {}
+_distances: dict[str, type[Bounder]] = {}
 METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
+DISTANCES: Mapping[str, type[Bounder]] = MappingProxyType(_distances)  # those of distances; equal names: equal volumes
 Kind = TypeVar("Kind", bound=Bounder)
 _composed: dict[str, type[Bounder]] = {}  # classes of bounders that are made of others
 
@@ -574,7 +598,7 @@ def register(kind: type[Kind]) -> type[Kind]:
     """Make a method known by its name to ``fit``, ``load``, cascades and the command line. Also a decorator of a class.
 
     Args:
-        kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies.
+        kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies, and ``DistanceBounder``.
 
     Returns:
         The class.
@@ -584,12 +608,12 @@ def register(kind: type[Kind]) -> type[Kind]:
     """
     if not (isinstance(kind, type) and issubclass(kind, Bounder)):
         raise BounderError(f"expected a class of bounders, got {kind!r}")
-    name = getattr(kind, "method", None)
+    name, known = getattr(kind, "method", None), _distances if kind.of_distances else _registered
     if not isinstance(name, str) or not name or "+" in name or name in _composed:
         others = ", ".join(sorted(_composed))
         raise BounderError(f"{kind.__name__}.method must be a name without +, none of {others}, got {name!r}")
-    if _registered.setdefault(name, kind) is not kind:
-        raise BounderError(f"method {name} is {_registered[name].__name__} already, got {kind.__name__}")
+    if known.setdefault(name, kind) is not kind:
+        raise BounderError(f"method {name} is {known[name].__name__} already, got {kind.__name__}")
     return kind
 
 
@@ -599,23 +623,30 @@ def composed(kind: type[Kind]) -> type[Kind]:
     return kind
 
 
-def class_named(name: str) -> type[Bounder] | None:
+def class_named(name: str, query: str = "point") -> type[Bounder] | None:
     """The class that a file calls by a name, a method's or one of bounders made of others; ``None`` for unknown names."""
-    return _registered.get(name) or _composed.get(name)
+    return _distances.get(name) if query == DISTANCE.name else _registered.get(name) or _composed.get(name)
 
 
 def unregister(kind: type[Bounder]) -> None:
     """Undo ``register``."""
-    if _registered.get(kind.method) is kind:
-        del _registered[kind.method]
+    known = _distances if kind.of_distances else _registered
+    if known.get(kind.method) is kind:
+        del known[kind.method]
 
 
 def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bounder]:
-    """The class of a method that can hold a kind of query.
+    """The class of a method that can hold a kind of query, or bounds the distance.
 
     Raises:
         BounderError: For an unknown method, or one that cannot hold the query.
     """
+    if query == DISTANCE.name:
+        if method not in DISTANCES:
+            raise BounderError(f"method of a distance must be one of {', '.join(DISTANCES)}, got {method!r}")
+        if not DISTANCES[method].supports(query, ndim):
+            raise BounderError(f"method {method} has no distance of {ndim}D objects")
+        return DISTANCES[method]
     if method not in METHODS:
         near = get_close_matches(str(method), METHODS, n=1)
         meant = f"; did you mean {near[0]!r}?" if near else ""

@@ -12,22 +12,18 @@ A method supplies a function F of local coordinates (``DistanceDomain``), and ev
 
 It is proven when ``threshold <= L - E``, where ``d - F >= L`` on all of the domain, d the local distance (0 in the object): so the claim has the form of every
 other certificate's, of ``f = d - F``. ``-threshold`` is the *slack*, what is taken off F. A new method is one file with a subclass, and a line
-in ``bounders/__init__.py`` (``register_distance``).
+in ``bounders/__init__.py`` (``register``).
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cached_property
-from types import MappingProxyType
-from typing import Any, ClassVar, NamedTuple, TypeVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, round_down, round_up
-from warp_bounding.bounders.batch import Framed, PicklableBounder
-from warp_bounding.bounders.bounder import Bounder, Option, taken
-from warp_bounding.bounders.file_format import save
+from warp_bounding.bounders.bounder import Bounder, taken
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.shape import Shape
@@ -41,13 +37,12 @@ from warp_bounding.kernels.distance_functions import (
     segment_func,
 )
 from warp_bounding.kernels.distances import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
-from warp_bounding.kernels.functions import Data
-from warp_bounding.kernels.source import LABEL
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.distance import DISTANCE, DistanceDomain
 from warp_bounding.queries.domain import Domain, json_number
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.arrays import compact, new_output
-from warp_bounding.runtime.launch import BlockLaunch, device_of
+from warp_bounding.runtime.launch import BlockLaunch
 
 # --- float64 queries -------------------------------------------------------------------------------------------------
 #
@@ -58,7 +53,7 @@ from warp_bounding.runtime.launch import BlockLaunch, device_of
 GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 
 
-def moved(bounder: "AskingDistance", queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
+def moved(bounder: "DistanceBounder", queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
     """How far from a float64 point its float32 one is at most, what g may fall by meanwhile included.
 
     Args:
@@ -134,44 +129,100 @@ def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
     return flat.numpy()[: count * columns].reshape(count, columns).astype(np.float64)
 
 
-# --- queries ---------------------------------------------------------------------------------------------------------
-#
-# What a distance bounder is asked, in batches and in kernels: points, radii, segments, rays and boxes, of one function g.
-#
-# Every answer follows from ``g(x) <= distance(x, object)`` (``kernels.distances``), so a method that has g has all of them.
+# --- the base --------------------------------------------------------------------------------------------------------
 
 
-class AskingDistance(Framed, PicklableBounder, ABC):
-    """What a ``DistanceBounder`` needs to answer; see there."""
+class DistanceBounder(Bounder):
+    """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
 
+    Attributes:
+        method: The name that ``method=`` takes.
+        domain: The box that holds the object, and the map into it.
+        threshold: float32, at most 0: what is added to F, the slack with its sign turned.
+        certificate: What is proven of it, or ``None``.
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``.
+        device: The Warp device that queries run on.
+
+    Example:
+        >>> far = wb.fit(ball, "distance", "sphere", device="cpu")
+        >>> far.certificate.proven
+        True
+        >>> bool((far.distance(points).numpy() <= ball_distances).all())
+        True
+    """
+
+    of_distances = True
+    moving: ClassVar[bool] = False  # whether it has distances of shapes that move
+    room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
     domain: DistanceDomain
-    threshold: np.float32
-    _device: str | None
-    _data: tuple[np.float32, Data] | None = None
 
-    Data = Data
+    @classmethod
+    def check_domain(cls, domain: Any) -> None:
+        """See ``Bounder``."""
+        if not isinstance(domain, DistanceDomain):
+            raise BounderError(f"{cls.method}: expected the domain of a distance, got {type(domain).__name__}")
+        if domain.time and not cls.moving:
+            raise BounderError(f"{cls.method}: there is no distance of shapes that move")
+        if domain.ndim > MOST_DIMENSIONS:
+            raise BounderError(f"{cls.method}: distances have at most {MOST_DIMENSIONS} dimensions, got {domain.ndim}")
 
-    @property
-    @abstractmethod
-    def source(self) -> DistanceSource:
-        """The native code of ``f``; equal for bounders of equal sizes."""
-
-    @abstractmethod
-    def weights(self) -> np.ndarray:
-        """``(K,)`` float32, the method's numbers in the order in which ``source`` reads them."""
-
-    def words(self) -> np.ndarray:
-        """``(W,)`` uint32, the method's bit field."""
-        return np.zeros(1, dtype=np.uint32)
+    # --- what a method supplies --------------------------------------------------------------------------------------
 
     def growth(self) -> float:
         """How much the computed f may exceed F besides ``rounding_bound``, in units ``UNIT32 (|v|_1 + |f|)``; 0 in the domain."""
         return 0.0
 
     @property
-    @abstractmethod
+    def volume(self) -> Bounder | None:
+        """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
+        return None
+
+    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
+
+        Args:
+            lower: ``(N, n)`` float64, local coordinates, in one of ``pieces`` each.
+            upper: ``(N, n)`` float64.
+
+        Returns:
+            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
+        """
+        raise TypeError(f"{type(self).__name__} does not define corners")
+
+    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(P, n)`` and ``(P, n)`` float64, boxes that cover the domain, which a proof begins with; the domain itself by default."""
+        limit = self.domain.limit.astype(np.float64)
+        return -limit[None], limit[None]
+
+    part_count: int = 1  # parts of the domain that have a slack of their own each; no piece lies in two of them
+
+    def part_of(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` int, the parts in which local coordinates ``(N, n)`` lie."""
+        return np.zeros(len(v), dtype=np.int64)
+
+    def relieve(self, excess: np.ndarray) -> None:
+        """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
+
+        Args:
+            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays as it is.
+        """
+
+    @property
     def rate(self) -> float:
-        """See ``DistanceBounder``."""
+        """Where coordinate 0 is time: more than F changes in a local unit of time; local units."""
+        raise TypeError(f"{type(self).__name__} does not define rate")
+
+    @property
+    def steepness(self) -> float:
+        """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""
+        return 1.0
+
+    @classmethod
+    def supports(cls, query: str, ndim: int) -> bool:
+        """Whether the method has distances of n-dimensional objects."""
+        return query == DISTANCE.name and 1 <= ndim <= MOST_DIMENSIONS
+
+    # --- what follows ------------------------------------------------------------------------------------------------
 
     @cached_property
     def pace(self) -> float:
@@ -195,42 +246,95 @@ class AskingDistance(Framed, PicklableBounder, ABC):
         """float32 numbers behind threshold and share: where there is time, its scale, the speed and the pace."""
         return np.append(self.domain.extra, np.float32(self.pace)) if self.domain.time else self.domain.extra
 
+    def _header(self, threshold: np.float32) -> np.ndarray:
+        """See ``Bounder``: threshold and the share of a query's size that rounding takes."""
+        share = round_up(share_of(self.ndim, self.growth() + self.haste))
+        return np.concatenate([self.domain.header, [threshold, share], self.extra])
+
     @property
     def ndim(self) -> int:
         """Dimension n of the object."""
         return self.domain.ndim
 
     @property
-    def device(self) -> wp.Device:
-        """The Warp device that queries run on."""
-        return wp.get_device(self._device)
+    def told(self) -> str:
+        """See ``Bounder``."""
+        return f"distance bounder, {self.ndim}D"
 
     @property
-    def data(self) -> Data:
-        """What the functions read besides the query, on this bounder's device: your kernel's argument of type ``wb.Data``.
+    def slack(self) -> float:
+        """What is taken off F so that it is a lower bound, rounding included; object units."""
+        return -float(self.threshold) * self.domain.unit
 
-        Example:
-            >>> far.data.parameters.device
-            'cpu'
+    @property
+    def size(self) -> float:
+        """The longest side in space of the box that holds the object, with the domain's room; object units."""
+        return float((self.domain.upper - self.domain.lower)[int(self.domain.time) :].max())
+
+    def exact(self, x: np.ndarray) -> np.ndarray:
+        """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
+        v, n = self.domain.to_local(x), self.ndim
+        whole = self.source.whole
+        p = v if whole else self.domain.clipped(v)
+        value = self.reference(p.reshape(-1, n)) + float(self.threshold)
+        if not whole:
+            value = np.hypot(np.linalg.norm(v - p, axis=1), np.maximum(value, 0.0))
+        if self.domain.time:
+            value = np.where(np.abs(v[:, 0]) > self.domain.limit[0], 0.0, value)
+        return np.maximum(value, 0.0) * self.domain.unit
+
+    def freeze(self, threshold: float, certificate: Certificate | None) -> "DistanceBounder":
+        """Set threshold and certificate, in place; nothing else changes them.
+
+        Args:
+            threshold: Rounded to float32; at most 0.
+            certificate: What is known of this threshold; ``None`` for nothing.
+
+        Raises:
+            BounderError: For a threshold above 0, with which rounding is not accounted for.
         """
-        threshold, held = self.threshold, self._data
-        if held is None or held[0] is not threshold:
-            source, words, weights = self.source, self.words(), np.asarray(self.weights(), dtype=np.float32)
-            parameters = np.zeros(source.start + len(weights), dtype=np.float32)
-            share = round_up(share_of(self.ndim, self.growth() + self.haste))
-            head = np.concatenate([self.domain.header, [threshold, share], self.extra])
-            parameters[:LABEL] = source.label(len(parameters), len(words))
-            parameters[LABEL : LABEL + len(head)] = head
-            parameters[source.start :] = weights
-            data = Data()
-            data.parameters = wp.array(parameters, dtype=wp.float32, device=self.device)
-            data.words = wp.array(words, dtype=wp.uint32, device=self.device)
-            held = self._data = threshold, data
-        return held[1]
+        if not np.float32(threshold) <= 0:
+            raise BounderError(f"{self.method}: the threshold of a distance is at most 0, got {threshold:g}")
+        return super().freeze(threshold, certificate)
 
-    def __ctype__(self):
-        """Asked by ``wp.launch`` where a kernel takes a structure: refuses the bounder itself, and says what to give."""
-        raise TypeError(f"pass bounder.data to a kernel, not the bounder itself, got {self!r}")
+    @property
+    def nbytes(self) -> int:
+        """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
+        head = len(self.domain.header) + 2 + len(self.extra)
+        return 4 * (head + len(self.weights())) + (self.words().nbytes if len(self.words()) > 1 else 0)
+
+    @property
+    def tightness(self) -> str:
+        """False positives of points at radius 0 in words, as ``fit`` measured them; empty where it did not."""
+        rates = self.info.get("rates")
+        if not rates:
+            return ""
+        text = f"{rates['fp_rate']:.2f} % false positives at radius 0 ({rates['samples']:,} samples)"
+        return f"{text}, slack {self.slack:.3g}"
+
+    @classmethod
+    def fit(cls, shape: Shape, domain: DistanceDomain, *, device: str | None = None, **options) -> "DistanceBounder":
+        """The method's F of a shape, in closed form, where there is one and no volume.
+
+        Raises:
+            BounderError: If there is none.
+        """
+        raise BounderError(f"{cls.method}: there is no closed form of its distance")
+
+    # --- what there is not: a value that is compared with the threshold --------------------------------------------------
+
+    def values(self, *_args, **_options):
+        """Refused with ``QueryError``: of a distance ask ``distance``."""
+        raise QueryError(
+            f"{self.method}: a distance is compared with a radius, not with a threshold; ask distance or query"
+        )
+
+    prepare = batch_launch = values
+    func = property(fget=None, doc="There is none: kernels ask ``distance_func`` and its like.")
+
+    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """Refused with ``BounderError``: proofs of distances ask ``corners``."""
+        raise BounderError(f"{self.method}: a distance is bounded by numbers at corners")
 
     # --- in kernels --------------------------------------------------------------------------------------------------
 
@@ -485,319 +589,6 @@ def _steps(steps: int) -> int:
     return int(steps)
 
 
-# --- the base --------------------------------------------------------------------------------------------------------
-
-
-class DistanceBounder(AskingDistance):
-    """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
-
-    Attributes:
-        method: The name that ``method=`` takes.
-        domain: The box that holds the object, and the map into it.
-        threshold: float32, at most 0: what is added to F, the slack with its sign turned.
-        certificate: What is proven of it, or ``None``.
-        info: How it was made, by the names in ``file_format.INFO_FIELDS``.
-        device: The Warp device that queries run on.
-
-    Example:
-        >>> far = wb.fit(ball, "distance", "sphere", device="cpu")
-        >>> far.certificate.proven
-        True
-        >>> bool((far.distance(points).numpy() <= ball_distances).all())
-        True
-    """
-
-    method: ClassVar[str]
-    options: ClassVar[tuple[Option, ...]] = ()
-    conservative: ClassVar[bool] = True
-    composed: ClassVar[bool] = False
-    provable: ClassVar[bool] = True
-    query_kind: ClassVar[str] = DISTANCE.name
-
-    def __init__(
-        self,
-        domain: DistanceDomain,
-        tensors: dict[str, np.ndarray],
-        sizes: dict[str, Any],
-        device: str | None = None,
-    ):
-        """Copy and check what a bounder is made of.
-
-        Args:
-            domain: See class.
-            tensors: Arrays by role, float32 or the method's ``tensor_types``; copied, so that nothing can change them later.
-            sizes: JSON-ready structure that the tensors do not tell.
-            device: Warp device; the default device if ``None``.
-
-        Raises:
-            BounderError: If a tensor is not finite or of the wrong type.
-            DeviceError: If there is no such device.
-        """
-        device_of(device)
-        if not isinstance(domain, DistanceDomain):
-            raise BounderError(f"{self.method}: expected the domain of a distance, got {type(domain).__name__}")
-        if domain.time and not self.moving:
-            raise BounderError(f"{self.method}: there is no distance of shapes that move")
-        if domain.ndim > MOST_DIMENSIONS:
-            raise BounderError(f"{self.method}: distances have at most {MOST_DIMENSIONS} dimensions, got {domain.ndim}")
-        if not isinstance(sizes, dict):
-            raise BounderError(f"sizes must be a table of names, got {sizes!r}")
-        self.domain, self.sizes = domain, dict(sizes)
-        self.tensors = {name: np.array(value, order="C") for name, value in tensors.items()}
-        for name, value in self.tensors.items():
-            if value.dtype not in self.tensor_types(name):
-                raise BounderError(f"tensor {name} must not be {value.dtype}")
-            if value.dtype.kind == "f" and not np.isfinite(value).all():
-                raise BounderError(f"tensor {name} holds a value that is not finite")
-            value.setflags(write=False)
-        self.threshold = np.float32(0.0)
-        self.certificate: Certificate | None = None
-        self.info: dict[str, Any] = {}
-        self._device = device
-        self.check_tensors()
-
-    @staticmethod
-    def tensor_types(name: str) -> tuple[type, ...]:
-        """NumPy types that a tensor may have."""
-        return (np.float32,)
-
-    def expect_shapes(self, expected: dict[str, tuple[int, ...]]) -> None:
-        """Refuse tensors of other names or shapes, with ``BounderError``."""
-        found = {name: tensor.shape for name, tensor in self.tensors.items()}
-        if found != expected:
-            raise BounderError(f"{self.method}: expected tensors {expected}, got {found}")
-
-    # --- what a method supplies --------------------------------------------------------------------------------------
-
-    def check_tensors(self) -> None:
-        """Refuse tensors and sizes that do not fit together, and keep what follows from them; part of the constructor.
-
-        Raises:
-            BounderError: If they do not.
-        """
-
-    @abstractmethod
-    def reference(self, v: np.ndarray) -> np.ndarray:
-        """Exact F (up to float64 rounding) of ``(N, n)`` float64 local coordinates; ``(N,)`` float64."""
-
-    @abstractmethod
-    def rounding_bound(self) -> float:
-        """E; see module."""
-
-    @property
-    def volume(self) -> Bounder | None:
-        """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
-        return None
-
-    moving: ClassVar[bool] = False  # whether it has distances of shapes that move
-    room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
-
-    def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
-
-        Args:
-            lower: ``(N, n)`` float64, local coordinates, in one of ``pieces`` each.
-            upper: ``(N, n)`` float64.
-
-        Returns:
-            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
-        """
-        raise TypeError(f"{type(self).__name__} does not define corners")
-
-    def pieces(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(P, n)`` and ``(P, n)`` float64, boxes that cover the domain, which a proof begins with; the domain itself by default."""
-        limit = self.domain.limit.astype(np.float64)
-        return -limit[None], limit[None]
-
-    part_count: int = 1  # parts of the domain that have a slack of their own each; no piece lies in two of them
-
-    def part_of(self, v: np.ndarray) -> np.ndarray:
-        """``(N,)`` int, the parts in which local coordinates ``(N, n)`` lie."""
-        return np.zeros(len(v), dtype=np.int64)
-
-    def relieve(self, excess: np.ndarray) -> None:
-        """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
-
-        Args:
-            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays as it is.
-        """
-
-    @property
-    def rate(self) -> float:
-        """Where coordinate 0 is time: more than F changes in a local unit of time; local units."""
-        raise TypeError(f"{type(self).__name__} does not define rate")
-
-    @property
-    def steepness(self) -> float:
-        """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""
-        return 1.0
-
-    @classmethod
-    def supports(cls, ndim: int) -> bool:
-        """Whether the method has distances of n-dimensional objects."""
-        return 1 <= ndim <= MOST_DIMENSIONS
-
-    @classmethod
-    def options_taken(cls) -> tuple[Option, ...]:
-        """What ``fit`` and the command line can tell the method."""
-        return cls.options
-
-    # --- what follows ------------------------------------------------------------------------------------------------
-
-    @property
-    def parts(self) -> "list[DistanceBounder]":
-        """This one: there are no conjunctions of distances."""
-        return [self]
-
-    @property
-    def slack(self) -> float:
-        """What is taken off F so that it is a lower bound, rounding included; object units."""
-        return -float(self.threshold) * self.domain.unit
-
-    @property
-    def size(self) -> float:
-        """The longest side in space of the box that holds the object, with the domain's room; object units."""
-        return float((self.domain.upper - self.domain.lower)[int(self.domain.time) :].max())
-
-    def exact(self, x: np.ndarray) -> np.ndarray:
-        """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
-        v, n = self.domain.to_local(x), self.ndim
-        whole = self.source.whole
-        p = v if whole else self.domain.clipped(v)
-        value = self.reference(p.reshape(-1, n)) + float(self.threshold)
-        if not whole:
-            value = np.hypot(np.linalg.norm(v - p, axis=1), np.maximum(value, 0.0))
-        if self.domain.time:
-            value = np.where(np.abs(v[:, 0]) > self.domain.limit[0], 0.0, value)
-        return np.maximum(value, 0.0) * self.domain.unit
-
-    def to(self, device: str | None = None) -> "DistanceBounder":
-        """This bounder on another device; arguments as of ``Bounder.to``.
-
-        Raises:
-            DeviceError: If there is no such device.
-
-        Example:
-            >>> far.to("cpu").certificate == far.certificate
-            True
-        """
-        device = self._device if device is None else device
-        device_of(device)
-        copy = object.__new__(type(self))
-        copy.__dict__.update(self.__dict__)
-        copy._device, copy._data = device, None
-        return copy
-
-    def freeze(self, threshold: float, certificate: Certificate | None) -> "DistanceBounder":
-        """Set threshold and certificate, in place; nothing else changes them.
-
-        Args:
-            threshold: Rounded to float32; at most 0.
-            certificate: What is known of this threshold; ``None`` for nothing.
-
-        Raises:
-            BounderError: For a threshold above 0, with which rounding is not accounted for.
-        """
-        if not np.float32(threshold) <= 0:
-            raise BounderError(f"{self.method}: the threshold of a distance is at most 0, got {threshold:g}")
-        self.info = {key: value for key, value in self.info.items() if key != "rates"}
-        self.threshold = np.float32(threshold)
-        self.certificate = certificate
-        self._data = None
-        return self
-
-    @property
-    def nbytes(self) -> int:
-        """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
-        head = len(self.domain.header) + 2 + len(self.extra)
-        return 4 * (head + len(self.weights())) + (self.words().nbytes if len(self.words()) > 1 else 0)
-
-    @property
-    def tightness(self) -> str:
-        """False positives of points at radius 0 in words, as ``fit`` measured them; empty where it did not."""
-        rates = self.info.get("rates")
-        if not rates:
-            return ""
-        text = f"{rates['fp_rate']:.2f} % false positives at radius 0 ({rates['samples']:,} samples)"
-        return f"{text}, slack {self.slack:.3g}"
-
-    def save(self, path) -> None:
-        """Write one ``.safetensors`` file, whole or not at all; as ``Bounder.save``.
-
-        Raises:
-            FileFormatError: If it cannot be written, or if another kind of file is there, which is kept.
-
-        Example:
-            >>> far.save("far.safetensors")
-            >>> wb.load("far.safetensors", device="cpu").certificate == far.certificate
-            True
-        """
-        save(self, path)
-
-    def __repr__(self) -> str:
-        proof = self.certificate.kind if self.certificate else "no certificate"
-        text = f"{self.method} distance bounder, {self.ndim}D, {self.nbytes} bytes, {proof}"
-        return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
-
-    @classmethod
-    def fit(cls, shape: Shape, domain: DistanceDomain, *, device: str | None = None, **options) -> "DistanceBounder":
-        """The method's F of a shape, in closed form, where there is one and no volume.
-
-        Raises:
-            BounderError: If there is none.
-        """
-        raise BounderError(f"{cls.method}: there is no closed form of its distance")
-
-
-# --- registry --------------------------------------------------------------------------------------------------------
-#
-# The methods that have a distance, by name; the names are those of ``METHODS`` where the volume is the same.
-
-_distances: dict[str, type[DistanceBounder]] = {}
-DISTANCES: Mapping[str, type[DistanceBounder]] = MappingProxyType(
-    _distances
-)  # in the order in which they were registered
-DistanceKind = TypeVar("DistanceKind", bound=DistanceBounder)
-
-
-def register_distance(kind: type[DistanceKind]) -> type[DistanceKind]:
-    """Make a method's distance known to ``fit``, ``load`` and the command line. Also a decorator of a class.
-
-    Raises:
-        BounderError: If it is no class of distance bounders, or another one has its name.
-    """
-    if not (isinstance(kind, type) and issubclass(kind, DistanceBounder)) or not isinstance(
-        getattr(kind, "method", None), str
-    ):
-        raise BounderError(f"expected a class of distance bounders with a method, got {kind!r}")
-    if _distances.setdefault(kind.method, kind) is not kind:
-        raise BounderError(f"distance {kind.method} is {_distances[kind.method].__name__} already, got {kind.__name__}")
-    return kind
-
-
-def unregister_distance(kind: type[DistanceBounder]) -> None:
-    """Undo ``register_distance``."""
-    if _distances.get(kind.method) is kind:
-        del _distances[kind.method]
-
-
-def distance_class(method: str, ndim: int | None = None) -> type[DistanceBounder]:
-    """The class of a method's distance.
-
-    Args:
-        method: Its name.
-        ndim: Dimensions of the object, where they are known.
-
-    Raises:
-        BounderError: For a method that has none, or not in n dimensions.
-    """
-    if method not in DISTANCES:
-        raise BounderError(f"method of a distance must be one of {', '.join(DISTANCES)}, got {method!r}")
-    if ndim is not None and not DISTANCES[method].supports(ndim):
-        raise BounderError(f"method {method} has no distance of {ndim}D objects")
-    return DISTANCES[method]
-
-
 # --- distances to volumes --------------------------------------------------------------------------------------------
 #
 # Distances to volumes: what the closed forms have in common.
@@ -844,13 +635,14 @@ class VolumeDistance(DistanceBounder):
         """How far the volume is."""
         raise TypeError(f"{cls.__name__} does not define form_of")
 
-    @classmethod
-    def options_taken(cls) -> tuple[Option, ...]:
-        return tuple(taken([cls.bounds], POINT.name).values())
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "bounds" in cls.__dict__:
+            cls.options = tuple(taken([cls.bounds], POINT.name).values())
 
     @classmethod
-    def supports(cls, ndim: int) -> bool:
-        return super().supports(ndim) and cls.bounds.supports(POINT.name, ndim)
+    def supports(cls, query: str, ndim: int) -> bool:
+        return super().supports(query, ndim) and cls.bounds.supports(POINT.name, ndim)
 
     @classmethod
     def around(cls, volume: Bounder, domain: DistanceDomain, sizes: dict[str, Any], device: str | None = None):

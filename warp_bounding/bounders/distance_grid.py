@@ -216,14 +216,12 @@ class DistanceGrid(DistanceBounder):
     )  # fmt: skip
 
     @classmethod
-    def supports(cls, ndim: int) -> bool:
-        return 1 <= ndim <= MOST_AXES
+    def supports(cls, query: str, ndim: int) -> bool:
+        return super().supports(query, ndim) and ndim <= MOST_AXES
 
     @classmethod
     def tensor_types(cls, name: str) -> tuple[type, ...]:
-        if name in cls.bit_fields:
-            return (np.uint32,)
-        return (np.float32, np.float16, np.uint8) if name in ("values", "blocks") else (np.float32,)
+        return (np.float32, np.float16, np.uint8) if name in ("values", "blocks") else super().tensor_types(name)
 
     @classmethod
     def fit(

@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from warp_bounding.bounders.batch import frame_fault
-from warp_bounding.bounders.bounder import METHODS, Bounder, class_named
-from warp_bounding.bounders.distance import DISTANCES, DistanceBounder
+from warp_bounding.bounders.bounder import DISTANCES, METHODS, Bounder, class_named
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
 from warp_bounding.certificates import Certificate
 from warp_bounding.certificates.claim import check_claims
@@ -21,7 +20,7 @@ from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.whole_file import file_path
 
 
-def load(path: str | os.PathLike, device: str | None = None) -> Bounder | DistanceBounder:
+def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     """Read a bounder and check all of it.
 
     Args:
@@ -77,7 +76,7 @@ GONE = {
 }
 
 
-def _bring_up(bounder: Bounder | DistanceBounder) -> None:
+def _bring_up(bounder: Bounder) -> None:
     """Older files name a shape without cells by the digest of its geometry alone; now that of the object has the margin."""
     info = bounder.info
     if info["indicator"] is None or any(info[name] is not None for name in ("shape", "grid_shape", "resolution")):
@@ -88,10 +87,10 @@ def _bring_up(bounder: Bounder | DistanceBounder) -> None:
         bounder.certificate = replace(bounder.certificate, indicator=digest)
 
 
-def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) -> Bounder | DistanceBounder:
+def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) -> Bounder:
     """The bounder that a file describes, without threshold and certificate."""
     name, of_distances = document["method"], document["query"] == DISTANCE.name
-    method = DISTANCES.get(name) if of_distances else class_named(name)
+    method = class_named(name, document["query"])
     if method is None and name in GONE:
         raise FileFormatError(f"method {name!r} is gone: {GONE[name]}")
     if method is None:
@@ -103,9 +102,9 @@ def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) ->
     return method(domain, tensors, document["sizes"], device)
 
 
-def bounder_of(source: Bounder | DistanceBounder | str | os.PathLike, device: str | None = None):
+def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None):
     """A bounder, or the one that the file at a path holds, read to this device; raises ``BounderError`` for anything else."""
-    if isinstance(source, Bounder | DistanceBounder):
+    if isinstance(source, Bounder):
         return source
     if isinstance(source, str | os.PathLike):
         return load(source, device)

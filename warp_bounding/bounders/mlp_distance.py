@@ -96,14 +96,15 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
     """
 
     method = Mlp.method
+    bit_fields = ("levels",)
     options = (HIDDEN, ACTIVATION, PARTS, STEPS)
     moving = True
     room = 0.1
 
     @classmethod
-    def supports(cls, ndim: int) -> bool:
+    def supports(cls, query: str, ndim: int) -> bool:
         """See ``DistanceBounder``."""
-        return 1 <= ndim <= MOST_AXES
+        return super().supports(query, ndim) and ndim <= MOST_AXES
 
     def check_tensors(self) -> None:
         """See ``DistanceBounder``."""
@@ -137,11 +138,6 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         if not (STEPS_OF_RELIEF[0] <= step <= STEPS_OF_RELIEF[1] and np.frexp(step)[0] == 0.5):
             raise BounderError(f"{self.method}: expected a power of two as the step between two levels, got {step}")
         return lattice
-
-    @staticmethod
-    def tensor_types(name: str) -> tuple[type, ...]:
-        """See ``DistanceBounder``."""
-        return (np.uint32,) if name == "levels" else (np.float32,)
 
     @property
     def relief(self) -> np.ndarray:

@@ -10,6 +10,7 @@ from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
 from warp_bounding.indicators.parts import SIDES
 from warp_bounding.kernels.functions import Data
+from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named, vector_type
@@ -119,7 +120,7 @@ def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:
         (100,)
     """
     for bounder, name, side in ((outer, "outer", SIDES[0]), (inner, "inner", SIDES[1])):
-        if not isinstance(bounder, Bounder) or not bounder.domain.tested_as_point:
+        if not isinstance(bounder, Bounder) or bounder.query_kind != POINT.name:
             raise BounderError(f"two_sided: {name} must be a bounder of points, got {bounder!r}")
         if SIDES[bounder.domain.unbounded] != side:
             raise BounderError(f"two_sided: {name} must be fitted with side={side!r}, got {bounder!r}")

@@ -33,7 +33,7 @@ import newton
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.newton import kernels
 from warp_bounding.newton.kernels import BLOCKS, ask_distances_in_lanes, ask_hulls, runs_of
@@ -94,7 +94,7 @@ class ParticleCull:
     def __init__(
         self,
         pipeline: newton.CollisionPipeline,
-        bounders: Mapping[int, Bounder | DistanceBounder] | None = None,
+        bounders: Mapping[int, Bounder] | None = None,
         *,
         unproven: bool = False,
         untested: Collection[int] = (),
@@ -283,9 +283,9 @@ class ParticleCull:
         wp.launch(kernels.gather_or_repeat, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
         return self._kept
 
-    def _asking(self, bounder: Bounder | DistanceBounder) -> wp.Kernel:
+    def _asking(self, bounder: Bounder) -> wp.Kernel:
         """The kernel that asks a bounder."""
-        if not isinstance(bounder, DistanceBounder):
+        if not bounder.of_distances:
             return kernels.ask_bounders(bounder.source)
         return (ask_distances_in_lanes if self._device.is_cpu else kernels.ask_distances)(bounder.source)
 
@@ -300,12 +300,12 @@ class ParticleCull:
         ]
         return [*own, ask_hulls, *map(self._asking, self._shapes.bounders)]
 
-    def _ask(self, number: int, bounder: Bounder | DistanceBounder, state: newton.State) -> BlockLaunch:
+    def _ask(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:
         """Ask a bounder about the pairs of its shapes that the hulls have left."""
         model, device, block = self.model, self._device, kernels.block_size(self._device)
         found, where = [self._undecided, self._undecided_count], [self._placed, self._hulls]
         bounder_of, items, first, share = self._shapes.bounder_of, self.pairs, 0, block
-        if not isinstance(bounder, DistanceBounder):
+        if not bounder.of_distances:
             inputs = [0, block, bounder.data, number, bounder_of, self._all, state.particle_q, self._placed]
         elif device.is_cpu:
             data, dilated = bounder.data, bounder.info.get("margin") or 0.0

@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.bounders import Bounder, DistanceBounder
+from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.newton import placing
@@ -118,7 +118,7 @@ def _margin_for(coordinates: float, reach: float, world: float, scale: float) ->
 def check_bounder(
     pipeline: newton.CollisionPipeline,
     shape: int,
-    bounder: Bounder | DistanceBounder,
+    bounder: Bounder,
     unproven: bool,
     mesh_of: Callable[[int], tuple[np.ndarray, np.ndarray]],
 ) -> None:
@@ -138,11 +138,11 @@ def check_bounder(
     whole = isinstance(shape, (int, np.integer)) and not isinstance(shape, bool)
     if not whole or not 0 <= shape < model.shape_count:
         raise BounderError(f"shape must be a whole number from 0 to {model.shape_count - 1}, got {shape!r}")
-    if not isinstance(bounder, (Bounder, DistanceBounder)):
+    if not isinstance(bounder, Bounder):
         raise BounderError(f"shape {shape}: expected a bounder, got {type(bounder).__name__}")
     if int(model.shape_type.numpy()[shape]) not in MESHES:
         raise BounderError(f"shape {shape}: expected a mesh, bounders of other shapes save nothing")
-    of_distances = isinstance(bounder, DistanceBounder)
+    of_distances = bounder.of_distances
     of_points = not of_distances and not QUERIES[bounder.query_kind].is_region
     if not (of_distances or of_points) or bounder.ndim != 3 or bounder.domain.time or bounder.domain.unbounded:
         got = f"{bounder.ndim}D {bounder.query_kind}s"
@@ -203,7 +203,7 @@ class Shapes:
     def __init__(
         self,
         pipeline: newton.CollisionPipeline,
-        bounders: Mapping[int, Bounder | DistanceBounder],
+        bounders: Mapping[int, Bounder],
         unproven: bool,
         untested: Collection[int],
     ):
@@ -281,10 +281,10 @@ class Shapes:
         self._domains[shape] = (lower + upper) / 2, (upper - lower) / 2
         self._sizes[shape] = np.abs(vertices).max()
 
-    def _bound(self, shape: int, bounder: Bounder | DistanceBounder, unproven: bool, vertices: np.ndarray) -> None:
+    def _bound(self, shape: int, bounder: Bounder, unproven: bool, vertices: np.ndarray) -> None:
         self._enclose(shape, vertices)
         self.roles[shape] = placing.BOUNDED
-        if isinstance(bounder, DistanceBounder):
+        if bounder.of_distances:
             # The hull grows by the way, from the mesh itself on; a domain has room around it.
             self._margins[shape], self._grows[shape] = np.inf, 1.0
             return

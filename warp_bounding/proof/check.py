@@ -117,7 +117,7 @@ def certify(
         return frame.noted(certify(bounder, shape, **own, **run))
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
-    if isinstance(bounder, DistanceBounder):
+    if bounder.of_distances:
         return certify_distance(bounder, shape, expected, seconds, progress, checkpoint)
     if checkpoint is not None:
         raise BounderError(f"{bounder.method}: a checkpoint is for proofs of distances")

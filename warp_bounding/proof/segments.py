@@ -20,9 +20,9 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.batch import Framed
-from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.bounder import DISTANCES, Bounder
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distance import DISTANCES, DistanceBounder, VolumeDistance
+from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
 from warp_bounding.bounders.mlp import Local, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union

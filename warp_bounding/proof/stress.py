@@ -567,7 +567,7 @@ def soak(
     about |= {"domain": bounder.domain.to_dict(), "threshold": float(bounder.threshold)}
     digest = digest_of(bounder.tensors, about)  # of what the answers depend on
     result = Soak(bounder.method, bounder.query_kind, -1, int(count), digest, shape.digest)
-    far = isinstance(bounder, DistanceBounder)
+    far = bounder.of_distances
     result.forms = dict.fromkeys(DISTANCE_FORMS if far else FORMS, 0)
     result = _resumed(result, None if seed is None else int(seed), state)
     if state is not None:

@@ -12,18 +12,18 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders import METHODS, Bounder, cascade, method_class
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.batch import in_frame
 from warp_bounding.bounders.bounder import settled, unknown_option
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distance import DISTANCES, DistanceBounder, VolumeDistance, distance_class
+from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import THRESHOLDS, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, BoundingWarning, QueryError
-from warp_bounding.evaluation import quick_distance_rates, quick_rates
+from warp_bounding.evaluation import quick_rates
 from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
 from warp_bounding.indicators.parts import SIDES, Complement
 from warp_bounding.indicators.recentred import parted
@@ -71,7 +71,7 @@ def fit(
     device: str | None = None,
     progress: Progress | bool | None = None,
     **options,
-) -> Bounder | DistanceBounder:
+) -> Bounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
 
     The proof of an mlp for rays or boxes can take longer than the budget leaves for it. The certificate is then
@@ -146,7 +146,7 @@ def fit(
     spent = Stopwatch()
     if query == DISTANCE.name:
         check_distance(method, length, side, last, queries)
-        check_distance_options(distance_class(method), options)
+        check_distance_options(method_class(method, DISTANCE.name), options)
         device_of(device)
         shape, frame = parted(load_indicator(shape))
         check_extent(shape, margin, force)
@@ -314,7 +314,7 @@ def check_distance_options(cls: type[DistanceBounder], names: Iterable[str]) -> 
     Raises:
         BounderError: Naming one of them, and what there is.
     """
-    known = [*(option.name for option in cls.options_taken()), METRIC]
+    known = [*(option.name for option in cls.options), METRIC]
     for name in names:
         if name not in known:
             raise BounderError(unknown_option(name, cls.method, known, "distances", [fit]))
@@ -352,7 +352,7 @@ def _fit_distance(
     """
     metric = options.pop(METRIC, METRICS[0])
     shape = in_metric(shape, metric)
-    cls = distance_class(method, shape.ndim)
+    cls = method_class(method, DISTANCE.name, shape.ndim)
     if shape.joints is not None:
         raise BounderError(f"{method}: {shape.name}: distances of configurations are not bounded, points are; clear_segments clears whole motions")  # fmt: skip
     if shape.time and not (cls.moving and shape.speed is not None):
@@ -376,7 +376,7 @@ def _fit_distance(
                 f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
             )
         proving = budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
-        told = {option.name: _value_of(option, options) for option in cls.options_taken()}
+        told = {option.name: _value_of(option, options) for option in cls.options}
         if cls in DISTANCE_TRAINERS:
             with reported(progress, f"fit {method}") as update:
                 left = budget - proving
@@ -388,7 +388,7 @@ def _fit_distance(
         bounder.sizes[METRIC] = metric
         prove_distance(bounder, fitted, seconds=proving)
         bounder.info = described(fitted, seed, record)
-    bounder.info["rates"] = quick_distance_rates(bounder, fitted)
+    bounder.info["rates"] = quick_rates(bounder, fitted)
     return bounder
 
 

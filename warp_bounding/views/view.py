@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.errors import BoundingError, QueryError
@@ -234,7 +233,7 @@ class View:
 
 
 def view_of(
-    bounder: Bounder | DistanceBounder,
+    bounder: Bounder,
     shape: Shape,
     *,
     radii: Sequence[float] = (0.0,),
@@ -271,7 +270,7 @@ def view_of(
     lower, upper, solid = around.lower[axes] - room, around.upper[axes] + room, len(axes) == SPACE
     cells, rng = resolution or (CELLS if solid else PIXELS), np.random.default_rng(seed)
     level_set = level_surface if solid else _pixels
-    by_radius = isinstance(bounder, DistanceBounder) and (len(radii) > 1 or not times)
+    by_radius = bounder.of_distances and (len(radii) > 1 or not times)
     objects, states = {}, []
     for radius, time in pairs:
         section = held if time is None else {0: time, **held}
@@ -317,7 +316,7 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
     if bounder.query_kind not in ASKED:
         told = f"bounders of {', '.join(ASKED)} queries, got one of {bounder.query_kind} queries"
         raise QueryError(f"show is for {told}: what it answers depends on more than a place")
-    if not isinstance(bounder, DistanceBounder) and any(radii):
+    if not bounder.of_distances and any(radii):
         raise QueryError(f"a radius is for distances, got one for {bounder.query_kind} queries")
     for radius in radii:
         if not 0 <= radius < np.inf:
@@ -336,11 +335,11 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
         raise QueryError(f"expected one radius or one time, got {len(radii)} radii and {len(times)} times")
 
 
-def _asked(bounder: Bounder | DistanceBounder, shape: Shape, radius: float) -> tuple[Test, Test, Shape, Shape]:
+def _asked(bounder: Bounder, shape: Shape, radius: float) -> tuple[Test, Test, Shape, Shape]:
     """Where a bounder says *maybe* of points ``(N, n)`` float32; their truth, as of ``Shape.decide``; around which shape they are drawn; what the fit bounded."""
     bounder, shape = in_local(bounder, shape)
     fitted, ask = as_fitted(bounder, shape), ASKED[bounder.query_kind]
-    if isinstance(bounder, DistanceBounder):
+    if bounder.of_distances:
         _, around, truth = judge_of_points(bounder, shape, fitted, radius)
     else:
         around = judge_of(of_side(bounder, shape), fitted, POINT.name, PROTOCOLS[0])
