@@ -5,12 +5,9 @@ reference, together. They share a few names, which each example may use without 
 ``far``, a distance bounder of the ball, and ``ball_distances``, those of the points.
 """
 
-import ast
 import doctest
 import re
-from functools import cached_property
-from inspect import getattr_static, getdoc
-from types import FunctionType
+from inspect import getdoc
 
 import numpy as np
 import pytest
@@ -104,38 +101,3 @@ def test_examples_run(name, made, tmp_path, monkeypatch):
 def test_examples_of_pages_run(page, made, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(shown(page), page, made)
-
-
-FOR_PROOFS = ("extra", "haste", "rate")  # numbers of a distance that moves, which only proofs read
-
-
-@pytest.mark.parametrize(
-    ("kind", "page"),
-    [
-        (wb.Bounder, "bounders"),
-        (wb.DistanceBounder, "distances"),
-        (wb.TwoSided, "composition"),
-        (wb.Choice, "choose"),
-        (wb.arms.Arm, "arms"),
-        (wb.arms.Joint, "arms"),
-        (wb.arms.Body, "arms"),
-    ],
-)
-def test_every_public_method_has_an_example(kind, page):
-    """In its own docstring, or on the page, where it is called or read."""
-    examples = doctest.DocTestParser().get_examples(shown(page))
-    used = {node.attr for e in examples for node in ast.walk(ast.parse(e.source)) if isinstance(node, ast.Attribute)}
-    described = (classmethod, staticmethod, property, cached_property, FunctionType)
-    names = [
-        name for name in dir(kind) if not name.startswith("_") and isinstance(getattr_static(kind, name), described)
-    ]
-    assert names
-    names = [name for name in names if name not in FOR_PROOFS]
-    assert [n for n in names if n not in used and ">>>" not in (getdoc(getattr_static(kind, n)) or "")] == []
-
-
-def test_a_name_without_an_example_is_found(made):
-    with pytest.raises(AssertionError, match="has no example"):
-        run("Says what it does.", "nothing", made)
-    with pytest.raises(AssertionError, match="Got"):
-        run(">>> 1 + 1\n3", "wrong", made)

@@ -109,7 +109,6 @@ def ball(tmp_path):
 
 
 def test_from_a_file_to_an_answer(ball, tmp_path, rng):
-    pytest.importorskip("torch", reason="torch is not installed")
     bounder = wb.fit(str(ball), method="diamond", resolution=24, margin=0.25, device="cpu")
     assert bounder.certificate.proven
     bounder.save(tmp_path / "b.safetensors")
@@ -131,12 +130,10 @@ def test_from_a_file_to_an_answer(ball, tmp_path, rng):
 
 
 def test_its_option_is_checked_and_loosens_it(ball):
-    pytest.importorskip("torch", reason="torch is not installed")
     tight, loose = (wb.fit(str(ball), method="diamond", device="cpu", slack=slack) for slack in (0.0, 0.5))
     assert loose.tensors["radius"] > tight.tensors["radius"]
     with pytest.raises(
-        BounderError,
-        match="diamond takes no option 'leaves'; beside the arguments of fit, diamond takes slack for point queries",
+        BounderError, match="diamond takes no option 'leaves'; beside the arguments of fit, diamond takes"
     ):
         wb.fit(str(ball), method="diamond", leaves=3)
     with pytest.raises(BounderError, match="diamond does not bound ray queries"):
@@ -144,7 +141,6 @@ def test_its_option_is_checked_and_loosens_it(ball):
 
 
 def test_in_a_cascade(ball, tmp_path, rng):
-    pytest.importorskip("torch", reason="torch is not installed")
     whole = wb.fit(str(ball), method="diamond+obb", device="cpu")
     assert whole.certificate.proven
     whole.save(tmp_path / "whole.safetensors")
@@ -156,7 +152,6 @@ def test_in_a_cascade(ball, tmp_path, rng):
 
 
 def test_on_the_command_line(ball, tmp_path, capsys):
-    pytest.importorskip("torch", reason="torch is not installed")
     from warp_bounding.cli import main
 
     def run(*arguments):
@@ -185,16 +180,12 @@ def test_what_is_not_registered_is_not_known(ball, tmp_path):
     READERS[".ball"] = lambda path, _: Ball.read(path)
 
 
-@pytest.mark.parametrize(
-    ("kind", "words"),
-    [
+def test_what_cannot_be_registered():
+    for kind, words in (
         (Ball, "expected a class of bounders"),
-        (type("Nameless", (Diamond,), {"method": ""}), "must be a name"),
         (type("Two", (Diamond,), {"method": "a+b"}), "must be a name without"),
         (type("Other", (Diamond,), {}), "method diamond is Diamond already"),
         (type("Cascade", (Diamond,), {"method": "cascade"}), "none of cascade, local, union"),
-    ],
-)
-def test_what_cannot_be_registered(kind, words):
-    with pytest.raises(BounderError, match=words):
-        register(kind)
+    ):
+        with pytest.raises(BounderError, match=words):
+            register(kind)

@@ -81,12 +81,10 @@ def leaky():
 
 
 def network(query: str, method: str = "mlp"):
-    return wb.fit(shape("c"), query, method, hidden=(7, 6), activation="leaky", steps=60, device="cpu")
+    return wb.fit(shape("c"), query, method, hidden=(8,), activation="leaky", steps=30, device="cpu")
 
 
-@pytest.mark.parametrize(
-    ("query", "method"), [("point", "mlp"), ("plane", "mlp"), ("point", "mlp-early"), ("box", "monotone-mlp")]
-)
+@pytest.mark.parametrize(("query", "method"), [("point", "mlp"), ("plane", "mlp"), ("box", "monotone-mlp")])
 def test_an_activation_of_ones_own(query, method, tmp_path, rng):
     """Fitted, proven, stored, loaded, certified, asked."""
     grid, bounder = shape("c"), network(query, method)
@@ -116,12 +114,12 @@ def test_its_relaxation_holds_and_its_kernel_does_the_same(leaky, rng):
     assert np.allclose(fused.lower, plain[0], atol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["leaky", "sin", "one-eighth", "", "été"])
-def test_names_that_are_refused(name):
-    other = Leaky()
-    other.name = name
-    with pytest.raises(BounderError, match="name"):
-        register(other)
+def test_names_that_are_refused():
+    for name in ("leaky", "sin", "one-eighth", "", "été"):
+        other = Leaky()
+        other.name = name
+        with pytest.raises(BounderError, match="name"):
+            register(other)
 
 
 def test_files_of_activations_that_nobody_knows(tmp_path):

@@ -54,9 +54,9 @@ def check_bounder(copied, bounder, ask) -> None:
     """Copies of a bounder, as it is and after use, answer as it does, and a new threshold of one is not the other's."""
     for used in (False, True):
         if used:
-            if hasattr(bounder, "prepare"):
+            if not bounder.of_distances:
                 bounder.prepare(np.zeros((4, bounder.domain.columns), np.float32)).launch()
-            _ = bounder.data, bounder.func if hasattr(bounder, "func") else bounder.distance_func
+            _ = bounder.data, bounder.distance_func if bounder.of_distances else bounder.func
         made = copied(bounder)
         check_apart(made, bounder)
         assert all(not tensor.flags.writeable for tensor in made.tensors.values())
@@ -125,13 +125,7 @@ def _mesh() -> wb.IndicatorMesh:
     return wb.IndicatorMesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
-def _blend() -> wb.IndicatorBlendShapes:
-    mesh = _mesh()
-    return wb.IndicatorBlendShapes(mesh.vertices, [0.5 * mesh.vertices], mesh.faces)
-
-
 def _network() -> wb.IndicatorNetwork:
-    torch.manual_seed(0)
     layers = torch.nn.Sequential(torch.nn.Linear(2, 8), torch.nn.ReLU(), torch.nn.Linear(8, 1))
     return wb.IndicatorNetwork(layers, [-1, -1], [1, 1])
 
@@ -144,13 +138,12 @@ def _arm() -> wb.arms.ArmConfigurations:
 
 SHAPES = {
     "grid": lambda: shape("c"),
-    "mesh": _mesh,
     "dilated mesh": lambda: _mesh().dilated(0.1),
     "motion": lambda: wb.IndicatorMotion([_mesh().vertices, _mesh().vertices + 0.5], _mesh().faces),
-    "blend shapes": _blend,
+    "blend shapes": lambda: wb.IndicatorBlendShapes(_mesh().vertices, [0.5 * _mesh().vertices], _mesh().faces),
     "function": lambda: wb.IndicatorFunction(star, [-1, -1], [1, 1]),
     "distance": lambda: wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=away),
-    "network": _network,
+    "network": cache(_network),
     "solids": lambda: (wb.solids.Sphere([0, 0], 0.7) - wb.solids.Box([0, 0], [1, 1])).dilated(0.1),
     "mixed": lambda: wb.solids.Union(wb.solids.Sphere([0, 0, 0], 0.5), _mesh()),
     "extrusion": lambda: wb.solids.Extrusion(wb.solids.Sphere([0, 0], 0.5), [0, 1], [[0, 0], [2, 1]]),

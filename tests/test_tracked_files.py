@@ -43,8 +43,3 @@ def test_a_folder_is_found_in_texts_notebooks_bounders_and_pictures(tmp_path):
     assert folders("p.png", picture)
     outputs = [{"data": {"image/png": base64.b64encode(picture).decode()}}]
     assert folders("n.ipynb", json.dumps({"cells": [{"outputs": outputs}]}).encode())
-
-
-@pytest.mark.parametrize("text", ["out/tmp/a", "~/work/a", "./home/a", "https://example.org/home/a", "and/or", "a: /x"])
-def test_other_paths_are_none(text):
-    assert not folders("a.md", text.encode())

@@ -35,7 +35,7 @@ def pointers(prepared) -> list[int]:
     return [array.ptr for array in (prepared.out, prepared.indices, prepared.count) if array is not None]
 
 
-@pytest.mark.parametrize("method", ["aabb", "bvh", "voxels", "mlp", "mlp-early"])
+@pytest.mark.parametrize("method", ["aabb", "voxels", "mlp-early"])
 def test_it_answers_as_query_does(method, device, rng):
     bounder, x = random_bounder(method, "blob", device), points_at(device, rng)
     prepared = bounder.prepare(x)
@@ -52,7 +52,7 @@ def test_regions(query, rng):
         assert (bounder.prepare(q, **options).launch().numpy() == bounder.query(q, **options).numpy()).all()
 
 
-@pytest.mark.parametrize("count", [0, 1, 1500, 40_000])
+@pytest.mark.parametrize("count", [0, 1, 40_000])
 def test_candidates_in_memory_that_is_made_once(bounder, device, rng, count):
     x = points_at(device, rng, count)
     prepared = bounder.prepare(x, candidates=True)
@@ -83,63 +83,36 @@ def test_numpy_and_torch_are_viewed_and_kept(rng):
     bounder = random_bounder("kdop", "blob")
     for make in (np.array, torch.tensor):
         x = make(domain_points(shape("blob"), 300, rng))
-        view = np.asarray(x)
-        prepared = bounder.prepare(x)
+        view, prepared = np.asarray(x), bounder.prepare(x)
         before = prepared.launch().numpy().copy()
         view[:] = view[::-1].copy()
         assert (prepared.launch().numpy() == before[::-1]).all()
         assert set(before) == {0, 1}
-    prepared = bounder.prepare(np.full((5000, 3), np.nan, np.float32))  # nobody else holds it
-    assert prepared.launch().numpy().all()
 
 
-@pytest.mark.parametrize(
-    "make",
-    [
-        lambda x: x.astype(np.float64),
-        lambda x: x[::2],
-        lambda x: np.asfortranarray(x),
-        lambda x: x.tolist(),
-        lambda x: torch.tensor(x).double(),
-        lambda x: torch.tensor(x)[::2],
-        lambda x: wp.array(x, dtype=wp.vec3, device="cpu")[::2],
-    ],
-    ids=["double", "gaps", "columns", "list", "torch-double", "torch-gaps", "warp-gaps"],
-)
-def test_x_that_would_be_copied_is_refused(make, rng):
+def test_x_that_would_be_copied_is_refused(rng):
     """In ``query`` it is copied; a prepared copy would never see what is written to x."""
-    bounder, x = random_bounder("kdop", "blob"), make(domain_points(shape("blob"), 100, rng))
-    bounder.query(x)
-    with pytest.raises(
-        QueryError, match=r"^x must be float32, in one piece and on cpu.*got \w+ of [\w.]+ that would have to"
-    ):
-        bounder.prepare(x)
+    bounder, x = random_bounder("kdop", "blob"), domain_points(shape("blob"), 100, rng)
+    t, array = torch.tensor(x), wp.array(x, dtype=wp.vec3, device="cpu")
+    for copied in (x.astype(np.float64), x[::2], np.asfortranarray(x), x.tolist(), t.double(), t[::2], array[::2]):
+        bounder.query(copied)
+        with pytest.raises(QueryError, match=r"^x must be float32, in one piece and on cpu.*that would have to"):
+            bounder.prepare(copied)
 
 
-def _resize(x):
-    x.resize_(200_000, 3)
-
-
-def _shorten(x):
-    x.resize_(10, 3)
-
-
-def _replace(x):
-    x.data = torch.zeros_like(x)
-
-
-def _resize_array(x):
-    x.resize((200_000, 3), refcheck=False)
-
-
-@pytest.mark.parametrize("change", [_resize, _shorten, _replace, _resize_array])
+@pytest.mark.parametrize("change", ["resize", "shorten", "replace", "array"])
 def test_x_that_lies_elsewhere_by_now_is_refused(change, rng):
     """A launch would ask what it was prepared with: old numbers, or memory that is somebody else's."""
     bounder, x = random_bounder("kdop", "blob"), domain_points(shape("blob"), 300, rng)
-    x = x.copy() if change is _resize_array else torch.tensor(x)
+    x = x.copy() if change == "array" else torch.tensor(x)
     prepared = bounder.prepare(x)
     prepared.launch()
-    change(x)
+    if change == "replace":
+        x.data = torch.zeros_like(x)
+    elif change == "array":
+        x.resize((200_000, 3), refcheck=False)
+    else:
+        x.resize_(200_000 if change == "resize" else 10, 3)
     with pytest.raises(QueryError, match=r"^x lies elsewhere than when it was prepared, or has another shape; prepare"):
         prepared.launch()
     assert (bounder.prepare(x).launch().numpy() == bounder.query(x).numpy()).all()
@@ -217,21 +190,6 @@ def test_a_threshold_that_is_lowered_while_data_are_made_is_seen(device, rng, mo
     assert not outside.all()
 
 
-def test_a_wrong_out_is_named_in_one_short_line(bounder, device, rng):
-    x = points_at(device, rng)
-    wrong = {
-        "one of shape (1501,) and dtype uint8": wp.zeros(1501, dtype=wp.uint8, device=device),
-        "one of shape (1500,) and dtype int32": wp.zeros(1500, dtype=wp.int32, device=device),
-        "one of shape (1500,) and dtype uint8 with gaps": wp.zeros(3000, dtype=wp.uint8, device=device)[::2],
-        "ndarray": np.zeros(1500, np.uint8),
-    }
-    for got, out in wrong.items():
-        for ask in (bounder.query, bounder.prepare):
-            with pytest.raises(QueryError) as error:
-                ask(x, out=out)
-            assert str(error.value) == f"out must be a contiguous wp.array of shape (1500,) and dtype uint8, got {got}"
-
-
 def test_several_threads_launch_at_once(rng, monkeypatch):
     monkeypatch.setenv("WARP_BOUNDING_THREADS", "3")
     bounder = random_bounder("mlp", "blob")
@@ -253,10 +211,3 @@ def test_several_threads_launch_at_once(rng, monkeypatch):
     for thread in threads:
         thread.join()
     assert not wrong
-
-
-def test_repr_says_what_is_prepared():
-    bounder, points = random_bounder("kdop", "blob", "cpu"), wp.zeros(5, dtype=wp.vec3, device="cpu")
-    assert repr(bounder.prepare(points)).startswith("<5 point queries in object space, prepared for <kdop bounder")
-    placed = bounder.prepare(points, scale=2.0, candidates=True)
-    assert repr(placed).startswith("<5 point queries in the world, with candidates, prepared for <kdop")

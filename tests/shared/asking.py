@@ -12,7 +12,7 @@ ARCHITECTURE = 86
 
 
 @cache
-def asking_kernel(test, ndim: int) -> wp.Kernel:
+def asking_kernel(test, ndim: int, region: bool = False) -> wp.Kernel:
     """A kernel as a user would write it."""
     vector = vector_type(ndim)
 
@@ -22,14 +22,22 @@ def asking_kernel(test, ndim: int) -> wp.Kernel:
         if test(data, q[i]):
             answer[i] = wp.uint8(1)
 
-    return ask
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask_region(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+        i = wp.tid()
+        if test(data, a[i], b[i]):
+            answer[i] = wp.uint8(1)
+
+    return ask_region if region else ask
 
 
 def ask(bounder, x: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
-    answer = wp.zeros(len(x), dtype=wp.uint8, device=bounder.device)
-    q = wp.array(x, dtype=vector_type(bounder.ndim), device=bounder.device)
-    wp.launch(asking_kernel(bounder.func, bounder.ndim), len(x), [bounder.data, q], [answer], device=bounder.device)
+    n, region, device = bounder.ndim, bounder.query_kind != "point", bounder.device
+    answer = wp.zeros(len(x), dtype=wp.uint8, device=device)
+    parts = [x[:, :n], x[:, n:]] if region else [x]
+    given = [wp.array(np.ascontiguousarray(part), dtype=vector_type(n), device=device) for part in parts]
+    wp.launch(asking_kernel(bounder.func, n, region), len(x), [bounder.data, *given], [answer], device=device)
     return answer.numpy()
 
 

@@ -1,22 +1,24 @@
-"""Rays, planes and boxes against the classic volumes: no false negative, rounding within its bound, and tight."""
+"""Rays, planes and boxes against the volumes: no false negative, rounding within its bound, and tight."""
 
-import sys
 from functools import cache
 
 import numpy as np
 import pytest
 import warp as wp
+from asking import ask
 from bounding_shapes import crossed, shape
-from region_cases import REGIONS, VOLUMES, cases, fitted_region, ray_length
+from region_cases import REGIONS, VOLUMES, cases, fitted_region
 
-from warp_bounding.bounders import load, supports
+from warp_bounding.bounders import supports
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.functions import TOOLS, batch_kernel
+from warp_bounding.kernels.functions import TOOLS
 from warp_bounding.kernels.source import Lanes
 from warp_bounding.runtime.native import named, unique_name
 
 KINDS = ("obb", "kdop", "oriented-ellipsoid", "bvh")  # of them the others are special cases, with the same text
-NAMES = ("c", "blob", "star", "single", "anisotropic", "mesh", "half", "animated", "five")
+
+
+NAMES = ("c", "blob", "single", "anisotropic", "animated")
 
 
 @cache
@@ -113,7 +115,7 @@ def random_coordinates(domain, rng: np.random.Generator, count: int) -> tuple[np
 
 @pytest.mark.parametrize(
     ("method", "name"),
-    [(m, "blob") for m in KINDS] + [(m, n) for m in ("kdop", "oriented-ellipsoid") for n in ("c", "animated")],
+    [(m, "blob") for m in KINDS] + [("kdop", "c"), ("oriented-ellipsoid", "c")],
 )
 @pytest.mark.parametrize("query", REGIONS)
 def test_rounding_bound(method, query, name, device, rng):
@@ -148,74 +150,15 @@ def test_rounding_bound(method, query, name, device, rng):
 
 
 @pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", KINDS)
+@pytest.mark.parametrize("method", ["kdop", "bvh"])
 def test_function_in_a_kernel(method, query, device):
     """The same answers as the batch path but for rounding: both within the bound, both without false negatives."""
     bounder = made(method, "blob", query).to(device)
     q, truth = known("blob", query)
-    test, n = bounder.func, len(q)
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def ask(data: bounder.Data, a: wp.array(dtype=wp.vec3), b: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
-        if test(data, a[i], b[i]):
-            out[i] = wp.uint8(1)
-
-    a, b = (wp.array(np.ascontiguousarray(part), dtype=wp.vec3, device=device) for part in (q[:, :3], q[:, 3:]))
-    out = wp.zeros(n, dtype=wp.uint8, device=device)
-    wp.launch(ask, dim=n, inputs=[bounder.data, a, b], outputs=[out], device=device)
-    batch = bounder.query(q).numpy().astype(bool)
-    alone = out.numpy().astype(bool)
+    batch, alone = bounder.query(q).numpy().astype(bool), ask(bounder, q).astype(bool)
     assert (alone >= truth).all()
     assert (batch >= truth).all()
     assert (alone != batch).sum() <= 20  # regions that graze the volume
-
-
-@pytest.mark.parametrize("query", REGIONS)
-def test_boxes_are_boxes(query, rng):
-    """The axis-aligned box answers like exact arithmetic for regions that are a hundred-thousandth off its faces."""
-    grid = shape("blob")
-    bounder = made("aabb", "blob", query)
-    low, high = grid.position(grid.occupied - 0.5).min(axis=0), grid.position(grid.occupied + 0.5).max(axis=0)
-    cell = 1 / grid.cells_per_unit
-    normals = rng.normal(size=(300, 3))
-    corner = np.where(normals > 0, high, low)
-    for away, answer in ((1e-2, 0), (-1e-2, 1)):
-        p = corner + away * cell * np.sign(normals)
-        if query == "box":
-            reach = rng.random(p.shape) * cell
-            q = np.concatenate([np.where(normals > 0, p, p - reach), np.where(normals > 0, p + reach, p)], axis=1)
-        elif query == "plane":
-            q = np.concatenate([normals, p], axis=1)
-        else:
-            d = np.cross(normals, rng.normal(size=p.shape))
-            q = np.concatenate([p - d / np.linalg.norm(d, axis=1, keepdims=True) * 0.6 * ray_length(grid), d], axis=1)
-        inside_domain = (np.abs(bounder.domain.base.to_local(q[:, 3:] if query == "plane" else q[:, :3])) < 7).all(
-            axis=1
-        )
-        assert (bounder.query(q[inside_domain].astype(np.float32)).numpy() == answer).all()
-
-
-@pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", VOLUMES)
-def test_saved_and_loaded(method, query, tmp_path):
-    bounder = made(method, "c", query)
-    bounder.save(tmp_path / "b.safetensors")
-    twin = load(tmp_path / "b.safetensors", device="cpu")
-    assert (twin.weights() == bounder.weights()).all()
-    assert twin.source == bounder.source
-    assert twin.nbytes == bounder.nbytes
-    assert twin.least(shape("c")) == bounder.least(shape("c"))
-
-
-@pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
-@pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
-@pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", ["kdop", "oriented-ellipsoid", "bvh"])
-def test_compiles_for_cuda(method, query, tmp_path):
-    kernel = batch_kernel(made(method, "c", query).source, False, False)
-    wp.compile_aot_module(kernel.module, device=None, arch=86, module_dir=tmp_path)
-    assert [*tmp_path.rglob("*.ptx"), *tmp_path.rglob("*.cubin")]
 
 
 def test_a_volume_that_does_not_hold_the_object():

@@ -1,0 +1,681 @@
+"""Bounders made of others: cascades, unions, hierarchies and both sides answer as their parts do, are proven part by part, and a wrong part is refuted."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from asking import ask, check_compiles
+from bounding_shapes import domain_points, fitted, fitted_ball, object_points, shape, told_of
+from region_cases import hard_regions
+from rewriting import rewrite
+
+import warp_bounding as wb
+from warp_bounding.bounders import Cascade, Union, united
+from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders.two_sided import MAYBE, NO, YES
+from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
+from warp_bounding.indicators.parts import Complement, part_of
+from warp_bounding.indicators.shape import IN, OUT, Pieces
+from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.source import DENIED, GRANTED, Lanes
+from warp_bounding.proof import prove, soak
+
+CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp-early"), ("voxels", "mlp")]
+
+
+UNITED = ("aabb", "mlp", "kdop", "mlp-early")
+
+
+def raised(bounder: wb.Bounder, x: np.ndarray, share: float) -> wb.Bounder:
+    """A bounder that denies a share of some points, so that every part has something to do."""
+    if isinstance(bounder, MlpEarly):  # what an exit grants has no f
+        bounder = bounder.granting([], [GRANTED] * (len(bounder.hidden) - 1))
+    values = bounder.values(x).numpy()
+    return bounder.to("cpu").freeze(float(np.quantile(values[np.isfinite(values)], share)), None)
+
+
+def near(parts: list, x: np.ndarray) -> np.ndarray:
+    """Which points lie so close to a threshold of a part that kernels may differ."""
+    close = [np.abs(p.values(x).numpy() - float(p.threshold)) <= 2 * p.rounding_bound() for p in parts]
+    assert np.any(close, axis=0).mean() < 0.2
+    return np.any(close, axis=0)
+
+
+def lost_bits(bounder: wb.Bounder, rng: np.random.Generator) -> wb.Bounder:
+    """A bit field of which some words are lost, so that it denies some of the object."""
+    bits = bounder.tensors["bits"] * (rng.integers(3, size=len(bounder.tensors["bits"])) > 0).astype(np.uint32)
+    changed = type(bounder)(bounder.domain, bounder.tensors | {"bits": bits}, bounder.sizes, "cpu")
+    changed.info = bounder.info
+    return changed.freeze(bounder.threshold, None)
+
+
+def reloaded(bounder: wb.Bounder, folder) -> wb.Bounder:
+    """From its file."""
+    bounder.save(folder / "b.safetensors")
+    again = wb.load(folder / "b.safetensors", device="cpu")
+    assert again.certificate == bounder.certificate
+    return again
+
+
+@pytest.mark.parametrize("methods", CHAINS, ids="+".join)
+def test_all_parts_must_pass(methods, device, rng):
+    x = domain_points(shape("blob"), 5000, rng)
+    parts = [m if m == "voxels" else 0.3 + 0.1 * i for i, m in enumerate(methods)]
+    parts = [
+        fitted(m, "blob") if s == m else raised(fitted(m, "blob"), x, s) for m, s in zip(methods, parts, strict=True)
+    ]
+    whole = wb.cascade(*parts).to(device)
+    x = x[~near(parts, x)]
+    answers = np.stack([part.to(device).query(x).numpy() for part in parts])
+    assert (whole.query(x).numpy() == answers.all(axis=0)).all()
+    assert (ask(whole, x) == answers.all(axis=0)).all()
+    values, last = whole.values(x).numpy(), parts[-1].to(device).values(x).numpy()
+    assert (values[answers[:-1].all(axis=0)] == last[answers[:-1].all(axis=0)]).all()
+    assert (values[~answers[:-1].all(axis=0)] <= DENIED).all()
+
+
+@pytest.mark.parametrize("methods", [*CHAINS, UNITED], ids="+".join)
+def test_what_is_proven_of_the_parts_is_proven_of_all(methods, tmp_path, rng):
+    grid, join = shape("blob"), wb.union if methods == UNITED else wb.cascade
+    whole = join(*(fitted(m, "blob") for m in methods))
+    assert whole.certificate.proven
+    inside = object_points(grid, rng)
+    assert whole.query(inside).numpy().all()
+    assert ask(whole, inside).all()
+    again = reloaded(whole, tmp_path)
+    x = domain_points(grid, 3000, rng)
+    assert (again.query(x).numpy() == whole.query(x).numpy()).all()
+    assert wb.certify(again, grid).proven
+    assert wb.evaluate(again, grid, samples=20_000).fn == 0
+
+
+def test_a_wrong_part_is_refuted(rng):
+    grid, right = shape("blob"), fitted("mlp", "blob")
+    wrong = raised(fitted("aabb", "blob"), object_points(grid, rng), 0.2)
+    union = Union.of([wrong, right]).freeze(0.0, None)
+    union.info = right.info
+    for whole in (wb.cascade(wrong, right), wb.cascade(right, wrong), union):
+        assert whole.certificate is None
+        certificate = wb.certify(whole, grid)
+        assert certificate.kind == "refuted"
+        assert grid.contains(np.float64([certificate.counterexample])).all()
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_regions(query, rng):
+    grid, small = shape("c"), {"hidden": (8,), "steps": 3}
+    parts = [wb.fit(grid, query, m, device="cpu", **told_of(m, query, **small)) for m in ("aabb", "mlp")]
+    whole, x = wb.cascade(*parts), hard_regions(query, grid, rng, 1.0, 3000)
+    answers = np.stack([part.query(x).numpy() for part in parts])
+    assert (whole.query(x).numpy() == answers.all(axis=0)).all()
+    assert whole.certificate.kind == parts[-1].certificate.kind
+    if whole.certificate.proven:
+        assert wb.certify(whole, grid).proven
+
+
+@pytest.mark.parametrize("join", [Cascade.of, Union.of])
+def test_bounds_are_those_of_the_whole(join, rng):
+    whole = join([fitted("aabb", "blob"), fitted("mlp", "blob")])
+    low = rng.uniform(-1, 1, (500, 3))
+    high = low + 10 ** rng.uniform(-4, 0, (500, 1))
+    bounds = whole.bound(low, high)
+    for t in rng.random((20, 1, 3)):
+        assert (whole.reference(low + t * (high - low)) >= bounds.lower).all()
+
+
+def test_several_parts_may_have_bit_fields(tmp_path, device, rng):
+    """In any order, and in a cascade within a cascade, every part reads its own words."""
+    grid, x, first = shape("blob"), domain_points(shape("blob"), 5000, rng), fitted("voxels", "blob")
+    parts = [first, fitted("aabb", "blob"), lost_bits(first, rng)]
+    wholes = [wb.cascade(*parts), wb.cascade(*parts[::-1]), wb.cascade(parts[0], wb.cascade(*parts[1:]))]
+    lossy = [raised(fitted("kdop", "blob"), x, 0.7), lost_bits(first, rng), lost_bits(first, rng)]
+    wholes += [Union.of(lossy).freeze(0.0, None)]
+    wholes[-1].info = first.info
+    for whole in wholes:
+        join, own = (np.any, lossy) if whole.method == "union" else (np.all, parts)
+        expected = join([part.query(x).numpy() for part in own], axis=0)
+        assert 0 < expected.sum() < len(x)
+        for each in (whole, reloaded(whole, tmp_path).to(device)):
+            assert (each.query(x).numpy() == expected).all()
+            assert (ask(each, x) == expected).all()
+        assert wb.certify(whole, grid).kind == "refuted"
+    assert wb.certify(wb.cascade(first, first), grid).proven
+
+
+def test_parts_that_a_cascade_refuses():
+    aabb, mlp = fitted("aabb", "blob"), fitted("mlp", "blob")
+    with pytest.raises(BounderError, match="2 to 8"):
+        wb.cascade(aabb)
+    with pytest.raises(BounderError, match="same queries and domain"):
+        wb.cascade(aabb, fitted("mlp", "c"))
+    with pytest.raises(BounderError, match="not conservative"):
+        wb.cascade(aabb, fitted("occupancy", "blob"))
+    with pytest.raises(BounderError, match="exits"):
+        wb.cascade(fitted("mlp-early", "blob"), mlp)
+    other = aabb.to("cpu")
+    other.info = aabb.info | {"indicator": "another"}
+    with pytest.raises(BounderError, match="same object"):
+        wb.cascade(other, mlp)
+    other.info = dict(aabb.info)
+    other.freeze(float(aabb.threshold), replace(aabb.certificate, indicator="0" * 64))
+    with pytest.raises(BounderError, match="certificates of the same object"):
+        wb.cascade(other, mlp)
+    whole = wb.cascade(aabb, mlp)
+    with pytest.raises(BounderError, match="tensors"):
+        Cascade(whole.domain, dict(whole.tensors) | {"9.low": np.zeros(3, np.float32)}, whole.sizes, "cpu")
+    with pytest.raises(BounderError, match="parts"):
+        Cascade(whole.domain, dict(whole.tensors), {"parts": []}, "cpu")
+
+
+BALL = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+
+
+@cache
+def in_two(first_end: float = 0.25) -> tuple[list, list]:
+    """Two boxes around both halves of a ball, cut at 0.25: parts and regions; the first may end before the cut."""
+    regions = [([-np.inf] * 3, [first_end, np.inf, np.inf]), ([0.25, -np.inf, -np.inf], [np.inf] * 3)]
+    regions, domain, parts = np.float64(np.array(regions, np.float32)), fitted_ball(BALL).domain, []
+    for region in regions:
+        own = part_of(BALL, region)
+        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
+        prove(parts[-1], own, eps=0.1, boxes=5_000)
+    return parts, [tuple(region) for region in regions]
+
+
+def test_any_part_may_pass(device, rng):
+    x = domain_points(shape("blob"), 5000, rng)
+    parts = [raised(fitted(method, "blob"), x, 0.6 + 0.1 * i) for i, method in enumerate(UNITED)]
+    parts.append(Cascade.of([raised(fitted(m, "blob"), x, share) for m, share in (("aabb", 0.3), ("mlp", 0.5))]))
+    whole = Union.of(parts).freeze(0.0, None).to(device)
+    x = x[~near([*parts[:4], *parts[4].parts], x)]
+    expected = np.any([part.to(device).query(x).numpy() for part in parts], axis=0)
+    assert 0.05 < expected.mean() < 0.95
+    assert (ask(whole, x) == expected).all()
+    values = whole.values(x).numpy()
+    assert (values[expected] >= 1.0).all()
+    assert (values[~expected] <= DENIED).all()
+    for count in (1, 17, 300, len(x)):  # the ends of blocks
+        assert (whole.query(x[:count]).numpy() == expected[:count]).all()
+
+
+def test_parts_in_regions_hold_all_of_it_together(tmp_path, rng):
+    whole = united(*in_two(), BALL)
+    x = rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)
+    for each in (whole, reloaded(whole, tmp_path)):
+        assert each.certificate.proven
+        assert wb.certify(each, BALL).proven
+        assert each.query(x[BALL.contains(x)]).numpy().all()
+    part = whole.parts[0]
+    assert not part.query(x[BALL.contains(x)]).numpy().all()
+    assert wb.certify(part.freeze(part.threshold, None), BALL).kind == "refuted"
+
+
+def test_regions_that_do_not_cover_the_object_are_refused_with_a_point():
+    parts, regions = in_two(first_end=0.2)
+    with pytest.raises(BounderError, match=r"do not cover the object, which is at \(0\.2"):
+        united(parts, regions, BALL)
+    certificate = wb.certify(Union.of(parts, regions).freeze(0.0, None), BALL)
+    assert certificate.kind == "undecided"
+    assert "do not cover" in certificate.message
+    parts, regions = in_two()
+    with pytest.raises(BounderError, match="part 0 has no certificate for its region"):
+        united(parts[::-1], regions, BALL)
+    whole = united(parts, regions, BALL)
+    for region in ([[1.0] * 3, [0.0] * 3], [[0.0] * 2, [1.0] * 2], [[0.0] * 3], "box", [["x"] * 3] * 2):
+        entries = [whole.sizes["parts"][0] | {"region": region}, whole.sizes["parts"][1]]
+        with pytest.raises(BounderError, match="corners of a box"):
+            Union(whole.domain, whole.tensors, {"parts": entries}, "cpu")
+
+
+def test_a_root_and_any_child(device, tmp_path, rng):
+    x = domain_points(shape("blob"), 5000, rng)
+    root, *children = (raised(fitted(m, "blob"), x, 0.5 + 0.1 * i) for i, m in enumerate(UNITED[:3]))
+    children = Union.of(children).freeze(0.0, None)
+    expected = root.query(x).numpy() & children.query(x).numpy()
+    assert 0.05 < expected.mean() < 0.95
+    whole = Cascade.of([root, children]).to(device)
+    assert (whole.query(x).numpy() == expected).all()
+    assert (ask(whole, x) == expected).mean() > 0.999
+    assert ((whole.values(x).numpy() >= 0) == expected).all()
+    whole.info = fitted("mlp", "blob").info
+    assert wb.certify(whole, shape("blob")).kind == "refuted"
+    honest = wb.cascade(fitted("mlp", "blob"), wb.union(fitted("kdop", "blob"), fitted("mlp-early", "blob")))
+    assert honest.certificate.proven
+    again = reloaded(honest, tmp_path)
+    assert wb.certify(again, shape("blob")).proven
+    assert again.query(object_points(shape("blob"), rng)).numpy().all()
+
+
+def test_exits_of_a_part_are_proven_too():
+    grid = shape("c")
+    early = wb.fit(grid, "plane", "mlp-early", hidden=(6, 5), steps=3, device="cpu", progress=False)
+    exits = early.tensors | {"exits.thresholds": np.float32([1e5])}
+    lying = type(early)(early.domain, exits, early.sizes, "cpu").freeze(early.threshold, None)
+    for part, kind in ((lying, "refuted"), (early, "proven")):
+        whole = Union.of([part]).freeze(0.0, None)
+        whole.info = early.info
+        assert wb.certify(whole, grid).kind == kind
+
+
+def test_parts_of_another_query_length_margin_or_dimension_are_refused():
+    def box(name="blob", **told):
+        return wb.fit(shape(name), method="aabb", device="cpu", progress=False, **told)
+
+    for own, other, message in (
+        (box(), box(query="box"), "same queries and domain"),
+        (box(query="ray", length=2.0), box(query="ray", length=0.5), "same queries and domain"),
+        (box(), box(margin=0.05), "of the same"),
+        (box(), box("c"), "of the same"),  # of another dimension
+        (box(), wb.fit(shape("blob"), "distance", "aabb", device="cpu"), "union: "),
+    ):
+        with pytest.raises(BounderError, match=message):
+            wb.union(own, other)
+
+
+def test_what_cannot_be_put_together():
+    a, whole = fitted("aabb", "blob"), wb.union(fitted("aabb", "blob"), fitted("kdop", "blob"))
+    for parts, message in (
+        ((a,), "at least 2"),
+        ((a, 3), "got int"),
+        ((a, fitted("occupancy", "blob")), "not conserv"),
+    ):
+        with pytest.raises(BounderError, match=message):
+            wb.union(*parts)
+    with pytest.raises(BounderError, match="its parts have thresholds"):
+        whole.freeze(2.0, None)
+    with pytest.raises(BounderError, match="only the last part may have"):
+        wb.cascade(whole, a)
+    sizes = {"parts": [{"method": "union", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}
+    with pytest.raises(BounderError, match="no bounder that can be a part"):
+        Union(whole.domain, whole.tensors, sizes, "cpu")
+    with pytest.raises(TypeError, match="ask"):
+        whole.source.body(Lanes(vector=True))
+
+
+def test_cuda_source_compiles(tmp_path):
+    if not hasattr(wp, "compile_aot_module"):
+        pytest.skip("this Warp cannot compile ahead of time")
+    whole = Union.of([Cascade.of([fitted("aabb", "blob"), fitted("mlp", "blob")]), fitted("kdop", "blob")])
+    check_compiles(batch_kernel(whole.source, False, False), tmp_path)
+
+
+@cache
+def arm() -> wb.arms.ArmConfigurations:
+    """A planar arm of three joints among posts, that may touch itself."""
+    step = np.eye(4)
+    step[0, 3] = 0.5
+    joints = [wb.arms.Joint(step if i else np.eye(4), lower=-2.5, upper=2.5) for i in range(3)]
+    links = [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.1, link=i) for i in range(3)]
+    posts = [wb.arms.Body.sphere(place, 0.2) for place in ([0.6, 0.7, 0], [-0.7, 0.6, 0], [0.4, -1.0, 0])]
+    own = wb.arms.Arm(joints, links)
+    return wb.arms.ArmConfigurations(own, posts, self_collision=True, weights=own.reaching)
+
+
+@cache
+def of_piece(held: tuple[int, ...], method: str = "mlp") -> wb.Bounder:
+    options = {"hidden": (8,), "steps": 200} if method == "mlp" else {}
+    return wb.fit(arm().piece(held), method=method, device="cpu", progress=False, **options)
+
+
+def asked(count: int = 30_000) -> np.ndarray:
+    own = arm()
+    return np.random.default_rng(1).uniform(own.lower - 0.1, own.upper + 0.1, (count, own.ndim)).astype(np.float32)
+
+
+def maybe(bounder, x) -> np.ndarray:
+    return bounder.query(x).numpy() == 1
+
+
+def test_pieces_are_the_whole(rng):
+    own = arm()
+    x = rng.uniform(own.lower, own.upper, (20_000, 3))
+    pieces = [own.piece([i]) for i in (1, 2)]
+    assert [piece.ndim for piece in pieces] == [2, 3]
+    found = [piece.contains(x[:, : piece.ndim]) for piece in pieces]
+    assert (np.any(found, axis=0) == own.contains(x)).all()
+    assert all((each & ~own.contains(x)).sum() == 0 and each.any() for each in found)
+    both = own.piece([0, 1])
+    assert (both.contains(x[:, :2]) == found[0]).all()  # link 0 meets nothing
+    assert own.piece([0, 1, 2]) is own
+    assert own.piece([2, 1]).piece([1]).digest == pieces[0].digest
+    assert len({each.digest for each in (own, both, *pieces)}) == 4
+    lower = x[:4000]
+    upper = lower + rng.uniform(0, 0.3, lower.shape)
+    free = np.all([piece.empty(lower[:, : piece.ndim], upper[:, : piece.ndim]) for piece in pieces], axis=0)
+    assert (free == own.empty(lower, upper)).mean() > 0.99
+
+
+def test_numbers_of_no_pieces():
+    for held in ([], [3], [-1], [0.0], [True]):
+        with pytest.raises(IndicatorError, match="expected some of the pieces 0 to 2"):
+            arm().piece(held)
+    with pytest.raises(IndicatorError, match="it has no pieces"):
+        wb.load_indicator(np.pad(np.ones((4, 4), bool), 2)).piece([0])
+    with pytest.raises(IndicatorError, match="has no links"):
+        arm().piece([1]).piece([2])
+
+
+@pytest.mark.parametrize("methods", [("mlp", "mlp"), ("aabb", "sphere")])
+def test_bounders_of_pieces_together(methods, tmp_path):
+    one, other, x = of_piece((0, 1), methods[0]), of_piece((2,), methods[1]), asked()
+    assert (one.ndim, other.ndim) == (2, 3)
+    whole = wb.union(other, one)
+    assert whole.certificate.proven
+    assert (whole.ndim, whole.certificate.indicator, whole.info["pieces"]) == (3, arm().digest, None)
+    found = maybe(whole, x)
+    assert not (arm().contains(x) & ~found).any()
+    within = (np.abs(whole.domain.to_local(x)) <= whole.domain.limit * (1 - 1e-6)).all(axis=1)
+    want = maybe(one, x[:, :2].copy()) | maybe(other, x)
+    assert (found[within] == want[within]).mean() > 0.9999  # but for rounding
+    assert (ask(whole, x[:5000]).astype(bool) == found[:5000]).mean() > 0.9999
+    again = reloaded(whole, tmp_path)
+    assert wb.certify(again, arm(), seconds=120).proven
+    assert (maybe(again, x) == found).all()
+    assert wb.evaluate(again, arm(), samples=20_000).fn == 0
+
+
+def test_whole_segments(rng):
+    whole, own = wb.union(of_piece((0, 1)), of_piece((2,))), arm()
+    starts, ends = (rng.uniform(own.lower, own.upper, (1000, 3)).astype(np.float32) for _ in range(2))
+    ends = starts + np.float32(0.01) * (ends - starts)
+    clear = wb.clear_segments(whole, starts, ends)
+    assert clear.any()
+    for t in np.linspace(0, 1, 33):
+        assert not own.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear]).any()
+
+
+def test_some_pieces_are_not_the_whole(tmp_path):
+    again = reloaded(of_piece((2,)), tmp_path)
+    assert again.info["pieces"] == {"whole": arm().digest, "count": 3, "held": [2]}
+    assert wb.certify(again, arm().piece([2]), seconds=120).proven
+    assert wb.certify(of_piece((0, 1)), arm(), seconds=20).kind == "inapplicable"
+    some = wb.union(of_piece((1,)), of_piece((2,)))  # link 0 could touch nothing, but nobody has shown that
+    assert Pieces.from_dict(some.info["pieces"]).held == (1, 2)
+    assert some.certificate.indicator == arm().piece([1, 2]).digest
+    found = wb.certify(some, arm(), seconds=20)
+    assert found.kind == "undecided"
+    assert "no part holds the pieces [0]" in found.message
+    assert wb.certify(some, arm().piece([1, 2]), seconds=120).proven
+
+
+def test_pieces_that_do_not_go_together():
+    other = wb.arms.ArmConfigurations(arm().arm, arm().obstacles[:2], weights=arm().weights)
+    foreign = wb.fit(other.piece([0, 1]), method="aabb", device="cpu", progress=False)
+    with pytest.raises(BounderError, match="pieces of the same shape"):
+        wb.union(foreign, of_piece((2,)))
+    with pytest.raises(BounderError, match="same queries and domain"):
+        wb.cascade(of_piece((0, 1)), of_piece((2,)))
+    with pytest.raises(BounderError, match="same object"):
+        wb.union(of_piece((0, 1)), wb.fit(arm(), method="aabb", device="cpu", progress=False))
+
+
+def test_a_file_that_lies_about_pieces(tmp_path):
+    """A part that is said to hold what it was not fitted to is found out, whatever the digests say."""
+    whole, file = wb.union(of_piece((0, 1)), of_piece((2,))), tmp_path / "w.safetensors"
+    whole.save(file)
+    part = whole.sizes["parts"][0]
+
+    def edited(entry, pieces=(2,)):
+        rewrite(file, lambda d: d["sizes"].update(parts=[entry, d["sizes"]["parts"][1] | {"pieces": list(pieces)}]))
+        return file
+
+    assert not wb.certify(wb.load(edited(part | {"pieces": [0]}, (1, 2)), device="cpu"), arm(), seconds=20).proven
+    domain = part["domain"] | {"scale": [x / 2 for x in part["domain"]["scale"]]}
+    for entry, message in (
+        ({k: v for k, v in part.items() if k != "pieces"}, "that holds no pieces"),
+        (part | {"pieces": ["x"]}, "expected numbers of pieces"),
+        (part | {"domain": domain}, "expected parts in the coordinates of the whole|the domain of part 0"),
+    ):
+        with pytest.raises(FileFormatError, match=message):
+            wb.load(edited(entry), device="cpu")
+
+
+def test_a_hierarchy_of_cells_is_cut_through_them():
+    cells = np.zeros((24, 24), dtype=bool)
+    cells[2:11, 3:9], cells[13:22, 12:23] = True, True
+    tree = wb.hierarchy(wb.IndicatorGrid(cells), method="kdop", levels=2, device="cpu", progress=False)
+    places = {x for end in tree.held for corner in end for x in 23 * corner[np.isfinite(corner)]}
+    cuts = [x for x in places if abs(x - round(x)) < 1e-3]
+    assert len(tree.parts) == 4
+    assert len(cuts) >= 3
+    assert tree.certificate.proven
+
+
+def test_a_union_of_learned_half_spaces_is_proven_and_tighter_than_one():
+    ring = wb.solids.Sphere((0.0, 0.0), 0.9) - wb.solids.Sphere((0.0, 0.0), 0.6)
+    told = {"method": "learned-kdop", "steps": 30, "device": "cpu", "progress": False}
+    tree, single = wb.hierarchy(ring, leaves=4, **told), wb.fit(ring, **told)
+    assert [[each.method for each in part.parts] for part in tree.parts] == [["aabb", "learned-kdop"]] * 4
+    assert wb.certify(tree, ring).proven
+    rates, alone = wb.evaluate(tree, ring, 20_000), wb.evaluate(single, ring, 20_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 0.8 * alone.fp_rate
+
+
+@pytest.mark.parametrize("thresholds", [1, 9])
+def test_a_hierarchy_of_networks_is_proven(thresholds):
+    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    told = {"levels": 1, "hidden": (8,), "steps": 50, "thresholds": thresholds}
+    tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
+    assert {each.method for part in tree.parts for each in part.parts} == {"aabb", "local" if thresholds > 1 else "mlp"}
+    assert tree.certificate.proven
+    assert wb.certify(tree, ball).proven
+    assert wb.evaluate(tree, ball, 20_000).fn == 0
+
+
+@pytest.mark.parametrize(
+    ("told", "message"),
+    [
+        ({"query": "ray"}, "point queries"),
+        *(({"levels": levels}, "levels") for levels in (0, 2.0, 20)),
+        *(({"method": method}, "cannot be a leaf") for method in ("voxels", "occupancy")),
+        ({"method": "mlb"}, "method must be one of"),
+        ({"budget": -1.0}, "budget"),
+        ({"margin": float("nan")}, "margin"),
+        *(({"leaves": leaves}, "leaves") for leaves in (1, 3.0, 257)),
+        ({"levels": 1, "k": 8}, "takes"),
+    ],
+)
+def test_what_a_hierarchy_refuses(told, message):
+    with pytest.raises(wb.BoundingError, match=message):
+        wb.hierarchy(wb.solids.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
+
+
+def test_a_union_around_a_shape_that_moves(rng):
+    whole = wb.union(fitted("aabb", "animated"), fitted("kdop", "animated"))
+    assert whole.certificate.proven
+    x = object_points(shape("animated"), rng)
+    assert whole.query(x).numpy().all()
+    x[:, 0] = rng.choice(np.float32([-9.0, 9.0]), len(x))  # times of which nothing is known
+    assert whole.query(x).numpy().all()
+
+
+SIDED = ("touching", "solid", "mesh")
+
+
+@cache
+def sided(name: str):
+    if name == "touching":  # the object reaches the border of its grid
+        cells = np.zeros((12, 12), bool)
+        cells[:, 3:9] = True
+        return wb.load_indicator(cells)
+    if name == "solid":
+        return wb.solids.Sphere([0, 0], 0.7) - wb.solids.Sphere([0.5, 0], 0.3)
+    return wb.load_indicator(trimesh.creation.icosphere(2, 0.5).apply_translation([3.0, 0.0, -1.0]))
+
+
+@cache
+def inner(name: str, margin: float = 0.0) -> wb.Bounder:
+    told = {"hidden": (8,), "steps": 150, "margin": margin}
+    bounder = wb.fit(sided(name), side="inside", device="cpu", progress=False, **told)
+    assert bounder.certificate.proven
+    return bounder
+
+
+def around_it(name: str, count: int = 30_000) -> np.ndarray:
+    of = sided(name)
+    reach = 0.1 * of.extent.max()
+    return np.random.default_rng(1).uniform(of.lower - reach, of.upper + reach, (count, of.ndim)).astype(np.float32)
+
+
+@pytest.mark.parametrize("name", SIDED)
+def test_no_is_certainly_inside(name):
+    bounder, x = inner(name).to("cpu"), around_it(name)
+    denied = bounder.query(x).numpy() == 0
+    assert denied.any()  # it is of use
+    assert (sided(name).decide(x[denied]) != OUT).all()
+
+
+@pytest.mark.parametrize("name", SIDED)
+def test_what_lies_outside_the_domain_is_maybe(name):
+    bounder, n = inner(name).to("cpu"), sided(name).ndim
+    far = np.concatenate([np.eye(n), -np.eye(n)]) * 1e3
+    middle = (sided(name).lower + sided(name).upper) / 2
+    beyond = np.concatenate([far, far + middle, np.full((1, n), np.nan), np.full((1, n), np.inf)])
+    assert (bounder.query(beyond.astype(np.float32)).numpy() == 1).all()
+    # just outside the box that holds the object, on each side
+    for axis in range(n):
+        for side, sign in ((sided(name).lower, -1), (sided(name).upper, 1)):
+            x = np.tile(middle, (41, 1))
+            x[:, axis] = side[axis] + sign * np.geomspace(1e-7, 1.0, 41)
+            x = x.astype(np.float32)
+            x = x[sided(name).decide(x) == OUT]
+            assert (bounder.query(x).numpy() == 1).all()
+
+
+@pytest.mark.parametrize("name", SIDED)
+def test_certify_soak_and_evaluate_know_the_side(name, tmp_path):
+    inner(name).save(tmp_path / "b.safetensors")
+    bounder = wb.load(tmp_path / "b.safetensors", device="cpu")
+    assert bounder.domain.unbounded
+    assert wb.certify(bounder, sided(name)).proven
+    assert soak(bounder, sided(name), 20_000, seed=3).missed is None
+    rates = wb.evaluate(bounder, sided(name), samples=50_000)
+    assert rates.fn == 0
+    assert rates.fp_rate < 100 - rates.positives  # some of the inside is certain
+    raised = bounder.freeze(float(bounder.threshold) + 1e3, None)
+    assert wb.certify(raised, sided(name)).kind == "refuted"
+
+
+def test_the_other_side_is_not_what_is_proven():
+    outer = wb.fit(sided("touching"), method="aabb", device="cpu", progress=False)
+    lie = inner("touching").to("cpu")
+    assert wb.certify(outer, Complement(sided("touching"))).kind == "inapplicable"
+    assert wb.certify(lie, wb.load_indicator(~sided("touching").occupancy)).kind != "proven"
+
+
+def test_a_margin_dilates_the_object():
+    wide, x = inner("mesh", 0.2), around_it("mesh")
+    denied = wide.query(x).numpy() == 0
+    dilated = sided("mesh").dilated(0.2)
+    assert (dilated.decide(x[denied]) != OUT).all()
+    assert (sided("mesh").decide(x[denied]) == OUT).any()  # certainly within the margin, and not in the mesh
+    assert wb.certify(wide, sided("mesh")).proven
+
+
+@pytest.mark.parametrize("name", SIDED)
+def test_both_sides_classify(name):
+    outer = wb.fit(sided(name), method="kdop", device="cpu", progress=False)
+    both, x = wb.two_sided(outer, inner(name)), around_it(name)
+    found, truth = both.classify(x).numpy(), sided(name).decide(x)
+    assert (truth[found == NO] != IN).all()
+    assert (truth[found == YES] != OUT).all()
+    assert {NO, MAYBE, YES} == set(np.unique(found))
+    torch = pytest.importorskip("torch")
+    vectors = wp.array(x, dtype=wp.types.vector(x.shape[1], float), device="cpu")
+    for same in (torch.from_numpy(x), vectors, x.astype(np.float64), x[:500].tolist()):
+        np.testing.assert_array_equal(both.classify(same).numpy(), found[: len(same)])
+    out = wp.full(len(x), 7, dtype=wp.uint8, device="cpu")
+    assert both.classify(x, out=out) is out
+    np.testing.assert_array_equal(out.numpy(), found)
+    nothing = both.classify(np.zeros((0, sided(name).ndim), np.float32))
+    assert nothing.shape == (0,)
+
+
+def test_both_sides_in_a_kernel_and_placed():
+    outer = wb.fit(sided("mesh"), method="sphere", device="cpu", progress=False)
+    both, x = wb.two_sided(outer, inner("mesh")), around_it("mesh", 20_000)
+
+    @wp.kernel(enable_backward=False)
+    def ask(outside: wb.Data, inside: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=int)):
+        i = wp.tid()
+        answers[i] = wp.static(both.func)(outside, inside, q[i])
+
+    q = wp.array(x, dtype=wp.vec3, device="cpu")
+    answers = wp.zeros(len(x), dtype=int, device="cpu")
+    wp.launch(ask, len(x), [both.outer.data, both.inner.data, q, answers], device="cpu")
+    assert (answers.numpy() == both.classify(x).numpy()).all()
+    moved = both.classify(x + np.float32(2), xform=wp.transform(wp.vec3(2.0), wp.quat_identity())).numpy()
+    truth = sided("mesh").decide(x)
+    assert (truth[moved == YES] != OUT).all()
+    assert (moved == YES).any()
+
+
+@cache
+def moving() -> wb.IndicatorMotion:
+    """A ball that moves along x and swells, in four seconds."""
+    ball = trimesh.creation.icosphere(2, 0.5)
+    frames = [ball.vertices * size + [shift, 0, 0] for size, shift in ((1.0, 0.0), (1.5, 0.4), (1.2, 1.0))]
+    return wb.IndicatorMotion(np.array(frames), ball.faces, times=[0.0, 2.0, 4.0])
+
+
+def test_the_complement_of_a_motion_has_its_times_and_no_others():
+    outside, middle = Complement(moving()), np.array([0.2, 0.0, 0.0])
+    times = np.array([-1e-6, 0.0, 1.0, 4.0, 4.0 + 1e-6])
+    x = np.insert(np.tile(middle, (5, 1)), 0, times, axis=1)
+    assert outside.decide(x).tolist() == [OUT, OUT, OUT, IN, OUT]
+    far = x + np.array([0.0, 9.0, 9.0, 9.0])
+    assert outside.decide(far).tolist() == [OUT, IN, IN, IN, OUT]
+
+    reach = np.array([0.0, 0.05, 0.05, 0.05])
+    lower, upper = np.array([x[1]] * 4) - reach, np.array([x[1]] * 4) + reach
+    lower[:, 0], upper[:, 0] = [-0.1, -0.1, -0.2, 0.2], [0.1, 5.0, -0.1, 0.1]  # the last one is no box
+    # over the beginning only the part after it counts; the ball leaves the second; before all times there is nothing
+    assert outside.empty(lower, upper).tolist() == [True, False, True, False]
+    assert outside.empty(lower, upper).tolist() == [True, False, True, False]  # its input is as it was
+    away = np.array([0.0, 9.0, 9.0, 9.0])
+    assert outside.inside(lower + away, upper + away).tolist()[:3] == [False, False, False]
+    lower[:3, 0], upper[:3, 0] = 0.0, [0.1, 4.0, 4.1]
+    assert outside.inside(lower + away, upper + away).tolist()[:3] == [True, True, False]
+
+
+def test_a_cascade_of_inner_bounders_is_one():
+    other = wb.fit(sided("touching"), side="inside", hidden=(8,), steps=30, device="cpu", progress=False)
+    joined, x = wb.cascade(inner("touching"), other), around_it("touching")
+    assert joined.certificate.proven
+    assert joined.domain.unbounded
+    assert wb.certify(joined, sided("touching")).proven
+    denied = joined.query(x).numpy() == 0
+    assert (sided("touching").decide(x[denied]) != OUT).all()
+    with pytest.raises(BounderError):
+        wb.cascade(inner("touching"), wb.fit(sided("touching"), method="aabb", device="cpu", progress=False))
+
+
+def test_bad_input_has_one_clear_error():
+    outer = wb.fit(sided("touching"), method="aabb", device="cpu", progress=False)
+    with pytest.raises(BounderError, match="inner must be fitted with side='inside'"):
+        wb.two_sided(outer, outer)
+    with pytest.raises(BounderError, match="outer must be fitted with side='outside'"):
+        wb.two_sided(inner("touching"), inner("touching"))
+    with pytest.raises(BounderError, match="same object"):
+        wb.two_sided(wb.fit(sided("solid"), method="aabb", device="cpu", progress=False), inner("touching"))
+    with pytest.raises(BounderError, match="dimension"):
+        wb.two_sided(wb.fit(sided("mesh"), method="aabb", device="cpu", progress=False), inner("touching"))
+    with pytest.raises(BounderError, match="must be a bounder of points"):
+        wb.two_sided(wb.fit(sided("touching"), "box", "aabb", device="cpu", progress=False), inner("touching"))
+    with pytest.raises(BounderError, match="side must be one of outside, inside"):
+        wb.fit(sided("touching"), side="both")
+    with pytest.raises(BounderError, match="for point queries"):
+        wb.fit(sided("touching"), "ray", side="inside")
+    with pytest.raises(IndicatorError, match="no cells are laid"):
+        wb.fit(sided("mesh"), method="bvh", side="inside")
+    told = wb.IndicatorFunction(
+        lambda x: (np.abs(x) <= 1).all(axis=1), [-1, -1], [1, 1], empty=lambda a, b: (a > 1).any(1) | (b < -1).any(1)
+    )
+    with pytest.raises(IndicatorError, match="no box to lie inside"):
+        wb.fit(told, side="inside")
+    with pytest.raises(BounderError, match="segments"):
+        wb.clear_segments(inner("touching"), np.zeros((1, 2)), np.ones((1, 2)))

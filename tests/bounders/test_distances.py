@@ -1,0 +1,649 @@
+"""Distances: never above the true one, for any float32 point anywhere; no question that follows misses anything; files and mistakes."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import warp as wp
+from bounding_shapes import crossed, fitted
+from distances import THINGS, TOLD, far, points_around, squared_distance_to_cells, thing
+
+import warp_bounding as wb
+from warp_bounding.bounders import DISTANCES, register, unregister
+from warp_bounding.bounders.distance_grid import STORAGES, DistanceGrid
+from warp_bounding.bounders.volumes import AabbDistance
+from warp_bounding.errors import BounderError, FileFormatError, IndicatorError, QueryError
+from warp_bounding.proof import soak
+from warp_bounding.proof.distances import excesses, largest_excess
+from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
+
+GRIDS = ("c", "blob", "anisotropic")
+
+
+@pytest.mark.parametrize(("method", "name"), crossed(DISTANCES, THINGS, few=("aabb",)))
+def test_never_above_the_distance(method, name, rng):
+    bounder, shape = far(method, name), thing(name)
+    assert bounder.certificate.proven
+    x = points_around(shape, 4000, rng)
+    g, known = bounder.distance(x).numpy(), shape.distances(x)
+    assert g.dtype == np.float32
+    assert (g >= 0).all()
+    assert (g <= known[:, 1]).all()
+    assert not g[shape.contains(x)].any()
+    assert (bounder.query(x).numpy() == ~(g > 0)).all()
+    size, exact = np.abs(bounder.domain.to_local(x)).sum(axis=1) * bounder.domain.unit, bounder.exact(x)
+    assert (g <= exact + bounder.rounding_bound() * bounder.domain.unit).all()
+    if name == "tetrahedron":  # what is taken off for rounding is a few units
+        assert (exact - g <= 1e-5 * (size + bounder.domain.unit)).all()
+    if name in GRIDS:
+        x = np.concatenate([x[:15], (x[-10:] - shape.lower) * 2.0 ** np.arange(0, 40, 4)[:, None] + shape.lower])
+        x = x.astype(np.float32)
+        for point, told in zip(x, bounder.distance(x).numpy(), strict=True):
+            assert Fraction(float(told)) ** 2 <= squared_distance_to_cells(shape, point)
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_everywhere(method):
+    bounder = far(method, "blob")
+    directions = np.random.default_rng(1).normal(size=(500, 3))
+    away = 2.0 ** np.linspace(-30, 127, 500)[:, None]
+    x = (directions / np.abs(directions).max(axis=1, keepdims=True) * away).astype(np.float32)
+    g = bounder.distance(x).numpy()
+    reach = np.linalg.norm(x.astype(np.float64), axis=1)
+    assert np.isfinite(g).all()
+    assert (g <= reach + 2).all()
+    middle = (reach > 100) & (reach < 2.0**50)
+    least = 0.9 if method != "learned-kdop" else 0.3  # of its faces only the farthest one counts
+    assert (g[middle] > least * reach[middle] - 3).all()
+    bad = np.array([[np.nan, 0, 0], [np.inf, 0, 0], [0, -np.inf, np.nan], [3e38, -3e38, 3e38]], np.float32)
+    assert not bounder.distance(bad[:3]).numpy().any()
+    assert bounder.query(bad[:3], 1e30).numpy().all()
+    maybe, t = bounder.segments(bad[:3], np.zeros((3, 3), np.float32))
+    assert maybe.numpy().all()
+    assert not t.numpy().any()
+    assert bounder.boxes(bad[:3], bad[:3]).numpy().all()
+    rays = np.concatenate([np.zeros((3, 3), np.float32), bad[:3]], axis=1)
+    assert bounder.rays(rays, length=1.0)[0].numpy().all()
+    assert bounder.distance(np.zeros((0, 3), np.float32)).shape == (0,)
+
+
+@pytest.mark.parametrize("name", ["blob", "tetrahedron", "c"])
+@pytest.mark.parametrize("method", DISTANCES)
+def test_hard_positives_are_not_missed(method, name):
+    if name == "c" and method not in ("aabb", "mlp", "distance-grid"):
+        pytest.skip("kernels of its own for a method that is asked in 3D")
+    positives = DistancePositives(far(method, name), thing(name))
+    for chunk in range(2 * len(DISTANCE_FORMS)):
+        form, asked, missed = positives.ask(3, chunk, 3000)
+        assert missed is None, (form, missed)
+        assert asked > 1000
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_marching_and_halving_decide_what_g_can(method, rng):
+    """With steps enough, all segments, rays and boxes are cleared that stay away from the object by more than g loses."""
+    bounder, shape = far(method, "tetrahedron"), thing("tetrahedron")
+    a, b = (points_around(shape, 300, rng, 0.5) for _ in "ab")
+    along = (a[:, None] + np.linspace(0, 1, 65)[None, :, None] * (b - a)[:, None]).reshape(-1, 3)
+    g = bounder.exact(along).reshape(len(a), -1)
+    boxed = (np.abs(bounder.domain.to_local(along)) <= bounder.domain.limit).all(axis=1).reshape(g.shape)
+    held, g = ((g <= 0) & boxed).any(axis=1), g.min(axis=1)  # outside of the object's box nothing is asked
+    maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=4000))
+    if bounder.volume is not None:  # whose g itself is a distance; others may march past a point at which g is 0
+        assert (maybe[held] == 1).all()
+    near = (
+        np.linalg.norm(b.astype(np.float64) - a, axis=1) / 128 + 1e-3
+    )  # between two of the points that were looked at
+    assert not maybe[g > near].any()
+    assert (t[maybe == 0] == 1).all()
+    d = (b - a) * np.float32(3)
+    length = np.linalg.norm(b.astype(np.float64) - a, axis=1)
+    of_rays, when = (part.numpy() for part in bounder.rays(np.concatenate([a, d], axis=1), length=length, steps=4000))
+    assert (of_rays != maybe).mean() < 0.01  # but for what rounding turns
+    assert np.abs(when - t)[of_rays == maybe].max() < 1e-2
+    low, high = np.minimum(a, a + (b - a) * 0.1), np.maximum(a, a + (b - a) * 0.1)
+    boxed = bounder.boxes(low, high, steps=4000).numpy()
+    reach = np.linalg.norm(high.astype(np.float64) - low, axis=1)
+    assert not boxed[bounder.exact((low + high) / 2) > reach].any()
+    assert boxed[shape.decide_boxes(low, high) == 1].all()
+
+
+@pytest.mark.parametrize("method", ["aabb", "sphere", "kdop"])
+def test_what_only_touches_the_objects_box_is_not_cut_off(method, rng):
+    """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass one along an axis, or are as near as the radius."""
+    lower, upper = np.sort(rng.normal(size=(2, 3)).astype(np.float32), axis=0)
+    bounder = wb.fit(wb.solids.Box(lower, upper), "distance", method, device="cpu")
+    count = 3000
+    p = np.clip(rng.normal(size=(count, 3)) * 2, lower, upper).astype(np.float32)
+    axis, side = rng.integers(3, size=count), rng.integers(2, size=count)
+    each = np.arange(count)
+    p[each, axis] = np.where(side, upper[axis], lower[axis])
+    size = 10.0 ** rng.uniform(-6, 6, (count, 1))
+    start = (p + size * rng.normal(size=(count, 3))).astype(np.float32)
+    maybe, t = (part.numpy() for part in bounder.segments(start, p))
+    assert (maybe == 1).all()
+    inside = ((start >= lower) & (start <= upper)).all(axis=1)
+    assert (t[inside] == 0).all()
+    way = size[:, 0] * rng.choice([-1, 1], count)
+    one, other = p.copy(), p.copy()
+    one[each, axis] = (p[each, axis] - way).astype(np.float32)
+    other[each, axis] = (p[each, axis] + way).astype(np.float32)
+    maybe, t = (part.numpy() for part in bounder.segments(one, other))
+    assert (maybe == 1).all()
+    met = (p[each, axis].astype(np.float64) - one[each, axis]) / (
+        other[each, axis].astype(np.float64) - one[each, axis]
+    )
+    assert (t <= np.where(np.isfinite(met), met, 1.0)).all()
+    turned = (axis + 1) % 3
+    for ends in (one, other):
+        aside = ends.copy()
+        aside[each, turned] += np.float32(5.0)
+        radius = np.abs(ends[each, axis].astype(np.float64) - p[each, axis])
+        assert (bounder.segments(aside, ends, radius)[0].numpy() == 1).all()
+        assert (bounder.segments(ends, aside, radius)[0].numpy() == 1).all()
+    d = np.zeros_like(p)
+    d[each, axis] = np.sign(other[each, axis] - one[each, axis])
+    assert (bounder.rays(np.concatenate([one, d], axis=1), length=2.1 * np.abs(way) + 1e-6)[0].numpy() == 1).all()
+
+
+def test_times_of_contact():
+    bounder = far("aabb", "tetrahedron")
+    low, high = bounder.domain.lower, bounder.domain.upper
+    middle = (low + high) / 2
+    start = middle - [5 + (high - low)[0] / 2, 0, 0]
+    for radius, expected in ((0.0, 0.5), (1.0, 0.4)):
+        end = start + np.array([10.0, 0, 0])
+        maybe, t = bounder.segments(start[None].astype(np.float32), end[None].astype(np.float32), radius)
+        assert maybe.numpy()[0] == 1
+        assert expected - 1e-3 < t.numpy()[0] <= expected
+    maybe, t = bounder.segments(
+        start[None].astype(np.float32), start[None].astype(np.float32), 4.9
+    )  # of no length: a point
+    assert (maybe.numpy()[0], t.numpy()[0]) == (0, 1.0)
+    maybe, t = bounder.segments(start[None].astype(np.float32), start[None].astype(np.float32), 5.1)
+    assert (maybe.numpy()[0], t.numpy()[0]) == (1, 0.0)
+    assert bounder.segments(start[None].astype(np.float32), middle[None].astype(np.float32), steps=1)[0].numpy()[0] == 1
+
+
+def test_radii_of_their_own(rng):
+    bounder, x = far("sphere", "blob"), points_around(thing("blob"), 500, rng)
+    radius, g = rng.uniform(0, 1, len(x)), bounder.distance(x).numpy()
+    each = bounder.query(x, radius).numpy()
+    assert (each[g < radius - 1e-6] == 1).all()
+    assert not each[g > radius + 1e-6].any()
+    assert bounder.query(x, radius=g).numpy().all()  # g > g is false
+    indices, count = bounder.candidates(x, 0.25)
+    assert (np.flatnonzero(~(g > 0.25)) == indices.numpy()[: int(count.numpy()[0])]).all()
+    many = bounder.segments(x[:-1], x[1:], radius[1:])[0].numpy()
+    one = [bounder.segments(x[i : i + 1], x[i + 1 : i + 2], radius[i + 1])[0].numpy()[0] for i in range(40)]
+    assert (many[:40] == one).all()
+
+
+def one_by_one(bounder, a, b, radius: float, steps: int) -> list[np.ndarray]:
+    """What the function for kernels says of segments."""
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def ask(
+        data: wb.Data,
+        a: wp.array(dtype=wp.vec3),
+        b: wp.array(dtype=wp.vec3),
+        radius: float,
+        steps: int,
+        maybe: wp.array(dtype=wp.uint8),
+        t: wp.array(dtype=float),
+    ):
+        i = wp.tid()
+        told, when = wp.static(bounder.segment_func)(data, a[i], b[i], radius, steps)
+        maybe[i] = wp.uint8(told)
+        t[i] = when
+
+    ends = [wp.array(each, dtype=wp.vec3, device="cpu") for each in (a, b)]
+    found = [wp.zeros(len(a), dtype=kind, device="cpu") for kind in (wp.uint8, float)]
+    wp.launch(ask, len(a), [bounder.data, *ends, radius, steps], found, device="cpu")
+    return [each.numpy() for each in found]
+
+
+@pytest.mark.parametrize("count", [1, 16, 33, 513])
+@pytest.mark.parametrize("method", ["aabb", "distance-grid"])
+def test_lanes_are_filled_again(method, count, rng):
+    """Marching in lanes is marching one by one: every query of a block is answered, once, with its own answer."""
+    bounder = far(method, "tetrahedron")
+    a, b = (points_around(thing("tetrahedron"), (count + 1) // 2, rng, 0.5)[:count] for _ in "ab")
+    a[::5, 0] = np.nan
+    for steps in (1, 3, 40):
+        maybe, t = (part.numpy() for part in bounder.segments(a, b, 0.01, steps))
+        alone, when = one_by_one(bounder, a, b, 0.01, steps)
+        assert (maybe != alone).mean() <= 0.01
+        assert np.abs(t - when)[maybe == alone].max(initial=0.0) < 1e-3
+        assert maybe[::5].all()
+        assert not t[::5].any()
+
+
+@pytest.mark.parametrize("method", ["aabb", "kdop", "learned-kdop", "bvh", "voxels"])
+def test_volumes_of_points_clear_segments(method, rng):
+    """``clear_segments`` for every method that has a distance; for others it says so."""
+    bounder, shape = fitted(method, "blob"), thing("blob")
+    if method not in DISTANCES:
+        with pytest.raises(wb.BounderError, match="segments need"):
+            wb.clear_segments(bounder, np.zeros((1, 3)), np.zeros((1, 3)))
+        return
+    a, b = rng.uniform(-1, 2, (2, 500, 3))
+    along = a[:, None] + np.linspace(0, 1, 100)[None, :, None] * (b - a)[:, None]
+    for asked in (bounder, far(method, "blob")):
+        clear = wb.clear_segments(asked, a, b)
+        assert 0 < clear.sum() < len(clear)
+        assert not shape.contains(along[clear].reshape(-1, 3)).any()
+
+
+@pytest.mark.parametrize("name", ["c", "tetrahedron"])
+def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
+    shape = thing(name)
+    cut = wb.fit(shape, "distance", method="mlp", hidden=(8,), steps=200, seed=0, device="cpu", thresholds=20)
+    assert cut.lattice.count > 8
+    assert cut.relief.max() > 0
+    assert cut.relief.min() == 0
+    assert wb.certify(cut, shape).proven
+    x = points_around(shape, 10_000, rng)
+    v = cut.domain.to_local(x)
+    v[::3, -1] = rng.choice(cut.lattice.edges[-1], len(v[::3]))  # on an edge, where the slack jumps
+    x = np.concatenate([x, cut.domain.to_object(v)]).astype(np.float32)
+    g = cut.distance(x).numpy()
+    assert (g <= shape.distances(x)[:, 1]).all()
+    cut.save(tmp_path / "cut.safetensors")
+    assert (wb.load(tmp_path / "cut.safetensors", device="cpu").distance(x).numpy() == g).all()
+    maybe, t = (each.numpy() for each in cut.segments(x[:2000], x[2000:4000]))
+    assert not ((t > 0) & shape.contains(x[:2000])).any()
+    assert maybe[shape.contains(x[:2000])].all()
+
+
+@pytest.mark.parametrize("method", ["aabb", "distance-grid", "mlp"])
+def test_what_float64_is_rounded_by_is_charged(method, rng):
+    """A float64 point is farther from its float32 one than g knows; every question allows for it."""
+    bounder, shape = far(method, "tetrahedron"), thing("tetrahedron")
+    x, end = (points_around(shape, 3000, rng).astype(np.float64) for _ in range(2))
+    x, end = (each * (1 + 2.0**-25 * rng.uniform(-1, 1, each.shape)) for each in (x, end))
+    one, other = x.astype(np.float32), end.astype(np.float32)
+    moved = np.linalg.norm(x - one, axis=1)
+    assert (moved > 0).any()
+    g = bounder.distance(one).numpy().astype(np.float64)
+    found = bounder.distance(x).numpy()
+    assert (found <= np.maximum(g - moved, 0)).all()
+    assert (found >= np.maximum(g - 1e-5 * (1 + np.abs(x).max()), 0)).all()
+    radius = np.maximum(g - moved, 0)  # not less than this is the distance of the float64 point, for all that is known
+    assert bounder.query(x, radius=radius).numpy().all()
+    for r in (0.0, 0.1):
+        both = np.maximum(moved, np.linalg.norm(end - other, axis=1))
+        free = bounder.segments(x, end, r)[0].numpy() == 0
+        assert not bounder.segments(one, other, r + both)[0].numpy()[free].any()
+        rays = np.concatenate([x, end], axis=1)
+        free = bounder.rays(rays, length=2.0, radius=r)[0].numpy() == 0
+        turned = rays[:, 3:] / np.linalg.norm(rays[:, 3:], axis=1, keepdims=True)
+        turned -= other / np.linalg.norm(other.astype(np.float64), axis=1, keepdims=True)
+        both = moved + 2.0 * np.linalg.norm(turned, axis=1)
+        assert not bounder.rays(rays.astype(np.float32), length=2.0, radius=r + both)[0].numpy()[free].any()
+    low, high = np.minimum(x, end), np.maximum(x, end)
+    free = bounder.boxes(low, high).numpy() == 0
+    assert free.any()
+    outer = [np.nextafter(side.astype(np.float32), np.float32(way)) for side, way in ((low, -np.inf), (high, np.inf))]
+    assert not bounder.boxes(*outer).numpy()[free].any()
+
+
+def test_float64_that_float32_cannot_hold_is_maybe():
+    bounder = far("aabb", "tetrahedron")
+    for number in (1e39, np.nan, -np.inf):
+        x = np.full((2, 3), number)
+        assert not bounder.distance(x).numpy().any()
+        assert bounder.query(x, radius=0.1).numpy().all()
+        assert bounder.segments(x, x + 1)[0].numpy().all()
+        assert bounder.boxes(x, x + 1).numpy().all()
+    tiny = np.array([[9.0, 9.0, 9.0, 3e-46, 1e-46, 0.0]])  # a direction that float32 rounds to none
+    assert bounder.rays(tiny, length=1.0)[0].numpy().all()
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_saved_loaded_certified(method, tmp_path, rng):
+    bounder, x = far(method, "blob"), points_around(thing("blob"), 300, rng)
+    bounder.save(tmp_path / "b.safetensors")
+    again = wb.load(tmp_path / "b.safetensors", device="cpu")
+    assert type(again) is type(bounder)
+    assert again.certificate == bounder.certificate
+    assert (again.distance(x).numpy() == bounder.distance(x).numpy()).all()
+    proof = wb.certify(again, thing("blob"))
+    assert proof.proven, proof.message
+    assert wb.certify(again, thing("blob"), margin=0.1).kind == "inapplicable"
+    assert wb.certify(again, thing("blob"), query="distance").proven
+    assert wb.certify(again, thing("blob"), query="point").kind == "inapplicable"
+    assert repr(again).startswith(f"<{method} distance bounder, 3D, {bounder.nbytes} bytes, proven")
+
+
+@pytest.mark.parametrize("method", DISTANCES)
+def test_another_shape_is_refuted(method):
+    larger = wb.IndicatorGrid(
+        np.pad(np.ones((9, 9, 9), bool), 3), cells_per_unit=thing("blob").cells_per_unit, offset=[-4.0] * 3
+    )
+    proof = wb.certify(far(method, "blob"), larger)
+    assert proof.kind == "refuted"
+    x = np.array([proof.counterexample], np.float32)
+    assert larger.contains(x)[0]
+    assert far(method, "blob").distance(x).numpy()[0] > 0
+
+
+def test_a_threshold_that_does_not_cover_rounding_is_not_proven():
+    bounder = far("sphere", "blob").to()
+    bounder.freeze(0.0, None)
+    proof = wb.certify(bounder, thing("blob"))
+    assert proof.kind == "undecided"
+    assert "rounds" in proof.message
+    with pytest.raises(BounderError, match="at most 0"):
+        bounder.freeze(0.5, None)
+
+
+def smaller_than(bounder: wb.DistanceBounder) -> wb.DistanceBounder:
+    """With faces moved inwards, which cuts off a part of the object."""
+    tensors = bounder.tensors | {"high": bounder.tensors["high"] - np.float32(0.5)}
+    smaller = type(bounder)(bounder.domain, tensors, bounder.sizes, "cpu").freeze(float(bounder.threshold), None)
+    smaller.info = bounder.info
+    return smaller
+
+
+def test_edited_files(tmp_path):
+    bounder = far("kdop", "blob")
+    assert wb.certify(smaller_than(bounder), thing("blob")).kind == "refuted"
+    bounder.to().freeze(float(bounder.threshold) / 2, bounder.certificate).save(tmp_path / "b.safetensors")
+    with pytest.raises(FileFormatError, match="threshold"):
+        wb.load(tmp_path / "b.safetensors")
+    for sizes in ({}, {"volume": {}}, {"volume": {**bounder.sizes["volume"], "threshold": 0.1}}):
+        with pytest.raises(BounderError):
+            type(bounder)(bounder.domain, bounder.tensors, sizes, "cpu")
+
+
+def test_soak(tmp_path):
+    done = soak(far("obb", "blob"), thing("blob"), 100_000, seed=1, state=tmp_path / "s.json")
+    assert done.missed is None
+    assert done.complete
+    more = soak(far("obb", "blob"), thing("blob"), done.done + 1, state=tmp_path / "s.json")
+    assert more.chunks == done.chunks + 1
+    found = soak(smaller_than(far("obb", "blob")), thing("blob"), 1_000_000, seed=1)
+    assert found.missed is not None
+    assert found.missed_form.startswith("balls: x, radius")
+
+
+def test_evaluate(rng):
+    bounder, shape = far("aabb", "tetrahedron"), thing("tetrahedron")
+    for radius in (0.0, 0.3):
+        rates = wb.evaluate(bounder, shape, samples=20_000, radius=radius)
+        assert rates.fn == 0
+        assert rates.radius == radius
+        assert rates.positives > 0
+    grid = wb.evaluate(far("sphere", "blob"), thing("blob"), samples=20_000, radius=0.1)
+    assert (grid.fn, grid.undecided) == (0, 0.0)
+    assert wb.evaluate(far("sphere", "torus"), thing("torus"), samples=5000, radius=0.1).fn == 0
+    assert wb.evaluate(far("sphere", "blob", 0.1), thing("blob"), samples=5000).fn == 0
+    with pytest.raises(QueryError, match="radius is for distances"):
+        wb.evaluate(wb.fit(thing("c"), method="aabb", device="cpu"), thing("c"), radius=0.1)
+    for bad in (-1, np.nan, "far"):
+        with pytest.raises(QueryError, match="radius must be a length"):
+            wb.evaluate(bounder, shape, radius=bad)
+
+
+def test_spacetime(rng):
+    """Of an animated grid, time may be one more coordinate."""
+    grid = thing("animated")
+    bounder = wb.fit(grid, "distance", "bvh", metric="spacetime", device="cpu", **TOLD["bvh"])
+    still = wb.IndicatorGrid(grid.occupancy)
+    x = points_around(still, 2000, rng)
+    assert (bounder.distance(x).numpy() <= still.distances(x)[:, 1]).all()
+    assert wb.certify(bounder, grid).proven
+    with pytest.raises(BounderError, match="moves"):
+        wb.fit(grid, "distance", "aabb")
+    with pytest.raises(QueryError, match="metric must be one of space, spacetime"):
+        wb.fit(grid, "distance", "aabb", metric="time")
+
+
+def test_functions_in_kernels(rng):
+    bounder, n = far("sphere", "blob"), 200
+    x, y = points_around(thing("blob"), n // 2, rng), points_around(thing("blob"), n // 2, rng)
+
+    @wp.kernel(enable_backward=False)
+    def ask(
+        data: wb.Data,
+        x: wp.array(dtype=wp.vec3),
+        y: wp.array(dtype=wp.vec3),
+        d: wp.array(dtype=float),
+        maybe: wp.array(dtype=wp.uint8),
+        t: wp.array(dtype=float),
+        hit: wp.array(dtype=wp.uint8),
+        boxed: wp.array(dtype=wp.uint8),
+    ):
+        i = wp.tid()
+        d[i] = wp.static(bounder.distance_func)(data, x[i])
+        told, when = wp.static(bounder.segment_func)(data, x[i], y[i], 0.05)
+        maybe[i] = wp.uint8(told)
+        t[i] = when
+        met, _where = wp.static(bounder.ray_func)(data, x[i], y[i] - x[i], 2.0, 0.0)
+        hit[i] = wp.uint8(met)
+        boxed[i] = wp.uint8(wp.static(bounder.box_func)(data, wp.min(x[i], y[i]), wp.max(x[i], y[i])))
+
+    def run(data):
+        out = [wp.zeros(n, dtype=kind, device="cpu") for kind in (float, wp.uint8, float, wp.uint8, wp.uint8)]
+        places = [wp.array(part, dtype=wp.vec3, device="cpu") for part in (x, y)]
+        wp.launch(ask, n, [data, *places, *out], device="cpu")
+        return [part.numpy() for part in out]
+
+    d, maybe, t, hit, boxed = run(bounder.data)
+    assert (d == bounder.distance(x).numpy()).all()
+    told, when = bounder.segments(x, y, 0.05)
+    assert (maybe != told.numpy()).mean() < 0.02  # batches march in lanes, whose sums round in another order
+    assert np.abs(t - when.numpy()).max() < 1e-4
+    assert (hit != bounder.rays(np.concatenate([x, y - x], axis=1), length=2.0)[0].numpy()).mean() < 0.02
+    assert (boxed == bounder.boxes(np.minimum(x, y), np.maximum(x, y)).numpy()).all()
+    assert 0 < maybe.sum() < n
+    for other in (far("aabb", "blob").data, wb.Data()):  # of another source, or none: nothing is known
+        d, maybe, t, hit, boxed = run(other)
+        assert not d.any()
+        assert maybe.all()
+        assert hit.all()
+        assert boxed.all()
+        assert not t.any()
+
+
+def test_bad_questions():
+    bounder, x = far("aabb", "blob"), np.zeros((3, 3), np.float32)
+    for radius in (-0.1, np.nan, np.inf, [0.1, 0.2], "wide", None):
+        with pytest.raises(QueryError, match="radius must be"):
+            bounder.query(x, radius)
+        with pytest.raises(QueryError, match="radius must be"):
+            bounder.segments(x, x, radius)
+    for steps in (0, -1, 1.5, True, None):
+        with pytest.raises(QueryError, match="steps must be a whole number of at least 1"):
+            bounder.segments(x, x, steps=steps)
+        with pytest.raises(QueryError, match="steps must be"):
+            bounder.boxes(x, x, steps=steps)
+    with pytest.raises(QueryError, match="as many"):
+        bounder.segments(x, x[:2])
+    with pytest.raises(QueryError, match="length must be"):
+        bounder.rays(np.zeros((3, 6), np.float32), length=-1)
+    with pytest.raises(QueryError, match=r"\(N, 3\)"):
+        bounder.distance(np.zeros((3, 2), np.float32))
+    with pytest.raises(QueryError, match="object space"):
+        bounder.query(x, scale=2.0)
+    assert bounder.boxes(x + np.float32(2), x).numpy().all()  # upside down
+
+
+def test_bad_fits():
+    for method in ("voxels", "nothing", "aabb+sphere"):
+        with pytest.raises(BounderError, match="method of a distance must be one of aabb"):
+            wb.fit(thing("c"), "distance", method)
+    with pytest.raises(BounderError, match=r"aabb takes no option 'hidden'; .*aabb takes metric for distances"):
+        wb.fit(thing("c"), "distance", "aabb", hidden=(8,))
+    for name, value in (("length", 2.0), ("side", "inside")):
+        with pytest.raises(BounderError, match=f"{name} is not for distances"):
+            wb.fit(thing("c"), "distance", "aabb", **{name: value})
+    with pytest.raises(QueryError, match="point, ray, plane, box, distance"):
+        wb.fit(thing("c"), "distances", "aabb")
+    inside = wb.IndicatorFunction(lambda x: (x**2).sum(axis=1) < 1, [-1, -1], [1, 1])
+    with pytest.raises((BounderError, IndicatorError), match=r"proven|certifies"):
+        wb.fit(inside, "distance", "aabb")
+
+
+def test_a_method_is_added_from_outside():
+    class Wide(AabbDistance):
+        method = "wide"
+
+    register(Wide)
+    try:
+        assert wb.DISTANCES["wide"] is Wide
+        with pytest.raises(BounderError, match="method wide is Wide already"):
+            register(type("Other", (AabbDistance,), {"method": "wide"}))
+    finally:
+        unregister(Wide)
+    assert "wide" not in wb.DISTANCES
+    with pytest.raises(BounderError, match="expected a class"):
+        register(int)
+
+
+def brute(bounder, x: np.ndarray, count: int = 400_000) -> np.ndarray:
+    """About the distance from points to the volume: to the nearest of many points in it, all of them certainly in it."""
+    from scipy.spatial import cKDTree
+
+    volume, rng = bounder.volume, np.random.default_rng(5)
+    limit = volume.domain.limit.astype(np.float64)
+    v = rng.uniform(-limit, limit, (count, volume.ndim)) * 2.5
+    v = v[volume.reference(v) >= float(volume.threshold)]
+    # to the border, along lines between points in the volume and others: bisection
+    out = rng.uniform(-limit, limit, (len(v), volume.ndim)) * 4
+    low, high = np.zeros(len(v)), np.ones(len(v))
+    for _ in range(40):
+        t = (low + high) / 2
+        held = volume.reference(v + t[:, None] * (out - v)) >= float(volume.threshold)
+        low, high = np.where(held, t, low), np.where(held, high, t)
+    border = volume.domain.to_object(v + low[:, None] * (out - v))
+    return cKDTree(np.concatenate([border, volume.domain.to_object(v)])).query(x)[0]
+
+
+@pytest.mark.parametrize("name", ["c", "tetrahedron"])
+@pytest.mark.parametrize(
+    ("method", "share"),
+    [
+        ("aabb", 1e-9),
+        ("obb", 1e-5),
+        ("sphere", 1e-5),
+        ("ellipsoid", 2e-3),
+        ("oriented-ellipsoid", 2e-3),
+        ("bvh", 1e-5),
+        ("kdop", None),
+        ("learned-kdop", None),
+    ],
+)
+def test_forms_against_dense_points(method, share, name, rng):
+    """No point of the volume is nearer than F says; of exact forms none but a little farther is the nearest one."""
+    bounder, size = far(method, name), float(thing(name).extent.max())
+    x = points_around(thing(name), 200, rng).astype(np.float64)
+    exact, dense = bounder.exact(x), brute(bounder, x)
+    outside = dense > 0.05 * size
+    assert (exact[outside] <= dense[outside] * (1 + 1e-12)).all()
+    assert (exact > 0).sum() > 50
+    if share is not None:
+        assert (dense[outside] <= exact[outside] * (1 + share) + 0.05 * size).all()
+    elif method == "kdop":
+        assert (exact >= far("aabb", name).exact(x) - 2e-4 * size).all()
+
+
+@pytest.mark.parametrize("refine", [1, 4])
+@pytest.mark.parametrize(("storage", "name"), [*((each, "tetrahedron") for each in STORAGES), (STORAGES[-1], "c")])
+def test_storages(storage, name, refine, rng, tmp_path):
+    shape, told = thing(name), {"nodes": 12 if refine == 1 else 6, "storage": storage, "refine": refine}
+    bounder = wb.fit(shape, "distance", "distance-grid", **told, device="cpu", progress=False)
+    assert bounder.certificate.proven
+    assert bounder.tensors["values"].dtype == storage
+    assert bounder.refined.any() == (refine > 1)
+    x = points_around(shape, 3000, rng)
+    if refine > 1:  # F may jump where cells meet finer ones, and float32 may take a point for one of the next cell
+        lower, upper = bounder.pieces()
+        chosen = rng.integers(len(lower), size=len(x))
+        v, axis, rows = (
+            rng.uniform(lower[chosen], upper[chosen]),
+            rng.integers(shape.ndim, size=len(x)),
+            np.arange(len(x)),
+        )
+        v[rows, axis] = np.where(rng.random(len(v)) < 0.5, lower[chosen, axis], upper[chosen, axis])
+        x = np.concatenate([x, around := bounder.domain.to_object(v).astype(np.float32)])
+        for way in (-np.inf, np.inf):
+            moved = around.copy()
+            moved[rows, axis] = np.nextafter(moved[rows, axis], np.float32(way))
+            x = np.concatenate([x, moved])
+    g, exact, known = bounder.distance(x).numpy(), bounder.exact(x), shape.distances(x)
+    assert (g <= known[:, 1]).all()
+    assert (g <= exact + bounder.rounding_bound() * bounder.domain.unit).all()
+    assert (g > 0).sum() > 0.5 * (known[:, 0] > 0).sum()
+    bounder.save(tmp_path / "g.safetensors")
+    again = wb.load(tmp_path / "g.safetensors", device="cpu")
+    assert (again.distance(x).numpy() == g).all()
+    assert wb.certify(again, shape).proven
+
+
+def test_raised_values_are_not_proven():
+    bounder, shape = far("distance-grid", "tetrahedron"), thing("tetrahedron")
+    assert wb.certify(bounder, shape).proven
+    tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.2).astype(np.float16)}
+    raised = DistanceGrid(bounder.domain, tensors, bounder.sizes, "cpu").freeze(float(bounder.threshold), None)
+    raised.info = bounder.info
+    proof = wb.certify(raised, shape)
+    assert proof.kind == "refuted"
+    point = np.array([proof.counterexample], np.float32)
+    assert raised.distance(point).numpy()[0] > shape.distances(point)[0, 1]
+
+
+def test_excesses_hold(rng):
+    """No point of a box has a larger excess than what is certified, and the largest one is not far from what points have."""
+    shape, bounder = thing("c"), far("distance-grid", "c")
+    tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.1)}
+    raised = DistanceGrid(bounder.domain, tensors, bounder.sizes | {"storage": "float32"}, "cpu")
+    lower, upper = raised.pieces()
+    found, boxes, complete = excesses(raised, shape, lower, upper, tolerance=1e-3, halvings=12)
+    assert complete
+    assert boxes >= len(lower)
+    for cell in rng.integers(len(lower), size=60):
+        v = rng.uniform(lower[cell], upper[cell], (400, 2))
+        above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 1] / raised.domain.unit
+        assert above.max() <= found[cell] + 1e-12
+    (most,), _, _, _ = largest_excess(raised, shape, 60.0)
+    v = rng.uniform(lower.min(axis=0), upper.max(axis=0), (100_000, 2))
+    above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 0] / raised.domain.unit
+    assert above.max() <= most <= above.max() + 0.01
+
+
+def test_grids_that_are_refused():
+    grid = thing("c")
+    for option, value in (("nodes", 1), ("nodes", 2.5), ("storage", "float64"), ("refine", 3), ("refine", 32)):
+        with pytest.raises(BounderError, match=option):
+            wb.fit(grid, "distance", "distance-grid", **{option: value})
+    bounder = far("distance-grid", "c")
+    for values in (np.zeros((3, 3, 3), np.float16), np.zeros((1, 5), np.float16), np.full((3, 3), 1e-6, np.float16)):
+        with pytest.raises(BounderError):
+            DistanceGrid(bounder.domain, {"values": values}, bounder.sizes, "cpu")
+    with pytest.raises(BounderError, match="stored"):
+        DistanceGrid(bounder.domain, {"values": np.zeros((3, 3), np.float32)}, bounder.sizes, "cpu")
+    refined = wb.fit(grid, "distance", "distance-grid", nodes=6, refine=2, device="cpu", progress=False)
+    bits = refined.tensors["refined"]
+    fewer = bits & (bits - 1).astype(np.uint32)
+    beyond = bits | np.uint32(1 << 31)
+    for tensors, sizes in (
+        (refined.tensors | {"refined": fewer}, refined.sizes),
+        (refined.tensors | {"refined": beyond}, refined.sizes),
+        (refined.tensors | {"refined": bits[:0]}, refined.sizes),
+        (refined.tensors | {"blocks": refined.tensors["blocks"].astype(np.float32)}, refined.sizes),
+        (refined.tensors, refined.sizes | {"refine": 4}),
+        (refined.tensors, refined.sizes | {"refine": 1}),
+        ({"values": refined.tensors["values"]}, refined.sizes),
+    ):
+        with pytest.raises(BounderError):
+            DistanceGrid(refined.domain, tensors, sizes, "cpu")
+    unknown = wb.IndicatorFunction(
+        lambda x: (x**2).sum(axis=1) < 1,
+        [-1, -1],
+        [1, 1],
+        empty=lambda low, high: (np.maximum(np.maximum(low, -high), 0) ** 2).sum(axis=1) > 1,
+    )
+    with pytest.raises(BounderError, match="meshes, grids, solids and functions with distance= have one"):
+        wb.fit(unknown, "distance", "distance-grid")

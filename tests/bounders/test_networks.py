@@ -1,0 +1,616 @@
+"""Networks: thresholds by parts, exits and grants, monotone networks of boxes; proven, the same on every path, and refused where they are wrong."""
+
+from functools import cache
+from itertools import product
+
+import numpy as np
+import pytest
+import warp as wp
+from asking import ask, check_compiles
+from bounding_shapes import EARLY, domain_points, fitted, object_points, random_mlp, rounding_of_answers, shape
+from random_networks import random_monotone
+from region_cases import cases
+from rewriting import check_refused, rewrite
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.mlp import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local, Mlp, MonotoneMlp, Occupancy
+from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
+from warp_bounding.certificates import Certificate
+from warp_bounding.errors import BounderError
+from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.source import DENIED, GRANTED
+from warp_bounding.proof import charted, prove
+from warp_bounding.proof.prove import corners, in_part, meeting
+from warp_bounding.queries import sample
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
+
+PARTS = 30
+
+
+CLOSE = {"blob": (3, 4, 2), "c": (5, 3)}
+
+
+@cache
+def fit_points(name: str) -> wb.Bounder:
+    return wb.fit(shape(name), method="mlp", hidden=(8,), steps=300, thresholds=PARTS, device="cpu", progress=False)
+
+
+def some_local(name: str, seed: int = 0) -> Local:
+    """A random network at random thresholds, parts that are denied or not asked among them."""
+    rng, member = np.random.default_rng(seed), random_mlp(shape(name))
+    limit = member.domain.limit.astype(np.float64)
+    lattice = Lattice.of(-0.8 * limit, 0.7 * limit, CLOSE[name])
+    thresholds = rng.normal(size=lattice.count)
+    thresholds[rng.random(lattice.count) < 0.2] = np.inf
+    thresholds[rng.random(lattice.count) < 0.2] = -np.inf
+    return Local.of(member, lattice, thresholds, 2.0**-6)
+
+
+@pytest.mark.parametrize("name", list(CLOSE))
+def test_devices_compute_f_less_the_threshold_of_the_part(name, device, rng):
+    bounder, x = some_local(name).to(device), domain_points(shape(name), 5000, rng)
+    v = bounder.domain.to_local(x)
+    on_edges = rng.random(v.shape) < 0.1  # points whose float32 v is close to an edge, or on it
+    for k, axis in enumerate(bounder.lattice.edges):
+        v[on_edges[:, k], k] = rng.choice(axis, int(on_edges[:, k].sum()))
+    x = bounder.domain.to_object(v).astype(np.float32)
+    v = bounder.domain.to_local(x)
+    x, v = (each[(np.abs(v) <= bounder.domain.limit * (1 - 1e-6)).all(axis=1)] for each in (x, v))
+    around = [bounder.lattice.place(v + 1e-5 * np.array(way)) for way in product((-1, 1), repeat=v.shape[1])]
+    f = bounder.member.reference(v)
+    allowed = np.stack([np.clip(f - bounder.thresholds[place], DENIED, CERTAIN) for place in around])
+    clear = np.ptp(around, axis=0) == 0  # elsewhere the computed v may lie in a part beside
+    assert (allowed[0, clear] == bounder.reference(v)[clear]).all()
+    assert clear.sum() > 1500
+    assert (np.ptp(allowed, axis=0) > 2 * bounder.rounding_bound()).sum() > 100
+    found = bounder.values(x).numpy().astype(np.float64)
+    assert np.abs(allowed - found).min(axis=0).max() <= bounder.rounding_bound()
+    assert {DENIED, CERTAIN} <= set(found[clear])
+    sure = clear & (np.abs(found - float(bounder.threshold)) > 2 * bounder.rounding_bound())
+    assert (ask(bounder, x)[sure] == bounder.query(x).numpy()[sure]).all()
+
+
+@pytest.mark.parametrize("case", ["blob", "c", "ray"])
+def test_a_fit_is_proven_part_by_part_and_no_looser(case, tmp_path):
+    grid, bounder = shape("c" if case == "ray" else case), fit_regions(case) if case == "ray" else fit_points(case)
+    assert bounder.method == "local"
+    assert bounder.certificate.proven
+    assert 1 < bounder.lattice.count <= PARTS
+    assert bounder.info["training"]["thresholds"] == bounder.lattice.count
+    met = met_by(bounder) if case == "ray" else object_points(grid, np.random.default_rng(0))
+    assert bounder.query(met).numpy().all()
+    assert wb.evaluate(bounder, grid, samples=20_000).fn == 0
+    finite = np.isfinite(bounder.thresholds)
+    single = bounder.member.to("cpu").freeze(bounder.thresholds[finite].min() + float(bounder.threshold), None)
+    x = sample(bounder.query_kind, grid, 20_000, np.random.default_rng(3)).astype(np.float32)
+    asked = finite[bounder.lattice.place(bounder.domain.to_local(x))]
+    assert (bounder.query(x).numpy() <= single.query(x).numpy())[asked].all()
+    assert case != "ray" or bounder.query(x).numpy().sum() < single.query(x).numpy().sum()
+    bounder.save(tmp_path / "local.safetensors")
+    again = wb.load(tmp_path / "local.safetensors", device="cpu")
+    assert again.certificate == bounder.certificate
+    assert (again.query(x).numpy() == bounder.query(x).numpy()).all()
+    assert wb.certify(again, grid).proven
+
+
+def test_a_shape_without_cells():
+    ball = wb.solids.Sphere((0.1, 0.2, 0.3), 0.4)
+    bounder = wb.fit(ball, hidden=(8,), steps=200, thresholds=27, device="cpu", progress=False)
+    assert bounder.certificate.proven
+    assert wb.certify(bounder, ball).proven
+    assert wb.evaluate(bounder, ball, samples=20_000).fn == 0
+
+
+def relevelled(bounder: Local, levels: np.ndarray) -> Local:
+    """The same bounder at other levels."""
+    words = np.pad(levels, (0, -len(levels) % 4)).view(np.uint32)
+    lying = Local(bounder.domain, bounder.tensors | {"levels": words}, bounder.sizes, "cpu")
+    lying.freeze(bounder.threshold, None).info = bounder.info
+    return lying
+
+
+def test_a_part_that_denies_a_part_of_the_object_is_found_out():
+    bounder, grid = fit_points("c"), shape("c")
+    levels = bounder.tensors["levels"].view(np.uint8)[: bounder.lattice.count]
+    cells = grid.position(grid.occupied.astype(np.float64))
+    places = np.bincount(bounder.lattice.place(bounder.domain.to_local(cells)), minlength=bounder.lattice.count)
+    told = (places > 0) & (levels < EVERYWHERE)  # parts with positives and a threshold
+    lowest = np.argmin(np.where(told, levels, NOWHERE))
+    for part, wrong in ((np.argmax(places), NOWHERE), (lowest, NOWHERE), (lowest, EVERYWHERE - 1)):
+        assert levels[part] != wrong
+        changed = levels.copy()
+        changed[part] = wrong
+        lying = relevelled(bounder, changed)
+        assert lying.thresholds[part] > bounder.thresholds[part] + 0.1
+        certificate = wb.certify(lying, grid)
+        assert certificate.kind == "refuted"
+        assert grid.contains(np.float64([certificate.counterexample])).all()
+
+
+@pytest.mark.parametrize("name", list(CLOSE))
+def test_pieces_cover_a_box_and_lie_in_one_part_each(name, rng):
+    lattice = some_local(name).lattice
+    n = len(lattice.shape)
+    lower = rng.uniform(-1, 1, (300, n))
+    upper = lower + rng.uniform(0, 1, (300, n)) * (rng.random((300, 1)) < 0.9)
+    for k, axis in enumerate(lattice.edges):  # boxes that begin and end on edges
+        upper[k::7, k] = np.maximum(rng.choice(axis, len(upper[k::7])), lower[k::7, k])
+        lower[k::5, k] = np.minimum(rng.choice(axis, len(lower[k::5])), upper[k::5, k])
+    low, high, owner = lattice.cut(lower, upper)
+    assert (low <= high).all()
+    assert (low >= lower[owner]).all()
+    assert (high <= upper[owner]).all()
+    for share in (0.0, 0.3, 1.0):
+        v = lower + share * (upper - lower)
+        v = np.where(share == 1.0, upper, v)
+        parts = lattice.place(v)
+        held = [
+            ((low <= p) & (high >= p)).all(axis=1)[owner == i] & (lattice.place(low)[owner == i] == part)
+            for i, (p, part) in enumerate(zip(v, parts, strict=True))
+        ]
+        assert all(each.any() for each in held)  # each point lies in a piece that counts to the point's part
+    inside = low + 0.5 * (high - low)
+    assert (lattice.place(inside) == lattice.place(low)).all()
+
+
+@pytest.mark.parametrize("name", list(CLOSE))
+def test_bounds_hold_over_boxes_of_any_size(name, rng):
+    bounder = some_local(name)
+    low = rng.uniform(-1, 1, (2000, shape(name).ndim))
+    high = low + 10 ** rng.uniform(-4, 0, (2000, 1))
+    bounds = bounder.bound(low, high)
+    for t in rng.random((20, 1, 1)):
+        assert (bounder.reference(low + t[0] * (high - low)) >= bounds.lower).all()
+
+
+def test_a_cascade_may_end_with_local_thresholds(rng):
+    first, last = fitted("aabb", "blob"), fit_points("blob").to("cpu")
+    last.info = last.info | {key: first.info.get(key) for key in ("indicator", "margin", "resolution")}
+    whole, x = wb.cascade(first, last), domain_points(shape("blob"), 4000, rng)
+    answers = first.query(x).numpy() & last.query(x).numpy()
+    assert (whole.query(x).numpy() == answers).all()
+    assert (ask(whole, x) == answers).all()
+    assert whole.certificate.proven
+    assert wb.certify(whole, shape("blob")).proven
+    with pytest.raises(BounderError, match="only the last part"):
+        wb.cascade(last, first)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"edges": lambda e: e[::-1].copy()}, "ascend"),
+        ({"edges": lambda e: e * 0}, "ascend"),
+        ({"scale": lambda s: np.array([0.5, 0.25], np.float32)}, "whole number"),
+        ({"scale": lambda s: np.array([0.0, 0.3], np.float32)}, "power of two"),
+        ({"scale": lambda s: np.array([2.0**23, 0.25], np.float32)}, "whole number"),
+        ({"scale": lambda s: np.array([4.0, 2.0**112], np.float32)}, "whole number"),
+        ({"levels": lambda t: t[:-1].copy()}, "expected tensors"),
+    ],
+)
+def test_numbers_that_no_fit_writes_are_refused(change, message):
+    bounder = some_local("blob")
+    tensors = bounder.tensors | {name: turn(bounder.tensors[name]) for name, turn in change.items()}
+    with pytest.raises(BounderError, match=message):
+        Local(bounder.domain, tensors, bounder.sizes, "cpu")
+    for shape_ in ([3, 4], [3, 4, 0], "abc", [3, 4, 2.0], [100, 100, 100]):
+        with pytest.raises(BounderError, match="counts"):
+            Local(bounder.domain, bounder.tensors, bounder.sizes | {"shape": shape_}, "cpu")
+
+
+def test_cuda_source_compiles(tmp_path):
+    if not hasattr(wp, "compile_aot_module"):
+        pytest.skip("this Warp cannot compile ahead of time")
+    check_compiles(batch_kernel(some_local("blob").source, False, False), tmp_path)
+
+
+REGIONS = {"ray": {"length": 0.6}, "box": {}}
+
+
+@cache
+def fit_regions(query: str) -> wb.Bounder:
+    options = {"hidden": (8,), "steps": 300, "thresholds": 16, "device": "cpu", "progress": False}
+    return wb.fit(shape("c"), query, method="mlp", **options, **REGIONS[query])
+
+
+def met_by(bounder: wb.Bounder, count: int = 30_000, seed: int = 7) -> np.ndarray:
+    grid, length = shape("c"), bounder.domain.oracle_length
+    return np.concatenate(list(draw_positives(bounder.query_kind, grid, count, seed, "cpu", length)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("query", REGIONS)
+def test_a_part_that_denies_a_positive_is_found_out(query):
+    bounder, grid = fit_regions(query), shape("c")
+    levels = bounder.tensors["levels"].view(np.uint8)[: bounder.lattice.count]
+    met, step = met_by(bounder), float(bounder.tensors["scale"][1])
+    places = bounder.lattice.place(bounder.domain.to_local(met))
+    told = (np.bincount(places, minlength=len(levels)) > 0) & (levels < EVERYWHERE)
+    lowest = np.argmin(np.where(told, levels, NOWHERE))
+    tried = [(lowest, NOWHERE), (lowest, EVERYWHERE - 1)]
+    for part in np.flatnonzero(told):  # raised by just as much as makes it deny a positive that was drawn
+        least = bounder.values(met[places == part]).numpy().min()
+        raised = int(levels[part]) + int(np.ceil((least - float(bounder.threshold)) / step)) + 1
+        tried += [(part, raised)] if raised < EVERYWHERE else []
+    assert len(tried) > 2
+    for part, wrong in tried:
+        changed = levels.copy()
+        changed[part] = wrong
+        lying = relevelled(bounder, changed)
+        assert not lying.query(met[places == part]).numpy().all()
+        assert wb.certify(lying, grid).kind in (("refuted",) if wrong >= EVERYWHERE - 1 else ("refuted", "undecided"))
+
+
+def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
+    for bounder, grid in ((fit_points("c"), shape("c")), (fit_regions("ray"), shape("c"))):
+        lying = relevelled(bounder, np.full(bounder.lattice.count, NOWHERE, np.uint8))
+        for threshold in (0.0, -(2.0**127.5), 2.0**127.5):
+            lying.freeze(threshold, None).info = bounder.info
+            assert wb.certify(lying, grid).kind == "refuted" or threshold < 0
+            assert not wb.certify(lying, grid).proven
+    assert wb.certify(bounder, grid, seconds=0).kind == "undecided"
+
+
+@pytest.mark.parametrize("name", ["c", "blob"])
+@pytest.mark.parametrize("query", REGIONS)
+def test_a_part_bounds_the_queries_in_it_and_no_others(query, name, rng):
+    member = random_mlp(shape(name), domain=domain_of(shape(name), query, **REGIONS[query]))
+    cover, limit = charted(member, shape(name)), member.domain.limit.astype(np.float64)
+    lattice = Lattice.of(-0.7 * limit, 0.6 * limit, (2,) * len(limit))
+    row = rng.integers(len(cover.lower), size=300)
+    share = np.sort(rng.random((2, 300, cover.lower.shape[1])), axis=0)
+    lower, upper = (cover.lower[row] + s * (cover.upper - cover.lower)[row] for s in share)
+    z = lower + rng.random((50, *lower.shape)) * (upper - lower)
+    v = np.stack([cover.coordinates(each) for each in z])
+    low, high = cover.chart.hull(lower, upper, cover.numbers)
+    assert ((low <= v) & (v <= high)).all()
+    f = np.stack([member.reference(each) for each in v])
+    plain = cover.bound(lower, upper)
+    # The chart leaves out what is no query of the domain, and boxes that do not meet the object.
+    held = ((np.abs(v) <= limit).all(axis=2) & np.isfinite(plain.lower)).T
+    held &= _positive(cover, query, z).T
+    tighter, place = 0, np.stack([lattice.place(each) for each in v]).T
+    for part, (first, last) in enumerate(zip(*corners(lattice), strict=True)):
+        bounds = in_part(cover, first, last).bound(lower, upper)
+        inside = held & (place == part)
+        some = inside.any(axis=1)
+        assert np.isfinite(bounds.lower[some]).all()
+        least = np.where(inside, f.T, np.inf).min(axis=1)
+        assert (bounds.lower[some] <= least[some]).all()
+        tighter += int((bounds.lower > plain.lower + 1e-6).sum())
+    assert tighter > 100
+    met = {part for part, _ in meeting(cover, lattice)}
+    assert set(np.unique(lattice.place(v.reshape(-1, v.shape[2])[held.T.reshape(-1)]))) <= met
+
+
+def _positive(cover, query: str, z: np.ndarray) -> np.ndarray:
+    """Which numbers are queries that meet the object: of rays all; of boxes those whose corners are in order and that do."""
+    if query == "ray":
+        return np.ones(z.shape[:2], dtype=bool)
+    flat = z.reshape(-1, z.shape[2])
+    return np.isfinite(cover.bound(flat, flat).lower).reshape(z.shape[:2]) & (
+        z[..., : z.shape[2] // 2] <= z[..., z.shape[2] // 2 :]
+    ).all(axis=2)
+
+
+def test_what_a_fit_refuses():
+    for query, method, count in (
+        ("point", "mlp", 0),
+        ("point", "mlp", 1.5),
+        ("point", "mlp", 1 << 20),
+        ("plane", "mlp", 4),
+        ("box", "monotone-mlp", 4),
+    ):
+        with pytest.raises(BounderError, match="thresholds"):
+            wb.fit(shape("c"), query, method, thresholds=count, steps=1, device="cpu", progress=False)
+
+
+EXITS = {  # shape, query, hidden, activation: one exit and two
+    "points": ("blob", "point", EARLY, "sin"),
+    "points-2d": ("c", "point", (9, 17, 6), "relu"),
+    "rays": ("c", "ray", EARLY, "sin"),
+    "planes": ("blob", "plane", EARLY, "sin"),
+}
+
+
+def random_tensors(rng, inputs, hidden, outputs, bias) -> dict[str, np.ndarray]:
+    tensors = {}
+    for i, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, outputs), strict=True)):
+        tensors[f"layers.{i}.weight"] = (rng.normal(size=(h, k)) * (3 if i == 0 else 1.5) / np.sqrt(k)).astype(
+            np.float32
+        )
+        tensors[f"layers.{i}.bias"] = rng.normal(size=h).astype(np.float32) + np.float32(bias * (i == len(hidden)))
+    for i, width in enumerate(hidden[:-1]):
+        tensors[f"exits.{i}.weight"] = (rng.normal(size=(outputs, width)) / np.sqrt(width)).astype(np.float32)
+        tensors[f"exits.{i}.bias"] = np.full(outputs, bias, np.float32)
+    return tensors
+
+
+@cache
+def early(case: str, device: str) -> tuple[MlpEarly, np.ndarray]:
+    """A random network with exits, a threshold for each that denies some queries, and queries."""
+    name, query, hidden, activation = EXITS[case]
+    grid, rng = shape(name), np.random.default_rng(len(case))
+    domain, n = domain_of(grid, query), grid.ndim
+    inputs = n if query == "plane" else domain.ndim
+    tensors = random_tensors(rng, inputs, hidden, 1 + (query == "plane"), 1.0 if query == "plane" else 0.0)
+    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0}
+    x = sample(query, grid, 5000, rng)
+    x[::501] = np.nan
+    parts = MlpEarly(domain, tensors, sizes, device).parts
+    for part in parts:
+        f = part.values(x).numpy()
+        part.freeze(float(np.quantile(f[np.isfinite(f)], 0.3)), None)
+    return MlpEarly.of(parts), x
+
+
+def answers_of(part: Mlp, x: np.ndarray) -> np.ndarray:
+    """``part.query``, by its values: one kernel less to compile."""
+    return ~(part.values(x).numpy() < part.threshold)
+
+
+@pytest.mark.parametrize("case", EXITS)
+def test_it_is_the_conjunction_of_its_parts(case, device):
+    bounder, x = early(case, device)
+    parts = bounder.parts
+    assert len(parts) == len(bounder.hidden) == len(bounder.exit_thresholds) + 1
+    assert [type(part) for part in parts] == [Mlp] * len(parts)
+    answers = np.array([answers_of(part, x) for part in parts])
+    assert (bounder.query(x).numpy() == answers.all(axis=0)).all()
+    assert answers[:, ::501].all()
+    for i in range(len(parts)):  # every one of them matters
+        assert (answers[i] < np.delete(answers, i, 0).all(axis=0)).any()
+    values, last = bounder.values(x).numpy(), parts[-1].values(x).numpy()
+    passed = answers[:-1].all(axis=0)
+    asked = np.isfinite(last)
+    assert (values == np.where(passed | ~asked, last, np.float32(DENIED))).all()
+
+
+@pytest.mark.parametrize("case", EXITS)
+def test_the_reference(case, device):
+    bounder, x = early(case, device)
+    values = bounder.values(x).numpy().astype(np.float64)
+    asked = np.isfinite(values)
+    if bounder.query_kind == "ray":  # those that begin inside: `to_local` does not move the others
+        asked &= (np.abs(bounder.domain.base.to_local(x[:, : bounder.ndim])) <= 1).all(axis=1)
+    v = bounder.domain.to_local(x[asked])
+    exact, values = bounder.reference(v), values[asked]
+    agreed = (exact == DENIED) == (values == DENIED)
+    assert agreed.mean() > 0.999
+    assert (exact == DENIED).any() == (len(bounder.parts) > 1)
+    slope = 1e-4  # the coordinates themselves are rounded
+    assert (np.abs(values - exact)[agreed & (exact > DENIED)] <= bounder.rounding_bound() + slope).all()
+    for part in bounder.parts:  # networks of every kind of query, two outputs among them
+        values = part.values(x[asked]).numpy()
+        assert (np.abs(values - part.reference(v)) <= part.rounding_bound() + slope).all()
+
+
+@pytest.mark.parametrize("case", ["points", "points-2d"])
+def test_bounds_hold(case, rng):
+    bounder, _ = early(case, "cpu")
+    bounder = MlpEarly(bounder.domain, dict(bounder.tensors), bounder.sizes, "cpu")
+    limit = bounder.domain.limit.astype(np.float64)
+    center, radius = rng.uniform(-limit, limit, (400, len(limit))), 10 ** rng.uniform(-4, -1, (400, 1)) * limit
+    lower, upper = np.maximum(center - radius, -limit), np.minimum(center + radius, limit)
+    bounds = bounder.bound(lower, upper)
+    assert (bounds.lower == DENIED).any()
+    assert (bounds.lower > DENIED).any()
+    assert (bounds.value == bounder.reference(bounds.point)).all()
+    for _ in range(50):
+        v = rng.uniform(lower, upper)
+        v = np.where(rng.random(v.shape) < 0.3, np.where(rng.random(v.shape) < 0.5, lower, upper), v)
+        assert (bounds.lower <= bounder.reference(v)).all()
+
+
+@cache
+def granting(case: str, device: str) -> MlpEarly:
+    """The same with random grants, each of which grants a fifth of all queries."""
+    bounder, x = early(case, device)
+    rng, outputs = np.random.default_rng(3), bounder.head.outputs
+    grants = [(rng.normal(size=(outputs, width)), np.zeros(outputs)) for width in bounder.hidden[:-1]]
+    untold = bounder.granting(grants, [GRANTED] * len(grants))
+    values = [grant_part(untold, i).values(x).numpy() for i in range(len(grants))]
+    return bounder.granting(grants, [np.quantile(f[np.isfinite(f)], 0.8) for f in values])
+
+
+def grant_part(bounder: MlpEarly, index: int) -> Mlp:
+    return Mlp(bounder.domain, *grant_of(bounder.tensors, bounder.sizes, index), bounder._device)
+
+
+@pytest.mark.parametrize("case", EXITS)
+def test_grants_are_told_in_turn_on_every_path(case, device):
+    (without, x), bounder = early(case, device), granting(case, device)
+    answers, values = bounder.query(x).numpy(), bounder.values(x).numpy()
+    last = without.parts[-1].values(x).numpy()
+    asked = np.isfinite(last)
+    open_, expected = asked.copy(), last.copy()
+    for i, part in enumerate(without.parts[:-1]):
+        f, sure = part.values(x).numpy(), grant_part(bounder, i).values(x).numpy()
+        denied = open_ & (f < part.threshold)
+        granted = open_ & ~denied & (sure > bounder.grant_thresholds[i])
+        assert denied.any()
+        assert granted.any()
+        expected[denied], expected[granted] = DENIED, GRANTED
+        open_ &= ~denied & ~granted
+    assert (values == expected).all()
+    assert (answers == ~(expected < bounder.threshold)).all()
+    assert (answers >= without.query(x).numpy()).all()  # a grant takes no answer back
+    assert (answers > without.query(x).numpy()).any()
+    near = np.zeros(len(x), bool)
+    for i, part in enumerate(without.parts):
+        tests = [(part, part.threshold)]
+        tests += [(grant_part(bounder, i), bounder.grant_thresholds[i])] if i + 1 < len(without.parts) else []
+        for own, bar in tests:
+            near |= np.abs(own.values(x).numpy().astype(np.float64) - float(bar)) <= 2 * own.rounding_bound()
+    assert near.mean() < 0.1
+    assert (ask(bounder, x) == answers)[~near].all()
+
+
+@pytest.mark.parametrize("case", ["points", "points-2d"])
+def test_grants_lower_f_nowhere(case, rng):
+    (without, _), bounder = early(case, "cpu"), granting(case, "cpu")
+    limit = bounder.domain.limit.astype(np.float64)
+    v = rng.uniform(-limit, limit, (5000, len(limit)))
+    f, before = bounder.reference(v), without.reference(v)
+    assert (f >= before).all()
+    assert (f == GRANTED).any()
+    lower, upper = np.maximum(v - 1e-3, -limit), np.minimum(v + 1e-3, limit)
+    bounds = bounder.bound(lower, upper)
+    assert (bounds.lower <= f).all()
+    assert (bounds.value == bounder.reference(bounds.point)).all()
+
+
+def test_grants_in_unions_and_cascades(device):
+    (without, x), bounder = early("points", device), granting("points", device)
+    ball = METHODS["sphere"].fit(shape("blob"), bounder.domain, device=device)
+    f = ball.values(x).numpy()
+    ball.freeze(float(np.quantile(f[np.isfinite(f)], 0.5)), None)
+    own, other, before = (each.query(x).numpy() for each in (bounder, ball, without))
+    for whole, expected, differs in (
+        (wb.cascade(ball, bounder), own & other, before & other),
+        (wb.union(bounder, ball), own | other, before | other),
+    ):
+        assert (expected != differs).any()
+        assert (whole.query(x).numpy() == expected).all()
+        assert (ask(whole, x) == expected).mean() > 0.99
+
+
+def test_parts_that_do_not_fit_together():
+    bounder, _ = early("points", "cpu")
+    parts, strangers = bounder.parts, early("points-2d", "cpu")[0].parts
+    tensors = {name: value.copy() for name, value in parts[0].tensors.items()}
+    tensors["layers.0.bias"] += np.float32(0.1)
+    other_layer = Mlp(bounder.domain, tensors, parts[0].sizes, "cpu")
+    for wrong in ([parts[1]], [parts[0], *parts], [strangers[0], parts[1]], [other_layer, parts[1]]):
+        with pytest.raises(BounderError, match="expected"):
+            MlpEarly.of(wrong)
+    with pytest.raises(BounderError, match="exits"):
+        MlpEarly(bounder.domain, {k: v for k, v in bounder.tensors.items() if "exits.0" not in k}, bounder.sizes, "cpu")
+
+
+def test_occupancy_never_holds_a_certificate(device, tmp_path):
+    part = early("points", device)[0].parts[-1]
+    bounder = Occupancy(part.domain, dict(part.tensors), part.sizes, device)
+    assert not bounder.conservative
+    assert "not conservative" in repr(bounder)
+    assert bounder.threshold == 0
+    x = early("points", device)[1]
+    part.freeze(0.0, None)
+    sure = np.abs(part.values(x).numpy()) >= (0.0 if device == "cpu" else rounding_of_answers(part))
+    assert (bounder.query(x).numpy() == answers_of(part, x))[sure].all()
+    certificate = object.__new__(Certificate)
+    with pytest.raises(BounderError, match="not conservative"):
+        bounder.freeze(0.0, certificate)
+    bounder.save(tmp_path / "o.safetensors")
+    assert type(wb.load(tmp_path / "o.safetensors", device=device)) is Occupancy
+
+
+MONOTONE = ("tanh", "relu")
+
+
+GROWN = ("c", "blob")
+
+
+def spoilt(bounder, name, index, value) -> dict[str, np.ndarray]:
+    tensors = {k: t.copy() for k, t in bounder.tensors.items()}
+    tensors[name][index] = value
+    return tensors
+
+
+@pytest.mark.parametrize("activation", MONOTONE)
+def test_one_weight_of_the_wrong_sign_is_refused(activation):
+    bounder = random_monotone(shape("c"), (5, 4), activation, dense=True)
+    for name in (f"layers.{layer}.weight" for layer in range(3)):
+        for index in np.ndindex(bounder.tensors[name].shape):
+            tensors = spoilt(bounder, name, index, -bounder.tensors[name][index])
+            with pytest.raises(BounderError, match=r"layers\.\d\.weight has the wrong sign"):
+                MonotoneMlp(bounder.domain, tensors, bounder.sizes, "cpu")
+            MonotoneMlp(bounder.domain, spoilt(bounder, name, index, 0.0), bounder.sizes, "cpu")
+
+
+def test_other_kinds_are_refused():
+    bounder = random_monotone(shape("c"), (5,))
+    for sizes in ({"activation": "sin"}, {"octaves": 1}):
+        with pytest.raises(BounderError):
+            MonotoneMlp(bounder.domain, bounder.tensors, bounder.sizes | sizes, "cpu")
+    for domain in (Domain.of(shape("c")), domain_of(shape("c"), "ray")):
+        assert not MonotoneMlp.supports(domain.query, 2)
+    with pytest.raises(BounderError, match="does not bound ray queries"):
+        MonotoneMlp(domain_of(shape("c"), "ray"), bounder.tensors, bounder.sizes, "cpu")
+
+
+@pytest.mark.parametrize("activation", MONOTONE)
+@pytest.mark.parametrize("name", GROWN)
+def test_f_never_falls_as_a_box_grows(activation, name, rng):
+    for seed in range(2):
+        bounder = random_monotone(shape(name), activation=activation, falling=seed / 2, seed=seed)
+        n = bounder.ndim
+        limit = bounder.domain.limit.astype(np.float64)
+        v = rng.uniform(-limit, limit, (4000, 2 * n))
+        step = 10.0 ** rng.uniform(-9, 0, (4000, 1)) * rng.random(v.shape) * (rng.random(v.shape) < 0.5)
+        larger = v + step * np.repeat([-1.0, 1.0], n)
+        f, more = bounder.reference(v), bounder.reference(larger)
+        assert (more >= f - 1e-12 * (1 + np.abs(f))).all()  # float64
+        assert (more > f).any()
+
+
+@pytest.mark.parametrize("activation", MONOTONE)
+@pytest.mark.parametrize("name", GROWN)
+def test_the_point_network_is_below_every_box_that_holds_the_point(activation, name, rng):
+    """Every box that rounding can make of one that holds p: corners up to delta inside of it."""
+    for seed in range(2):
+        bounder = random_monotone(shape(name), activation=activation, seed=seed)
+        base, delta = bounder.domain.base, bounder.domain.base.delta
+        p = rng.uniform(-1, 1, (3000, base.ndim)) * (base.limit - delta)
+        reach = rng.random((2, *p.shape)) * rng.choice([0.0, 0.0, 1e-6, 1.0], size=(2, len(p), 1))
+        inside = rng.choice([0.0, 1.0], size=(2, *p.shape), p=[0.3, 0.7])
+        low, high = p - reach[0] + inside[0] * delta, p + reach[1] - inside[1] * delta
+        assert (bounder.reference(np.concatenate([low, high], axis=1)) >= bounder.point_network(p)).all()
+        # and it is no lower than it needs to be
+        tight = bounder.reference(np.concatenate([p + delta, p - delta], axis=1))
+        assert np.abs(tight - bounder.point_network(p)).max() < 1e-8
+
+
+@pytest.mark.parametrize("activation", MONOTONE)
+def test_devices_stay_within_the_rounding_bound(activation, device, rng):
+    grid = shape("blob")
+    bounder = random_monotone(grid, activation=activation).to(device)
+    low = rng.random((5000, 3)).astype(np.float32)
+    q = np.concatenate([low, low + (rng.random((5000, 3)) * (1 - low)).astype(np.float32)], axis=1)
+    base = bounder.domain.base
+    v = ((q.reshape(-1, 3) - base.center) * base.scale).reshape(-1, 6).astype(np.float64)
+    values = bounder.values(q).numpy()
+    assert np.abs(values - bounder.reference(v)).max() <= bounder.rounding_bound()
+    answers, expected = wp.empty(len(q), dtype=wp.uint8, device=device), values >= 0.3
+    bounder.freeze(0.3, None).query(q, out=answers)
+    assert (answers.numpy() == expected).all()
+
+
+@pytest.mark.parametrize(("name", "activation"), [("c", "relu"), ("blob", "tanh")])
+def test_no_box_is_missed(name, activation, rng):
+    grid = shape(name)
+    q, truth = cases("box", grid, rng)
+    for seed in range(2):
+        bounder = random_monotone(grid, activation=activation, seed=seed)
+        prove(bounder, grid)
+        assert bounder.query(q).numpy()[truth].all()
+
+
+def test_files_come_back_and_hand_edited_ones_do_not(tmp_path, rng):
+    grid, path = shape("c"), tmp_path / "c.safetensors"
+    bounder = random_monotone(grid, (5, 4), dense=True)
+    prove(bounder, grid)
+    bounder.save(path)
+    twin = wb.load(path, device="cpu")
+    assert type(twin) is MonotoneMlp
+    assert twin.certificate == bounder.certificate
+    assert twin.certificate.proven
+    q = cases("box", grid, rng)[0]
+    assert (twin.query(q).numpy() == bounder.query(q).numpy()).all()
+    held = {k: t.copy() for k, t in bounder.tensors.items()}
+    held["layers.0.weight"][0, 0] *= -1
+    rewrite(path, lambda document: None, held)
+    check_refused(path, "wrong sign")

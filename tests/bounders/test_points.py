@@ -1,0 +1,359 @@
+"""Points: no positive is denied, by any method; beyond the keyframes of a motion the answer is maybe; what goes in and out."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from bounding_shapes import (
+    CONSERVATIVE,
+    HIDDEN,
+    NETWORKS,
+    crossed,
+    domain_points,
+    fitted,
+    object_points,
+    random_mlp,
+    shape,
+    told_of,
+)
+
+import warp_bounding as wb
+from warp_bounding.bounders import METHODS
+from warp_bounding.errors import BounderError, DeviceError, QueryError
+from warp_bounding.proof import positive_boxes, prove
+from warp_bounding.proof.search import minimum
+
+
+def low_points(bounder, grid) -> np.ndarray:
+    """What a search finds lowest on the object, in object space, as float32 points of it; also nudged on all axes."""
+    lower, upper = positive_boxes(bounder, grid)
+    search = minimum(bounder, lower, upper, eps=1e-2, boxes=100_000)
+    x = bounder.domain.to_object(search.worst).astype(np.float32)
+    x = np.concatenate([x, *(np.nextafter(x, np.float32(s * np.inf)) for s in (-1, 1))])
+    return x[grid.contains(x)]
+
+
+@pytest.mark.parametrize(
+    ("method", "name"),
+    crossed(CONSERVATIVE, ("line", "c", "blob", "single", "anisotropic", "mesh", "animated", "five")),
+)
+def test_no_false_negative(method, name, device, rng):
+    grid, bounder = shape(name), fitted(method, name).to(device)
+    assert bounder.certificate.proven
+    dense = domain_points(grid, 40_000, rng)
+    positives = np.concatenate([object_points(grid, rng), low_points(bounder, grid), dense[grid.contains(dense)]])
+    assert len(positives) > 3000  # there is something to deny
+    assert bounder.query(positives).numpy().all()
+    answers = bounder.query(dense).numpy().astype(bool)
+    if not grid.time:
+        beyond = 2 * bounder.domain.delta / bounder.domain.scale
+        outside = ((dense < grid.lower - beyond) | (dense > grid.upper + beyond)).any(axis=1)
+        assert outside.any()
+        assert not answers[outside].any()
+    if METHODS[method].exact_on_cells:  # and the bounder denies something; the networks here are hardly trained
+        assert not answers.all()
+
+
+@pytest.mark.parametrize("method", CONSERVATIVE)
+def test_double_precision_points(method, rng):
+    """Points of the object in float64 are rounded to float32 first; the proof covers that."""
+    grid, bounder = shape("mesh"), fitted(method, "mesh")
+    cells = grid.occupied[rng.integers(len(grid.occupied), size=20_000)]
+    offset = rng.uniform(-0.5, 0.5, cells.shape)
+    offset = np.where(rng.random(cells.shape) < 0.6, np.copysign(0.5, offset), offset)
+    assert bounder.query(grid.position(cells + offset)).numpy().all()
+
+
+@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
+def test_random_networks_are_proven_too(hidden, activation, octaves, rng):
+    grid = shape("blob")
+    bounder = random_mlp(grid, hidden, activation, octaves)
+    search = prove(bounder, grid, eps=0.05, boxes=1_000_000)
+    positives = np.concatenate([object_points(grid, rng), low_points(bounder, grid)])
+    assert bounder.query(positives).numpy().all()
+    assert bounder.values(positives).numpy().min() >= bounder.threshold
+    assert search.lower_bound - bounder.rounding_bound() >= bounder.threshold
+
+
+@pytest.mark.parametrize("name", ["c", "blob"])
+def test_closed_forms_are_tight(name, rng):
+    """The aabb ends within a thousandth of a cell of the object's own box; other volumes are hardly looser than others."""
+    grid, box = shape(name), fitted("aabb", name)
+    low, high = grid.position(grid.occupied - 0.5).min(axis=0), grid.position(grid.occupied + 0.5).max(axis=0)
+    cell = 1 / grid.cells_per_unit
+    for axis in range(grid.ndim):
+        for end, sign in ((low, -1), (high, 1)):
+            for away, answer in ((1e-3, 0), (-1e-6, 1)):
+                x = (low + high) / 2
+                x[axis] = end[axis] + sign * cell[axis] * away
+                assert box.query(x[None]).numpy()[0] == answer
+    x = domain_points(grid, 40_000, rng)
+    rate = {method: fitted(method, name).query(x).numpy().mean() for method in CONSERVATIVE}
+    truth = grid.contains(x).mean()
+    assert rate["kdop"] <= rate["aabb"]
+    assert rate["oriented-ellipsoid"] <= rate["ellipsoid"] * 1.02 + 1e-3  # both are found by iteration
+    assert truth <= rate["voxels"] <= truth + 5e-3
+
+
+SPAN = (-0.7, 0.1)  # no cells of time meet both ends
+
+
+POINTS = ("aabb", "bvh", "voxels", "mlp")
+
+
+TIMED = [(name, query) for name in ("kdop", "bvh") for query in ("ray", "plane", "box")]
+
+
+@cache
+def moving_box() -> wb.IndicatorMotion:
+    """A small box that wanders from one corner to the other."""
+    solid = trimesh.creation.box(extents=(0.2, 0.2, 0.2))
+    frames = np.stack([solid.vertices + shift for shift in (-0.3, 0.1, 0.3)])
+    return wb.IndicatorMotion(frames, solid.faces, times=[SPAN[0], sum(SPAN) / 2, SPAN[1]], time_cells=3)
+
+
+@cache
+def bounded(method: str, query: str) -> wb.Bounder:
+    told = told_of(method, query, hidden=HIDDEN, steps=3)
+    return wb.fit(moving_box().to_grid(resolution=5), query=query, method=method, device="cpu", **told)
+
+
+def beyond(rng: np.random.Generator) -> np.ndarray:
+    """float32 times before the first and after the last keyframe: the next ones, and up to many ranges away."""
+    away, times = (SPAN[1] - SPAN[0]) * 10.0 ** rng.uniform(-9, 3, 200), []
+    for keyframe, sign in ((np.float32(SPAN[0]), -1), (np.float32(SPAN[1]), 1)):
+        times += [np.nextafter(keyframe, np.float32(sign * np.inf)), *(keyframe + np.float32(sign) * np.float32(away))]
+    times = np.array(times, dtype=np.float32)
+    return times[(times < np.float32(SPAN[0])) | (times > np.float32(SPAN[1]))]
+
+
+def places(count: int, rng: np.random.Generator) -> np.ndarray:
+    """``(count, 3)``: on the object's way, near it and far from it."""
+    return (rng.uniform(-1, 1, (count, 3)) * 10.0 ** rng.integers(-1, 3, (count, 1))).astype(np.float32)
+
+
+@pytest.mark.parametrize("method", POINTS)
+def test_points_beyond_the_keyframes(method, rng):
+    bounder, times = bounded(method, "point"), beyond(rng)
+    for _ in range(5):
+        x = np.column_stack([times, places(len(times), rng)])
+        assert bounder.query(x).numpy().all()
+        assert bounder.query(x.astype(np.float64)).numpy().all()
+    inside = rng.uniform(SPAN[0] + 0.1, SPAN[1] - 0.1, len(times))  # between them there are answers
+    assert method == "mlp" or not bounder.query(np.column_stack([inside, np.full((len(times), 3), 5.0)])).numpy().any()
+
+
+@pytest.mark.parametrize(("method", "query"), TIMED)
+def test_regions_beyond_the_keyframes(method, query, rng):
+    """A region that holds no time of the motion; one that reaches into it counts by its part inside."""
+    bounder, times = bounded(method, query), beyond(rng)
+    at = np.column_stack([times, places(len(times), rng)])
+    away = np.where(times > SPAN[1], 1.0, -1.0)  # out of the range of time
+    if query == "box":
+        further = at + np.column_stack([away * rng.choice([0.0, 0.1, 9.0], len(at)), rng.random((len(at), 3))])
+        x = np.concatenate([np.minimum(at, further), np.maximum(at, further)], axis=1)
+    elif query == "ray":
+        d = rng.normal(size=at.shape)
+        d[:, 0] = np.abs(d[:, 0]) * away * (rng.random(len(d)) < 0.7)
+        x = np.concatenate([at, d], axis=1)
+    else:  # the planes that hold no time of the motion are those of one time
+        x = np.concatenate([np.tile([1.0, 0.0, 0.0, 0.0], (len(at), 1)), at], axis=1)
+    assert not (bounder.values(x.astype(np.float32)).numpy() < bounder.threshold).any()
+
+
+@pytest.mark.parametrize("query", ["point", "box"])
+def test_a_bounder_that_denies_beyond_the_keyframes_is_not_certified(query):
+    """Such as one of cells that reach beyond them."""
+    grid = moving_box().to_grid(resolution=5)
+    wide = np.concatenate([grid.occupancy[:1], grid.occupancy, grid.occupancy[-1:]])
+    longer = wb.IndicatorGrid(wide, cells_per_unit=grid.cells_per_unit, offset=grid.offset - [1, 0, 0, 0], time=True)
+    bounder = wb.fit(longer, query=query, method="bvh", device="cpu")
+    assert wb.certify(bounder, longer).proven
+    proof = wb.certify(bounder, grid)
+    assert proof.kind == "inapplicable"
+    assert "known at times from" in proof.message
+    assert wb.certify(bounded("bvh", query), grid).proven
+
+
+torch = pytest.importorskip("torch", reason="torch is not installed")
+
+
+@pytest.fixture(params=["aabb", "mlp"])
+def bounder(request):
+    return fitted(request.param, "blob")
+
+
+@pytest.fixture
+def x(rng):
+    points = domain_points(shape("blob"), 1500, rng)
+    points[::50] = np.nan
+    return points
+
+
+def test_numpy_and_lists(bounder, x):
+    expected = bounder.query(x).numpy()
+    assert expected[::50].all()
+    assert set(np.unique(expected)) == {0, 1}
+    assert (bounder.query(x.astype(np.float64)).numpy() == expected).all()
+    assert (bounder.query(x[:40].tolist()).numpy() == expected[:40]).all()
+    assert (bounder.query(np.asfortranarray(x)).numpy() == expected).all()
+    assert (bounder.query(x[::-3]).numpy() == expected[::-3]).all()
+    wide = np.zeros((len(x), 7), np.float32)
+    wide[:, 1:7:2] = x
+    assert (bounder.query(wide[:, 1:7:2]).numpy() == expected).all()
+    frozen = x.copy()
+    frozen.setflags(write=False)
+    assert (bounder.query(frozen).numpy() == expected).all()
+    unaligned = np.frombuffer(b"\0" + x.tobytes(), np.uint8)[1:].view(np.float32).reshape(x.shape)
+    assert (bounder.query(unaligned).numpy() == expected).all()
+    assert bounder.query([[0, 1, 2]]).shape == (1,)
+    for dtype in (">f4", ">f8"):
+        assert (bounder.query(x.astype(dtype)).numpy() == expected).all()
+
+
+@pytest.mark.parametrize("dtype", ["u1", "i8", ">i4"])
+def test_whole_numbers_that_float32_holds_exactly(dtype):
+    solid = wb.solids.Box([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
+    bounder, whole = wb.fit(solid, method="aabb", device="cpu"), np.indices((4, 4, 4)).reshape(3, -1).T
+    expected = bounder.query(whole.astype(np.float32)).numpy()
+    assert set(expected) == {0, 1}
+    assert (bounder.query(whole.astype(dtype)).numpy() == expected).all()
+    assert (bounder.query(whole.tolist()).numpy() == expected).all()
+    if dtype != ">i4":
+        assert (bounder.query(torch.from_numpy(whole.astype(dtype))).numpy() == expected).all()
+    large = np.array([[2**24, 2**62, -(2**40)]])
+    assert bounder.query(large).numpy() == bounder.query(large.astype(np.float32)).numpy()
+
+
+def test_torch(bounder, x):
+    expected = bounder.query(x).numpy()
+    t = torch.from_numpy(x)
+    for tensor in (t, t.double(), t.clone().requires_grad_(), t.T.contiguous().T, torch.cat([t, t], 1)[:, 3:]):
+        assert (bounder.query(tensor).numpy() == expected).all()
+    assert (bounder.query(t[::2]).numpy() == expected[::2]).all()
+
+
+def test_warp_arrays(bounder, x, device):
+    bounder = bounder.to(device)
+    expected = bounder.query(x).numpy()
+    vectors, flat = wp.array(x, dtype=wp.vec3, device=device), wp.array(x, dtype=wp.float32, device=device)
+    assert flat.shape == x.shape
+    for array in (vectors, flat):
+        assert (bounder.query(array).numpy() == expected).all()
+        assert (bounder.query(array[::2]).numpy() == expected[::2]).all()
+    wide = wp.array(np.concatenate([x, x], axis=1), dtype=wp.float32, device=device)
+    assert (bounder.query(wide[:, 3:]).numpy() == expected).all()
+
+
+def test_warp_arrays_of_float64_are_rounded_as_numpys_are(bounder, x, device):
+    bounder, x = bounder.to(device), x.astype(np.float64) * (1 + 1e-9)
+    x[3] = 1e300
+    expected = bounder.query(x).numpy()
+    for array in (wp.array(x, dtype=wp.vec3d, device=device), wp.array(x, dtype=wp.float64, device=device)):
+        assert (bounder.query(array).numpy() == expected).all()
+        assert (bounder.query(array[::3]).numpy() == expected[::3]).all()
+        with pytest.raises(QueryError, match="would have to be copied"):
+            bounder.prepare(array)
+    assert bounder.query(wp.zeros(0, dtype=wp.vec3d, device=device)).shape == (0,)
+
+
+def test_nothing_gives_nothing(bounder, device):
+    bounder = bounder.to(device)
+    warp = (wp.zeros(0, dtype=wp.vec3, device=device), wp.zeros((0, 3), dtype=wp.float32, device=device))
+    for empty in ([], np.zeros((0, 3), np.float32), np.zeros((0, 3)), torch.zeros(0, 3, device=device), *warp):
+        answer, (indices, count) = bounder.query(empty), bounder.candidates(empty)
+        assert (answer.shape, answer.dtype, indices.shape) == ((0,), wp.uint8, (0,))
+        assert count.numpy().tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    "x",
+    [
+        *(np.zeros(of) for of in (3, (2, 2), (2, 3, 1), (0, 2))),
+        *(np.zeros((2, 3), dtype) for dtype in (np.float16, bool, complex)),
+        *([[1, 2, 3], [1, 2]], [[], []], [[True, False, True]], [[10**30, 0, 0]], [None], None, "points", 1.0, {1: 2}),
+        *(np.array([[2**24 + 1, 0, 0]]), np.array([[2**64 - 1, 0, 0]], np.uint64), [[2**24 + 1, 0, 0]]),
+        *(torch.zeros(2, 3, dtype=torch.float16), torch.tensor([[2**24 + 1, 0, 0]]), torch.zeros(2, 2)),
+        *(torch.zeros(2, 3).to_sparse(), torch.zeros(2, 3, device="meta"), np.array([["a", "b", "c"]])),
+        np.ma.array(np.zeros((2, 3), np.float32), mask=np.eye(2, 3)),
+        np.broadcast_to(np.float32(0.5), (2**30, 3)),  # more than kernels can count
+        *(wp.zeros(3, dtype=dtype, device="cpu") for dtype in (wp.vec2, wp.int32, wp.float32, wp.mat33)),
+        *(wp.zeros((3, 3), dtype=dtype, device="cpu") for dtype in (wp.int32, wp.vec3)),
+    ],
+    ids=lambda x: f"{type(x).__name__}-{getattr(x, 'shape', '')}-{getattr(x, 'dtype', '')}",
+)
+def test_other_queries_are_refused(x):
+    with pytest.raises(QueryError) as error:
+        fitted("aabb", "blob").query(x)
+    assert isinstance(x, wp.array) or "queries must" in str(error.value)
+    assert "object" not in str(error.value)  # which is what NumPy makes of anything
+
+
+@wp.kernel(enable_backward=False)
+def _takes_data(data: wb.Data, out: wp.array(dtype=float)):
+    out[0] = data.parameters[0]
+
+
+def test_a_bounder_in_place_of_its_data_is_told_so(bounder):
+    out = wp.zeros(1, dtype=float, device="cpu")
+    with pytest.raises(TypeError, match=r"pass bounder\.data to a kernel, not the bounder itself, got <"):
+        wp.launch(_takes_data, dim=1, inputs=[bounder], outputs=[out], device="cpu")
+    far = wb.fit(shape("blob"), "distance", "aabb", device="cpu")
+    with pytest.raises(TypeError, match=r"pass bounder\.data to a kernel"):
+        wp.launch(_takes_data, dim=1, inputs=[far], outputs=[out], device="cpu")
+    wp.launch(_takes_data, dim=1, inputs=[far.data], outputs=[out], device="cpu")
+
+
+def test_other_devices_are_refused(bounder):
+    for name in ("cuda:99", "gpu", 7, ["cpu"]):
+        with pytest.raises(DeviceError, match=r"no such device on this machine: expected .*cpu") as error:
+            bounder.to(name)
+        assert isinstance(error.value, BounderError)  # as it was in versions without an error of its own
+        assert isinstance(error.value, QueryError)
+    if wp.get_cuda_device_count():
+        with pytest.raises(QueryError, match="device"):
+            bounder.query(wp.zeros(3, dtype=wp.vec3, device="cuda:0"))
+
+
+def test_out(bounder, x, device):
+    bounder = bounder.to(device)
+    expected, out = bounder.query(x).numpy(), wp.full(len(x), 7, dtype=wp.uint8, device=device)
+    assert bounder.query(x, out=out) is out
+    assert (out.numpy() == expected).all()
+    wrong = [
+        np.zeros(len(x), np.uint8),
+        wp.zeros(len(x) + 1, dtype=wp.uint8, device=device),
+        wp.zeros(len(x), dtype=wp.int32, device=device),
+        wp.zeros((len(x), 1), dtype=wp.uint8, device=device),
+        wp.zeros(2 * len(x), dtype=wp.uint8, device=device)[::2],
+    ]
+    for array in wrong:
+        with pytest.raises(QueryError, match="out must be"):
+            bounder.query(x, out=array)
+
+
+@pytest.mark.parametrize("count", [1, 64, 2049, 80_000])
+def test_candidates_are_the_ascending_ones(bounder, count, device, rng, monkeypatch):
+    monkeypatch.setenv("WARP_BOUNDING_THREADS", "2")
+    bounder, x = bounder.to(device), domain_points(shape("blob"), count, rng)
+    for asked in (x, np.full_like(x, np.nan), np.full_like(x, 99.0)):  # some, all, none
+        indices, number = bounder.candidates(asked)
+        assert indices.dtype == number.dtype == wp.int32
+        assert (indices.shape, number.shape) == ((count,), (1,))
+        expected = np.flatnonzero(bounder.query(asked).numpy())
+        assert number.numpy()[0] == len(expected)
+        assert (indices.numpy()[: len(expected)] == expected).all()
+
+
+def test_numbers_beyond_float32_are_maybe(bounder):
+    assert bounder.query(np.full((1, 3), 1e300)).numpy()[0] == 1
+    assert bounder.query(torch.full((1, 3), 1e300, dtype=torch.float64)).numpy()[0] == 1
+    assert bounder.query(np.full((1, 3), 3e38)).numpy()[0] == 0
+
+
+def test_weights_cannot_be_changed(bounder):
+    for tensor in bounder.tensors.values():
+        with pytest.raises(ValueError, match="read-only"):
+            tensor[...] = 0

@@ -1,0 +1,294 @@
+"""Volumes and grids that learn: no false negative for any query, kernels as the reference, and numbers that are none are refused."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import domain_points, object_points, shape
+from region_cases import fitted_region
+
+import warp_bounding as wb
+from warp_bounding.arithmetic import round_down
+from warp_bounding.bounders.bvh import Bvh, build, inner_nodes
+from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
+from warp_bounding.bounders.relu_field import FieldMap, ReluField, positive_boxes
+from warp_bounding.bounders.volumes import kdop_directions
+from warp_bounding.errors import BounderError
+from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.training import fit
+from warp_bounding.training.learned_kdop import train_learned_kdop
+from warp_bounding.training.relu_field import train_relu_field
+from warp_bounding.training.samples import Problem
+
+
+def leaf_cells(tree, shape_of_grid) -> np.ndarray:
+    covered = np.zeros(shape_of_grid, bool)
+    for index in np.flatnonzero(tree.past == np.arange(len(tree.past)) + 1):
+        covered[tuple(slice(a, b + 1) for a, b in zip(tree.first[index], tree.last[index], strict=True))] = True
+    return covered
+
+
+@pytest.mark.parametrize("leaves", [1, 3, 64])
+@pytest.mark.parametrize("name", ["line", "c", "blob", "animated", "five"])
+def test_every_cell_in_a_leaf(name, leaves):
+    grid = shape(name)
+    tree = build(grid, leaves)
+    at = np.flatnonzero(tree.past == np.arange(len(tree.past)) + 1)
+    assert len(at) <= leaves
+    assert len(tree.past) - len(at) <= inner_nodes(leaves)
+    covered = leaf_cells(tree, grid.shape)
+    assert covered[tuple(grid.occupied.T)].all()
+    if len(at) < leaves:  # nothing is left to cut off
+        assert covered.sum() == len(grid.occupied)
+
+
+@pytest.mark.parametrize("leaves", [1, 5, 300])
+def test_points_of_a_hierarchy(leaves, device, rng):
+    grid = shape("blob")
+    bounder = fitted_region("bvh", "point", grid, device, leaves=leaves)
+    assert bounder.least(grid) == (0.0, len(grid.occupied))
+    assert bounder.query(object_points(grid, rng)).numpy().all()
+    x = domain_points(grid, 20_000, rng)
+    answers = bounder.query(x).numpy().astype(bool)
+    expected = leaf_cells(build(grid, leaves), grid.shape)
+    cell = np.clip(np.round(grid.cells_per_unit * x + grid.offset), 0, np.array(grid.shape) - 1).astype(int)
+    inside = ((x >= grid.lower) & (x <= grid.upper)).all(axis=1)
+    assert (answers != (expected[tuple(cell.T)] & inside)).mean() < 5e-3  # cells are widened by a 4096th
+
+
+def test_what_is_no_hierarchy():
+    bounder = fitted_region("bvh", "box", shape("c"), leaves=5)
+    for name, change in (
+        ("past", lambda t: t[::-1]),
+        ("past", lambda t: t + np.float32(0.5)),
+        ("past", lambda t: np.zeros_like(t)),
+        ("low", lambda t: t - np.arange(len(t), dtype=np.float32)[:, None]),
+        ("high", lambda t: t[:-1]),
+        ("low", lambda t: t * np.float32(np.nan)),
+    ):
+        with pytest.raises(BounderError):
+            Bvh(bounder.domain, bounder.tensors | {name: change(bounder.tensors[name])}, {}, "cpu")
+    for options in ({"leaves": 0}, {"leaves": 2.5}):
+        with pytest.raises(BounderError, match="must be"):
+            Bvh.fit(shape("c"), bounder.domain, **options)
+
+
+def test_boxes_that_lose_a_cell_prove_nothing():
+    grid = shape("c")
+    bounder = fitted_region("bvh", "box", grid, leaves=5)
+    smaller = bounder.tensors["high"].copy()
+    smaller[-1] = np.nextafter(bounder.tensors["high"][-1], np.float32(-1)) - np.float32(1e-3)
+    assert Bvh(bounder.domain, bounder.tensors | {"high": smaller}, {}, "cpu").least(grid)[0] == -1.0
+
+
+LEARNED = [*(("c", query) for query in ("point", "ray", "plane", "box")), ("blob", "point"), ("blob", "ray")]
+
+
+LENGTH = {"c": 1.0, "blob": 1.0}  # of rays
+
+
+def frozen(bounder: LearnedKdop, name: str) -> LearnedKdop:
+    least, count = bounder.least(shape(name))
+    assert count > 0
+    return bounder.freeze(round_down(least - bounder.rounding_bound()), None)
+
+
+@cache
+def learned(name: str, query: str) -> LearnedKdop:
+    problem = Problem(shape(name), domain_of(shape(name), query, LENGTH[name]), query, 2, "cpu")
+    bounder, record = train_learned_kdop(LearnedKdop, problem, {"k": None, "steps": 60}, 20.0, None)
+    assert record["fp_rate"] <= record["fp_rate_kdop"]
+    return frozen(bounder, name)
+
+
+@cache
+def learned_positives(name: str, query: str) -> np.ndarray:
+    x = next(draw_positives(query, shape(name), 20_000, 3, "cpu", LENGTH[name]))
+    x = x[:: max(1, len(x) // 40_000)]
+    return x if query != "point" else np.concatenate([x, object_points(shape(name), np.random.default_rng(0))])
+
+
+@pytest.mark.parametrize(("name", "query"), LEARNED)
+def test_half_spaces_have_no_false_negative(name, query):
+    bounder, x = learned(name, query), learned_positives(name, query)
+    assert bounder.query(x).numpy().all()
+    assert bounder.values(x).numpy().min() >= bounder.threshold
+    random = np.random.default_rng(1).normal(size=bounder.tensors["normals"].shape)
+    other = frozen(LearnedKdop.of_normals(shape(name), bounder.domain, random, device="cpu"), name)
+    assert other.query(x).numpy().all()
+
+
+@pytest.mark.parametrize(("name", "query"), LEARNED)
+def test_never_looser_than_kdop_and_kernels_decide_as_the_reference(name, query, device):
+    bounder = learned(name, query).to(device)
+    classic = frozen(LearnedKdop.fit(shape(name), bounder.domain, device=device), name)
+    assert len(bounder.tensors["offsets"]) == len(classic.tensors["offsets"])
+    x = sample(query, shape(name), 20_000, np.random.default_rng(8))
+    answer, other = (b.query(x).numpy().astype(bool) for b in (bounder, classic))
+    assert answer.mean() <= other.mean() + 3e-3
+    exact = bounder.reference(bounder.domain.to_local(x))
+    assert answer[exact >= 0].all()
+    sure = exact < -1e-4
+    assert not answer[sure & (exact > -1)].any()  # far from any rounding
+    assert answer.mean() < 1 or not sure.any()
+
+
+def test_bounds_are_exact(rng):
+    bounder = learned("c", "point")
+    m = bounder.domain.ndim
+    lower = rng.uniform(-1, 1, (200, m))
+    upper = lower + rng.random((200, m)) * 0.3
+    bounds = bounder.bound(lower, upper)
+    for low, high, least, value in zip(lower, upper, bounds.lower, bounds.value, strict=True):
+        v = np.where(rng.random((500, m)) < 0.5, low, high)
+        assert bounder.reference(v).min() >= least
+        assert value - least <= 1e-9
+
+
+def test_the_polytope_must_hold_the_object():
+    grid = shape("c")
+    bounder = learned("c", "ray")
+    tensors = dict(bounder.tensors) | {"offsets": bounder.tensors["offsets"] - np.float32(0.1)}
+    with pytest.raises(BounderError, match="do not hold"):
+        LearnedKdop(bounder.domain, tensors, {}, "cpu").least(grid)
+    with pytest.raises(BounderError, match="proven by their volume"):
+        bounder.bound(np.zeros((1, 4)), np.ones((1, 4)))
+
+
+def test_normals_that_are_refused():
+    grid = shape("c")
+    domain = domain_of(grid, "point")
+    with pytest.raises(BounderError, match="zero or not finite"):
+        LearnedKdop.of_normals(grid, domain, np.zeros((3, 2)))
+    with pytest.raises(BounderError, match="expected tensors"):
+        LearnedKdop(domain, {"normals": np.ones((3, 3), np.float32), "offsets": np.ones(3, np.float32)}, {})
+    with pytest.raises(BounderError, match="kdop offers"):
+        classic_normals(domain, 5)
+    assert not LearnedKdop.supports("ray", 1)
+
+
+@pytest.mark.parametrize("method", ["kdop", "learned-kdop"])
+def test_six_half_spaces_in_2d(method):
+    grid = shape("c")
+    bounder = fit(grid, method=method, k=6, budget=1.0, device="cpu", progress=False)
+    assert len(kdop_directions(2, 6)) == 3
+    assert bounder.certificate.proven
+    assert bounder.query(object_points(grid, np.random.default_rng(0)).astype(np.float32)).numpy().all()
+    with pytest.raises(BounderError, match="8 and 6"):
+        kdop_directions(2, 5)
+
+
+FIELDS = [*(("c", query) for query in ("point", "box", "plane", "ray")), ("blob", "point")]
+
+
+@cache
+def field(name: str, query: str) -> ReluField:
+    grid = shape(name)
+    problem = Problem(grid, domain_of(grid, query), query, 1, "cpu")
+    bounder, record = train_relu_field(ReluField, problem, {"steps": 12}, 30.0, None)
+    assert record["steps"] <= 12
+    least, boxes = bounder.least(grid)
+    assert boxes > 0
+    return bounder.freeze(round_down(least - bounder.rounding_bound()), None)
+
+
+def random_field(name: str, query: str, seed: int = 0) -> ReluField:
+    grid = shape(name)
+    domain = domain_of(grid, query)
+    field = FieldMap.of(grid, domain)
+    values = np.random.default_rng(seed).uniform(-0.5, 1.5, field.nodes)
+    return ReluField.of_values(domain, field, values, "cpu")
+
+
+def field_positives(name: str, query: str) -> np.ndarray:
+    grid = shape(name)
+    hard = next(draw_positives(query, grid, 20_000, 3, "cpu", 1.0))
+    return hard if query != "point" else np.concatenate([hard, object_points(grid, np.random.default_rng(0))])
+
+
+@pytest.mark.parametrize(("name", "query"), FIELDS)
+def test_fields_have_no_false_negative(name, query):
+    bounder, x = field(name, query), field_positives(name, query)
+    assert oracle(query, shape(name), "cpu", 1.0)(x).all()
+    assert bounder.query(x).numpy().all()
+    values = bounder.values(x).numpy()
+    assert values.min() >= bounder.threshold
+    uniform = sample(query, shape(name), 20_000, np.random.default_rng(1))
+    assert not bounder.query(uniform).numpy().all()
+
+
+@pytest.mark.parametrize(("name", "query"), FIELDS)
+def test_the_cover_holds_every_positive(name, query):
+    bounder = field(name, query)
+    v = bounder.domain.to_local(field_positives(name, query).astype(np.float64)[:300])
+    if query == "plane":  # where two entries of a normal are largest, either may be the one that is 1
+        v = v[np.abs(v[:, :2]).min(axis=1) < 1]
+    covered = np.zeros(len(v), dtype=bool)
+    for lower, upper in positive_boxes(shape(name), bounder.domain, bounder.field):
+        for start in range(0, len(lower), 20_000):
+            a, b = lower[start : start + 20_000, None], upper[start : start + 20_000, None]
+            covered |= ((v >= a - 1e-12) & (v <= b + 1e-12)).all(axis=2).any(axis=0)
+    limit = bounder.domain.limit.astype(np.float64)
+    inside = (np.abs(v) <= limit * (1 + 1e-12)).all(axis=1)
+    assert inside.mean() > 0.5
+    assert covered[inside].all()
+
+
+@pytest.mark.parametrize(("name", "query"), FIELDS)
+def test_bounds_hold_and_are_attained(name, query, rng):
+    bounder = random_field(name, query)
+    limit = bounder.domain.limit.astype(np.float64)
+    lower = rng.uniform(-1, 1, (60, len(limit))) * limit
+    upper = np.minimum(lower + rng.random((60, 1)) * 1.5 / bounder.field.factor.astype(np.float64), limit)
+    bounds = bounder.bound(lower, upper)
+    assert ((bounds.point >= lower) & (bounds.point <= upper)).all()
+    for low, high, least in zip(lower, upper, bounds.lower, strict=True):
+        v = low + rng.random((2000, len(limit))) * (high - low)
+        v[:1000] = np.where(rng.random((1000, len(limit))) < 0.5, low, high)
+        assert bounder.reference(v).min() >= least
+    attained = bounds.value - bounds.lower
+    assert attained.min() >= 0
+    assert np.median(attained) <= 1e-2
+
+
+@pytest.mark.parametrize(("name", "query"), FIELDS)
+def test_kernels_of_fields(name, query, device):
+    bounder = random_field(name, query).to(device)
+    x = sample(query, shape(name), 3000, np.random.default_rng(2))
+    values = bounder.values(x).numpy()
+    asked = np.isfinite(values)
+    assert asked.any()
+    error = np.abs(values - bounder.reference(bounder.domain.to_local(x)))[asked].max()
+    # the reference starts from exact coordinates: what the map rounds comes on top
+    assert error <= bounder.rounding_bound() + bounder.domain.delta @ np.abs(bounder._steepest * bounder.field.factor)
+
+
+def test_what_it_supports():
+    assert ReluField.supports("ray", 2)
+    assert ReluField.supports("point", 4)
+    assert not ReluField.supports("ray", 3)
+    assert not ReluField.supports("point", 5)
+    with pytest.raises(BounderError, match="does not bound"):
+        wb.fit(shape("blob"), "ray", "relu-field", steps=1)
+    domain = domain_of(shape("c"), "point")
+    with pytest.raises(BounderError, match="nodes"):
+        ReluField(domain, field("c", "point").tensors, {"nodes": [12, 1]})
+    with pytest.raises(BounderError, match="expected tensors"):
+        ReluField(domain, field("c", "point").tensors, {"nodes": [12, 13]})
+
+
+def test_a_field_of_another_resolution_has_no_false_negative():
+    bounder = wb.fit(shape("blob"), method="relu-field", nodes=7, steps=20, device="cpu", progress=False)
+    assert bounder.field.nodes == (7, 7, 7)
+    assert bounder.certificate.proven
+    assert bounder.query(field_positives("blob", "point").astype(np.float32)).numpy().all()
+
+
+def test_a_resolution_that_makes_no_sense_is_refused():
+    for nodes, query in ((1, "point"), (2000, "point"), (8, "box")):
+        with pytest.raises(BounderError, match="nodes"):
+            wb.fit(shape("c"), query, "relu-field", nodes=nodes, device="cpu")
+    with pytest.raises(BounderError, match="too fine for the object's cells"):
+        wb.fit(shape("c"), method="relu-field", nodes=200, device="cpu")

@@ -1,0 +1,188 @@
+"""Rates are counts of what oracle and bounder say, by both protocols, of points, regions and distances."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import fitted, shape, told_of
+from distances import far, thing
+
+import warp_bounding as wb
+from warp_bounding import evaluation
+from warp_bounding.errors import QueryError
+from warp_bounding.queries import oracle, sample
+from warp_bounding.queries.point import POINT
+
+
+@pytest.mark.parametrize("method", ["aabb", "bvh", "mlp"])
+def test_rates_of_points_are_what_a_count_gives(method, device):
+    bounder, grid = fitted(method, "star").to(device), shape("star")
+    rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5)
+    x = POINT.sample(grid, SAMPLES, np.random.default_rng(5))
+    truth, maybe = grid.contains(x), bounder.query(x).numpy().astype(bool)
+    counted = (0, 100 * (maybe & ~truth).sum() / SAMPLES, 100 * truth.sum() / SAMPLES)
+    assert (rates.fn, rates.fp_rate, rates.positives) == counted
+    assert (rates.samples, rates.protocol, rates.seed) == (SAMPLES, "exact", 5)
+    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=5, protocol="sampled").fp_rate == rates.fp_rate
+    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=4) != rates
+    bounder.freeze(float("inf"), None)
+    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=5).fn == truth.sum()
+
+
+def test_progress_and_chunks(monkeypatch):
+    seen = []
+    monkeypatch.setattr(evaluation, "CHUNK", 1000)
+    wb.evaluate(fitted("aabb", "c"), shape("c"), samples=2500, progress=lambda *a: seen.append(a))
+    assert seen == [(1000, 2500), (2000, 2500), (2500, 2500)]
+
+
+def test_a_shape_of_another_dimension():
+    with pytest.raises(QueryError, match="3D"):
+        wb.evaluate(fitted("aabb", "c"), shape("blob"))
+    with pytest.raises(wb.IndicatorError):
+        wb.evaluate(fitted("aabb", "c"), "nowhere.npy")
+
+
+def test_a_path_is_taken_for_a_bounder_and_what_is_none_is_told(tmp_path):
+    fitted("aabb", "c").save(tmp_path / "b.safetensors")
+    grid = shape("c")
+    for path in (tmp_path / "b.safetensors", str(tmp_path / "b.safetensors")):
+        rates = wb.evaluate(path, grid, samples=1000)
+        assert rates == wb.evaluate(fitted("aabb", "c"), grid, samples=1000)
+        assert rates.indicator == grid.digest == wb.load(path).info["indicator"]
+        assert wb.certify(path, grid).proven
+    for wrong in (grid, grid.occupancy, None, 5):
+        for call in (wb.evaluate, wb.certify):
+            with pytest.raises(wb.BounderError, match="first, then the shape, got"):
+                call(wrong, fitted("aabb", "c"))
+    for options in (
+        *({"samples": n} for n in ("many", 0, -1, 1.5, True)),
+        {"seed": "a"},
+        {"seed": -1},
+        {"protocol": 5},
+    ):
+        with pytest.raises(QueryError):
+            wb.evaluate(fitted("aabb", "c"), grid, **options)
+
+
+@pytest.mark.parametrize("method", ["kdop", "voxels", "mlp"])
+def test_quick_rates_are_those_of_the_kernels(method):
+    bounder, grid = fitted(method, "blob"), shape("blob")
+    quick, told = evaluation.quick_rates(bounder, grid), {"samples": evaluation.QUICK, "seed": evaluation.QUICK_SEED}
+    exact = [wb.evaluate(b, grid, **told).fp_rate for b in (bounder, fitted("aabb", "blob"))]
+    assert [quick["fp_rate"], quick["fp_rate_aabb"]] == pytest.approx(exact, abs=0.05)
+    assert bounder.info["rates"] == quick
+
+
+@pytest.mark.parametrize(("method", "told"), [("kdop", {}), ("voxels", {"resolution": 16}), ("bvh", {"leaves": 16})])
+def test_the_stored_rate_of_a_mesh_is_against_the_mesh_itself(method, told):
+    import trimesh
+
+    bar = trimesh.creation.box((1.0, 0.3, 0.2))
+    bar.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
+    mesh = wb.IndicatorMesh(bar.vertices, bar.faces)
+    bounder = wb.fit(mesh, method=method, margin=0.05, device="cpu", progress=False, **told)
+    asked = wb.evaluate(bounder, mesh, samples=100_000)
+    assert asked.truth == "of the shape itself"
+    assert bounder.info["rates"]["fp_rate"] == pytest.approx(asked.fp_rate, abs=0.7)
+    assert "false positives against the shape itself (16,384 samples)" in repr(bounder)
+    grid = mesh.to_grid(resolution=16, margin=0.05)
+    assert "of its cells at resolution 16" in repr(wb.fit(grid, method="voxels", device="cpu", progress=False))
+
+
+REGIONS = ("ray", "plane", "box")
+
+
+SAMPLES = 20_000
+
+
+CLASSICS = [("kdop", "ray"), ("sphere", "plane"), ("bvh", "box")]
+
+
+@cache
+def fitted_region(method: str, query: str, length: float = 0.6):
+    """On the CPU; never change it."""
+    told = told_of(method, query, length=length)
+    return wb.fit(shape("star"), query=query, method=method, device="cpu", **told)
+
+
+@pytest.mark.parametrize(("method", "query"), CLASSICS)
+def test_rates_of_regions_are_what_a_count_gives(method, query, device):
+    bounder, grid = fitted_region(method, query).to(device), shape("star")
+    rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5)
+    x = sample(query, grid, SAMPLES, np.random.default_rng(5))
+    truth, maybe = oracle(query, grid, "cpu", 0.6)(x), bounder.query(x).numpy().astype(bool)
+    assert rates.fn == 0
+    assert rates.fp_rate == 100 * (maybe & ~truth).sum() / SAMPLES
+    assert rates.positives == 100 * truth.sum() / SAMPLES
+    assert (rates.samples, rates.protocol, rates.seed) == (SAMPLES, "exact", 5)
+
+
+@pytest.mark.parametrize("query", REGIONS)
+def test_sampled_positives_are_fewer(query):
+    """Random points of a region miss thin hits and invent none, so what misses nothing under one protocol does so under both."""
+    bounder, grid = fitted_region("aabb", query), shape("star")
+    exact, sampled = (wb.evaluate(bounder, grid, samples=SAMPLES, seed=2, protocol=p) for p in ("exact", "sampled"))
+    assert exact.fn == sampled.fn == 0
+    assert exact.positives > sampled.positives > 0
+    passed = [rates.fp_rate + rates.positives for rates in (exact, sampled)]  # all that it lets through
+    assert passed[0] == pytest.approx(passed[1])
+
+
+def test_each_bounder_is_asked_rays_of_its_own_length():
+    rates = [wb.evaluate(fitted_region("aabb", "ray", length=length), shape("star"), SAMPLES) for length in (0.05, 2.0)]
+    assert rates[0].positives < rates[1].positives
+    assert [r.fn for r in rates] == [0, 0]
+
+
+@pytest.mark.parametrize("query", REGIONS)
+def test_false_negatives_of_regions_are_counted(query):
+    grid = shape("star")
+    told = told_of("sphere", query, length=0.6)
+    bounder = wb.fit(grid, query=query, method="sphere", device="cpu", **told)
+    bounder.freeze(float(bounder.threshold) + 0.5, None)
+    x = sample(query, grid, SAMPLES, np.random.default_rng(1))
+    truth, maybe = oracle(query, grid, "cpu", 0.6)(x), bounder.query(x).numpy().astype(bool)
+    rates = wb.evaluate(bounder, grid, SAMPLES)
+    assert rates.fn == (truth & ~maybe).sum() > 0
+
+
+ASKED = {
+    "point": (lambda b, x: b.query(x), {}),
+    "ray": (lambda b, x: b.rays(x, length=0.6, steps=12)[0], {"length": 0.6, "steps": 12}),
+    "box": (lambda b, x: b.boxes(*np.split(x, 2, axis=1), steps=20), {"steps": 20}),
+}
+
+
+@pytest.mark.parametrize("name", ["c", "blob"])
+@pytest.mark.parametrize("query", ASKED)
+def test_rates_of_distances_are_what_a_count_gives(name, query):
+    bounder, grid, (ask, told) = far("bvh", name), thing(name), ASKED[query]
+    rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5, query=query, **told)
+    x = sample(query, grid, SAMPLES, np.random.default_rng(5))
+    truth, maybe = oracle(query, grid, "cpu", told.get("length", 1.0))(x), ask(bounder, x).numpy().astype(bool)
+    assert (rates.fp_rate, rates.fn) == (100 * (maybe & ~truth).sum() / SAMPLES, 0)
+    assert rates.fp_rate < 100
+    assert (rates.query, rates.positives) == (query, 100 * truth.sum() / SAMPLES)
+    sampled = wb.evaluate(bounder, grid, SAMPLES, "sampled", seed=5, query=query, **told)
+    assert sampled.fn == 0
+    assert sampled.positives <= rates.positives
+    assert sampled.fp_rate >= rates.fp_rate
+
+
+def test_rays_of_a_mesh_are_judged_by_the_mesh_itself():
+    rates = wb.evaluate(far("bvh", "tetrahedron"), thing("tetrahedron"), samples=4000, query="ray")
+    assert (rates.truth, rates.fn) == ("of the shape itself", 0)
+
+
+def test_what_makes_no_sense_is_refused():
+    for told in (
+        *({"query": "plane"}, {"query": "point", "length": 1.0}, {"query": "point", "steps": 8}, {"radius": True}),
+        *({"query": "ray", "radius": 0.1}, {"query": "box", "length": 1.0}, {"query": "ray", "length": float("nan")}),
+        *({"query": "ray", "steps": 0}, {"query": "box", "steps": 1.5}),
+    ):
+        with pytest.raises(QueryError):
+            wb.evaluate(far("bvh", "c"), thing("c"), samples=100, **told)
+    for name, value in (("query", "point"), ("length", 1.0), ("steps", 3), ("radius", 0.0)):
+        with pytest.raises(QueryError, match=f"{name} is for distances"):
+            wb.evaluate(fitted("aabb", "c"), shape("c"), samples=100, **{name: value})
