@@ -21,7 +21,6 @@ import contextlib
 import json
 import secrets
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -40,7 +39,7 @@ from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.proof.covers import COVERS
-from warp_bounding.proof.search import Search, ShapePositives, halve
+from warp_bounding.proof.search import Search
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives, World, draw_positives
@@ -68,9 +67,6 @@ STATE = 2  # version of the state file
 POOL = 1 << 16  # border points of a shape, for distances
 MOVES = (2.0**-26, 2.0**1)  # of the shape's longest side: the least and the largest move, radius, or side
 ROUNDING = 2.0**-40  # relative: more than what a few sums, products and roots of float64 round
-
-BOXES = 16_384  # that ``proven_share`` bounds at a time
-MOST_WAITING = 4_000_000  # boxes: what more there is counts as not proven
 
 
 # --- statistical test ------------------------------------------------------------------------------------------------
@@ -629,88 +625,3 @@ def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
     old.wanted, old.interrupted = fresh.wanted, False
     old.missed = old.missed_form = old.missed_world = None  # found again: its chunk does not count as done
     return old
-
-
-# --- how much is proven of what was only sampled ---------------------------------------------------------------------
-
-
-class Share(NamedTuple):
-    """What was proven.
-
-    Attributes:
-        volume: Share of the volume that was looked at, 0 to 1, in which no *no* can be wrong.
-        boxes: Boxes that were bounded.
-        seconds: That it took.
-    """
-
-    volume: float
-    boxes: int
-    seconds: float
-
-
-def proven_share(
-    bounder: Bounder,
-    shape,
-    *,
-    seconds: float = 60.0,
-    boxes: float = float("inf"),
-    places: int | None = None,
-    side: float = 2.0**-6,
-    seed: int = 0,
-) -> Share:
-    """In how much of its domain a bounder of points is proven to deny nothing of a shape, at the threshold that it has.
-
-    For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f reaches the threshold on all of
-    it, or on all of it that can be object, or where the shape certifies that nothing is there.
-
-    Args:
-        bounder: Of points, its parts proven one by one counted alike.
-        shape: What it bounds; anything that ``load_indicator`` takes.
-        seconds: Time after which what is left counts as not proven.
-        boxes: The same of boxes; the result is then the same on every machine.
-        places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than there is time for.
-        side: Of such a box, as a share of the domain's.
-        seed: Of their places.
-
-    Raises:
-        BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
-
-    Example:
-        >>> solid = wb.solids.Sphere([0, 0, 0], 1.0)
-        >>> box = wb.fit(solid, method="aabb", device="cpu")
-        >>> wb.proven_share(box, solid).volume
-        1.0
-    """
-    bounder, shape = in_local(bounder, shape)
-    shape = as_fitted(bounder, shape)
-    one = bounder.domain is bounder.domain.base and not bounder.composed and len(bounder.parts) == 1
-    if not one or shape.resolution is not None:
-        raise BounderError(f"a share of the domain is told of single bounders of points of shapes, got {bounder!r}")
-    if reason := mismatch(bounder, shape):
-        raise BounderError(reason)
-    started, positives = working_seconds(), ShapePositives(bounder, shape)
-    target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
-    low, high = positives.boxes()
-    if places is not None:
-        if places < 1 or not 0 < side <= 1:
-            raise BounderError(f"expected at least one place and a side above 0 and up to 1, got {places} and {side}")
-        low, size = low.min(axis=0), (high.max(axis=0) - low.min(axis=0)) * side
-        low = np.random.default_rng(seed).uniform(low, high.max(axis=0) - size, (places, len(low)))
-        high = low + size
-    whole = open_ = float((high - low).prod(axis=1).sum())
-    waiting, done = deque([(low, high)]), 0
-    while waiting and working_seconds() - started <= seconds and done < boxes:
-        low, high = waiting.popleft()
-        if len(low) > BOXES:
-            waiting.extendleft((low[part], high[part]) for part in (slice(BOXES, None), slice(BOXES)))
-            continue
-        bounds, volume = positives.bound(low, high), (high - low).prod(axis=1)
-        done += len(low)
-        asked = np.flatnonzero(~(bounds.lower >= target))
-        found = positives.held(low[asked], high[asked], bounds.part(asked), np.full(len(asked), target))
-        low, high = (np.asarray(corner) for corner in found.corners)
-        left = ~(found.lower >= target)
-        open_ -= float(volume.sum() - (high - low).prod(axis=1)[left].sum())
-        if left.any() and sum(len(rest) for rest, _ in waiting) < MOST_WAITING:
-            waiting.append(halve(low[left], high[left], found.axis[left]))
-    return Share(1 - open_ / whole, done, working_seconds() - started)
