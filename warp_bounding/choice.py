@@ -423,6 +423,7 @@ class Search:
         for label in (each.label for each in candidates if self.folder and self.file(each.label).exists()):
             with contextlib.suppress(FileFormatError):  # what is damaged is fitted anew
                 self.measure(label, load(self.file(label), device=self.device))
+        self.missing = {each.label: self.missing[each.label] for each in candidates if each.label in self.missing}
         impossible = {row.label for row in self.missing.values() if not row.needs}
         done = {label for label, (_, row) in self.fitted.items() if not row.note}
         waiting = [each for each in candidates if each.label not in impossible | done]

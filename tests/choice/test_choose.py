@@ -257,6 +257,8 @@ def test_a_repeat_fits_nothing_and_a_larger_budget_goes_on(fits, tmp_path):
     assert again.about["seconds_before"] == pytest.approx(first.about["seconds"], abs=1.0)
     assert {row.label for row in again.rows if not row.why_not} == {row.label for row in first.rows if not row.why_not}
     assert rows_of(again)["kdop"].needs >= rows_of(first)["kdop"].needs
+    only = wb.choose(BLOCK, budget=60.0, **{**given, "methods": "aabb"})
+    assert set(rows_of(only)) == {"aabb", "none"}
     wb.choose(BLOCK, budget=200.0, **given)
     assert len(fits) > begun
     assert "aabb" not in fits[begun:]
