@@ -4,7 +4,6 @@ import contextlib
 import io
 import re
 import signal
-import subprocess
 import sys
 import zlib
 from pathlib import Path
@@ -140,16 +139,6 @@ def test_meshes_as_trimesh_writes_them(tmp_path, suffix):
     assert "PointCloud" in load_indicator(trimesh.Scene([BOX, trimesh.PointCloud([[0, 0, 0], [5, 5, 5]])])).note
 
 
-def test_import_is_light():
-    """What is optional stays unimported until it is needed."""
-    code = (
-        "import sys, warp_bounding.indicators; "
-        "print([m for m in ('torch', 'trimesh', 'pxr', 'PIL', 'scipy', 'pyvista', 'matplotlib') if m in sys.modules])"
-    )
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert result.stdout.strip().splitlines()[-1] == "[]"
-
-
 @pytest.mark.parametrize("name", ["a.npy", "a.obj"])
 def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob):
     path = tmp_path / "somebody" / name
@@ -176,34 +165,6 @@ def test_the_bunny_that_ships_with_warp(bunny_path):
 
 
 MAP = np.array([[0, 254, 205], [127, 128, 255]], dtype=np.uint8)  # a map of a robot: dark is a wall, white is free
-DISTANCE = np.linalg.norm(np.mgrid[-1:1:8j, -1:1:8j], axis=0) - 0.5
-
-
-AMBIGUOUS = {
-    "a map, white is free": (
-        MAP,
-        "uint8 from 0 to 255",
-        "load_indicator(a < 128)",
-        "load_indicator(a >= 128)",
-        "'<128'",
-    ),
-    "labels": (MAP % 3, "uint8 from 0 to 2"),
-    "signed distances": (DISTANCE, "load_indicator(a <= 0)", "signed distances", "load_indicator(a > 0)"),
-    "unsigned distances": (np.abs(DISTANCE), "load_indicator(a < 0.5)", "load_indicator(a >= 0.5)"),
-    "a picture": (np.stack([MAP] * 3, axis=2), "load_indicator(a < 128)", "rgb.mean(axis=2)"),
-    "vertices": (np.random.default_rng(0).random((50, 3)), "load_indicator((vertices, faces))", "shape (50, 3)"),
-    "infinite": (np.array([0, np.inf]), "from 0 to inf"),
-}
-
-
-@pytest.mark.parametrize("case", AMBIGUOUS)
-def test_what_may_mean_two_things_is_refused_with_the_lines_that_do_not(tmp_path, case):
-    array, *words = AMBIGUOUS[case]
-    refused(array, *words)
-    np.save(tmp_path / "a.npy", array)
-    refused(tmp_path / "a.npy", "a.npy", *words)
-    with pytest.raises(IndicatorError):
-        wb.fit(array, method="aabb")
 
 
 @pytest.mark.parametrize("threshold", ["<128", " <= 127 ", ">=128", "> 127", "128", 127.5, np.float32(128)])
@@ -460,12 +421,8 @@ def npy(array, **options):
 
 
 BAD_FILES = {
-    "other.png": (b"GIF89a and so on", "PNG image"),
-    "pickle.npy": (b"\x80\x04N.", ".npy array"),
     "empty.npy": (npy(np.zeros((4, 4))), "nothing to bound"),
     "full.npy": (npy(np.ones((4, 4))), "nothing to leave out"),
-    "line.obj": (b"v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n", "without area"),
-    "cut.usda": (b'#usda 1.0\ndef Mesh "m" {', "USD stage"),
     "shape.xyz": (b"1 2 3", "expected one of", "'.xyz'"),
     "shape": (b"1 2 3", "expected one of", "no extension"),
     "bunny.safetensors": (b"a bounder", "expected a shape, got a bounder's file"),

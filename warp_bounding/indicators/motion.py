@@ -4,7 +4,7 @@ At each time from the first to the last keyframe the object is that of a mesh at
 the margin of a face, and what a flood from outside does not reach, then, through the faces of closed parts. Answers
 hold for two meshes at once: that of the straight ways, and that of ``vertices_at``, which rounds it to float32. So a
 point is undecided where these differ, and a box is empty only where no face comes within the margin and ``EVALUATION``
-of it (``moving/``).
+of it (``triangles/moving.py``).
 
 A grid that is made of it has four coordinates, time first. A cell of time is cut at the keyframes, and between them
 into pieces in which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices

@@ -182,7 +182,7 @@ def cycles_of(vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray) -> np
     Args:
         vertices: ``(V, 3)``; those at equal places are one.
         faces: ``(F, 3)`` integers.
-        closed: ``(F,)`` bool, the faces that count (``closed_parts.surface_of``).
+        closed: ``(F,)`` bool, the faces that count (``surface_of``).
 
     Returns:
         ``(F,)`` uint64; 0 for a face in no cycle, and for the doubles of a face.

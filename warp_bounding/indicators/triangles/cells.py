@@ -129,7 +129,7 @@ def solid_cells(
     Args:
         vertices: See ``surface_cells``.
         faces: See ``surface_cells``.
-        closed: ``(F,)`` bool, the faces of closed parts (``closed_parts.surface_of``).
+        closed: ``(F,)`` bool, the faces of closed parts (``surface_of``).
         shape: See ``surface_cells``; there must be room for one empty cell on every side.
         margin: See ``surface_cells``.
         air: See ``fill_inside``.
