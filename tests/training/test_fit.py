@@ -116,7 +116,7 @@ def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(rng):
 
 def parts_of(name, method, query="point", **options):
     known = all(part in wb.METHODS for part in method.split("+"))
-    small = told_of(method, query, hidden=HIDDEN, steps=60) if known else {}
+    small = told_of(method, query, hidden=HIDDEN, steps=20) if known else {}
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 

@@ -115,7 +115,7 @@ def test_an_occupancy_errs_both_ways_and_little(query):
 
 def test_a_network_of_waves_is_proven():
     shape = CELLS["planar-2"].shape()
-    bounder = wb.fit(shape, hidden=(4, 16, 16), steps=300, device="cpu", progress=False)
+    bounder = wb.fit(shape, hidden=(4, 8, 8), steps=100, device="cpu", progress=False)
     assert bounder.certificate.proven
     assert wb.certify(bounder, shape).proven
     assert wb.evaluate(bounder, shape, samples=20_000).fn == 0
@@ -140,7 +140,7 @@ def test_false_positives_are_fewer_where_it_is_asked(rng):
     rates = []
     for queries in (None, asked):
         for seed in range(2):
-            own = {"k": 14, "steps": 900, "queries": queries, "seed": seed}
+            own = {"k": 14, "steps": 300, "queries": queries, "seed": seed}
             bounder = wb.fit(BALL, method="learned-kdop", device="cpu", progress=False, **own)
             assert bounder.certificate.proven
             assert wb.evaluate(bounder, BALL, samples=50_000).fn == 0
