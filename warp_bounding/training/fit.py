@@ -158,7 +158,9 @@ def fit(
         return in_frame(found, frame)
     check_regions(query, method, length, side)
     length = length or 1.0
-    settled([method_class(name) for name in method.split("+")], query, options, [fit])
+    known = [METHODS[name] for name in method.split("+") if name in METHODS]
+    if len(known) == method.count("+") + 1:  # other names are refused below
+        settled(known, query, options, [fit])
     device_of(device)
     shape, frame = parted(load_indicator(shape))
     check_extent(shape, margin, force)
