@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,6 @@ from commands import run
 
 import sims.particles
 import warp_bounding as wb
-from sims import DEMOS
 
 
 @pytest.fixture
@@ -110,22 +108,6 @@ def test_where_a_part_of_the_library_names_its_own_extra_the_demo_names_its(caps
     assert err == "sims: the demo needs torch.nn: pip install 'warp-bounding[sims]'\n"
     monkeypatch.setattr(sims.particles, "run", without("else"))
     assert "warp-bounding[train]" in run(capsys, "demo", "particles", "--quick")[2]
-
-
-@pytest.mark.parametrize("name", DEMOS)
-def test_every_demo_has_its_parts(name):
-    if name == "cloth":
-        pytest.importorskip("newton")
-    module = import_module(f"sims.{name}")
-    assert callable(module.run)
-    assert all(callable(getattr(module.Example, part)) for part in ("step", "render", "test_final"))
-    kinds = {"path": wb.IndicatorGrid, "particles": wb.IndicatorMotion, "arm": wb.arms.ArmConfigurations}
-    kind = (kinds | {"digits": wb.IndicatorNetwork | wb.IndicatorFunction}).get(name, wb.IndicatorMesh)
-    assert all(isinstance(shape, kind) for shape in module.shapes().values())
-    assert name in ("path", "digits", "arm") or all(shape.margin > 0 for shape in module.shapes().values())
-    methods = {"mlp", "occupancy"} | (set() if name == "digits" else {"aabb", "learned-kdop"})
-    methods |= set() if name in ("digits", "arm") else {"mlp-early"}
-    assert methods <= set(module.SPECS)
 
 
 def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):
