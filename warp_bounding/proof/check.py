@@ -133,7 +133,7 @@ def certify(
     if reason and reason != OUTSIDE:
         return _inapplicable(bounder, grid, reason)
     try:
-        owed = bounder.obligations(grid)
+        obligations = bounder.obligations(grid)
     except BoundingError as error:
         return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
     if reason:  # outside its own domain no part of it is asked
@@ -141,7 +141,7 @@ def certify(
         kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
     certificates = []
-    for part, own in owed:
+    for part, own in obligations:
         left = seconds - (working_seconds() - started)
         # what a network's exit grants, no part of it can deny
         asked = part if bounder.composed else bounder
