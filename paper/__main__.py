@@ -1,4 +1,4 @@
-"""``python -m paper table1|speed|figures|proofs|recipes``: the paper's tables and figures, in a clone of the repository."""
+"""``python -m paper table1|speed|figures|proofs|recipes``, in a clone of the repository."""
 
 from warp_bounding.cli import app_of, main
 

@@ -1,4 +1,4 @@
-"""A cell of the paper's tables: a method, a kind of query, an object; which there are, and how the bounder of one is fitted."""
+"""A cell of the paper's tables: a method, a kind of query, an object; and how the bounder of one is fitted."""
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -147,7 +147,7 @@ def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
 
 
 def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
-    """The bounder of a cell: an earlier run's, or fitted and kept; a cascade's last part is that of its own row, if it is there.
+    """The bounder of a cell: an earlier run's, or fitted and kept; a cascade's last part is its own row's, if it is there.
 
     Args:
         folder: Where it is kept.

@@ -1,7 +1,8 @@
-"""The objects that are measured and shown: those of a data folder, ``2D/*.png``, ``3D/*.binvox``, ``4D/*.npy`` as the paper's authors lay them out, and our own.
+"""The objects that are measured and shown: those of a data folder as the paper's authors lay it out, and our own.
 
-Our own are drawn by code and stand in where the paper's are not given: grids of 32 cells a side, as the paper's are. 2D: star, fish, crescent;
-3D: bunny (the mesh that comes with warp-lang), cup; 4D: the bunny and the cup, turned about their first axis by a whole turn in ten steps.
+Our own are drawn by code and stand in where the paper's are not given: grids of 32 cells a side, as the paper's are.
+2D: star, fish, crescent; 3D: bunny (the mesh that comes with warp-lang), cup; 4D: the bunny and the cup, turned about
+their first axis by a whole turn in ten steps.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -97,7 +98,7 @@ def grid_of(thing: Object) -> Any:
     return grid
 
 
-# --- our own -----------------------------------------------------------------------------------------------------------
+# --- our own ----------------------------------------------------------------------------------------------------------
 
 OWN = Path("own")  # stands for a file
 
@@ -133,7 +134,7 @@ def star(points: np.ndarray) -> np.ndarray:
 
 
 def fish(points: np.ndarray, centre=(0.5, 0.5), size: float = 0.9, angle: float = 0.0) -> np.ndarray:
-    """A fish that swims to the left: a body, a forked tail, a fin on its back and one below; ``size`` is its length, ``angle`` in radians."""
+    """A fish that swims to the left, with a forked tail and two fins; ``size`` is its length, ``angle`` in radians."""
     d = (np.asarray(points, dtype=np.float64) - centre) / size
     c, s = np.cos(angle), np.sin(angle)
     x, y = c * d[..., 0] + s * d[..., 1], c * d[..., 1] - s * d[..., 0]

@@ -1,8 +1,9 @@
-"""Pictures of bounds: rasters, pages of panels with matplotlib, and scenes in 3D with pyvista, drawn in a process of its own.
+"""Pictures of bounds: rasters, pages of panels with matplotlib, and scenes in 3D with pyvista.
 
-Colours mean the same everywhere: the object is dark, what a bounder adds to it (false positives) has the method's tint, what it denies of the object (false
-negatives) is red, and white is certainly empty. Of an object in 2D, coordinate 0 goes to the right and coordinate 1 up, so that the paper's images stand
-upright. A raster samples the domain at the centres of even pixels, in as many dimensions as the object has; rates are measured elsewhere.
+Colours mean the same everywhere: the object is dark, what a bounder adds to it (false positives) has the method's
+tint, what it denies of the object (false negatives) is red, and white is certainly empty. Of an object in 2D,
+coordinate 0 goes to the right and coordinate 1 up, so that the paper's images stand upright. A raster samples the
+domain at the centres of even pixels, in as many dimensions as the object has; rates are measured elsewhere.
 """
 
 import base64
@@ -33,11 +34,11 @@ TINTS = {  # of methods
 }
 DPI, PALETTE = 130, 256  # pixels an inch; colours of a PNG
 
-# --- rasters, and as JSON ----------------------------------------------------------------------------------------------
+# --- rasters, and as JSON ---------------------------------------------------------------------------------------------
 
 
 def raster(shape: Any, side: int, time: float | None = None) -> np.ndarray:
-    """``(side, ..., side, n)`` float32: points on an even raster over a shape's domain; of an animated one at a time, which has no axis."""
+    """``(side, ..., side, n)`` float32: points on an even raster over a shape's domain, of an animated one at a time."""
     lower, upper = (np.asarray(x, dtype=np.float64)[int(time is not None) :] for x in (shape.lower, shape.upper))
     ticks = [low + (np.arange(side) + 0.5) / side * (high - low) for low, high in zip(lower, upper, strict=True)]
     points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)
@@ -117,7 +118,7 @@ def upright(image: np.ndarray) -> np.ndarray:
     return np.rot90(image)
 
 
-# --- pages of panels ---------------------------------------------------------------------------------------------------
+# --- pages of panels --------------------------------------------------------------------------------------------------
 
 
 def page_of(draw: Callable[[Any], None], *, svg: bool = True) -> dict[str, bytes]:
@@ -211,7 +212,7 @@ def numbered(part: dict[str, Any]) -> str:
     return f"{text}, FN {100 * part['fn'] / part['samples']:.2f} %" if part["fn"] else f"{text}, FN 0"
 
 
-# --- scenes in 3D ------------------------------------------------------------------------------------------------------
+# --- scenes in 3D -----------------------------------------------------------------------------------------------------
 
 SMOOTHING = 0.9  # standard deviation, in pixels of the raster, of what takes the steps out of an isosurface
 VIEW, ANGLE = (
@@ -226,7 +227,7 @@ BATCH = 15  # scenes that one process draws
 
 
 def layer(mask: dict[str, Any], colour: str, opacity: float = 1.0, *, smooth: bool = False) -> dict[str, Any]:
-    """A layer of a scene: a packed mask ``(X, Y, Z)`` over the domain, as an isosurface (``smooth``) or as whole cells."""
+    """A layer of a scene: a packed mask ``(X, Y, Z)`` over the domain, as an isosurface or as whole cells."""
     return {"mask": mask, "colour": colour, "opacity": opacity, "smooth": smooth}
 
 

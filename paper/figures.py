@@ -1,7 +1,8 @@
 """``python -m paper figures``: the paper's figures, computed and drawn; resumable at any moment.
 
-A figure (``gallery.py``) is computed part by part; what a part returns is JSON, kept at once in the figure's file and not computed again. Its pictures
-are drawn from that alone, and README.md shows them with captions and what was measured.
+A figure (``gallery.py``) is computed part by part; what a part returns is JSON, kept at once in the figure's file and
+not computed again. Its pictures are drawn from that alone, and README.md shows them with captions and what was
+measured.
 """
 
 import contextlib
@@ -32,7 +33,7 @@ Parts = Mapping[str, dict[str, Any]]
 
 
 class Figure:
-    """One figure: what it needs, what it computes, part by part, and how it is drawn from that; its caption is in ``pages/figures.md``.
+    """One figure: what it computes, part by part, and how that is drawn; its caption is in ``pages/figures.md``.
 
     Attributes:
         name: As the command line takes it, and its files are called.
@@ -51,7 +52,7 @@ class Figure:
         return found[: self.few] if settings["quick"] else found
 
     def parts(self, work: "Work") -> dict[str, Callable[[], dict[str, Any]]]:
-        """What is computed, by name, in this order: functions that return JSON, called only where their results are missing."""
+        """What is computed, in this order: functions that return JSON, called where their results are missing."""
         raise NotImplementedError
 
     def draw(self, parts: Parts) -> dict[str, bytes]:

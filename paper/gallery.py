@@ -624,7 +624,7 @@ PROVEN, UNPROVEN = "mlp", "occupancy"
 
 
 def run_demo(work: Work, name: str, file: str, quick: bool, width: int | None = None) -> dict[str, Any]:
-    """A part: what a demo of ``sims`` told of its runs, and the picture that it has drawn; its text goes to standard error."""
+    """A part: what a demo of ``sims`` told of its runs, and its picture; its text goes to standard error."""
     from sims.report import output
 
     with tempfile.TemporaryDirectory() as folder:

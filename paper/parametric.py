@@ -1,24 +1,27 @@
-"""The paper's volumes around the *numbers* of regions: fitted as in the paper's code, asked in float64; plain NumPy, without kernels or files.
+"""The paper's volumes around the *numbers* of regions, in plain NumPy.
 
-In parametric space a ray is the point ``v = (a, w)`` of R^2n, a plane ``(u, a)``, a box ``(low, high)``, and P is the set of all v of regions that meet the
-object S. The paper fits a volume to 20,000 positive regions. Its form is taken from such samples here too; its faces, or its radius, are then set by upper
-bounds of ``max g . v`` and ``max |A v + b|^2`` over P, so that it has no false negative beyond the samples either. Every number is a bound, whatever a
-search finds: a bad search costs tightness only.
+In parametric space a ray is the point ``v = (a, w)`` of R^2n, a plane ``(u, a)``, a box ``(low, high)``, and P is the
+set of all v of regions that meet the object S. The paper fits a volume to 20,000 positive regions. Its form is taken
+from such samples here too; its faces, or its radius, are then set by upper bounds of ``max g . v`` and ``max |A v +
+b|^2`` over P, so that it has no false negative beyond the samples either. Every number is a bound, whatever a search
+finds: a bad search costs tightness only.
 
 *Rays.* The origin ``a = p - t w`` lies in the domain D, p in the object, 0 <= t <= 1, so for *any* vector m
 
     x . a + y . w = (x - m) . a + m . p + (y - t m) . w  <=  h_D(x - m) + h(m) + y . w + max(0, -m . w)
 
-with h and h_D the supports of the object and of the domain. With one direction w the best m would give the exact maximum over the object's hull (linear
-programming duality); it is looked for by trial.
+with h and h_D the supports of the object and of the domain. With one direction w the best m would give the exact
+maximum over the object's hull (linear programming duality); it is looked for by trial.
 
-*Planes.* A plane passes a point p of the object where ``u . p = u . a`` (in local units), so for any number m ``x . u + y . a`` is at most
-``x . u + h_D(y - m u) + h(m u)``. The best m is one of n + 1 kinks.
+*Planes.* A plane passes a point p of the object where ``u . p = u . a`` (in local units), so for any number m ``x . u
++ y . a`` is at most ``x . u + h_D(y - m u) + h(m u)``. The best m is one of n + 1 kinks.
 
-Both are convex in the direction: over a patch of directions they are largest at its corners, and patches are split by branch and bound.
+Both are convex in the direction: over a patch of directions they are largest at its corners, and patches are split by
+branch and bound.
 
-*Boxes.* ``low`` and ``high`` only have to leave a point of S between them, up to delta each: with ``x+ = max(x, 0)``, ``x- = max(-x, 0)`` the maximum of
-``x . low + y . high`` is exactly ``h_S(x+ - y-) + (x+ + y-) . delta + (x- + y+) . limit``.
+*Boxes.* ``low`` and ``high`` only have to leave a point of S between them, up to delta each: with ``x+ = max(x, 0)``,
+``x- = max(-x, 0)`` the maximum of ``x . low + y . high`` is exactly ``h_S(x+ - y-) + (x+ + y-) . delta + (x- + y+) .
+limit``.
 """
 
 from dataclasses import dataclass
@@ -57,7 +60,7 @@ DIRECTIONS = {
     "box": (False, False),
 }  # which half of v is a direction without a length
 
-# --- the numbers of a region -------------------------------------------------------------------------------------------
+# --- the numbers of a region ------------------------------------------------------------------------------------------
 
 
 def limit_of(domain: RegionDomain) -> np.ndarray:
@@ -73,7 +76,7 @@ def v_per_unit(domain: RegionDomain) -> np.ndarray:
 
 
 def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
-    """V ``(N, 2 n)`` float64 of regions that begin in the domain: points in local space, unit directions times the ray's length there."""
+    """V ``(N, 2 n)`` float64 of regions that begin in the domain: local points, unit directions times the ray's length."""
     parts = np.split(np.asarray(q, dtype=np.float64), 2, axis=1)
     for k, turned in enumerate(DIRECTIONS[domain.query]):
         unit = parts[k] / np.linalg.norm(parts[k], axis=1, keepdims=True) if turned else None
@@ -81,11 +84,11 @@ def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
     return np.concatenate(parts, axis=1)
 
 
-# --- directions --------------------------------------------------------------------------------------------------------
+# --- directions -------------------------------------------------------------------------------------------------------
 
 
 class Patches:
-    """Patches of the unit sphere in n dimensions: cells of the faces of a cube, seen from its centre; and what is known of each.
+    """Patches of the unit sphere in n dimensions, cells of a cube's faces seen from its centre; and what is known of each.
 
     A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``; so
     a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
@@ -168,7 +171,7 @@ class Patches:
         return Patches(**sides, lower=lower, upper=upper)
 
 
-# --- bounds over all positive regions ----------------------------------------------------------------------------------
+# --- bounds over all positive regions ---------------------------------------------------------------------------------
 
 
 class Support:
@@ -194,7 +197,7 @@ class Support:
         return np.minimum(value, plain) + ROUNDING * (1 + np.abs(value) + plain)
 
     def square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        """Upper bound of ``|A v + b|^2`` over P, A ``(r, 2 n)`` and b ``(r,)``, the rounding of this evaluation included."""
+        """Upper bound of ``|A v + b|^2`` over P, A ``(r, 2 n)`` and b ``(r,)``, rounding included."""
         reach = np.abs(matrix) @ self.reach + np.abs(offset)
         return self.most_square(matrix, offset) + ROUNDING * (1 + float(reach @ reach))
 
@@ -245,7 +248,7 @@ class Support:
 
 
 def _corner_square(lower, upper, directions, on_box, on_direction, offset) -> np.ndarray:
-    """``(N,)``: the largest ``|on_box y + on_direction d + offset|^2`` of y in box i and d in patch i, whose vertices are ``directions`` ``(N, V, n)``."""
+    """``(N,)``: the largest ``|on_box y + on_direction d + offset|^2`` of y in box i and d in patch i ``(N, V, n)``."""
     most, moved = np.zeros(len(lower)), directions @ on_direction.T + offset
     for corner in np.ndindex((2,) * lower.shape[1]):
         y = (np.where(corner, upper, lower) @ on_box.T)[:, None] + moved
@@ -378,7 +381,7 @@ class RaySupport(Support):
         return state.having(m=m, most=most, searched=np.ones(len(m), dtype=bool))
 
     def most_square(self, matrix: np.ndarray, offset: np.ndarray) -> float:
-        """Of each patch of directions the smaller of two: a = p - t w with p in the object, or a in the box of all of these in the domain."""
+        """Of each patch the smaller of two: a = p - t w with p in the object, or a in the box of all of these."""
         n, w = self.ndim, self.vertices_of(Patches.cover(self.ndim, FINER.get(self.ndim, 3)))  # (N, V, n)
         origins, most_origin = matrix[:, :n], np.zeros(w.shape[:2])
         rows = self.points @ origins.T + offset
@@ -409,7 +412,7 @@ def support_of(grid: Any, domain: Any) -> Support:
     return SUPPORTS[domain.query](grid, domain)
 
 
-# --- volumes -----------------------------------------------------------------------------------------------------------
+# --- volumes ----------------------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -435,7 +438,7 @@ class ParametricVolume:
     certificate = None
 
     def query(self, q: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool, *maybe*, of regions that begin in the domain; a plane whose point is outside of it is *maybe*."""
+        """``(N,)`` bool, *maybe*, of regions that begin in the domain; a plane with a point outside of it is *maybe*."""
         v = to_local(self.domain, q)
         beyond = (np.abs(v) > limit_of(self.domain)).any(axis=1) if self.domain.query == "plane" else False
         if self.offset is not None:
@@ -466,7 +469,7 @@ def fit(
     Args:
         grid: The object.
         query: Kind of region.
-        method: Of a volume: ``aabb``, ``obb``, ``kdop``, ``sphere``, ``ellipsoid``, ``oriented-ellipsoid``, ``learned-kdop``.
+        method: Of a volume: ``aabb``, ``obb``, ``kdop``, ``learned-kdop``, a sphere or an ellipsoid.
         length: Of rays.
         seed: Of the samples, and of training.
         seconds: For training.
@@ -502,13 +505,13 @@ def rates(volume: ParametricVolume, grid: Any, samples: int, protocol: str, *, s
     return counted(lambda count: sample(query, grid, count, rng), truth, volume.query, int(samples), None, **told)
 
 
-# --- learning half-spaces ----------------------------------------------------------------------------------------------
+# --- learning half-spaces ---------------------------------------------------------------------------------------------
 
 FARTHEST = 64  # positive regions that each normal is set by, between two refreshes
 
 
 def learned_normals(grid: Any, support: Support, *, seed: int, seconds: float, steps: int | None) -> np.ndarray:
-    """``(k, 2 n)`` normals, the paper's OurkDOP: of ``kdop``'s own and of what was learned those with the fewest negatives inside.
+    """``(k, 2 n)`` normals, the paper's OurkDOP: of ``kdop``'s and of learned ones those with the fewest negatives inside.
 
     While they are learned, faces are set by sampled positives; of what is compared at the end they are certain.
     """

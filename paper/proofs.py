@@ -1,9 +1,9 @@
-"""What a proof is worth: networks with the threshold that sampling suggests, and with the one that is proven, side by side.
+"""What a proof is worth: networks with the threshold that sampling suggests, and with the proven one.
 
-For each network of a ``table1`` folder: the least f over a million fresh hard positives, as an honest practitioner would set the threshold; the
-proven one; false positives at both, on the same random queries. Then the prover and a walk look for a positive below the sampled threshold (and
-below 0, which is an output of 0.5): a query that the exact oracle affirms and the deployed kernel denies, that is a false negative that sampling
-would have shipped.
+For each network of a ``table1`` folder: the least f over a million fresh hard positives, as an honest practitioner
+would set the threshold; the proven one; false positives at both, on the same random queries. Then the prover and a
+walk look for a positive below the sampled threshold (and below 0, which is an output of 0.5): a query that the exact
+oracle affirms and the deployed kernel denies, that is a false negative that sampling would have shipped.
 """
 
 import time
@@ -118,7 +118,7 @@ class Thresholds:
 
 
 def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str, Any]:
-    """The columns of a row that are measured; those about threshold 0 are ``None`` where the network has no output between 0 and 1."""
+    """The measured columns of a row; those about threshold 0 are ``None`` where a network learns distances."""
     grid, has_output = cell.grid, cell.column.query not in DISTANCES
     rates = Thresholds.of(bounder, grid, s["samples"], seed + 1)
     hard, lowest = hard_positives(
@@ -228,7 +228,7 @@ def counterexample(bounder: Any, grid: Any, found: dict, threshold: float) -> tu
     return x[0], float(bounder.values(x).numpy()[0]), "prover" if "prover" in below else "walk"
 
 
-# --- the page ----------------------------------------------------------------------------------------------------------
+# --- the page ---------------------------------------------------------------------------------------------------------
 
 
 def told(rows: Rows) -> str:

@@ -1,4 +1,4 @@
-"""The paper's own training beside ours in the same time, with its positional encoding and without: rows for the page of ``table1``."""
+"""The paper's own training beside ours in the same time: rows for the page of ``table1``."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -109,7 +109,7 @@ def _measured(cell: Cell, way: str, s: dict[str, Any]) -> dict[str, Any]:
 
 
 def section(table: Path) -> list[str]:
-    """What pages say of the rows in a folder of ``table1``: lines of Markdown under a heading; none where there are no rows."""
+    """What pages say of the rows in a folder of ``table1``, in Markdown; nothing where there are none."""
     file = table / NAME / f"{NAME}.csv"
     rows = results.read_rows(file, CSV, {})[0] if file.is_file() else []
     if not rows:

@@ -2,8 +2,9 @@
 
 A folder holds ``settings.json`` (what all its rows have in common, and the command lines that made it), a CSV, and
 fitted bounders. The CSV grows by whole lines; one that was torn by an interruption is the last and has no end: it is
-dropped and measured again. Every other file is written whole. A lock keeps a second run out. A folder of other settings,
-a foreign or a damaged one is refused, and nothing is overwritten. ``README.md`` is a page of ``pages/`` with its tables.
+dropped and measured again. Every other file is written whole. A lock keeps a second run out. A folder of other
+settings, a foreign or a damaged one is refused, and nothing is overwritten. ``README.md`` is a page of ``pages/``
+with its tables.
 """
 
 import contextlib
@@ -237,7 +238,7 @@ def markdown(heads: Sequence[str | None], lines: Iterable[Sequence[str | None]],
     return [first, "|" + "---|" * left + "---:|" * (len(heads) - left), *rest]
 
 
-# --- runs --------------------------------------------------------------------------------------------------------------
+# --- runs -------------------------------------------------------------------------------------------------------------
 
 _STOPPED = threading.Event()
 

@@ -1,10 +1,11 @@
-"""The paper's Table 2, its supplement's table of speeds and its early-out plot, measured: methods raced on every device.
+"""The paper's Table 2, its supplement's table of speeds and its early-out plot: methods raced on every device.
 
-Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 2, Eq. 6, Section *Early-out*; its supplement.
+Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 2, Eq. 6, Section *Early-out*; its
+supplement.
 
-A machine's speed drifts with whatever else it does. So what is compared is taken within a round, in which every method is
-asked once, and the median over rounds counts. Every race has the network without exits among its methods: what is added to
-a folder later is compared by the ratio to that.
+A machine's speed drifts with whatever else it does. So what is compared is taken within a round, in which every
+method is asked once, and the median over rounds counts. Every race has the network without exits among its methods:
+what is added to a folder later is compared by the ratio to that.
 """
 
 import math
@@ -178,7 +179,7 @@ def device_name(alias: str) -> str:
     return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), device.name)
 
 
-# --- means, gains, break-evens -----------------------------------------------------------------------------------------
+# --- means, gains, break-evens ----------------------------------------------------------------------------------------
 
 
 class BreakEven(NamedTuple):
@@ -240,7 +241,7 @@ def paper_gains() -> dict[Column, float]:
     return {c: PAPER["ms"]["mlp"][c] / PAPER["ms"]["mlp-early"][c] for c in COLUMNS}
 
 
-# --- the page and the plot ---------------------------------------------------------------------------------------------
+# --- the page and the plot --------------------------------------------------------------------------------------------
 
 
 def page(folder: results.Folder) -> str:

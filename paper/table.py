@@ -1,8 +1,9 @@
 """What the paper's tables are made of: columns, methods, the paper's own numbers, and the words of a command line that name them.
 
-``paper.csv`` has the numbers of Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024): ``fp_rate`` of Table 1, per cent, with truth found
-by sampling and volumes around the *parameters* of the queries; ``ms`` for ten million queries, of its supplement, on an RTX 3090; and ``ratio``, the
-last column of Table 2. Sizes of the networks are from the supplement.
+``paper.csv`` has the numbers of Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024): ``fp_rate`` of Table
+1, per cent, with truth found by sampling and volumes around the *parameters* of the queries; ``ms`` for ten million
+queries, of its supplement, on an RTX 3090; and ``ratio``, the last column of Table 2. Sizes of the networks are from
+the supplement.
 """
 
 import csv

@@ -141,7 +141,7 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
         yield about(cell, bounder, s) | spent | {"protocol": protocol} | counts
 
 
-# --- means and the page ------------------------------------------------------------------------------------------------
+# --- means and the page -----------------------------------------------------------------------------------------------
 
 NO_METHOD, NOT_YET, SAME = "–", "…", "="
 GROUPS = (
@@ -308,7 +308,7 @@ def page(folder: results.Folder) -> str:
     return folder.page(NAME, tables=tables or ["Nothing has been measured yet."], details=details, **values)
 
 
-# --- the rank plot -----------------------------------------------------------------------------------------------------
+# --- the rank plot ----------------------------------------------------------------------------------------------------
 
 STYLES = {  # colour and marker, in the legend's order; lightness and marker differ for the colour-blind, too
     "mlp": "#d1420ao", "mlp-early": "#f0a30ad", "monotone-mlp": "#a8323e>", "mlp-local": "#c77f4f8",

@@ -1,7 +1,8 @@
 """Tables of the pages, made from the files in ``results``, so that no number is typed in: ``python docs/site/measured.py`` writes them anew.
 
-Each function of ``MEASURED`` reads what a benchmark or a demo has written and returns a table in Markdown. A page asks for one by its name, with the
-comment ``<!-- measured: NAME -->`` on a line by itself; the table follows, up to ``<!-- end -->``. Readers of the plain page see neither.
+Each function of ``MEASURED`` reads what a benchmark or a demo has written and returns a table in Markdown. A page
+asks for one by its name, with the comment ``<!-- measured: NAME -->`` on a line by itself; the table follows, up to
+``<!-- end -->``. Readers of the plain page see neither.
 """
 
 import csv
