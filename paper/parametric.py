@@ -507,43 +507,29 @@ def rates(volume: ParametricVolume, grid: Any, samples: int, protocol: str, *, s
 
 # --- learning half-spaces ---------------------------------------------------------------------------------------------
 
-FARTHEST = 64  # positive regions that each normal is set by, between two refreshes
+SIDES = {2: 64, 3: 12, 4: 4}  # by dimension: directions along an edge of a cube's face, of those that set faces
+ENDS, FARTHEST = 150, 64  # points where rays begin or end; positive rays that set each normal, between two refreshes
+TILTS = (1.0, 0.6, 1.6)  # weights of u relative to those of a in the first half-spaces around planes
 
 
 def learned_normals(grid: Any, support: Support, *, seed: int, seconds: float, steps: int | None) -> np.ndarray:
-    """``(k, 2 n)`` normals, the paper's OurkDOP: of ``kdop``'s and of learned ones those with the fewest negatives inside.
-
-    While they are learned, faces are set by sampled positives; of what is compared at the end they are certain.
-    """
+    """``(k, 2 n)`` normals, the paper's OurkDOP: of ``kdop``'s and of learned ones those with the fewest negatives inside."""
     import torch
 
     from warp_bounding.training import learned_kdop as train
     from warp_bounding.training.engine import Clock, interrupts, single_threaded_torch
-    from warp_bounding.training.learned_kdop import HalfSpaceProblem, tensor
 
-    domain, rng = support.domain, np.random.default_rng(seed)
+    domain, rng, problem = support.domain, np.random.default_rng(seed), _problem_of(support)
     truth, found, count, total = oracle(domain.query, grid, "cpu", domain.oracle_length), [], 0, 0
     while count < train.FEW * train.SAMPLES and total < train.MOST_SAMPLES:
         x = sample(domain.query, grid, train.SAMPLES, rng)
         found.append(x[~truth(x)])
         count, total = count + len(found[-1]), total + train.SAMPLES
-    negatives = tensor(to_local(domain, np.concatenate(found) if count else x[:64]))
-    x = next(draw_positives(domain.query, grid, SAMPLES, seed, "cpu", domain.oracle_length, outside=False))
-
-    class Positives(HalfSpaceProblem):
-        def __init__(self):
-            self.domain, self.support, self.columns = domain, support, 2 * support.ndim
-            self.all_points = self.points = tensor(to_local(domain, x))
-
-        def refresh(self, normals):
-            """Until the next call, faces are set by the positives that are farthest now."""
-            near = [(self.all_points @ n).topk(min(FARTHEST, len(x))).indices for n in normals.detach()]
-            self.points = self.all_points[torch.cat(near).unique()]
-
-    problem, clock, generator = Positives(), Clock(seconds, steps, None), torch.Generator().manual_seed(seed)
+    negatives = train.tensor(to_local(domain, np.concatenate(found) if count else x[:64]))
+    clock, generator = Clock(seconds, steps, None), torch.Generator().manual_seed(seed)
     directions = kdop_directions(problem.columns) / v_per_unit(domain)
     classic, best = np.concatenate([directions, -directions]), []
-    start = train.of_length_1(tensor(classic))
+    start = train.of_length_1(train.tensor(classic))
 
     def learn() -> None:
         for index in range(train.STARTS):
@@ -561,3 +547,67 @@ def learned_normals(grid: Any, support: Support, *, seed: int, seconds: float, s
     tried = [classic, *(normals.double().numpy() for _, normals in best[: train.FINALISTS])]
     v = negatives.double().numpy()
     return min(tried, key=lambda normals: float((v @ normals.T <= support(normals)).all(axis=1).mean()))
+
+
+def _problem_of(support: Support) -> Any:
+    """Half-spaces in R^2n, whose faces, which steer the search only, depend on the kind of region."""
+    import torch
+
+    from warp_bounding.training.learned_kdop import HalfSpaceProblem, tensor
+
+    n, limit, u = support.ndim, tensor(support.limit), Patches.cover(support.ndim, SIDES.get(support.ndim, 3)).centers
+
+    class Boxes(HalfSpaceProblem):
+        def __init__(self):
+            self.domain, self.support, self.columns = support.domain, support, 2 * n
+            self.points = tensor(support.points)
+
+        def offsets(self, normals):
+            x, y = normals.chunk(2, dim=1)
+            free = (-x).clamp(min=0) + y.clamp(min=0)
+            return super().offsets(x.clamp(min=0) - (-y).clamp(min=0)) + free @ limit
+
+    class Rays(Boxes):  # faces are set by the farthest of many extreme positives, which begin or end at the object
+        def __init__(self):
+            super().__init__()
+            points = support.points
+            if len(points) > ENDS:
+                points = points[np.random.default_rng(0).choice(len(points), ENDS, replace=False)]
+            p, w = (z.reshape(-1, n) for z in np.broadcast_arrays(points[:, None], (u * support.stretch)[None]))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                exits = np.where(w == 0, np.inf, (p + np.sign(w) * support.limit) / w)
+            back = np.minimum(exits.min(axis=1), 1)[:, None]
+            ends = [np.concatenate([p - t * w, w], axis=1) for t in (0 * back, back)]
+            self.points = self.all_points = tensor(np.concatenate(ends))
+
+        def refresh(self, normals):
+            near = [(self.all_points @ m).topk(min(FARTHEST, len(self.all_points))).indices for m in normals.detach()]
+            self.points = self.all_points[torch.cat(near).unique()]
+
+        def offsets(self, normals):
+            return HalfSpaceProblem.offsets(self, normals)
+
+    class Planes(Boxes):  # for each of many u the highest a is known, a linear program of n + 1 candidates
+        def __init__(self):
+            super().__init__()
+            self.u, self.local = tensor(u), tensor(u / support.scale)
+            self.high, self.low = (tensor(support.hull(side * u / support.scale)) for side in (1, -1))
+            self.safe = torch.where(self.local.abs() < 1e-4, torch.full_like(self.local, 1e4), self.local)
+
+        def start(self, count, generator):  # planes that cut off a corner of the domain, from either side
+            corners = torch.tensor([[1.0 - 2.0 * k for k in row] for row in np.ndindex((2,) * n)])
+            index = torch.arange(count)
+            side, corner = 1.0 - 2.0 * (index // len(corners) % 2), corners[index % len(corners)]
+            tilt = torch.tensor(TILTS)[index // (2 * len(corners)) % len(TILTS)]
+            first = torch.cat([corner * (side * tilt)[:, None], corner], dim=1)
+            return first + 0.05 * torch.randn(count, 2 * n, generator=generator)
+
+        def offsets(self, normals):
+            x, y = normals.chunk(2, dim=1)
+            kinks = y[:, None] / self.safe  # (k, J, n)
+            kinks = torch.cat([kinks, torch.zeros_like(kinks[:, :, :1])], dim=2)
+            rest = (y[:, None, None] - kinks[..., None] * self.local[:, None]).abs() @ limit
+            hull = torch.maximum(kinks * self.high[:, None], -kinks * self.low[:, None])
+            return ((rest + hull).amin(dim=2) + x @ self.u.T).amax(dim=1)
+
+    return {"box": Boxes, "ray": Rays, "plane": Planes}[support.domain.query]()
