@@ -68,7 +68,7 @@ NODES = {2: (32, 64, 128), 3: (16, 32), 4: (8, 16)}  # of distance grids, along 
 SIZES: dict[str, list[dict[str, Any]]] = {  # of closed forms, the quickest to fit first
     "voxels": [{"resolution": cells} for cells in (16, 32, 64, 128)],
     "bvh": [{"leaves": leaves} for leaves in (16, 64, 256, 1024, 4096)],
-    **{name: [{}] for name in ("relu-field", "aabb", "sphere", "ellipsoid", "oriented-ellipsoid", "obb", PREFILTER)},
+    **{name: [{}] for name in ("aabb", "sphere", "ellipsoid", "oriented-ellipsoid", "obb", PREFILTER, "relu-field")},
     "kdop": [{}, {"k": 26}],
 }
 UNITS = {"leaves": "{} leaves", "resolution": "{} cells", "nodes": "{} nodes", "thresholds": "{} parts", "k": "k {}"}
