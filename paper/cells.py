@@ -170,7 +170,7 @@ def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
         method, last = "mlp" if made else variant.method, cell._replace(variant=Variant(variant.last))
         known = taken((METHODS[name] for name in method.split("+")), query.name)
         options = {"query": query.name, "method": method} | ({"length": settings["length"]} if query.has_length else {})
-        if last != cell and (found := load(folder.bounder(last.file), last, settings)) is not None:
+        if variant.last != variant.method and (found := load(folder.bounder(last.file), last, settings)) is not None:
             options["last"] = found
     options |= {name: value for name, value in told.items() if name in known and value is not None}
     options |= {"budget": budget_of(settings, cell.column, variant), "seed": settings["seed"], "device": device}

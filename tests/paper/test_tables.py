@@ -55,7 +55,7 @@ def test_a_table_and_the_same_again(data, tmp_path, capsys, monkeypatch):
     assert len(rows(tmp_path / "out", "table1")) == 16
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "out/bounders").iterdir()} == fitted
     next(iter(fitted)).write_text("{")
-    assert run(capsys, *table, "--columns", "2d-point", "--methods", "voxels,aabb", "--protocol", "sampled")[0] == 0
+    assert run(capsys, *table, "--columns", "2d-point", "--methods", "voxels,bvh,bvh-16")[0] == 0
 
 
 def test_one_distance_serves_all_its_columns(data, tmp_path, capsys, monkeypatch):
