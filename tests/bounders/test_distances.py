@@ -318,9 +318,8 @@ def test_saved_loaded_certified(method, tmp_path, rng):
 
 @pytest.mark.parametrize("method", DISTANCES)
 def test_another_shape_is_refuted(method):
-    larger = wb.IndicatorGrid(
-        np.pad(np.ones((9, 9, 9), bool), 3), cells_per_unit=thing("blob").cells_per_unit, offset=[-4.0] * 3
-    )
+    cells, scale = np.pad(np.ones((15, 15, 15), bool), 1), thing("blob").cells_per_unit
+    larger = wb.IndicatorGrid(cells, cells_per_unit=scale, offset=[-4.0] * 3)
     proof = wb.certify(far(method, "blob"), larger)
     assert proof.kind == "refuted"
     x = np.array([proof.counterexample], np.float32)
