@@ -45,8 +45,90 @@ CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4)
 LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
 
 
+class Faces(Shape):
+    """What meshes share that rest and that move: faces, of which closed parts have an inside, a margin, and kernels that answer about them.
+
+    A subclass has ``bounds``, of the faces alone; ``surface``; ``_solid``, which knows of no margin; and ``_dilated_solid``.
+    """
+
+    @property
+    def restriction(self) -> str:
+        return "; ".join(filter(None, [self.note, self.surface.note]))
+
+    @property
+    def watertight(self) -> bool:
+        """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
+
+        A mesh that trimesh calls watertight is closed, unless its faces close only with their own doubles and hold
+        nothing. So are solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or
+        have no area (``surfaces``). Vertices of a motion are equal that are so at all keyframes.
+        """
+        return self.surface.watertight
+
+    def _corner(self, side: int) -> np.ndarray:
+        """``(3,)`` float64, the lower (0) or upper (1) corner of a box that holds the faces and the margin."""
+        corner, sign = self.bounds[side], 2 * side - 1
+        return np.nextafter(corner + sign * self.margin, sign * np.inf) if self.margin else corner
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8 for points ``(N, n)``: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
+
+        Undecided are points that lie on the object's border but for rounding, and those of which no proof was found that they are
+        outside: in gaps that are much narrower than a cell of ``triangles/cells.py``. Out of a motion's time a point is ``OUT``.
+        """
+        return self._dilated_solid.decide(x)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes hold no point of the object; see ``Shape``."""
+        return self._dilated_solid.empty(lower, upper)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes lie in the object whole; see ``Shape``."""
+        return self._dilated_solid.inside(lower, upper)
+
+    def distance(self, x: np.ndarray) -> np.ndarray:
+        """Lower bounds ``(N,)`` of the distance from points to the object, within a few roundings outside; 0 in it."""
+        return self.distances(x)[:, 0]
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        return self._dilated_solid.distances(x)
+
+    def dilated(self, margin: float):
+        """The object and all points within ``margin`` of it, at each time; what was built to ask the triangles is shared."""
+        margin = self._new_margin(margin)
+        if margin is None:
+            return self
+        _ = self._solid  # before the copy, so that both have it
+        return self._with_margin(margin)
+
+    def _with_margin(self, margin: float):
+        made = copy.copy(self)
+        for key in ("lower", "upper", "_dilated_solid"):
+            vars(made).pop(key, None)
+        object.__setattr__(made, "margin", margin)
+        return made
+
+    def _margin_of_cells(self, margin: float) -> float:
+        """The margin of cells that are laid over the object: its own, if it has one."""
+        margin = checked_margin(margin)
+        if self.margin:
+            self._new_margin(margin or self.margin)
+        return self.margin or margin
+
+
+def checked_vertices(vertices: np.ndarray, name: str) -> np.ndarray:
+    """Vertices ``(..., 3)`` in float32, read-only; raises ``IndicatorError`` for numbers that float32 does not hold, or too coarsely."""
+    expect_near(vertices.reshape(-1, 3), name)
+    with np.errstate(over="ignore"):
+        vertices = np.array(vertices, dtype=np.float32, order="C") + np.float32(0)  # + 0: no negative zeros
+    if bad := int((~np.isfinite(vertices)).any(axis=-1).sum()):
+        raise IndicatorError(f"{name}: expected finite float32 vertices, got {bad} that are not")
+    vertices.setflags(write=False)
+    return vertices
+
+
 @dataclass(frozen=True, eq=False)
-class IndicatorMesh(Shape):
+class IndicatorMesh(Faces):
     """A triangle mesh in object space, and all points within a margin of it.
 
     Attributes:
@@ -79,19 +161,13 @@ class IndicatorMesh(Shape):
         if vertices.ndim != 2 or vertices.shape[1] != 3 or vertices.dtype.kind not in "iuf":
             got = f"{vertices.dtype} of shape {vertices.shape}"
             raise IndicatorError(f"{self.name}: expected vertices as numbers of shape (V, 3), got {got}")
-        expect_near(vertices, self.name)
-        with np.errstate(over="ignore"):
-            vertices = np.array(vertices, dtype=np.float32, order="C") + np.float32(0)  # + 0: no negative zeros
-        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
-        if bad:
-            raise IndicatorError(f"{self.name}: expected finite float32 vertices, got {bad} that are not")
+        vertices = checked_vertices(vertices, self.name)
         check_faces(faces, len(vertices), self.name)
         faces = np.array(faces, dtype=np.int32, order="C")
         corner, *others = vertices.astype(np.float64)[faces].transpose(1, 0, 2)
         normals = np.cross(others[0] - corner, others[1] - corner)
         if not normals.any():
             raise IndicatorError(f"{self.name}: expected a surface, got {len(faces)} faces without area")
-        vertices.setflags(write=False)
         faces.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
@@ -129,21 +205,17 @@ class IndicatorMesh(Shape):
     @cached_property
     def lower(self) -> np.ndarray:
         """``(3,)`` float64, lower corner of a box that holds the faces and the margin."""
-        return np.nextafter(self.bounds[0] - self.margin, -np.inf) if self.margin else self.bounds[0]
+        return self._corner(0)
 
     @cached_property
     def upper(self) -> np.ndarray:
         """``(3,)`` float64, upper corner of that box."""
-        return np.nextafter(self.bounds[1] + self.margin, np.inf) if self.margin else self.bounds[1]
+        return self._corner(1)
 
     @cached_property
     def surface(self) -> Surface:
         """Which faces belong to closed parts, whose inside is bounded too."""
         return surface_of(self.vertices, self.faces)
-
-    @property
-    def restriction(self) -> str:
-        return "; ".join(filter(None, [self.note, self.surface.note]))
 
     @property
     def _empty(self) -> bool:
@@ -164,16 +236,6 @@ class IndicatorMesh(Shape):
         count = self._solid.hollows
         return f"{count:,} closed hollow{'s' * (count != 1)} {self.hollow}" if count else ""
 
-    @property
-    def watertight(self) -> bool:
-        """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
-
-        A mesh that trimesh calls watertight is closed, unless its faces close only with their own doubles and hold
-        nothing. So are solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or
-        have no area (``surfaces``).
-        """
-        return self.surface.watertight
-
     @cached_property
     def geometry(self) -> str:
         """SHA-256 of the geometry, vertices and faces; name, note and margin do not enter."""
@@ -193,29 +255,6 @@ class IndicatorMesh(Shape):
     @cached_property
     def _dilated_solid(self) -> "DilatedSolid":
         return self._solid.dilated(self.lower, self.upper, self.margin)
-
-    def decide(self, x: np.ndarray) -> np.ndarray:
-        """``(N,)`` uint8 for points ``(N, 3)``: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
-
-        Undecided are points that lie on the object's border but for the rounding of float64, and those of which no
-        proof was found that they are outside: in gaps that are much narrower than a cell of ``triangles/cells.py``.
-        """
-        return self._dilated_solid.decide(x)
-
-    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes hold no point of the object; see ``Shape``."""
-        return self._dilated_solid.empty(lower, upper)
-
-    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes lie in the object whole; see ``Shape``."""
-        return self._dilated_solid.inside(lower, upper)
-
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from points to the object, within a few roundings outside; 0 in it."""
-        return self.distances(x)[:, 0]
-
-    def distances(self, x: np.ndarray) -> np.ndarray:
-        return self._dilated_solid.distances(x)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from closed boxes to the object; see ``Shape``."""
@@ -285,18 +324,6 @@ class IndicatorMesh(Shape):
         nearer = self._solid.dilated(self.lower, self.upper, LANDMARK * self.margin)
         return points[nearer.decide(points) == OUT]
 
-    def dilated(self, margin: float) -> "IndicatorMesh":
-        """The mesh and all points within ``margin`` of it; what was built to ask the triangles is shared."""
-        margin = self._new_margin(margin)
-        if margin is None:
-            return self
-        _ = self._solid  # before the copy, so that both have it
-        made = copy.copy(self)
-        for key in ("lower", "upper", "_dilated_solid"):
-            vars(made).pop(key, None)
-        object.__setattr__(made, "margin", margin)
-        return made
-
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
         """Divide the dilated mesh into cells, conservatively.
 
@@ -320,10 +347,7 @@ class IndicatorMesh(Shape):
         """
         from warp_bounding.indicators.triangles.cells import solid_cells
 
-        resolution, margin = checked_resolution(resolution), checked_margin(margin)
-        if self.margin:
-            self._new_margin(margin or self.margin)
-            margin = self.margin
+        resolution, margin = checked_resolution(resolution), self._margin_of_cells(margin)
         extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
         scale = cells_per_unit(extent, resolution, self.name)
         lower, upper = self.bounds * scale  # exact: 24 + 16 bits

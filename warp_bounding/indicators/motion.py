@@ -18,7 +18,6 @@ bounders say *maybe*. So the cells of time lie between these two, however time i
 exactly: ``time_axis`` chooses cells that leave little out.
 """
 
-import copy
 import hashlib
 from dataclasses import dataclass
 from functools import cached_property
@@ -29,12 +28,10 @@ import numpy as np
 
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.mesh import LANDMARK, check_faces
-from warp_bounding.indicators.recentred import expect_near
+from warp_bounding.indicators.mesh import LANDMARK, Faces, check_faces, checked_vertices
 from warp_bounding.indicators.shape import (
     OUT,
     HalfSpaces,
-    Shape,
     cells_around,
     cells_per_unit,
     checked_margin,
@@ -57,7 +54,7 @@ EVALUATION = 2.0**-23
 
 
 @dataclass(frozen=True, eq=False)
-class IndicatorMotion(Shape):
+class IndicatorMotion(Faces):
     """A moving triangle mesh in object space, and at each time all points within a margin of it.
 
     Attributes:
@@ -93,12 +90,7 @@ class IndicatorMotion(Shape):
         if frames.ndim != 3 or frames.shape[2] != 3 or len(frames) < 2 or frames.dtype.kind not in "iuf":
             got = f"{frames.dtype} of shape {frames.shape}"
             raise IndicatorError(f"{self.name}: expected keyframes as numbers of shape (K, V, 3), K >= 2, got {got}")
-        expect_near(frames.reshape(-1, 3), self.name)
-        with np.errstate(over="ignore"):
-            frames = np.array(frames, dtype=np.float32, order="C") + np.float32(0)
-        bad = int((~np.isfinite(frames)).any(axis=2).sum())
-        if bad:
-            raise IndicatorError(f"{self.name}: expected finite float32 vertices, got {bad} that are not")
+        frames = checked_vertices(frames, self.name)
         check_faces(faces, frames.shape[1], self.name)
         times = np.linspace(0.0, 1.0, len(frames)) if self.times is None else np.asarray(self.times)
         times = np.array(times, dtype=np.float32).reshape(-1)
@@ -130,29 +122,18 @@ class IndicatorMotion(Shape):
     @cached_property
     def lower(self) -> np.ndarray:
         """``(4,)`` float64: the first time, and the lower corner of a box that holds the faces and the margin."""
-        corner = np.nextafter(self.bounds[0] - self.margin, -np.inf) if self.margin else self.bounds[0]
-        return np.insert(corner, 0, self.times[0])
+        return np.insert(self._corner(0), 0, self.times[0])
 
     @cached_property
     def upper(self) -> np.ndarray:
         """``(4,)`` float64: the last time, and the upper corner of that box."""
-        corner = np.nextafter(self.bounds[1] + self.margin, np.inf) if self.margin else self.bounds[1]
-        return np.insert(corner, 0, self.times[-1])
+        return np.insert(self._corner(1), 0, self.times[-1])
 
     @cached_property
     def surface(self) -> Surface:
         """Which faces belong to parts that are closed at all times, whose inside is bounded too."""
         paths = np.ascontiguousarray(self.frames.transpose(1, 0, 2)).reshape(self.frames.shape[1], -1)
         return surface_of(paths, self.faces)
-
-    @property
-    def restriction(self) -> str:
-        return "; ".join(filter(None, [self.note, self.surface.note]))
-
-    @property
-    def watertight(self) -> bool:
-        """Whether the surface is closed at all times (``IndicatorMesh``); vertices are one that are equal at all keyframes."""
-        return self.surface.watertight
 
     @cached_property
     def geometry(self) -> str:
@@ -179,30 +160,8 @@ class IndicatorMotion(Shape):
 
         return DilatedMovingSolid(self._solid, self.lower, self.upper, self.margin)
 
-    def decide(self, x: np.ndarray) -> np.ndarray:
-        """``(N,)`` uint8 for points ``(N, 4)``, time first: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
-
-        Outside the range of times a point is ``OUT``. Undecided are points whose answer hangs on the rounding of
-        vertices, and those in gaps that are much narrower than a cell of ``triangles/moving.py``.
-        """
-        return self._dilated_solid.decide(x)
-
-    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes of time and space hold no point of the object; see ``Shape``."""
-        return self._dilated_solid.empty(lower, upper)
-
-    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes of time and space lie in the object whole; see ``Shape``."""
-        return self._dilated_solid.inside(lower, upper)
-
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
         return self._dilated_solid.half_spaces(lower, upper)
-
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        return self.distances(x)[:, 0]
-
-    def distances(self, x: np.ndarray) -> np.ndarray:
-        return self._dilated_solid.distances(x)
 
     def excess(
         self,
@@ -236,21 +195,8 @@ class IndicatorMotion(Shape):
         points = corner_places(self.times, self.frames, self.faces, self.margin)
         if not self.margin:
             return points
-        nearer = copy.copy(self)._with_margin(LANDMARK * self.margin)
+        nearer = self._with_margin(LANDMARK * self.margin)
         return points[nearer.decide(points) == OUT]
-
-    def dilated(self, margin: float) -> "IndicatorMotion":
-        """The motion, and at each time all points within ``margin`` of it; what was built to ask the triangles is shared."""
-        if (margin := self._new_margin(margin)) is None:
-            return self
-        _ = self._solid  # before the copy, so that both have it
-        return copy.copy(self)._with_margin(margin)
-
-    def _with_margin(self, margin: float) -> "IndicatorMotion":
-        for key in ("lower", "upper", "_dilated_solid"):
-            vars(self).pop(key, None)
-        object.__setattr__(self, "margin", margin)
-        return self
 
     def vertices_at(self, time: float) -> np.ndarray:
         """The vertices at a time, as a simulation should use them: what ``to_grid`` bounds holds for these very numbers.
@@ -290,10 +236,7 @@ class IndicatorMotion(Shape):
             True
         """
         resolution = DEFAULT_RESOLUTION if resolution is None else resolution
-        resolution, margin = checked_resolution(resolution), checked_margin(margin)
-        if self.margin:
-            self._new_margin(margin or self.margin)
-            margin = self.margin
+        resolution, margin = checked_resolution(resolution), self._margin_of_cells(margin)
         rounding = self._rounding
         extent = float((self.bounds[1] - self.bounds[0]).max()) + 2 * margin
         scale = cells_per_unit(extent, resolution, self.name)

@@ -981,6 +981,22 @@ class AskedSolid:
             launch_on_cores(kernel, len(out), inputs, [wp.array(out, dtype=dtype, device="cpu", copy=False)], "cpu")
         return out
 
+    def _excess(
+        self, kernel: wp.Kernel, corners: type, lower, upper, values, least, enough, *more: wp.array
+    ) -> np.ndarray:
+        """``Shape.excess`` by a kernel that takes numbers at ``corners``; ``more`` of what it takes comes before the boxes."""
+        boxes = [
+            wp.array(np.ascontiguousarray(side, np.float64), dtype=self.point, device="cpu") for side in (lower, upper)
+        ]
+        held = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=corners, device="cpu")
+        out = np.empty(len(lower))
+        if len(out):
+            ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
+            inputs = [self._struct, *more, *boxes, held, wp.float64(least), ends]
+            made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
+            launch_on_cores(kernel, len(out), inputs, [made], "cpu")
+        return out
+
     def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Make what is needed for queries, points or boxes ``(N, n)``; here all of it is there."""
 
@@ -1063,20 +1079,7 @@ class DilatedSolid(AskedSolid):
         self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
     ) -> np.ndarray:
         """See ``Shape.excess``."""
-        boxes = [
-            wp.array(np.ascontiguousarray(side, dtype=np.float64), dtype=wp.vec3d, device="cpu")
-            for side in (lower, upper)
-        ]
-        held, out = (
-            wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=Corners, device="cpu"),
-            np.empty(len(lower)),
-        )
-        if len(out):
-            ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
-            inputs = [self._struct, *boxes, held, wp.float64(least), ends]
-            made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
-            launch_on_cores(find_excesses, len(out), inputs, [made], "cpu")
-        return out
+        return self._excess(find_excesses, Corners, lower, upper, values, least, enough)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Whether closed boxes meet the object."""

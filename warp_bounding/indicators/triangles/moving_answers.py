@@ -853,25 +853,14 @@ class DilatedMovingSolid(AskedSolid):
     ) -> np.ndarray:
         """See ``Shape.excess``: of boxes that lie between two keyframes, but for as little as rounding makes of their times; ``speed`` is the motion's."""
         lower, upper = (np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper))
-        out, times = np.empty(len(lower)), self._solid.times
-        if not len(out):
-            return out
-        low, high = np.array(self._struct.lower), np.array(self._struct.upper)
+        if not len(lower):
+            return np.empty(0)
+        low, high, times = np.array(self._struct.lower), np.array(self._struct.upper), self._solid.times
         self._know(*(np.clip(np.nan_to_num(side), low, high) for side in (lower, upper)))
         keys = self._keys(lower[:, 0] / 2 + upper[:, 0] / 2)
         beyond = 2 * speed * np.maximum(np.maximum(times[keys] - lower[:, 0], upper[:, 0] - times[keys + 1]), 0.0)
-        boxes = [wp.array(side, dtype=wp.vec4d, device="cpu", copy=False) for side in (lower, upper)]
-        held = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=CornersThen, device="cpu")
-        ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
-        inputs = [
-            self._struct,
-            wp.array(keys, dtype=wp.int32, device="cpu"),
-            wp.array(beyond, dtype=wp.float64, device="cpu"),
-        ]
-        inputs += [*boxes, held, wp.float64(least), ends]
-        made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
-        launch_on_cores(find_excesses_then, len(out), inputs, [made], "cpu")
-        return out
+        more = wp.array(keys, dtype=wp.int32, device="cpu"), wp.array(beyond, dtype=wp.float64, device="cpu")
+        return self._excess(find_excesses_then, CornersThen, lower, upper, values, least, enough, *more)
 
     def _keys(self, time: np.ndarray) -> np.ndarray:
         """The keyframes that come before times, never the last one."""
