@@ -635,6 +635,16 @@ def unregister(kind: type[Bounder]) -> None:
         del known[kind.method]
 
 
+def known_method(method: str) -> type[Bounder]:
+    """The class of a method, whatever it can hold; raises ``BounderError`` for an unknown name."""
+    if method not in METHODS:
+        near = get_close_matches(str(method), METHODS, n=1)
+        meant = f"; did you mean {near[0]!r}?" if near else ""
+        known = f"{', '.join(METHODS)}, or a cascade such as 'aabb+mlp'"
+        raise BounderError(f"method must be one of {known}, got {method!r}{meant}")
+    return METHODS[method]
+
+
 def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bounder]:
     """The class of a method that can hold a kind of query, or bounds the distance.
 
@@ -647,12 +657,7 @@ def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bound
         if not DISTANCES[method].supports(query, ndim):
             raise BounderError(f"method {method} has no distance of {ndim}D objects")
         return DISTANCES[method]
-    if method not in METHODS:
-        near = get_close_matches(str(method), METHODS, n=1)
-        meant = f"; did you mean {near[0]!r}?" if near else ""
-        known = f"{', '.join(METHODS)}, or a cascade such as 'aabb+mlp'"
-        raise BounderError(f"method must be one of {known}, got {method!r}{meant}")
-    if not METHODS[method].supports(query, ndim):
+    if not known_method(method).supports(query, ndim):
         raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects")
     return METHODS[method]
 

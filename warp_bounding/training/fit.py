@@ -14,7 +14,7 @@ import numpy as np
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.batch import in_frame
-from warp_bounding.bounders.bounder import settled, unknown_option
+from warp_bounding.bounders.bounder import known_method, settled, unknown_option
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
@@ -158,9 +158,7 @@ def fit(
         return in_frame(found, frame)
     check_regions(query, method, length, side)
     length = length or 1.0
-    known = [METHODS[name] for name in method.split("+") if name in METHODS]
-    if len(known) == method.count("+") + 1:  # other names are refused below
-        settled(known, query, options, [fit])
+    settled([known_method(name) for name in method.split("+")], query, options, [fit])
     device_of(device)
     shape, frame = parted(load_indicator(shape))
     check_extent(shape, margin, force)
