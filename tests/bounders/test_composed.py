@@ -509,7 +509,7 @@ def sided(name: str):
 
 @cache
 def inner(name: str, margin: float = 0.0) -> wb.Bounder:
-    told = {"hidden": (8,), "steps": 150, "margin": margin}
+    told = {"hidden": (12, 12), "steps": 300, "margin": margin}
     bounder = wb.fit(sided(name), side="inside", device="cpu", progress=False, **told)
     assert bounder.certificate.proven
     return bounder
