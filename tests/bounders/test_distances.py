@@ -557,6 +557,7 @@ def test_storages(storage, name, refine, rng, tmp_path):
     assert bounder.tensors["values"].dtype == storage
     assert bounder.refined.any() == (refine > 1)
     x = points_around(shape, 3000, rng)
+    own = slice(len(x))
     if refine > 1:  # F may jump where cells meet finer ones, and float32 may take a point for one of the next cell
         lower, upper = bounder.pieces()
         chosen = rng.integers(len(lower), size=len(x))
@@ -573,8 +574,8 @@ def test_storages(storage, name, refine, rng, tmp_path):
             x = np.concatenate([x, moved])
     g, exact, known = bounder.distance(x).numpy(), bounder.exact(x), shape.distances(x)
     assert (g <= known[:, 1]).all()
-    assert (g <= exact + bounder.rounding_bound() * bounder.domain.unit).all()
-    assert (g > 0).sum() > 0.5 * (known[:, 0] > 0).sum()
+    assert (g[own] <= exact[own]).all()
+    assert (g[own] > 0).sum() > 0.8 * (known[own, 0] > 0).sum()
     bounder.save(tmp_path / "g.safetensors")
     again = wb.load(tmp_path / "g.safetensors", device="cpu")
     assert (again.distance(x).numpy() == g).all()
