@@ -115,7 +115,7 @@ def core_alone(stay: Stay) -> str:
 def extras_are_named(stay: Stay) -> str:
     """What needs an extra says in one line which one."""
     (stay.folder / "ball.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-    asked = {"train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "kdop"]}
+    asked = {"train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "mlp"]}
     for extra, words in asked.items():
         said = stay.run(["warp-bounding", *words], status=2).stderr.strip().splitlines()
         _expect(
