@@ -60,7 +60,7 @@ class KeptRows:
         return f"{told}; {self.rows[0]['threads']} threads of a CPU"
 
     def write(self, page: str) -> None:
-        """The page, beside the rows."""
+        """Write the page into the folder of the rows."""
         (self.folder / "README.md").write_text(page)
 
 
@@ -97,7 +97,7 @@ def race(
 
 
 def nanoseconds(bounder: Any, x: np.ndarray, rounds: int) -> float:
-    """Of one query ``(N, m)`` in a batch, the fastest of some rounds."""
+    """The time of one query of a batch ``(N, m)``: the least of several rounds."""
     import warp as wp
 
     queries, out = wp.array(x, dtype=float, device="cpu"), wp.empty(len(x), dtype=wp.uint8, device="cpu")

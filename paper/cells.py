@@ -129,7 +129,7 @@ def about(cell: Cell, bounder: Any, settings: dict[str, Any]) -> dict[str, Any]:
 
 
 def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
-    """The bounder of an earlier run, unless there is none, or it is damaged or of something else; people are told."""
+    """The bounder that an earlier run kept. ``None``, with a message, if the file is damaged or another cell's."""
     from warp_bounding.bounders import load
 
     if not path.exists():

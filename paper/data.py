@@ -78,7 +78,7 @@ def select_objects(objects: Sequence[Object], text: str | None) -> list[Object]:
 
 
 def usual(objects: Sequence[Object]) -> list[Object]:
-    """Of each dimension the usual object, or else the first."""
+    """One object of each dimension: the default one, or the first if that is missing."""
     own = [[o for o in objects if o.ndim == ndim] for ndim in dict.fromkeys(o.ndim for o in objects)]
     return [next((o for o in group if o.name == USUAL), group[0]) for group in own]
 

@@ -60,7 +60,7 @@ def moment(grid: Any, step: int) -> float:
 
 
 def distances(grid: Any, points: np.ndarray) -> np.ndarray:
-    """Of a raster ``(S, S, 2)``: certified upper bounds of the true distance, within float64's rounding of it."""
+    """Certified upper bounds of the distance at the points of a raster ``(S, S, 2)``, exact up to float64 rounding."""
     return grid.distances(points.reshape(-1, 2))[:, 1].reshape(points.shape[:-1])
 
 
@@ -190,7 +190,7 @@ def grid(rows: Sequence[Sequence[Callable[[Any], None]]], *, svg: bool = True, i
 
 
 def _height(panel: Any, inch: float) -> float:
-    """Of a panel, in its widths; other axes have ticks and labels, too."""
+    """The height of a panel, as a share of its width. Axes that are not panels need room for ticks and labels."""
     return panel.image.shape[0] / panel.image.shape[1] if isinstance(panel, Panel) else 0.85 + 0.5 / inch
 
 

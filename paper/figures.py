@@ -114,7 +114,9 @@ class Work:
         """A part: where an object is, and which way is up."""
         return {"inside": packed(self.shape(label), points), "up": self.up(label)}
 
-    def beside(self, label: str, side: int, fits: Mapping[str, tuple[float, dict[str, Any]]], name: str = "") -> dict:
+    def raster_parts(
+        self, label: str, side: int, fits: Mapping[str, tuple[float, dict[str, Any]]], name: str = ""
+    ) -> dict:
         """Parts of an object on a raster: itself, and bounders of it, each with its seconds and options."""
         grid, name = self.shape(label), name or label
         points = raster(grid, side)

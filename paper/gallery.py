@@ -158,7 +158,7 @@ class Gallery(Figure):
     def parts(self, work: Work):
         fits, parts = {m: (work.choose(*seconds), {"method": m}) for m, seconds in self.seconds.items()}, {}
         for label in self.wanted(work.settings):
-            parts |= work.beside(label, 80, fits, work.shape(label).name.partition(".")[0])
+            parts |= work.raster_parts(label, 80, fits, work.shape(label).name.partition(".")[0])
         return parts
 
     def draw(self, parts):
@@ -256,7 +256,7 @@ class Kdop(Figure):
     def parts(self, work: Work):
         fits, parts = {m: (work.choose(10, 3), {"method": m, "k": self.k}) for m in self.rows}, {}
         for label in self.wanted(work.settings):
-            parts |= work.beside(label, 256, fits)
+            parts |= work.raster_parts(label, 256, fits)
         return parts
 
     def draw(self, parts):
@@ -514,7 +514,7 @@ class Sides(Figure):
             n, stem = int(label[0]), work.shape(label).name.partition(".")[0]
             own, seconds = {"method": "mlp", "hidden": self.hidden[n]}, work.choose(*self.seconds[n])
             fits = {side: (seconds, own | {"side": side}) for side in SIDES}
-            parts |= work.beside(label, self.pixels[n], fits, f"{n}D-{stem}")
+            parts |= work.raster_parts(label, self.pixels[n], fits, f"{n}D-{stem}")
         return parts
 
     def draw(self, parts):
