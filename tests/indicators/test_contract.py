@@ -1,5 +1,6 @@
 """What every kind of shape promises: its answers about points, boxes, half-spaces and distances never contradict each other, and a margin holds what is near."""
 
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -176,10 +177,16 @@ def test_answers_never_contradict_each_other(name, margin, rng):
         assert (low[shape.decide(x) == IN] == 0).all()
         held = x[shape.decide(x) == IN][-500:]
         if len(held) and not shape.time:
-            apart = np.linalg.norm(x[::7, None] - held[None], axis=2).min(axis=1) * (1 + 1e-12)
-            assert (low[::7] <= apart).all()
-            away = np.maximum(np.maximum(lower[::7, None] - held[None], held[None] - upper[::7, None]), 0.0)
-            assert clear is None or (clear[::7] <= np.linalg.norm(away, axis=2).min(axis=1) * (1 + 1e-12)).all()
+            for row in range(0, len(x), 7):  # the truth in rational arithmetic
+                nearest = held[np.linalg.norm(x[row] - held, axis=1).argmin()]
+                assert Fraction(low[row]) ** 2 <= squared_distance(x[row], x[row], nearest)
+                assert clear is None or Fraction(clear[row]) ** 2 <= squared_distance(lower[row], upper[row], nearest)
+
+
+def squared_distance(lower: np.ndarray, upper: np.ndarray, x: np.ndarray) -> Fraction:
+    """Between a box and a point, exactly."""
+    sides = zip(lower.tolist(), upper.tolist(), x.tolist(), strict=True)
+    return sum(max(Fraction(a) - Fraction(p), Fraction(p) - Fraction(b), Fraction(0)) ** 2 for a, b, p in sides)
 
 
 def shape_knows(shape, x) -> np.ndarray:
