@@ -76,7 +76,9 @@ ALSO = (  # of every other shape without cells: each kind of claim once
     "inside, dilated",
     "distance of a network, dilated",
 )
-UNFIT = {  # an arm's configurations have no dilation in metres, and no rays; a distance would be one between joint values
+UNFIT = {
+    "blend": ("distance of a network, dilated",),  # it has none
+    # configurations of an arm have no dilation in metres, and no rays; a distance would be one between joint values
     "arm": (
         "half-spaces, dilated",
         "network, dilated",
