@@ -1,8 +1,10 @@
 """What bounds an arm's colliding configurations in how many bytes: `python benchmarks/arms.py --out results/arm`.
 
-The cells of ``sims.arm.robots``. False positives are per cent of all random configurations within the limits, and of those that a roadmap's edges in these cells ask for: points along edges from
-random states to their nearest ones. Rivals without a class of their own are built here, as tight as they get at the network's memory, and not timed: a bit for each box of a grid that is cut by
-the axes' lengths, a tree of halved boxes of three bits a leaf, and balls of free configurations. One JSON row each, written as it is known; run again, it goes on where it stopped.
+The cells of ``sims.arm.robots``. False positives are per cent of all random configurations within the limits, and of
+those that a roadmap's edges in these cells ask for: points along edges from random states to their nearest ones. Rivals
+without a class of their own are built here, as tight as they get at the network's memory, and not timed: a bit for each
+box of a grid that is cut by the axes' lengths, a tree of halved boxes of three bits a leaf, and balls of free
+configurations. One JSON row each, written as it is known; run again, it goes on where it stopped.
 """
 
 import argparse
@@ -50,7 +52,8 @@ class Sampled(NamedTuple):
         return float(100 * (maybe & ~self.held).mean())
 
 
-# --- rivals that are no bounders of ours -------------------------------------------------------------------------------
+# --- rivals that are no bounders of ours
+# -------------------------------------------------------------------------------
 
 
 def bitmap(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -147,7 +150,8 @@ BUILT = {"bitmap": bitmap, "tree of boxes": tree_of_boxes, "free balls": free_ba
 FITTED = ("aabb", "learned-kdop", "bvh", "mlp")
 
 
-# --- measuring ---------------------------------------------------------------------------------------------------------
+# --- measuring
+# ---------------------------------------------------------------------------------------------------------
 
 
 def along_edges(place: Workplace) -> np.ndarray:

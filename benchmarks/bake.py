@@ -1,8 +1,9 @@
 """A bake whose workers, client and scheduler are killed, and what the engine costs: `python benchmarks/bake.py --out results/bake`.
 
-Random meshes are baked on two workers, one of which is killed (SIGKILL) every minute. After a third of the shapes the client is killed, after two
-thirds the scheduler; each time the same command is started again. Then every file is loaded, and it is counted what was lost and what was done twice.
-A second bake without deaths measures the engine's overhead, empty tasks the scheduler's pace; from these follows what 10^5 shapes on 1,000 cores would take.
+Random meshes are baked on two workers, one of which is killed (SIGKILL) every minute. After a third of the shapes the
+client is killed, after two thirds the scheduler; each time the same command is started again. Then every file is
+loaded, and it is counted what was lost and what was done twice. A second bake without deaths measures the engine's
+overhead, empty tasks the scheduler's pace; from these follows what 10^5 shapes on 1,000 cores would take.
 """
 
 import argparse

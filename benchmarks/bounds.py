@@ -1,12 +1,13 @@
 """Speed of certified bounds over boxes against eager torch, in one process, as ratios: `python benchmarks/bounds.py [--json]`.
 
-Each round times every contestant once, in turn; ratios are taken within a round, and their median is printed. Contestants:
-bounds by lines (CROWN) in eager torch, vectorised over boxes, in chunks of the best of several sizes that torch's own threads share or
-that are dealt to as many Python threads, whichever is faster; in float64 and in float32 (half the memory, but the
-roundings of float32 are not paid for, so those bounds certify nothing); `Network.bound`. All of them deliver the bound, the
-axis to halve and the value at the corner that looks lowest. The bounds are compared first: ReLU's are the same, those of the
-sine parabolas here; printed is our median gap to the value found over torch's, and the share of boxes where we are looser. Ratios are of wall time, and of
-core time, which other processes on the machine disturb less.
+Each round times every contestant once, in turn; ratios are taken within a round, and their median is printed.
+Contestants: bounds by lines (CROWN) in eager torch, vectorised over boxes, in chunks of the best of several sizes that
+torch's own threads share or that are dealt to as many Python threads, whichever is faster; in float64 and in float32
+(half the memory, but the roundings of float32 are not paid for, so those bounds certify nothing); `Network.bound`. All
+of them deliver the bound, the axis to halve and the value at the corner that looks lowest. The bounds are compared
+first: ReLU's are the same, those of the sine parabolas here; printed is our median gap to the value found over torch's,
+and the share of boxes where we are looser. Ratios are of wall time, and of core time, which other processes on the
+machine disturb less.
 
 Multiply-adds are those of the products with weights, in units of a plain float64 product of two matrices on the same
 threads, timed in the same rounds ("peak"); sines, relaxations and the search's bookkeeping come on top.

@@ -1,7 +1,8 @@
 """What `choose` takes in every column of Table 1, by the price of the narrow phase: `python benchmarks/chosen.py --data DIR --out results/chosen`.
 
-Each kind of query of an object of each dimension is one call of `wb.choose`, with all its candidates: every method in several sizes, bits and hierarchies
-among them, cascades, networks with thresholds of parts, and distances. A row keeps the whole choice, with the prices at which another one is the best.
+Each kind of query of an object of each dimension is one call of `wb.choose`, with all its candidates: every method in
+several sizes, bits and hierarchies among them, cascades, networks with thresholds of parts, and distances. A row keeps
+the whole choice, with the prices at which another one is the best.
 """
 
 import argparse

@@ -1,7 +1,9 @@
 """Particles around a body that deforms: a bounder over place and pose, which needs no refit, beside a box and a hierarchy that are refitted: `python benchmarks/deforming.py --out results/deforming`.
 
-Two generated bodies of two pose numbers each, so that queries have five: a finger that bends two ways, and a ball that is drawn out and bent. Poses go round from step to step, particles drift. In each step
-every broad phase, and each network behind the box, says which particles may touch the body at the pose of the step, what it says is checked against the exact answer, and those that are left are asked exactly. All takes turns, step by step; times are medians.
+Two generated bodies of two pose numbers each, so that queries have five: a finger that bends two ways, and a ball that
+is drawn out and bent. Poses go round from step to step, particles drift. In each step every broad phase, and each
+network behind the box, says which particles may touch the body at the pose of the step, what it says is checked against
+the exact answer, and those that are left are asked exactly. All takes turns, step by step; times are medians.
 """
 
 import argparse

@@ -2,9 +2,9 @@
 
 Six meshes of installed packages, thin and open ones among them, dilated by a two-hundredth of their longest side. Every
 bounder is fitted, proven, certified from its file, attacked with hard points, and judged by a million random points of
-the box around the mesh (a tenth of its longest side wider on every side) against the mesh itself. One JSON row a bounder,
-written as it is known; run again after an interruption, it goes on where it stopped. The page and its picture are made at
-the end, and by ``--page`` alone.
+the box around the mesh (a tenth of its longest side wider on every side) against the mesh itself. One JSON row a
+bounder, written as it is known; run again after an interruption, it goes on where it stopped. The page and its picture
+are made at the end, and by ``--page`` alone.
 """
 
 import argparse

@@ -1,11 +1,14 @@
 """When a cull of Newton's particle-shape pass pays: `python benchmarks/newton_map.py --out results/newton`.
 
-Bunnies and stars stand in a square on a ground plane, turned, every third on a body, with particles between and above them, spread evenly. A cell of the map is a number of
-particles, of meshes, and a contact gap. A round moves the particles and bodies, then times `collide` of that very state without a cull, with one that has no bounders, so that of
-meshes only the boxes are tested, and with bounders of distances that come with the demos, in turns of one pass each; what the cull does is timed with it. Shares of the time without
-are taken within a turn, and the row keeps their medians. Contacts are compared record by record in every cell.
+Bunnies and stars stand in a square on a ground plane, turned, every third on a body, with particles between and above
+them, spread evenly. A cell of the map is a number of particles, of meshes, and a contact gap. A round moves the
+particles and bodies, then times `collide` of that very state without a cull, with one that has no bounders, so that of
+meshes only the boxes are tested, and with bounders of distances that come with the demos, in turns of one pass each;
+what the cull does is timed with it. Shares of the time without are taken within a turn, and the row keeps their
+medians. Contacts are compared record by record in every cell.
 
-Newton's kernels run on one core of a CPU. So does the cull, but for the row that says otherwise. Rows are kept as they are known: run again, it goes on where it stopped.
+Newton's kernels run on one core of a CPU. So does the cull, but for the row that says otherwise. Rows are kept as they
+are known: run again, it goes on where it stopped.
 """
 
 import argparse

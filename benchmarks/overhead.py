@@ -1,7 +1,8 @@
 """What a call costs besides the queries: `python benchmarks/overhead.py [--json]`.
 
-Each round times every way of asking an ``aabb`` once, in turn, the median of a number of calls in a row; ratios to Warp's own recorded launch of the
-very same kernel on one thread are taken within a round, and their median is printed. Answers are compared first.
+Each round times every way of asking an ``aabb`` once, in turn, the median of a number of calls in a row; ratios to
+Warp's own recorded launch of the very same kernel on one thread are taken within a round, and their median is printed.
+Answers are compared first.
 """
 
 import statistics

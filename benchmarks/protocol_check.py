@@ -1,10 +1,10 @@
 """Does our `sampled` protocol give the paper's figures? `python benchmarks/protocol_check.py --data FOLDER [--json]`.
 
-Boxes, turned boxes and k-DOPs are fitted to the positives of 20,000 samples, with nothing proven of them, as in the paper's code,
-and their false positives counted by the paper's labels (`SampledOracle`). Printed beside the figures that were measured with the
-paper's own sampling before this library was written; `differs` says by how many points at most. Principal axes of nearly round
-sets turn with the samples, so turned boxes of 3D boxes and 4D points spread by one to two points from fit to fit: means of
-`FITS` are printed.
+Boxes, turned boxes and k-DOPs are fitted to the positives of 20,000 samples, with nothing proven of them, as in the
+paper's code, and their false positives counted by the paper's labels (`SampledOracle`). Printed beside the figures that
+were measured with the paper's own sampling before this library was written; `differs` says by how many points at most.
+Principal axes of nearly round sets turn with the samples, so turned boxes of 3D boxes and 4D points spread by one to
+two points from fit to fit: means of `FITS` are printed.
 """
 
 import json
@@ -35,7 +35,8 @@ def sampled_fit(method: str, q: np.ndarray) -> Callable[[np.ndarray], np.ndarray
     """The paper's own fit: a volume around samples, with nothing proven of it.
 
     Args:
-        method: ``"aabb"``, ``"obb"`` or ``"kdop"``; the latter with the m axes and the m normals "all ones but one", whatever m is.
+        method: ``"aabb"``, ``"obb"`` or ``"kdop"``; the latter with the m axes and the m normals "all ones but one",
+            whatever m is.
         q: ``(N, m)`` positive queries in their own units (points too).
 
     Returns:

@@ -1,14 +1,18 @@
 """Speed of what is asked most, beside what users have already: `python benchmarks/rivals.py --out results/speed/rivals`.
 
-Points around the bunny, dilated: networks, boxes in a tree, cells, against torch, Warp's tree over the very same boxes (``wp.Bvh``) and Warp's query of the closest point on the mesh
-within the margin, which is exact. Rays: against Warp's rays, its tree, and trimesh with Embree. Pairs: the cull of Newton's contact pass, one thread.
+Points around the bunny, dilated: networks, boxes in a tree, cells, against torch, Warp's tree over the very same boxes
+(``wp.Bvh``) and Warp's query of the closest point on the mesh within the margin, which is exact. Rays: against Warp's
+rays, its tree, and trimesh with Embree. Pairs: the cull of Newton's contact pass, one thread.
 
-In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and the median is told. A network's work is its multiply-adds: how many, and what they would take at
-the rate of torch's product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than that. Sines come on top. Where Embree is missing
-(``pip install embreex``) its row is. A function's row has answers of both kinds at random, about half and half, which no processor foresees; beside it all are *maybe*.
-Labels: exact answers of the 32-cell grid, as training asks for them.
+In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and
+the median is told. A network's work is its multiply-adds: how many, and what they would take at the rate of torch's
+product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than
+that. Sines come on top. Where Embree is missing (``pip install embreex``) its row is. A function's row has answers of
+both kinds at random, about half and half, which no processor foresees; beside it all are *maybe*. Labels: exact answers
+of the 32-cell grid, as training asks for them.
 
-``--device cuda:0`` asks the same of a GPU: torch there too, without rows of one core. Every time is one of a call that is waited for.
+``--device cuda:0`` asks the same of a GPU: torch there too, without rows of one core. Every time is one of a call that
+is waited for.
 """
 
 import argparse

@@ -1,6 +1,7 @@
 """What several benchmarks share: rows that are kept, and contestants that are timed in turn.
 
-In each round every contestant is timed once, so that a machine whose speed drifts does not matter: ratios are taken within a round.
+In each round every contestant is timed once, so that a machine whose speed drifts does not matter: ratios are taken
+within a round.
 """
 
 import argparse
@@ -29,7 +30,8 @@ class KeptRows:
 
     Attributes:
         folder: Where.
-        rows: In the order in which they were measured; each names the versions and the number of threads that it was measured with.
+        rows: In the order in which they were measured; each names the versions and the number of threads that it was
+            measured with.
     """
 
     def __init__(self, folder: Path, name: str):
@@ -84,7 +86,8 @@ def race(
 ) -> dict[str, np.ndarray]:
     """What ``measure`` says of every contestant in every round, ``(rounds, ...)``, after one warm-up.
 
-    Between them is a pause, in seconds, where one leaves threads behind that wait busily, as torch's do for some milliseconds.
+    Between them is a pause, in seconds, where one leaves threads behind that wait busily, as torch's do for some
+    milliseconds.
     """
     for function in contestants.values():
         function()

@@ -47,7 +47,8 @@ napoleon_numpy_docstring = False
 napoleon_use_ivar = True
 maximum_signature_line_length = 100
 
-# Every reference must lead somewhere; those to the libraries that signatures name, and to what is not public, have no page here.
+# Every reference must lead somewhere; those to the libraries that signatures name, and to what is not public, have no
+# page here.
 nitpicky = True
 nitpick_ignore_regex = [
     ("py:.*", r"(numpy|np|warp|wp|newton|trimesh|torch|collections|os|pathlib|typing|types)\..*"),

@@ -1,9 +1,10 @@
 """Executes the notebooks in place: ``python notebooks/execute.py [NAME ...] [--budget SECONDS]``.
 
-A notebook is its own source: cells are edited in Jupyter, outputs are written here. Each one runs from top to bottom in a fresh kernel of
-this Python, in an empty folder; ``NOTEBOOK_BUDGET`` tells it how many seconds a fit may take. What would differ from machine to machine
-without telling a reader anything (timestamps, versions of the kernel) is taken out, and pictures get a palette, so that files stay
-small. A notebook is not written if a cell fails, complains on standard error or names a path of this machine, or if it gets too large.
+A notebook is its own source: cells are edited in Jupyter, outputs are written here. Each one runs from top to bottom in
+a fresh kernel of this Python, in an empty folder; ``NOTEBOOK_BUDGET`` tells it how many seconds a fit may take. What
+would differ from machine to machine without telling a reader anything (timestamps, versions of the kernel) is taken
+out, and pictures get a palette, so that files stay small. A notebook is not written if a cell fails, complains on
+standard error or names a path of this machine, or if it gets too large.
 """
 
 import argparse

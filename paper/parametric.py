@@ -90,13 +90,13 @@ def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
 class Patches:
     """Patches of the unit sphere in n dimensions, cells of a cube's faces seen from its centre; and what is known of each.
 
-    A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``; so
-    a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
+    A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``;
+    so a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
 
     Args:
-        arrays: Of N rows, by name: ``axis`` on which the face of the cube lies, ``sign`` of its side, ``lower`` and ``upper``
-            ``(N, n - 1)``, corners of the cell on it; in a search also ``vertices`` ``(N, V, n)``, what is ``known`` of
-            these, multipliers ``m``, bounds ``most``, and ``searched``.
+        arrays: Of N rows, by name: ``axis`` on which the face of the cube lies, ``sign`` of its side, ``lower`` and
+            ``upper`` ``(N, n - 1)``, corners of the cell on it; in a search also ``vertices`` ``(N, V, n)``, what is
+            ``known`` of these, multipliers ``m``, bounds ``most``, and ``searched``.
     """
 
     def __init__(self, **arrays: np.ndarray):

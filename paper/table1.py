@@ -69,8 +69,8 @@ def command(
     """Measure the false positives of every method on every object and query, as in the paper's Table 1.
 
     Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be
-    added to a folder later; budgets, samples, seed, length and device are those of its first run. Without --data the page
-    and the plot are written anew. Exit status 1: a cell failed or the run was stopped.
+    added to a folder later; budgets, samples, seed, length and device are those of its first run. Without --data the
+    page and the plot are written anew. Exit status 1: a cell failed or the run was stopped.
     """
     chosen = {"columns": columns, "methods": methods, "objects": objects, "preset": preset, "budget": budget}
     chosen |= {"samples": samples, "seed": seed, "length": length, "device": device}
@@ -325,9 +325,9 @@ TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100)  # per cent; what is less than
 def rank_plot(rows: Rows) -> dict[str, bytes]:
     """The paper's rank plot: false-positive rates of every test case (object x query), sorted, a line a method.
 
-    A panel a dimension. Where a table shows means, this shows whether a method is tight always or only on average. Classic
-    volumes are cool and grey, what is learned is warm. Volumes around numbers of queries have panels of their own, with
-    the networks in both. The exact protocol is drawn where there is any.
+    A panel a dimension. Where a table shows means, this shows whether a method is tight always or only on average.
+    Classic volumes are cool and grey, what is learned is warm. Volumes around numbers of queries have panels of their
+    own, with the networks in both. The exact protocol is drawn where there is any.
 
     Returns:
         File content by format; nothing if there are no rows to draw.

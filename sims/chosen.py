@@ -1,7 +1,7 @@
 """The row ``chosen`` of a demo: what ``wb.choose`` takes of the demo's own bounders.
 
-It is told what a simulation's author can tell: some of the queries of a run without a broad phase, and what a call of the narrow phase
-takes there. Nothing is fitted.
+It is told what a simulation's author can tell: some of the queries of a run without a broad phase, and what a call of
+the narrow phase takes there. Nothing is fitted.
 """
 
 from collections.abc import Mapping

@@ -17,8 +17,8 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     """Draw a mesh, and the part of the shells around it that lies behind the plane through its middle.
 
     Args:
-        data: ``vertices`` ``(V, 3)`` and ``faces`` ``(F, 3)``, y up; ``value`` ``(X, Y, Z)``, a distance's values at nodes with
-            ``origin`` and ``step``; and the ``levels``, from the inside out.
+        data: ``vertices`` ``(V, 3)`` and ``faces`` ``(F, 3)``, y up; ``value`` ``(X, Y, Z)``, a distance's values at
+            nodes with ``origin`` and ``step``; and the ``levels``, from the inside out.
         folder: Where ``levels.png`` goes.
     """
     import pyvista

@@ -1,8 +1,9 @@
 """The bounders of a demo: closed forms fitted at once, networks from files that come with the demos, or fitted anew.
 
-Files lie in ``sims/bounders``; ``python -m sims.refit`` makes them from the shapes inside installed packages. Each holds its certificate.
-What a scene has is the shape itself: a mesh, a motion or a grid. A spec with a resolution bounds cells of it, as methods that are made of
-cells, and rays, must; the others bound the shape. A file is used only for the very shape, or the very cells, that it was proven for.
+Files lie in ``sims/bounders``; ``python -m sims.refit`` makes them from the shapes inside installed packages. Each
+holds its certificate. What a scene has is the shape itself: a mesh, a motion or a grid. A spec with a resolution bounds
+cells of it, as methods that are made of cells, and rays, must; the others bound the shape. A file is used only for the
+very shape, or the very cells, that it was proven for.
 """
 
 from dataclasses import dataclass, field
@@ -39,7 +40,8 @@ class FitSpec:
         query: Kind of query.
         budget: Seconds, where it is learned.
         options: More of what ``fit`` takes.
-        resolution: Cells along the longest side, where cells of a mesh or a motion are bounded; ``None``: the shape itself.
+        resolution: Cells along the longest side, where cells of a mesh or a motion are bounded; ``None``: the shape
+            itself.
         kept: Stored like what is learned, although it is a closed form, since a fit takes seconds.
     """
 

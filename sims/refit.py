@@ -3,7 +3,8 @@
     python -m sims.refit                     # all: about an hour on 2 cores
     python -m sims.refit rain rooms-mlp      # all of a scene, or one file
 
-A file that fits the scene's shape is kept unless it is named in full; so a run that was stopped goes on where it stopped.
+A file that fits the scene's shape is kept unless it is named in full; so a run that was stopped goes on where it
+stopped.
 """
 
 import sys

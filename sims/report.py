@@ -30,8 +30,8 @@ T = TypeVar("T")
 class Run:
     """What one run of a demo cost, and what it lost.
 
-    Runs of one section have one reference, the first of them. Calls of the narrow phase are those of all steps together, milliseconds
-    medians over the steps.
+    Runs of one section have one reference, the first of them. Calls of the narrow phase are those of all steps
+    together, milliseconds medians over the steps.
     """
 
     bounder: str  # the broad phase; ``"none"`` for the reference
@@ -83,12 +83,13 @@ def bounder_rows(
         bounders: By name.
         shape: The shape that they bound.
         samples: Random queries of each.
-        distances: What ``warp_bounding.evaluate`` is told of bounders of distances besides; points at radius 0 if ``None``.
+        distances: What ``warp_bounding.evaluate`` is told of bounders of distances besides; points at radius 0 if
+            ``None``.
 
     Returns:
-        Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fp_rate_cells`` (the same against
-        the cells that it bounds; ``None`` where it bounds the shape), ``undecided`` (per cent; counted as positives),
-        ``fn`` (a count), ``bytes``, ``certificate`` (its kind).
+        Per bounder: ``bounder``, ``query``, ``fp_rate`` (per cent of random queries), ``fp_rate_cells`` (the same
+        against the cells that it bounds; ``None`` where it bounds the shape), ``undecided`` (per cent; counted as
+        positives), ``fn`` (a count), ``bytes``, ``certificate`` (its kind).
     """
     rows = []
     for name, bounder in shown(bounders.items(), "measuring bounders"):

@@ -1,8 +1,9 @@
 """Every public name has an example, and every example runs as it says.
 
-Names have theirs in their docstrings; of the many methods of a bounder that only authors of methods call, examples stand on the pages of the API
-reference, together. They share a few names, which each example may use without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``,
-``far``, a distance bounder of the ball, and ``ball_distances``, those of the points.
+Names have theirs in their docstrings; of the many methods of a bounder that only authors of methods call, examples
+stand on the pages of the API reference, together. They share a few names, which each example may use without making
+them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``, ``far``, a distance bounder of the ball, and
+``ball_distances``, those of the points.
 """
 
 import doctest

@@ -1,12 +1,14 @@
 """Hashes of what must not change: answers, native text, verdicts of ``certify``, and the demos' final states.
 
     python tools/golden.py FOLDER -o before.json             # before a change
-    python tools/golden.py FOLDER --compare before.json      # after it: prints what differs, and exits with 1 if anything does
+    python tools/golden.py FOLDER --compare before.json      # after it: prints what differs, and exits with 1 if
+    anything does
 
-FOLDER keeps a small bounder of every method, kind of query and dimension. What is missing there is fitted in few steps; what is there is
-loaded, so that a later run asks the very same bounders, and shows that their files are still read. Numbers depend on the processor's vector
-width: compare runs of one machine. ``--slow`` certifies everything, which takes minutes of an arm of four joints; ``--only`` takes parts, and
-``--kept`` asks what FOLDER keeps and fits nothing. What was hashed before a run is ended is written.
+FOLDER keeps a small bounder of every method, kind of query and dimension. What is missing there is fitted in few steps;
+what is there is loaded, so that a later run asks the very same bounders, and shows that their files are still read.
+Numbers depend on the processor's vector width: compare runs of one machine. ``--slow`` certifies everything, which
+takes minutes of an arm of four joints; ``--only`` takes parts, and ``--kept`` asks what FOLDER keeps and fits nothing.
+What was hashed before a run is ended is written.
 """
 
 import argparse

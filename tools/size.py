@@ -1,6 +1,7 @@
 """The table of sizes and targets of docs/architecture.md: ``python tools/size.py`` prints it, ``--write`` puts it into the page.
 
-Counts lines and files that git tracks, and the modules that ``load`` and one ``query`` bring along, in a process of their own.
+Counts lines and files that git tracks, and the modules that ``load`` and one ``query`` bring along, in a process of
+their own.
 """
 
 import re

@@ -1,6 +1,7 @@
 """Proven, tight, fast bounding volumes for simulation, as NVIDIA Warp functions.
 
-A bounder answers *maybe* or certainly *no* to "does this query touch that object?", and never says *no* where the truth is *yes*:
+A bounder answers *maybe* or certainly *no* to "does this query touch that object?", and never says *no* where the truth
+is *yes*:
 
     import warp_bounding as wb
 
@@ -9,7 +10,8 @@ A bounder answers *maybe* or certainly *no* to "does this query touch that objec
     print(bounder.certificate.message)
     mask = bounder.query(points)  # uint8, 1 = maybe
 
-In a kernel of your own, ``wp.static(bounder.func)(data, q[i])`` asks one query; ``bounder.data`` is the argument ``data: wb.Data``.
+In a kernel of your own, ``wp.static(bounder.func)(data, q[i])`` asks one query; ``bounder.data`` is the argument
+``data: wb.Data``.
 
 Importing this module imports neither torch nor trimesh nor pyvista; each is imported where it is needed.
 """

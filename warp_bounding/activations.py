@@ -1,7 +1,7 @@
 """What a hidden layer applies to its sums: the contract, the rectified linear unit, the hyperbolic tangent, the sine, and all by name.
 
-An activation is one object, an entry of ``ACTIVATIONS``; one that is defined elsewhere is registered by ``register``. Its slopes lie between
--1 and 1: rounding and bounds are passed on through it undiminished.
+An activation is one object, an entry of ``ACTIVATIONS``; one that is defined elsewhere is registered by ``register``.
+Its slopes lie between -1 and 1: rounding and bounds are passed on through it undiminished.
 """
 
 import math
@@ -429,14 +429,14 @@ SINE_LIMIT = 4096.0  # largest |argument| of the certified range
 # ``error``).
 REDUCED = 1.5725
 
-# Bound of the error of the float64 sine and cosine of bounds for |z| <= 4000 pi: Taylor remainders under 7e-12 (degrees 15
-# and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``curve``
+# Bound of the error of the float64 sine and cosine of bounds for |z| <= 4000 pi: Taylor remainders under 7e-12 (degrees
+# 15 and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``curve``
 # adds 4 SLACK (1 + D^2 + D^4) to its band: at x, mean, slopes, curves and band carry no more such errors together.
 #
-# Why it is enough up to 4000 pi > 3 LIMIT + 1: a network's arguments are certified up to LIMIT = 2^12 for activations of
-# size at most 1. In bounds, a neuron's ``mean`` is within ``spread`` of a value, so at most 2 where the constant 0 is
-# not taken; less the middle of a quadratic form, at most 1 (``bounds.ROOM``), it is at most 3. So sums of means
-# are at most three times as large as those of values, and the centre is off by one more middle.
+# Why it is enough up to 4000 pi > 3 LIMIT + 1: a network's arguments are certified up to LIMIT = 2^12 for activations
+# of size at most 1. In bounds, a neuron's ``mean`` is within ``spread`` of a value, so at most 2 where the constant 0
+# is not taken; less the middle of a quadratic form, at most 1 (``bounds.ROOM``), it is at most 3. So sums of means are
+# at most three times as large as those of values, and the centre is off by one more middle.
 SINE_SLACK = 1e-11
 # Pi in three float64 parts: the first 34 bits, exact times n <= 2^12 (|z| <= 4000 pi); the next 32 bits; the rest.
 PI_PARTS = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a6p-33"), float.fromhex("0x1.3198a2e037073p-68"))

@@ -464,9 +464,10 @@ def choose(
     """Choose a broad phase for SHAPE: fit candidates of every method, measure them, save the one that costs the least.
 
     What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries
-    that it leaves to your exact test. The answer may be that none pays; then nothing is written. A plot of cost against the
-    narrow phase's price lies beside the output (.png). What the budget has no room for is listed with the one that it
-    would need. Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
+    that it leaves to your exact test. The answer may be that none pays; then nothing is written. A plot of cost against
+    the narrow phase's price lies beside the output (.png). What the budget has no room for is listed with the one that
+    it would need. Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one
+    stopped.
     """
     from warp_bounding.choice import choose as take
     from warp_bounding.choice import cost_plot, duration
@@ -578,8 +579,8 @@ def bake(
     """Fit a bounder to each shape of FOLDER, with the options of fit, or with --narrow-ns choose one for each.
 
     Results are named by a hash of shape, settings and version, and written whole: the same command goes on where one
-    that was stopped or killed has ended. What is wrong with a shape is told and listed, and the others go on; exit status 1
-    where there was any. Ctrl-C keeps what is there.
+    that was stopped or killed has ended. What is wrong with a shape is told and listed, and the others go on; exit
+    status 1 where there was any. Ctrl-C keeps what is there.
     """
     from warp_bounding.baking.bake import LARGEST, SHEET, SchedulerError, bake_with
     from warp_bounding.baking.library import MANIFEST

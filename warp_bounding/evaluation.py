@@ -172,9 +172,11 @@ def counted(
 
 # --- distances -------------------------------------------------------------------------------------------------------
 #
-# How tight a distance is: which points does it let through that are farther away than a radius, which rays and boxes that do not meet the object?
+# How tight a distance is: which points does it let through that are farther away than a radius, which rays and boxes
+# that do not meet the object?
 
-# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked about ``parts_of`` queries.
+# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked
+# about ``parts_of`` queries.
 ASKED: dict[str, Callable[[DistanceBounder, float, dict], Callable[..., wp.array]]] = {
     POINT.name: lambda bounder, length, told: bounder.query,
     RAY.name: lambda bounder, length, told: lambda x: bounder.rays(x, length=length, **told)[0],
@@ -271,8 +273,10 @@ def evaluate(
         protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
             region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
-        radius: Of a distance that is asked points: those within it count as positive; 0 if ``None``. Other bounders have none.
-        query: Of a distance: what it is asked, ``"point"``, ``"ray"`` or ``"box"``; points if ``None``. Other bounders have one kind.
+        radius: Of a distance that is asked points: those within it count as positive; 0 if ``None``. Other bounders
+            have none.
+        query: Of a distance: what it is asked, ``"point"``, ``"ray"`` or ``"box"``; points if ``None``. Other bounders
+            have one kind.
         length: Of the rays that a distance is asked, object units; 1 if ``None``.
         steps: Evaluations that a distance may spend on a ray or a box; its own default if ``None``.
         progress: Called with samples done and samples in all.
@@ -281,8 +285,8 @@ def evaluate(
         The rates.
 
     Raises:
-        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, an impossible radius, or what only a
-            distance is told.
+        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, an impossible radius,
+            or what only a distance is told.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
@@ -339,8 +343,8 @@ def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> di
             the fit bounded its cells. What the fit bounded if ``None``.
 
     Returns:
-        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; and ``itself``, whether the truth is that of the shape
-        itself, not of cells. JSON-ready.
+        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; and ``itself``, whether the truth is that of the
+        shape itself, not of cells. JSON-ready.
     """
     if bounder.of_distances:
         x = POINT.sample(grid, QUICK, np.random.default_rng(QUICK_SEED))

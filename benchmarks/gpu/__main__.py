@@ -1,7 +1,8 @@
 """What a GPU says: `python benchmarks/gpu --data FOLDER --out results/gpu/NAME`, on a machine with a card.
 
 `--prepare` makes FOLDER before, on any machine: bounders and meshes, so that the machine with the card fits nothing and
-reads no mesh files. `--dry` compiles the kernels of tensor cores for sm_90 and counts their instructions; it needs neither.
+reads no mesh files. `--dry` compiles the kernels of tensor cores for sm_90 and counts their instructions; it needs
+neither.
 
 Most important first: what proofs take from the hardware, answers against float64, times, and points and distances that
 are asked for mistakes. Each part writes `PART.json` when it is done, and is left out where that is there, so a run that

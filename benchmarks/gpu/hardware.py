@@ -27,8 +27,8 @@ atomicMax((unsigned long long*)worst.data + 2 * exponent + 1, (unsigned long lon
 """
 
 # A warp makes factors and what they are added to, in one of six ways, adds up, and compares with sums in float64, whose
-# own errors are 2^-28 of a bound. Worst errors, in units of 2^-23: of the largest term, of the sum of absolute terms, and
-# of the largest term after 2^-23 of the sum is taken off.
+# own errors are 2^-28 of a bound. Worst errors, in units of 2^-23: of the largest term, of the sum of absolute terms,
+# and of the largest term after 2^-23 of the sum is taken off.
 _SUMS = """
 #if defined(__CUDA_ARCH__)
 __shared__ float a_[4][16][16], b_[4][16][8], c_[4][16][8];

@@ -1,6 +1,7 @@
 """Builds the site: ``python docs/site [--out build/docs]``.
 
-Sources are laid out in ``<out>-sources``, Sphinx makes pages of them (its warnings are errors), and every link of the pages is followed, without the web.
+Sources are laid out in ``<out>-sources``, Sphinx makes pages of them (its warnings are errors), and every link of the
+pages is followed, without the web.
 """
 
 import argparse

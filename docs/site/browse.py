@@ -1,8 +1,9 @@
 """The built site in a browser without a window: ``python docs/site/browse.py build/docs [--out out/docs]``.
 
-Every page is served on this machine alone and opened in Debian's Chromium or another one (``--browser``, ``--driver``). What it must not do: write an
-error to its console, ask another host for anything, link to what is not there, be wider than a telephone. The search box is tried, formulae must have become
-pictures, and the main pages are photographed, wide, narrow and dark. Where there is no browser, that is said, and nothing is checked.
+Every page is served on this machine alone and opened in Debian's Chromium or another one (``--browser``, ``--driver``).
+What it must not do: write an error to its console, ask another host for anything, link to what is not there, be wider
+than a telephone. The search box is tried, formulae must have become pictures, and the main pages are photographed,
+wide, narrow and dark. Where there is no browser, that is said, and nothing is checked.
 """
 
 import argparse

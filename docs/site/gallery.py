@@ -1,6 +1,7 @@
 """The gallery: a page that shows every notebook by a picture, its title and its first sentence, taken from the notebook as it was committed.
 
-Nothing is executed. The picture is the largest of the notebook's own outputs, made small; a notebook without one has a card without a picture.
+Nothing is executed. The picture is the largest of the notebook's own outputs, made small; a notebook without one has a
+card without a picture.
 """
 
 import base64

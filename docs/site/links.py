@@ -1,7 +1,7 @@
 """What is wrong with the links of built pages: those that lead nowhere, and what a browser would fetch from another host.
 
-Pages are read as they lie in a folder; no browser and no web is needed. A link to another host that a reader may follow is allowed, a script, a style, a
-font or a picture from there is not.
+Pages are read as they lie in a folder; no browser and no web is needed. A link to another host that a reader may follow
+is allowed, a script, a style, a font or a picture from there is not.
 """
 
 import re

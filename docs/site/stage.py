@@ -1,8 +1,9 @@
 """The sources of the site, laid out in one folder as Sphinx wants them.
 
-The pages are read on their own, too, where they lie in the repository: ``README.md`` and ``CHANGELOG.md`` at the top, ``docs``, the notebooks and the
-pages of ``results`` beside each other, with links between them. Here each gets its place in the site (``place``), links are turned to where their targets
-have gone (``relinked``), and tables of measurements are filled in (``filled``). A link to something that the site does not have is an error.
+The pages are read on their own, too, where they lie in the repository: ``README.md`` and ``CHANGELOG.md`` at the top,
+``docs``, the notebooks and the pages of ``results`` beside each other, with links between them. Here each gets its
+place in the site (``place``), links are turned to where their targets have gone (``relinked``), and tables of
+measurements are filled in (``filled``). A link to something that the site does not have is an error.
 """
 
 import os

@@ -1,7 +1,7 @@
 """Running the demo ``arm``: cells, bounders, the planner with each of them, one table, one picture.
 
-Bounders of the planar arms come with the demo. Of each cell the rounded hulls are the narrow phase; of the one of four joints, where Coal and
-Pinocchio are installed, triangle meshes too, by the same bounders.
+Bounders of the planar arms come with the demo. Of each cell the rounded hulls are the narrow phase; of the one of four
+joints, where Coal and Pinocchio are installed, triangle meshes too, by the same bounders.
 """
 
 from dataclasses import dataclass, replace
@@ -38,7 +38,8 @@ __all__ = [
 ]
 
 HIDDEN = (50, 50)
-# Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of their own.
+# Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of
+# their own.
 BEHIND_ANGLES, PARTS = (44, 44), 2048
 FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
 PROVEN_JOINTS, OF_MANY = 4, (66, 66)  # up to so many a proof is tight; hidden layers of arms of more
@@ -213,9 +214,11 @@ run = Demo.run
 def phases(bounders: dict[str, wb.Bounder], *, few: bool = False) -> dict[str, BroadPhase]:
     """The broad phases of a cell's bounders, and the cascade of boxes and the network.
 
-    A planner that asks about few states at a time gets no whole edges cleared: a call for one of them takes longer than to ask about all that would be checked.
+    A planner that asks about few states at a time gets no whole edges cleared: a call for one of them takes longer than
+    to ask about all that would be checked.
 
-    Along edges volumes march by their distance. Edges that one bound of a network does not clear are not halved: to ask the network at the configurations that would be checked is cheaper, and clears more.
+    Along edges volumes march by their distance. Edges that one bound of a network does not clear are not halved: to ask
+    the network at the configurations that would be checked is cheaper, and clears more.
     """
     made: dict[str, BroadPhase] = {}
     for name, bounder in bounders.items():

@@ -1,7 +1,8 @@
 """The narrow phases of an arm: configurations one by one, and edges as planners do it, at configurations along them.
 
-``Hulls`` asks the rounded hulls that the shape is made of, in Warp's float64 kernels; ``Meshes`` asks triangle meshes of the same bodies with Coal, the way a user
-of Pinocchio does. Both check an edge at points that halve it again and again until they are ``STEP`` apart, and stop at the first collision.
+``Hulls`` asks the rounded hulls that the shape is made of, in Warp's float64 kernels; ``Meshes`` asks triangle meshes
+of the same bodies with Coal, the way a user of Pinocchio does. Both check an edge at points that halve it again and
+again until they are ``STEP`` apart, and stop at the first collision.
 """
 
 from abc import abstractmethod

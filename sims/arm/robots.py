@@ -9,7 +9,8 @@ import warp_bounding as wb
 
 __all__ = ["CELLS", "Cell", "four_joints", "planar", "six_joints"]
 
-# Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m (Denavit-Hartenberg a, alpha, d).
+# Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m
+# (Denavit-Hartenberg a, alpha, d).
 SIX = (
     (0.0, np.pi / 2, 0.089),
     (-0.425, 0.0, 0.0),

@@ -2,8 +2,8 @@
 
     python -m sims cloth --out out/demo
 
-``scene`` has the model, ``example`` a run, ``field`` the many meshes, ``demo`` what is printed and returned, ``pictures`` draws. It needs
-the extra ``sims``, with Newton in it.
+``scene`` has the model, ``example`` a run, ``field`` the many meshes, ``demo`` what is printed and returned,
+``pictures`` draws. It needs the extra ``sims``, with Newton in it.
 """
 
 import newton  # noqa: F401  first: where it is missing, the error names it

@@ -73,8 +73,8 @@ class Demo(base.Demo):
     def take(self) -> Taken:
         """What ``choose`` takes for each shape, on one thread.
 
-        Newton's pass takes most of its time whatever the pairs are: what a pair costs is what a run with boxes saves for each pair that it
-        spares. And what these boxes take, which are decided at once, is what asking takes.
+        Newton's pass takes most of its time whatever the pairs are: what a pair costs is what a run with boxes saves
+        for each pair that it spares. And what these boxes take, which are decided at once, is what asking takes.
         """
         runs, kept = [Example(self.scene), Example(self.scene, self.bounders[BOXES])], []
         for _ in range(min(self.steps, RECORDED)):

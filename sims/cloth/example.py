@@ -1,12 +1,13 @@
 """One run of the cloth: Newton's collision pass, cut down by bounders or not, and Newton's XPBD solver.
 
-Each step is looked at twice. The timed part asks the bounders for the pairs that may touch (broad phase), lets Newton go through
-them (narrow phase) and solves. Outside of it the pass is repeated for *all* pairs of the very same state: a contact that this has
-and the run lacks is *missed*. Runs that have never missed one have the same contacts, record by record, as the reference, which has
-no broad phase, and end in the same state to the bit; hashes of both are compared, too, and do not rely on that argument.
+Each step is looked at twice. The timed part asks the bounders for the pairs that may touch (broad phase), lets Newton
+go through them (narrow phase) and solves. Outside of it the pass is repeated for *all* pairs of the very same state: a
+contact that this has and the run lacks is *missed*. Runs that have never missed one have the same contacts, record by
+record, as the reference, which has no broad phase, and end in the same state to the bit; hashes of both are compared,
+too, and do not rely on that argument.
 
-Newton's kernels run one after another on one core of a CPU, so the order of contacts and of all sums is the same each time. On CUDA
-it is not, in Newton itself, and bits could not be compared: this demo runs on a CPU.
+Newton's kernels run one after another on one core of a CPU, so the order of contacts and of all sums is the same each
+time. On CUDA it is not, in Newton itself, and bits could not be compared: this demo runs on a CPU.
 """
 
 import time
@@ -60,7 +61,8 @@ class Example(base.Example):
         calls: Per step: pairs that Newton's pass went through.
         touched: Contacts of all steps so far.
         digests: Per step: of the state that it began with and of its contacts, record by record.
-        deepest: How far the deepest particle's centre has been under a surface, world units, looked at every tenth step and at the end.
+        deepest: How far the deepest particle's centre has been under a surface, world units, looked at every tenth step
+            and at the end.
     """
 
     DIFFER = "contacts, states on the way or the final states differ"

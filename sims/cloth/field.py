@@ -1,16 +1,18 @@
 """Many meshes, many particles: one contact pass of Newton, timed with and without bounders, at three contact gaps.
 
-Bunnies and stars, turned, scaled and some of them on moving bodies, among particles. Newton tests every particle against every shape;
-before it searches a mesh, it rejects particles outside of the mesh's bounding box, as it lies in the world, widened by the gap. That is
-a broad phase of its own, and a good one: a bounder has to earn its cost on what is left, the particles in the box but not near the mesh.
+Bunnies and stars, turned, scaled and some of them on moving bodies, among particles. Newton tests every particle
+against every shape; before it searches a mesh, it rejects particles outside of the mesh's bounding box, as it lies in
+the world, widened by the gap. That is a broad phase of its own, and a good one: a bounder has to earn its cost on what
+is left, the particles in the box but not near the mesh.
 
-A round moves bodies and particles, then lets Newton's own pass and each bounder's handle that very state, one after another, so that
-their ratios are paired; contacts are compared record by record. All have one thread, but for the rows that say otherwise. What no
-bounder can save is the search of the meshes for true contacts, and at wide gaps that is most of the pass.
+A round moves bodies and particles, then lets Newton's own pass and each bounder's handle that very state, one after
+another, so that their ratios are paired; contacts are compared record by record. All have one thread, but for the rows
+that say otherwise. What no bounder can save is the search of the meshes for true contacts, and at wide gaps that is
+most of the pass.
 
-Closed forms are fitted for each gap. Of networks of points there are two a mesh, those of the cloth, for the narrowest gap, and wider ones that
-serve the others; a bounder that is wider than it need be is looser. A network of the distance (``distance``) is one a mesh, the same for all gaps: it is
-asked whether the mesh is farther away than the gap.
+Closed forms are fitted for each gap. Of networks of points there are two a mesh, those of the cloth, for the narrowest
+gap, and wider ones that serve the others; a bounder that is wider than it need be is looser. A network of the distance
+(``distance``) is one a mesh, the same for all gaps: it is asked whether the mesh is farther away than the gap.
 """
 
 import time
@@ -135,9 +137,9 @@ def measure(field: Field, gap: float, bounders: dict[str, dict[str, wb.Bounder]]
         rounds: Repeats; medians are taken over them.
 
     Returns:
-        JSON-ready: ``gap``, ``newton_ms``, ``pairs``, ``contacts``, ``bounders``: per bounder ``bounder``, ``ms``, ``ratio`` (median over the
-        rounds of Newton's time by this one's: over 1 is faster), ``survivors`` (pairs left, of the last round), ``missed`` (contacts, in
-        all rounds), ``identical`` (in all rounds, record by record).
+        JSON-ready: ``gap``, ``newton_ms``, ``pairs``, ``contacts``, ``bounders``: per bounder ``bounder``, ``ms``,
+        ``ratio`` (median over the rounds of Newton's time by this one's: over 1 is faster), ``survivors`` (pairs left,
+        of the last round), ``missed`` (contacts, in all rounds), ``identical`` (in all rounds, record by record).
 
     Raises:
         BounderError: For a bounder that does not fit.

@@ -1,8 +1,8 @@
 """The scene of ``sims.cloth``: a square cloth above the Stanford bunny and a star, both fixed, as a Newton model.
 
-The cloth is a grid of particles (balls) on springs; it does not meet itself. Newton makes contacts of particles with shapes: where a particle's centre is
-within ``RADIUS + GAP`` of a mesh, of its inside or outside. What a bounder must cover is therefore the mesh dilated by that and by
-Newton's rounding, ``Scene.margin``.
+The cloth is a grid of particles (balls) on springs; it does not meet itself. Newton makes contacts of particles with
+shapes: where a particle's centre is within ``RADIUS + GAP`` of a mesh, of its inside or outside. What a bounder must
+cover is therefore the mesh dilated by that and by Newton's rounding, ``Scene.margin``.
 
 Limits: contacts are of particles only, so a sharp edge can stand between two of them.
 """

@@ -1,7 +1,8 @@
 """A solid star: five points around an axis, with a ridge along each of them; closed, concave, of as many triangles as wanted.
 
-Twelve corners and twenty triangles give its shape; each triangle is then cut into four, again and again, so that a query has a mesh
-of the usual size to search. Boxes and k-DOPs are loose around it, and its points are what a network that is not proven cuts off.
+Twelve corners and twenty triangles give its shape; each triangle is then cut into four, again and again, so that a
+query has a mesh of the usual size to search. Boxes and k-DOPs are loose around it, and its points are what a network
+that is not proven cuts off.
 """
 
 import numpy as np

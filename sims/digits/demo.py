@@ -1,13 +1,14 @@
 """The demo ``digits``: which pixels may belong to a digit is known before the generative model is run.
 
-The model is a variational auto-encoder of scikit-learn's digits whose decoder is implicit: from 2, 3 or 10 latent numbers
-and the row and the column of a pixel to the odds of ink (``sims.digits.model``). The region where ink is likely, in 4, 5
-or 12 dimensions, is bounded by a network of 25 and 25 neurons, once for all digits that the decoder can write; then the
-decoder is run for those pixels only that the bounder leaves. With a proof, images are the same, to the bit.
+The model is a variational auto-encoder of scikit-learn's digits whose decoder is implicit: from 2, 3 or 10 latent
+numbers and the row and the column of a pixel to the odds of ink (``sims.digits.model``). The region where ink is
+likely, in 4, 5 or 12 dimensions, is bounded by a network of 25 and 25 neurons, once for all digits that the decoder can
+write; then the decoder is run for those pixels only that the bounder leaves. With a proof, images are the same, to the
+bit.
 
-What certifies boxes of that region are the bounds of networks, applied to the decoder (``wb.IndicatorNetwork``). With 10
-latent numbers no proof ends in minutes: that region is given as a function, and its certificate is statistical. What a
-proof reaches there is in ``sims.digits.neighbourhood``.
+What certifies boxes of that region are the bounds of networks, applied to the decoder (``wb.IndicatorNetwork``). With
+10 latent numbers no proof ends in minutes: that region is given as a function, and its certificate is statistical. What
+a proof reaches there is in ``sims.digits.neighbourhood``.
 
 After Fig. 12 of *Neural Bounding* (Liu et al. 2024).
 

@@ -19,7 +19,8 @@ class Example(base.Example):
     Attributes:
         seconds: Per step: broad phase, narrow phase (the decoder), whole step.
         calls: Per step: pixels that the decoder was run for.
-        values: Of the last step: ``(N, resolution, resolution)`` float32, the decoder's value; minus infinity where it was not run.
+        values: Of the last step: ``(N, resolution, resolution)`` float32, the decoder's value; minus infinity where it
+            was not run.
     """
 
     LOST = "pixels of ink were lost"

@@ -154,7 +154,8 @@ def train(
     return encoder.requires_grad_(False), network.requires_grad_(False)
 
 
-# --- the decoder as a shape ---------------------------------------------------------------------------------------------
+# --- the decoder as a shape
+# ---------------------------------------------------------------------------------------------
 
 
 def region(network: nn.Sequential, latent: int, *, largest: float = LARGEST, name: str = "") -> wb.IndicatorNetwork:
@@ -214,7 +215,8 @@ def decode(network: nn.Sequential, asked: np.ndarray) -> np.ndarray:
     return found
 
 
-# --- files --------------------------------------------------------------------------------------------------------------
+# --- files
+# --------------------------------------------------------------------------------------------------------------
 
 
 def path_of(latent: int, folder: Path = FOLDER) -> Path:

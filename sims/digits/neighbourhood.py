@@ -1,8 +1,8 @@
 """How far a proof reaches with 10 latent numbers: the codes around one code, not all of them.
 
-In 12 dimensions the whole region is out of reach, but not all codes that are about the same: a box of codes of half-width r
-around one code, and all pixels. ``wb.certify`` proves there, or does not within its time, that the bounder of the whole
-model misses no pixel.
+In 12 dimensions the whole region is out of reach, but not all codes that are about the same: a box of codes of
+half-width r around one code, and all pixels. ``wb.certify`` proves there, or does not within its time, that the bounder
+of the whole model misses no pixel.
 
     python -m sims.digits.neighbourhood
 """
@@ -35,8 +35,8 @@ def reach(bounder: wb.Bounder, network, latent: int, *, count: int = CODES, seco
     """What ``certify`` says of the bounder around random codes.
 
     Returns:
-        Per radius: ``radius``, ``codes``, how many were ``proven``, ``refuted``, ``undecided``, and the mean ``boxes`` of
-        a proof.
+        Per radius: ``radius``, ``codes``, how many were ``proven``, ``refuted``, ``undecided``, and the mean ``boxes``
+        of a proof.
     """
     told = []
     for radius in RADII:

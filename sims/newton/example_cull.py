@@ -1,16 +1,20 @@
 """Example Cull.
 
-A cloth falls on bunnies and stars, which stand on a ground plane among pillars, balls and blocks. Before each contact pass of particles
-with shapes, a ``ParticleCull`` takes out the pairs that cannot touch: of the meshes by proven bounders of distances, of the ground and the other
-shapes in closed form. The contacts are the same, and so is every step that the solver makes.
+A cloth falls on bunnies and stars, which stand on a ground plane among pillars, balls and blocks. Before each contact
+pass of particles with shapes, a ``ParticleCull`` takes out the pairs that cannot touch: of the meshes by proven
+bounders of distances, of the ground and the other shapes in closed form. The contacts are the same, and so is every
+step that the solver makes.
 
 Success criteria:
-- The cloth comes to lie on the ears and tips, and no particle is under the ground. (Contacts are of particles: a tip may stand between two of them.)
-- On a CPU all positions are those of a run without the cull, to the bit; on CUDA, where the order of Newton's contacts is by chance, the contacts of the last state are.
+- The cloth comes to lie on the ears and tips, and no particle is under the ground. (Contacts are of particles: a tip
+  may stand between two of them.)
+- On a CPU all positions are those of a run without the cull, to the bit; on CUDA, where the order of Newton's contacts
+  is by chance, the contacts of the last state are.
 - Most pairs are taken out.
 
 Runs:
-- `python -m sims.newton.example_cull` (a window), `--viewer usd --output-path cull.usd`, `--viewer null --num-frames 100 --test`
+- `python -m sims.newton.example_cull` (a window), `--viewer usd --output-path cull.usd`, `--viewer null --num-frames
+  100 --test`
 - `python -m sims.newton.example_cull --viewer null --no-cull`: the same without, to compare
 """
 

@@ -18,8 +18,8 @@ EMPTY = np.array([[np.inf] * 3, [-np.inf] * 3], dtype=np.float32)
 class MovingBox:
     """The axis-aligned box of the mesh as it is now, dilated by the margin.
 
-    The mesh's points are float32, the box is theirs; that adding the margin rounds is covered by the half of the margin's allowance for
-    rounding that the narrow phase does not need (``Scene.margin``).
+    The mesh's points are float32, the box is theirs; that adding the margin rounds is covered by the half of the
+    margin's allowance for rounding that the narrow phase does not need (``Scene.margin``).
     """
 
     def __init__(self, scene: Scene):
@@ -111,7 +111,8 @@ class OfSides:
     """Two bounders of time and space, one from the inside: what is certain either way is no candidate.
 
     Attributes:
-        certain: ``(N,)`` uint8, 1 where a particle certainly touches the mesh or is in it, as of the last ``candidates``.
+        certain: ``(N,)`` uint8, 1 where a particle certainly touches the mesh or is in it, as of the last
+            ``candidates``.
     """
 
     def __init__(self, outer: wb.Bounder, inner: wb.Bounder, scene: Scene):

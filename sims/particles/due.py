@@ -1,13 +1,15 @@
 """A broad phase that skips the steps in which nothing can happen to a drop, by times of first possible contact.
 
-A distance to the moving mesh, with the speed of its points, bounds *when* a drop can first touch it: the drop's way over the next steps is a segment of time
-and space, and marching along it (``segments``) clears all steps before some time. Until then the drop is not asked again. A new life, and a drop that
-was pushed, is asked at once.
+A distance to the moving mesh, with the speed of its points, bounds *when* a drop can first touch it: the drop's way
+over the next steps is a segment of time and space, and marching along it (``segments``) clears all steps before some
+time. Until then the drop is not asked again. A new life, and a drop that was pushed, is asked at once.
 
-*Why no contact is lost.* With the velocity v and the acceleration a of now, a drop is, k steps later, within ``k (k + 1) / 2 |a| DT^2`` of ``x + k DT v``: drag makes the
-acceleration shrink from step to step (``kernels.integrate``). That is the radius of the ball that is swept, and ``ROUNDING`` more: float32 moves each of at most ``AHEAD``
-places by an ulp of coordinates under 4, and times by as little, at which no point of the mesh moves faster than a few units a second. The mesh is dilated by the contact distance
-(``Scene.margin``). What is cleared up to a time has no contact in the steps before it.
+*Why no contact is lost.* With the velocity v and the acceleration a of now, a drop is, k steps later, within ``k (k +
+1) / 2 |a| DT^2`` of ``x + k DT v``: drag makes the acceleration shrink from step to step (``kernels.integrate``). That
+is the radius of the ball that is swept, and ``ROUNDING`` more: float32 moves each of at most ``AHEAD`` places by an ulp
+of coordinates under 4, and times by as little, at which no point of the mesh moves faster than a few units a second.
+The mesh is dilated by the contact distance (``Scene.margin``). What is cleared up to a time has no contact in the steps
+before it.
 """
 
 from functools import cache

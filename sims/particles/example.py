@@ -100,7 +100,8 @@ class Example(base.Example):
             candidates, count = self.broad.candidates(self.time, self.mesh.points, self.positions)
         if isinstance(self.broad, OfSides):
             wp.copy(self.contacts, self.broad.certain)
-        # A CPU reads the count in place; elsewhere the launch covers everyone, and threads from count on return at once.
+        # A CPU reads the count in place; elsewhere the launch covers everyone, and threads from count on return at
+        # once.
         items = int(count.numpy()[0]) if device.is_cpu else self.particles
         found = base.now(device)
         self.mesh.refit()

@@ -1,17 +1,18 @@
 """The bunny that turns, twists and swells, the rain around it, and the shape of space and time that bounders are made for.
 
-Why a run with a proven bounder ends as the one without, *to the bit*. The narrow phase writes to a particle only where it finds a contact
-(``kernels``), and a particle with a contact is never left out:
+Why a run with a proven bounder ends as the one without, *to the bit*. The narrow phase writes to a particle only where
+it finds a contact (``kernels``), and a particle with a contact is never left out:
 
-* An *outside* sign: the closest point that the narrow phase computes lies on some face, up to rounding, so a computed distance under the
-  contact distance means a true one under contact distance + rounding. The bounder is proven for the object dilated by just that
-  (``Scene.margin``), inside and all, at every time, not at samples of it, and with vertices as the simulation rounds them
-  (``IndicatorMotion.vertices_at``).
-* An *inside* sign: the particle is in the solid, which is a part of what the bounder is proven for, if the sign is right.
-  ``mesh_query_point_sign_normal``, which Warp's example takes, is not always: where several faces are equally close it can name the
-  wrong side. Of 8 million random points around the bunny at rest it called one *inside* that was 0.21 away from it, and a run asks 15 million
-  times. ``mesh_query_point_sign_parity`` called none of them inside that was not in the dilated object. It costs a tenth more; and where
-  its one ray says *inside*, three vote. That is evidence, not a proof: so every run's contacts are compared with the reference's, step by step.
+* An *outside* sign: the closest point that the narrow phase computes lies on some face, up to rounding, so a computed
+  distance under the contact distance means a true one under contact distance + rounding. The bounder is proven for the
+  object dilated by just that (``Scene.margin``), inside and all, at every time, not at samples of it, and with vertices
+  as the simulation rounds them (``IndicatorMotion.vertices_at``).
+* An *inside* sign: the particle is in the solid, which is a part of what the bounder is proven for, if the sign is
+  right. ``mesh_query_point_sign_normal``, which Warp's example takes, is not always: where several faces are equally
+  close it can name the wrong side. Of 8 million random points around the bunny at rest it called one *inside* that was
+  0.21 away from it, and a run asks 15 million times. ``mesh_query_point_sign_parity`` called none of them inside that
+  was not in the dilated object. It costs a tenth more; and where its one ray says *inside*, three vote. That is
+  evidence, not a proof: so every run's contacts are compared with the reference's, step by step.
 
 What this does not do: particles do not meet each other.
 """
@@ -83,9 +84,9 @@ class Scene:
     def margin(self) -> float:
         """What a bounder's object must be dilated by: contact distance plus the narrow phase's own rounding error.
 
-        With u = 2^-24 and c the largest coordinate of the mesh: three products, two sums and the third barycentric coordinate put the
-        computed closest point within 7 u c of its face per axis; difference and length add 4 u times the distance, which is small: under
-        16 u c in all. Twice that is allowed for.
+        With u = 2^-24 and c the largest coordinate of the mesh: three products, two sums and the third barycentric
+        coordinate put the computed closest point within 7 u c of its face per axis; difference and length add 4 u times
+        the distance, which is small: under 16 u c in all. Twice that is allowed for.
         """
         return RADIUS + ROUNDING * float(np.abs(self.motion.bounds).max())
 

@@ -1,7 +1,7 @@
 """Running the demo ``path``: worlds, bounders, the planner with each of them, one table, one picture.
 
-Bounders of the generated worlds come with the demo. Those of a user's world are fitted on the first run, and kept in the output folder under a name that
-holds the world's digest, so that they are used again for the very same cells only.
+Bounders of the generated worlds come with the demo. Those of a user's world are fitted on the first run, and kept in
+the output folder under a name that holds the world's digest, so that they are used again for the very same cells only.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,8 @@ class Demo(PlanningDemo):
     """Planning in 2D worlds; see ``sims.path`` and ``sims.base.Demo``. The only step plans everything in a world.
 
     Attributes:
-        world: A file or a folder of worlds, instead of the generated ones; bounders of these are fitted, and kept in ``out``.
+        world: A file or a folder of worlds, instead of the generated ones; bounders of these are fitted, and kept in
+            ``out``.
         states: Random states of a roadmap; 4,000, or 2,500 if quick.
         problems: Problems a world; 200, or 40 if quick.
     """

@@ -1,14 +1,16 @@
 """The exact world: does a state, or a whole straight edge, meet a closed occupied cell? Decided without any rounding error.
 
-Endpoints are float32; a scaled coordinate ``p = cells_per_unit * x`` is exact in float64 (24 times 24 bits), and in these coordinates cell i
-spans ``offset + i - 1/2`` to ``offset + i + 1/2``, multiples of 1/2. So comparisons of p with faces are exact, and with them the
-question for states. A segment from a along d meets a cell of centre c iff their ranges overlap along both axes, and the line passes the
-centre closely enough (the separating axes of a box and a segment):
+Endpoints are float32; a scaled coordinate ``p = cells_per_unit * x`` is exact in float64 (24 times 24 bits), and in
+these coordinates cell i spans ``offset + i - 1/2`` to ``offset + i + 1/2``, multiples of 1/2. So comparisons of p with
+faces are exact, and with them the question for states. A segment from a along d meets a cell of centre c iff their
+ranges overlap along both axes, and the line passes the centre closely enough (the separating axes of a box and a
+segment):
 
     |d_0 (c_1 - a_1) - d_1 (c_0 - a_0)| <= (|d_0| + |d_1|) / 2.
 
-In float64 both sides are off by less than ``ROUNDING`` times the sum of the magnitudes (three roundings a product, one a sum, with or
-without fused multiply-add; 8 units of 2^-53 in all). Where that leaves a doubt, which is next to never, Python's integers decide.
+In float64 both sides are off by less than ``ROUNDING`` times the sum of the magnitudes (three roundings a product, one
+a sum, with or without fused multiply-add; 8 units of 2^-53 in all). Where that leaves a doubt, which is next to never,
+Python's integers decide.
 
 What this does not do: robots with a size. Dilate the world (``grid.to_grid(margin=...)``) for a disc.
 """

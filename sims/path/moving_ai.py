@@ -1,10 +1,11 @@
 """Readers of the Moving AI laboratory's ``.map`` and ``.scen`` files (Sturtevant 2012, "Benchmarks for grid-based pathfinding").
 
-A map is a grid of characters: ``.``, ``G`` and ``S`` (ground, swamp) are free; ``@``, ``O``, ``T``, ``W`` (out of bounds, trees, water) are
-obstacles. A scenario lists problems, from the centre of one cell to that of another. Both readers are strict: whatever is not as the format says
-is refused in one line.
+A map is a grid of characters: ``.``, ``G`` and ``S`` (ground, swamp) are free; ``@``, ``O``, ``T``, ``W`` (out of
+bounds, trees, water) are obstacles. A scenario lists problems, from the centre of one cell to that of another. Both
+readers are strict: whatever is not as the format says is refused in one line.
 
-Coordinate 0 is the row, as in images. Cells are squares: the longer side spans [0, 1] between the centres of its first and last cells.
+Coordinate 0 is the row, as in images. Cells are squares: the longer side spans [0, 1] between the centres of its first
+and last cells.
 """
 
 from pathlib import Path

@@ -1,6 +1,7 @@
 """Pictures of planning: the proven network's path on the left, on the right the path of the network that has no proof, and where it collides.
 
-Runs are those of ``planner``. After the top of Fig. 9 of *Neural Bounding* (Liu et al. 2024). Drawn with matplotlib, without a display.
+Runs are those of ``planner``. After the top of Fig. 9 of *Neural Bounding* (Liu et al. 2024). Drawn with matplotlib,
+without a display.
 """
 
 from itertools import pairwise

@@ -1,7 +1,7 @@
 """Worlds to plan in: two generated ones, and whatever image, array or map a user has.
 
-The generated worlds are always the same, so that bounders of them can come with the demo: ``rooms``, a building with furniture in an open yard, and
-``maze``, a maze with a few loops. Neither can be bounded well by anything convex.
+The generated worlds are always the same, so that bounders of them can come with the demo: ``rooms``, a building with
+furniture in an open yard, and ``maze``, a maze with a few loops. Neither can be bounded well by anything convex.
 
 What this does not do: worlds in 3D, or robots that are more than a point.
 """
@@ -159,8 +159,8 @@ def worlds_at(path: str | Path) -> list[World]:
     """The worlds that a user names.
 
     Args:
-        path: An image or array file of 2 dimensions (as ``warp_bounding.load_indicator`` takes it), a ``.map`` file, or a folder
-            of such. A map's problems come from the ``.scen`` file beside it, if there is one.
+        path: An image or array file of 2 dimensions (as ``warp_bounding.load_indicator`` takes it), a ``.map`` file, or
+            a folder of such. A map's problems come from the ``.scen`` file beside it, if there is one.
 
     Raises:
         IndicatorError: If there is nothing, or something that is no 2D world.

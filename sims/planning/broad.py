@@ -2,15 +2,17 @@
 
 An edge is a closed straight segment between float32 states. It is cleared
 
-* by a network of points, where bound propagation proves that the network denies every point of it (``warp_bounding.clear_segments``);
+* by a network of points, where bound propagation proves that the network denies every point of it
+  (``warp_bounding.clear_segments``);
 * by a bounder of boxes, where it denies the axis-aligned boxes of pieces that together cover it (``clear_by_boxes``);
-* by a bounder of distances, which marches along it: each distance is a step that nothing can stand in the way of (``Marching``);
+* by a bounder of distances, which marches along it: each distance is a step that nothing can stand in the way of
+  (``Marching``);
 * not at all by ``Points``, for planners that go on edge by edge: what checks an edge asks about the states along it;
 * by ``Samples``, where a bounder denies points along it. That is how it is often done, and no proof of anything.
 
-All but ``Samples`` are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked exactly; but for
-``TwoSided``, which asks a bounder from the inside too: what certainly lies in an obstacle, or leads through one, collides, and needs
-no check either.
+All but ``Samples`` are proofs wherever the bounder has one. What is not cleared is not blocked, but has to be checked
+exactly; but for ``TwoSided``, which asks a bounder from the inside too: what certainly lies in an obstacle, or leads
+through one, collides, and needs no check either.
 """
 
 from abc import ABC, abstractmethod
@@ -86,8 +88,9 @@ def clear_by_boxes(
 ) -> np.ndarray:
     """Which segments are proven to meet the object nowhere, by the boxes of their pieces.
 
-    A piece is the part of a segment between two dyadic times; along each axis it lies between its ends. These are computed in float64,
-    moved apart by more than their rounding, and rounded outwards to float32: the box that is asked contains the piece.
+    A piece is the part of a segment between two dyadic times; along each axis it lies between its ends. These are
+    computed in float64, moved apart by more than their rounding, and rounded outwards to float32: the box that is asked
+    contains the piece.
 
     Args:
         bounder: Of boxes; where it is proven, so is the answer.
@@ -177,9 +180,9 @@ class Marching(BroadPhase):
 class TwoSided(BroadPhase):
     """A broad phase, and a bounder of points from the inside, which says what certainly collides.
 
-    It is what ``warp_bounding.two_sided`` is for bounders of points alone. An edge collides if a single point of it does.
-    Points between its pieces are computed in float64, within 2^-50 of the segment, relative to the larger end, and asked
-    so: every proof covers that a query is rounded to float32, by 2^-24, four times over.
+    It is what ``warp_bounding.two_sided`` is for bounders of points alone. An edge collides if a single point of it
+    does. Points between its pieces are computed in float64, within 2^-50 of the segment, relative to the larger end,
+    and asked so: every proof covers that a query is rounded to float32, by 2^-24, four times over.
     """
 
     def __init__(self, outer: BroadPhase, inner: wb.Bounder):
@@ -209,7 +212,8 @@ def _between(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
 class Points(_OfPoints):
     """A bounder of points that is asked about few states at a time, again and again; it clears no edge as a whole.
 
-    A call of ``query`` takes longer than the answers to thousands of states; few of them are written to where a launch that is prepared once reads them.
+    A call of ``query`` takes longer than the answers to thousands of states; few of them are written to where a launch
+    that is prepared once reads them.
     """
 
     def __init__(self, bounder: wb.Bounder):

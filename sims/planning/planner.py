@@ -1,8 +1,8 @@
 """What planners share: where, the broad phase that is asked before every exact check, and what their runs are judged by.
 
-In each batch of states or edges, what the broad phase clears is taken as free, what it certainly knows to collide is not, and everything
-else is checked exactly. So with a conservative broad phase every answer is the exact one, and whatever a planner makes of
-the answers is the same to the bit.
+In each batch of states or edges, what the broad phase clears is taken as free, what it certainly knows to collide is
+not, and everything else is checked exactly. So with a conservative broad phase every answer is the exact one, and
+whatever a planner makes of the answers is the same to the bit.
 """
 
 import time
@@ -64,7 +64,8 @@ class Exact(ABC):
         Args:
             starts: ``(N, n)`` float32.
             ends: ``(N, n)`` float32.
-            cleared: What the broad phase says of states along edges, ``(K, n)`` float64: those that need no check. For those who check edges state by state.
+            cleared: What the broad phase says of states along edges, ``(K, n)`` float64: those that need no check. For
+                those who check edges state by state.
         """
 
 

@@ -1,9 +1,11 @@
 """A probabilistic roadmap (Kavraki et al. 1996) that asks a broad phase before every exact check.
 
-One batch of states (random ones, and the starts and goals of all problems), one of edges from each free state to its nearest ones, one of
-the connections of all starts and goals; then a shortest path for each problem (Dijkstra). Nearness and lengths are in the place's own units.
+One batch of states (random ones, and the starts and goals of all problems), one of edges from each free state to its
+nearest ones, one of the connections of all starts and goals; then a shortest path for each problem (Dijkstra). Nearness
+and lengths are in the place's own units.
 
-What this does not do: choose edges lazily or smooth paths; all edges of the roadmap are tested, as for a roadmap that is used many times.
+What this does not do: choose edges lazily or smooth paths; all edges of the roadmap are tested, as for a roadmap that
+is used many times.
 """
 
 import numpy as np

@@ -1,8 +1,9 @@
 """RRT-Connect (Kuffner and LaValle 2000): two trees, from the start and from the goal, that grow towards random states and towards each other.
 
-One tree takes a step of ``REACH`` at most towards a random state; if it is free, the other one goes on towards the new state, step by step,
-until it arrives or something is in the way; then they change places. Every state and every edge of a step is asked through the broad phase. Random states
-depend on the seed and the problem alone, so as long as all answers are exact both trees are the same to the bit.
+One tree takes a step of ``REACH`` at most towards a random state; if it is free, the other one goes on towards the new
+state, step by step, until it arrives or something is in the way; then they change places. Every state and every edge of
+a step is asked through the broad phase. Random states depend on the seed and the problem alone, so as long as all
+answers are exact both trees are the same to the bit.
 
 What this does not do: smooth paths, or choose a step's length.
 """

@@ -1,7 +1,8 @@
 """A Windsor chair, generated: thin turned legs, stretchers and spindles, such as shadows are made of.
 
-Every part is a closed tube: a path with a radius at each of its points, and a cap at either end. Parts run into each other, as a joiner's
-do; their union is closed, since each of them is. All sizes are in units of the world, in which the Stanford bunny is 1.6 high.
+Every part is a closed tube: a path with a radius at each of its points, and a cap at either end. Parts run into each
+other, as a joiner's do; their union is closed, since each of them is. All sizes are in units of the world, in which the
+Stanford bunny is 1.6 high.
 
 What this does not do: joints, mouldings, or a surface without faces inside others.
 """

@@ -1,14 +1,16 @@
 """The demo ``shadows``: a bunny and a chair with thin legs in the sun; bounders of rays spare shadow rays that nothing stops.
 
-Each pixel that shows a surface in the sun sends a ray to it. Most of these rays meet nothing; to know that, a renderer asks each object's mesh. A
-bounder of the object's rays answers first, and the mesh is asked about what it leaves (see ``scene``). A bounder of distances
-(``distance``) is no bounder of rays, but marches along them: as far as it says that the object is away, over and over. So it serves rays of any length, and
-is proven for the mesh itself. Pictures with and without
-bounders must be the same, pixel for pixel. Where no proof stands behind a bounder, thin things lose their shadows; ``shadows.png`` shows it.
+Each pixel that shows a surface in the sun sends a ray to it. Most of these rays meet nothing; to know that, a renderer
+asks each object's mesh. A bounder of the object's rays answers first, and the mesh is asked about what it leaves (see
+``scene``). A bounder of distances (``distance``) is no bounder of rays, but marches along them: as far as it says that
+the object is away, over and over. So it serves rays of any length, and is proven for the mesh itself. Pictures with and
+without bounders must be the same, pixel for pixel. Where no proof stands behind a bounder, thin things lose their
+shadows; ``shadows.png`` shows it.
 
-A ray that begins on an object's own surface is hardly ever denied: it begins in cells that are bounded. What is spared are rays from the
-floor, and from one object towards the other. A ``wp.Mesh`` has a hierarchy of boxes of its own, which denies most rays at its first nodes; so
-do not expect a network to save time here, with meshes of some thousand faces on a CPU. What is at stake are the shadows.
+A ray that begins on an object's own surface is hardly ever denied: it begins in cells that are bounded. What is spared
+are rays from the floor, and from one object towards the other. A ``wp.Mesh`` has a hierarchy of boxes of its own, which
+denies most rays at its first nodes; so do not expect a network to save time here, with meshes of some thousand faces on
+a CPU. What is at stake are the shadows.
 
     python -m sims shadows --out out/demo
 """

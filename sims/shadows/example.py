@@ -64,7 +64,8 @@ class Example(base.Example):
 
         Args:
             scene: Shared by all series that are to be compared.
-            bounders: The broad phase: for each object of the scene, by name, one of its rays or distances; ``None`` for none.
+            bounders: The broad phase: for each object of the scene, by name, one of its rays or distances; ``None`` for
+                none.
             steps: Places of the sun, evenly over the day; after that many pictures it begins again.
             sun: One time of the day instead, from 0 to 1.
 

@@ -1,7 +1,8 @@
 """``shadows.png``: the still life in the sun, shaded from the demo's own pixels; shadow that a bounder has lost is red.
 
-Light is counted in linear units: a sun (Lambert) where no object stops the pixel's ray, and a sky from above. Each pixel of the picture is the
-mean of ``OVERSAMPLING`` x ``OVERSAMPLING`` of the demo's, each with a shadow ray of its own.
+Light is counted in linear units: a sun (Lambert) where no object stops the pixel's ray, and a sky from above. Each
+pixel of the picture is the mean of ``OVERSAMPLING`` x ``OVERSAMPLING`` of the demo's, each with a shadow ray of its
+own.
 """
 
 from pathlib import Path

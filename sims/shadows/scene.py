@@ -1,24 +1,27 @@
 """What the pictures of the demo ``shadows`` show: a bunny and a chair on a floor, a camera, and a sun that moves.
 
-A pixel that shows a surface which faces the sun sends one ray towards it, from ``LIFT`` above the surface. It lies in shadow if the narrow
-phase finds that an object stops the ray. With a bounder, the narrow phase is asked about those pairs of ray and object only which the object's
-bounder does not deny. The picture must be the same, *pixel for pixel*. Why it is:
+A pixel that shows a surface which faces the sun sends one ray towards it, from ``LIFT`` above the surface. It lies in
+shadow if the narrow phase finds that an object stops the ray. With a bounder, the narrow phase is asked about those
+pairs of ray and object only which the object's bounder does not deny. The picture must be the same, *pixel for pixel*.
+Why it is:
 
-* Both are asked about the same ray: the same six float32 numbers. So the lift need not be covered by anything, nor what rounding did when the ray
-  was made. World and object coordinates are the same: there is no placement either.
-* A ray counts as stopped only where ``mesh_query_ray`` names a face, a point of it (u, v) and a time t, *and* this point, with u and v cut to
-  the face, lies within ``TOLERANCE`` of o + t d. So it is of no account which ray-triangle test it is, how it rounds and on which machine, nor
-  how thin the faces are. What is left is the rounding of this check: with w = 2^-24, c the largest coordinate of the mesh and t <= LENGTH, the
-  point of the face is off by 7 w c per axis, o + t d by w (c + LENGTH), difference and length by 4 w of a distance that is small: under
-  16 w (c + LENGTH) in all. Twice that is allowed for (``Scene.margin``). The check denies no true hit: these are off by 1e-6 or so.
-* So a stopped ray passes within ``Scene.margin`` of the mesh at a time 0 <= t <= ``REACH``, in multiples of the length of d, which is 1 up to
-  four roundings: before ``LENGTH``, which is longer than ``REACH`` by a thousandth. And the bounder is proven for segments of that length, and
-  for the object dilated by that margin.
+* Both are asked about the same ray: the same six float32 numbers. So the lift need not be covered by anything, nor what
+  rounding did when the ray was made. World and object coordinates are the same: there is no placement either.
+* A ray counts as stopped only where ``mesh_query_ray`` names a face, a point of it (u, v) and a time t, *and* this
+  point, with u and v cut to the face, lies within ``TOLERANCE`` of o + t d. So it is of no account which ray-triangle
+  test it is, how it rounds and on which machine, nor how thin the faces are. What is left is the rounding of this
+  check: with w = 2^-24, c the largest coordinate of the mesh and t <= LENGTH, the point of the face is off by 7 w c per
+  axis, o + t d by w (c + LENGTH), difference and length by 4 w of a distance that is small: under 16 w (c + LENGTH) in
+  all. Twice that is allowed for (``Scene.margin``). The check denies no true hit: these are off by 1e-6 or so.
+* So a stopped ray passes within ``Scene.margin`` of the mesh at a time 0 <= t <= ``REACH``, in multiples of the length
+  of d, which is 1 up to four roundings: before ``LENGTH``, which is longer than ``REACH`` by a thousandth. And the
+  bounder is proven for segments of that length, and for the object dilated by that margin.
 
-``LENGTH`` covers every shadow ray to where it has left all objects: it has risen above them by then, since the sun never stands lower than
-``LOWEST``; ``Scene`` checks that.
+``LENGTH`` covers every shadow ray to where it has left all objects: it has risen above them by then, since the sun
+never stands lower than ``LOWEST``; ``Scene`` checks that.
 
-A bounder without a proof (``occupancy``, or a network whose proof did not end in its time: *statistical*) promises nothing of this.
+A bounder without a proof (``occupancy``, or a network whose proof did not end in its time: *statistical*) promises
+nothing of this.
 """
 
 from dataclasses import dataclass

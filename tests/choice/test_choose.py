@@ -180,7 +180,8 @@ def test_bad_input_is_refused_in_one_line(given, error, words):
     assert "\n" not in str(raised.value)
 
 
-# --- the budget: fits are boxes that let the clock go on, so that no machine is too slow for what is asserted ----------
+# --- the budget: fits are boxes that let the clock go on, so that no machine is too slow for what is asserted
+# ----------
 
 BLOCK = Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
 GIVEN = {"narrow_ns": 1e5, "queries": np.random.default_rng(5).uniform(-2, 2, (4000, 3)).astype(np.float32), **QUIET}

@@ -1,7 +1,8 @@
 """``python tests/fuzz --minutes 60 --seed 1 --out DIR``: the mutation fuzzer for as long as one likes; Ctrl-C ends it.
 
-Exit status 1 if a lie was accepted, a file crashed the library, or one did not end. An iteration depends on the seed, its number and ``--among`` alone,
-and on no machine's load: times are those that the process computes. What is found is printed with the command that repeats it.
+Exit status 1 if a lie was accepted, a file crashed the library, or one did not end. An iteration depends on the seed,
+its number and ``--among`` alone, and on no machine's load: times are those that the process computes. What is found is
+printed with the command that repeats it.
 """
 
 import argparse

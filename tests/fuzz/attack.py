@@ -1,8 +1,9 @@
 """Positives put to a bounder that ``certify`` calls proven, through everything that is deployed: none may be answered with no.
 
-The queries are certain positives of the claim that the certificate states: those of the stress test's stream, and regions on corners, faces and
-hulls, nudged by single floats, whose truth the exact oracles know. They are asked in batches, in the world, and one by one by the function for other
-kernels. Some proven bounders are walked downhill, besides.
+The queries are certain positives of the claim that the certificate states: those of the stress test's stream, and
+regions on corners, faces and hulls, nudged by single floats, whose truth the exact oracles know. They are asked in
+batches, in the world, and one by one by the function for other kernels. Some proven bounders are walked downhill,
+besides.
 """
 
 from functools import cache, lru_cache

@@ -1,8 +1,9 @@
 """The mutation fuzzer: ``certify`` must not call a spoilt file proven unless it bounds its shape.
 
-An honest bounder's file is spoilt (``mutations``), its digest, description and certificate are made right again, and it is loaded.
-What ``certify`` then calls proven against the true shape is attacked (``attack``). A denied positive is a lie that was accepted; the
-file and the query are kept. Errors other than the one that ``load`` promises, and work that does not end, are kept, too.
+An honest bounder's file is spoilt (``mutations``), its digest, description and certificate are made right again, and it
+is loaded. What ``certify`` then calls proven against the true shape is attacked (``attack``). A denied positive is a
+lie that was accepted; the file and the query are kept. Errors other than the one that ``load`` promises, and work that
+does not end, are kept, too.
 
 Everything depends on the seed and the number of the iteration, so any iteration can be repeated by itself.
 """
@@ -48,7 +49,8 @@ class Tally:
     """Figures of a run.
 
     Attributes:
-        counts: Files mutated, refused on load, not proven, still proven, hard queries asked, lies, crashes and stuck ones.
+        counts: Files mutated, refused on load, not proven, still proven, hard queries asked, lies, crashes and stuck
+            ones.
         proven: Still proven, by subject.
         found: What was found, as it is written to the record.
     """

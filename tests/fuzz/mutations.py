@@ -1,6 +1,7 @@
 """Files spoilt at random, and at thresholds that make the most of their proof: what is left is for ``certify`` to find.
 
-Each mutation changes a ``File`` in place and returns what it did in a few words, or ``None`` where there is nothing that it could change.
+Each mutation changes a ``File`` in place and returns what it did in a few words, or ``None`` where there is nothing
+that it could change.
 """
 
 import copy

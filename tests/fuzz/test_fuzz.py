@@ -1,7 +1,7 @@
 """A small run of the fuzzer over every method and kind of query (``make fuzz`` is the long one), and false claims that ``certify`` once called proven.
 
-Each of these is refused where it is made, not proven, or true now; with the mend taken back, where that can be done from outside, certify accepts it
-again, and the attack finds the denied positive.
+Each of these is refused where it is made, not proven, or true now; with the mend taken back, where that can be done
+from outside, certify accepts it again, and the attack finds the denied positive.
 """
 
 from dataclasses import replace

@@ -16,8 +16,8 @@ from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
 from warp_bounding.runtime.native import named
 
-# What ``tensor_cores.TOOLS`` says on CUDA, said of 32 lanes at a time: fragments as the PTX manual lays them out, sums that are cut as the
-# module's second claim allows, at the worst.
+# What ``tensor_cores.TOOLS`` says on CUDA, said of 32 lanes at a time: fragments as the PTX manual lays them out, sums
+# that are cut as the module's second claim allows, at the worst.
 LOCKSTEP = """
 typedef int I __attribute__((vector_size(128)));
 struct U { V a, b; };

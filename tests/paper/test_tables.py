@@ -196,7 +196,8 @@ def test_recipes_have_their_rows_in_the_tables_page(data, tmp_path, capsys):
     assert rows(tmp_path / "recipes", "recipes") == found
 
 
-# --- what a proof is worth ---------------------------------------------------------------------------------------------
+# --- what a proof is worth
+# ---------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,9 +1,9 @@
 """Float32 for real, where it matters: at a proof's lowest points no evaluation leaves the rounding bound, with zero slack.
 
-The points are those where the search for the least f ended, as float32 queries, neighbours in the last place, and the lowest
-positives around. There what is deployed (batch kernel; function in a user's kernel, whose threshold is moved; CPU, CUDA; placed
-in the world) and float32 in NumPy in several orders, fused or not, meet f in extended precision, by a forward pass of its own,
-at the coordinates that the device has: a network that hands on one of them reads them out.
+The points are those where the search for the least f ended, as float32 queries, neighbours in the last place, and the
+lowest positives around. There what is deployed (batch kernel; function in a user's kernel, whose threshold is moved;
+CPU, CUDA; placed in the world) and float32 in NumPy in several orders, fused or not, meet f in extended precision, by a
+forward pass of its own, at the coordinates that the device has: a network that hands on one of them reads them out.
 """
 
 from functools import cache, partial

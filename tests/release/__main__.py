@@ -1,8 +1,9 @@
 """``python tests/release dist|check|resolve|lowest``: what a release is made of, and whether a stranger can use it.
 
-``dist`` builds sdist and wheel into a folder and looks into them. ``check`` does so in a temporary one, installs the wheel into clean environments and does in
-them what a stranger would; with ``--full`` pip fetches everything, else what is installed here is linked. ``resolve`` asks which versions every supported
-Python would get. ``lowest`` installs the lowest versions that are allowed and runs a part of the tests with them. Exit status 1 if something is wrong.
+``dist`` builds sdist and wheel into a folder and looks into them. ``check`` does so in a temporary one, installs the
+wheel into clean environments and does in them what a stranger would; with ``--full`` pip fetches everything, else what
+is installed here is linked. ``resolve`` asks which versions every supported Python would get. ``lowest`` installs the
+lowest versions that are allowed and runs a part of the tests with them. Exit status 1 if something is wrong.
 """
 
 import argparse

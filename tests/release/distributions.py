@@ -1,7 +1,7 @@
 """The sdist and the wheel: how they are built, and what must be true of them.
 
-``build`` makes both from a checkout. ``problems`` says in one line each what a user would stumble over: files that are missing or do not
-belong there, folders of the machine that built them, a description that a package index cannot show.
+``build`` makes both from a checkout. ``problems`` says in one line each what a user would stumble over: files that are
+missing or do not belong there, folders of the machine that built them, a description that a package index cannot show.
 """
 
 import io
@@ -32,8 +32,8 @@ def build(root: Path, out: Path, *, isolated: bool) -> tuple[Path, Path]:
     Args:
         root: The checkout.
         out: The folder.
-        isolated: Whether the build's own requirements are installed into an environment of its own, as pip does it; else they must be
-            installed beside this, and nothing is asked of the network.
+        isolated: Whether the build's own requirements are installed into an environment of its own, as pip does it;
+            else they must be installed beside this, and nothing is asked of the network.
 
     Returns:
         The wheel and the sdist.

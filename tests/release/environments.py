@@ -1,7 +1,8 @@
 """Environments in which a wheel is installed as a stranger would have it, without the checkout.
 
-``installed`` lets pip do it, with all that it fetches. ``linked`` takes a second: an environment that sees, of all that is installed beside this check, only
-those distributions that the wheel's metadata ask for, and what these ask for in turn. What the package imports and does not ask for is missing in it.
+``installed`` lets pip do it, with all that it fetches. ``linked`` takes a second: an environment that sees, of all that
+is installed beside this check, only those distributions that the wheel's metadata ask for, and what these ask for in
+turn. What the package imports and does not ask for is missing in it.
 """
 
 import os

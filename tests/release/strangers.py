@@ -1,7 +1,8 @@
 """What a stranger does with a wheel: in an environment without extras, and in one with those of the demos.
 
-Each step is a function of an environment and an empty folder to stand in; it raises ``BrokenPromiseError`` with what it expected and what came. Nothing is
-imported here of the package that is looked at: it is asked as a user would, by commands and by scripts.
+Each step is a function of an environment and an empty folder to stand in; it raises ``BrokenPromiseError`` with what it
+expected and what came. Nothing is imported here of the package that is looked at: it is asked as a user would, by
+commands and by scripts.
 """
 
 import re

@@ -1,9 +1,10 @@
 """Bounds of small networks written out from the definitions, extended precision, nothing of the package: what kernels must agree with.
 
-An affine form ``center + G zeta + E eps``, all of zeta and eps in [-1, 1], runs through the network with one symbol eps for
-every neuron's relaxation, never merged: concretising a layer, ``|G| 1 + |E| 1``, is then CROWN's backward substitution down
-to the input, through the actual coefficients, for every pre-activation and for the output. With ``merged=True`` a neuron's
-eps are merged into one of its absolute sum before the next layer, as forward propagation does; the output keeps them all.
+An affine form ``center + G zeta + E eps``, all of zeta and eps in [-1, 1], runs through the network with one symbol eps
+for every neuron's relaxation, never merged: concretising a layer, ``|G| 1 + |E| 1``, is then CROWN's backward
+substitution down to the input, through the actual coefficients, for every pre-activation and for the output. With
+``merged=True`` a neuron's eps are merged into one of its absolute sum before the next layer, as forward propagation
+does; the output keeps them all.
 """
 
 from fractions import Fraction

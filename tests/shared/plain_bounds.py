@@ -88,7 +88,8 @@ def _curve(layer: Layer, z: np.ndarray, near: np.ndarray, radius: np.ndarray, no
 def _straighten(cube: np.ndarray, tilt: np.ndarray, score: np.ndarray) -> np.ndarray:
     """``(N,)``: what is lost where cubes ``(N, n, n, n)`` become lines, which are added to ``tilt``, as losses to ``score``.
 
-    Over ``|zeta| <= 1``, ``zeta^3`` is within 1/4 of ``3/4 zeta``, and ``zeta_k^2 zeta_m`` within 1/2 of ``1/2 zeta_m``.
+    Over ``|zeta| <= 1``, ``zeta^3`` is within 1/4 of ``3/4 zeta``, and ``zeta_k^2 zeta_m`` within 1/2 of ``1/2
+    zeta_m``.
     """
     n, least = tilt.shape[1], np.zeros(len(tilt))
     for entry in combinations_with_replacement(range(n), 3):

@@ -1,8 +1,8 @@
 """A serial arm: joints one after another, and the bodies that they move.
 
-The frame of link i is that of link i - 1, moved by the joint's ``origin`` and then by the joint's value: a turn about its axis, or a way
-along it. Frames are kept turned so that every axis is z, which is the arm's own affair (``_frames``): bodies are given in the frames
-that a user knows.
+The frame of link i is that of link i - 1, moved by the joint's ``origin`` and then by the joint's value: a turn about
+its axis, or a way along it. Frames are kept turned so that every axis is z, which is the arm's own affair
+(``_frames``): bodies are given in the frames that a user knows.
 """
 
 from collections.abc import Sequence
@@ -142,7 +142,8 @@ class Joint(Picklable):
         upper: Largest value.
         slides: Whether it slides along the axis (prismatic) instead of turning about it.
         name: For people.
-        continuous: Whether it turns without end: q and q + 2 pi k are the same, and its limits, which are not told, are those of one turn.
+        continuous: Whether it turns without end: q and q + 2 pi k are the same, and its limits, which are not told, are
+            those of one turn.
 
     Raises:
         IndicatorError: For numbers that are none, or limits in the wrong order or too far, or of a joint without any.
@@ -202,7 +203,8 @@ class Arm:
     Args:
         joints: In order from the base, at most ``MOST_JOINTS``.
         bodies: Of all links; those of the base have the link ``WORLD``.
-        touching: Pairs of links that always touch or may, and are not checked against each other; neighbours are not in any case.
+        touching: Pairs of links that always touch or may, and are not checked against each other; neighbours are not in
+            any case.
         name: For people.
         note: What users should know, such as parts of a file that were not read.
 
@@ -294,7 +296,8 @@ class Arm:
     def angles(self) -> np.ndarray:
         """``(K, n)``, sums of joint values, one for each joint that turns: of itself and of those before it whose axes are parallel to its own, one after another.
 
-        What turns about parallel axes turns by the sum, so places in an arm are made of products of sines and cosines of these, one of each run of axes.
+        What turns about parallel axes turns by the sum, so places in an arm are made of products of sines and cosines
+        of these, one of each run of axes.
         """
         frames, found, row = self.frames(np.zeros((1, len(self.joints))))[0], [], np.zeros(len(self.joints))
         before = None

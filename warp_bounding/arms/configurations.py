@@ -1,8 +1,9 @@
 """The configurations in which an arm collides, as a shape of as many coordinates as it has joints.
 
-Everything that a shape answers comes from float64 kernels (``kernels``): truth, certified boxes, half-spaces and distances. Configurations
-beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer *maybe* there (``indicators.joints``). The limits are rounded outwards to
-float32, so that a query at a limit is asked about, and the shape reaches beyond them by what float32 rounds. Of a continuous joint q and q + 2 pi k are the same.
+Everything that a shape answers comes from float64 kernels (``kernels``): truth, certified boxes, half-spaces and
+distances. Configurations beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer
+*maybe* there (``indicators.joints``). The limits are rounded outwards to float32, so that a query at a limit is asked
+about, and the shape reaches beyond them by what float32 rounds. Of a continuous joint q and q + 2 pi k are the same.
 """
 
 import hashlib
@@ -30,14 +31,16 @@ DEVICE = "cpu"
 class ArmConfigurations(Formula):
     """All configurations in which an arm touches an obstacle, or itself.
 
-    A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``. Beyond the limits nothing is in the shape, and
-    every bounder answers *maybe*; continuous joints have no limits, and ``weights * 2 pi`` is one turn. Distances are Euclidean in these
-    coordinates. With the weights of ``Arm.reaching`` one unit moves the arm by a metre at most.
+    A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``.
+    Beyond the limits nothing is in the shape, and every bounder answers *maybe*; continuous joints have no limits, and
+    ``weights * 2 pi`` is one turn. Distances are Euclidean in these coordinates. With the weights of ``Arm.reaching``
+    one unit moves the arm by a metre at most.
 
     Args:
         arm: The arm.
         obstacles: Bodies that do not move.
-        self_collision: Whether links may not touch each other and the base; by default only where there are no obstacles.
+        self_collision: Whether links may not touch each other and the base; by default only where there are no
+            obstacles.
         safety: Metres: what comes closer counts as touching.
         weights: ``(n,)``, above 0; 1 for ``None``.
         name: For people.

@@ -32,8 +32,9 @@ from warp_bounding.runtime.native import named
 
 ROUNDS = wp.constant(32)  # of the search; most pairs take 3 to 6
 _CLOSE = wp.constant(wp.float64(1e-10))  # of the distance found: a search whose bounds are so close ends
-# Of the longest difference L of four corners. Where every height of their hull is above 2^-12 L, a face has an area of 2^-25 L^2 or more, so that its
-# normal, a cross product of edges, is off by 2^-25 at most, and what it tells of 0 by less than 2^-24 L.
+# Of the longest difference L of four corners. Where every height of their hull is above 2^-12 L, a face has an area of
+# 2^-25 L^2 or more, so that its normal, a cross product of edges, is off by 2^-25 at most, and what it tells of 0 by
+# less than 2^-24 L.
 FLATTEST, CRUDE = 2.0**-12, 2.0**-20
 _FLATTEST, _CRUDE = wp.constant(wp.float64(FLATTEST)), wp.constant(wp.float64(CRUDE))
 _ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))

@@ -1,7 +1,8 @@
 """Arms from URDF files, as robots' makers write them: the joints that move, in a chain, and convex hulls of the links' collision geometry.
 
-A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh. Read with yourdfpy, which is asked for when a file is read;
-what it would pass over without a word is looked for before (``_looked_through``).
+A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh.
+Read with yourdfpy, which is asked for when a file is read; what it would pass over without a word is looked for before
+(``_looked_through``).
 """
 
 import io
@@ -26,7 +27,8 @@ IN_ROBOT = {"link", "joint", "material", "transmission", "gazebo", "ros2_control
 IN_LINK = {"inertial", "visual", "collision", "sensor", "contact", "self_collision_checking"}
 ONCE = {"joint": ("parent", "child", "origin", "axis", "limit", "mimic"), "collision": ("geometry", "origin")}
 IN_JOINT = {*ONCE["joint"], "dynamics", "calibration", "safety_controller"}
-# Of elements that tell geometry the attributes that are known, and of how many numbers each is; of none where it is text or not read. What begins with + has to be there.
+# Of elements that tell geometry the attributes that are known, and of how many numbers each is; of none where it is
+# text or not read. What begins with + has to be there.
 ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "parent": {"+link": ()},
     "child": {"+link": ()},
@@ -60,15 +62,19 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
     """The arm of a URDF file.
 
     Args:
-        path: The file; meshes are looked for beside it and in the folders above it, and those of ``package://NAME/`` in folders NAME there, or of such a ``package.xml``.
-        held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A joint between equal limits stands, and so
-            does one that mimics a joint that stands; floating and planar joints can be held at 0 only.
-        touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that move, in order.
+        path: The file; meshes are looked for beside it and in the folders above it, and those of ``package://NAME/`` in
+            folders NAME there, or of such a ``package.xml``.
+        held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A
+            joint between equal limits stands, and so does one that mimics a joint that stands; floating and planar
+            joints can be held at 0 only.
+        touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that
+            move, in order.
         name: For people; the robot's own if ``None``.
 
     Raises:
-        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one that mimics a joint that moves, a value beyond its joint's limits,
-            joints in no chain, no joint that moves, or if yourdfpy is not installed.
+        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one
+            that mimics a joint that moves, a value beyond its joint's limits, joints in no chain, no joint that moves,
+            or if yourdfpy is not installed.
 
     Example:
         >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})

@@ -1,9 +1,9 @@
 """``bake``: a bounder for each shape of a folder, on many processes, resumable whatever is killed.
 
-A task is a shape. The worker itself writes the bounder, then a record of what is known of it, each whole or not at all, under a name that is a
-hash of shape, settings and version: whatever is killed, nothing that is done is lost, and nothing is done again. Whatever is wrong with a
-shape becomes a record with an error. Manifest and contact sheet are made of the records. Workers are processes of this machine, with one
-thread each, or those of any Dask scheduler.
+A task is a shape. The worker itself writes the bounder, then a record of what is known of it, each whole or not at all,
+under a name that is a hash of shape, settings and version: whatever is killed, nothing that is done is lost, and
+nothing is done again. Whatever is wrong with a shape becomes a record with an error. Manifest and contact sheet are
+made of the records. Workers are processes of this machine, with one thread each, or those of any Dask scheduler.
 """
 
 import base64
@@ -173,7 +173,8 @@ def jobs_of(folder: Path, out: Path, settings: Settings, largest: float) -> tupl
     """A job for each file of a folder whose extension ``load_indicator`` reads, in folders inside it too, but hidden ones and ``out``.
 
     Returns:
-        The jobs; paths of files above ``largest`` megabytes, relative to the folder; the number of files of other kinds.
+        The jobs; paths of files above ``largest`` megabytes, relative to the folder; the number of files of other
+        kinds.
 
     Raises:
         IndicatorError: If there is no such folder, or no shape in it.
@@ -303,8 +304,8 @@ COLOURS = {"no": (0, 0, 0, 0), "maybe": (224, 122, 31, 255), "object": (45, 84, 
 def picture(bounder, source) -> bytes:
     """A PNG with the colours ``COLOURS``: slices through the middle of a shape and its bound, one for each pair of up to three axes.
 
-    A pixel asks a point; of boxes one of the pixel's size, of rays the one that starts there, along the slice's normal, of planes the one
-    through it, across the way from the middle. Empty for objects of one dimension.
+    A pixel asks a point; of boxes one of the pixel's size, of rays the one that starts there, along the slice's normal,
+    of planes the one through it, across the way from the middle. Empty for objects of one dimension.
     """
     from PIL import Image
 
@@ -471,27 +472,30 @@ def bake(
 ) -> Baked:
     """Fit a bounder to each shape of a folder, on several processes, and keep them in another folder.
 
-    The same call goes on where one that was stopped or killed has ended: what is there is not done again. In a script it must stand behind
-    ``if __name__ == "__main__":``, because the workers import the script.
+    The same call goes on where one that was stopped or killed has ended: what is there is not done again. In a script
+    it must stand behind ``if __name__ == "__main__":``, because the workers import the script.
 
     Args:
         folder: With shapes of any kind that ``load_indicator`` reads, in folders inside, too.
         out: Where bounders, records, ``manifest.csv`` and ``contact-sheet.html`` go; ``BounderLibrary`` opens it.
         jobs: Worker processes of this machine; one a core if ``None``.
-        scheduler: Address of a Dask scheduler, whose workers see both folders under the same paths; ``None`` for processes of this machine.
+        scheduler: Address of a Dask scheduler, whose workers see both folders under the same paths; ``None`` for
+            processes of this machine.
         largest: Megabytes; larger files are left out, and told.
         samples: Random queries of each shape that false positives are counted on.
         queries: A ``.npy`` file of queries as of ``fit`` and ``choose``, the same for all shapes.
         reading: Keyword arguments of ``load_indicator``.
-        progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal, ``False`` nothing.
-        **options: Of ``fit`` for each shape, its ``budget`` and ``method`` among them; with ``narrow_ns`` those of ``choose``.
+        progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
+            ``False`` nothing.
+        **options: Of ``fit`` for each shape, its ``budget`` and ``method`` among them; with ``narrow_ns`` those of
+            ``choose``.
 
     Returns:
         What was done. A shape that could not be baked is a record with an error, and does not end the others.
 
     Raises:
-        BoundingError: If there is nothing to bake, Dask is not installed, the folder cannot be written to, another bake has it, or the
-            scheduler goes away.
+        BoundingError: If there is nothing to bake, Dask is not installed, the folder cannot be written to, another bake
+            has it, or the scheduler goes away.
 
     Example:
         >>> import os

@@ -1,8 +1,9 @@
 """A folder of bounders as a mapping by name, and many bounders in one launch; both need no more than loading one does.
 
-``BounderLibrary`` loads bounders when they are asked for. In a ``BounderStack`` each query names the bounder that it asks: bounders of equal sizes
-share one ``wp.Func`` and differ in their data, so they are a *group*: an array of ``Data``, and for each bounder its place in it. A stack asks one
-kernel a group; in a kernel of your own, ``wp.static(group.func)(group.data[group.slots[s]], q)`` asks bounder s.
+``BounderLibrary`` loads bounders when they are asked for. In a ``BounderStack`` each query names the bounder that it
+asks: bounders of equal sizes share one ``wp.Func`` and differ in their data, so they are a *group*: an array of
+``Data``, and for each bounder its place in it. A stack asks one kernel a group; in a kernel of your own,
+``wp.static(group.func)(group.data[group.slots[s]], q)`` asks bounder s.
 """
 
 import csv
@@ -52,9 +53,9 @@ KEY = re.compile(rf"(.+)-([0-9a-f]{{{HASH_DIGITS}}})")  # name-hash, of a baked 
 class BounderLibrary(Picklable, Mapping):
     """The bounders of a folder, by name.
 
-    A name is that of the shape's file without its extension; where several bounders have it (of other settings, or of shapes in other folders),
-    each is called ``name-hash``. What is listed is what lies in the folder when the library is made: files are whole or not there, so a bake may
-    still be running.
+    A name is that of the shape's file without its extension; where several bounders have it (of other settings, or of
+    shapes in other folders), each is called ``name-hash``. What is listed is what lies in the folder when the library
+    is made: files are whole or not there, so a bake may still be running.
 
     Args:
         folder: That ``bake`` wrote, or any other with bounders' files.
@@ -202,7 +203,8 @@ class BounderGroup:
     Attributes:
         func: As of ``Bounder.func``; write ``wp.static(group.func)`` in a kernel.
         data: ``wp.array(dtype=wb.Data)``, one entry a bounder of the group.
-        slots: ``wp.array(dtype=wp.int32)``, ``(S,)``: the place in ``data`` of each bounder of the stack, -1 for those of other groups.
+        slots: ``wp.array(dtype=wp.int32)``, ``(S,)``: the place in ``data`` of each bounder of the stack, -1 for those
+            of other groups.
         members: Numbers of the bounders in the stack, in the order of ``data``.
     """
 
@@ -275,8 +277,9 @@ class BounderStack:
         """Ask each query of one bounder.
 
         Args:
-            shape_indices: ``(N,)`` NumPy array or ``wp.array`` of whole numbers: which bounder each query asks. Those on the device as int32
-                are read in place, and not checked: a number of no bounder is answered with *maybe*.
+            shape_indices: ``(N,)`` NumPy array or ``wp.array`` of whole numbers: which bounder each query asks. Those
+                on the device as int32 are read in place, and not checked: a number of no bounder is answered with
+                *maybe*.
             x: As for ``Bounder.query``, in the coordinates of each query's own shape.
             out: ``(N,)`` uint8 to write to, instead of a new array.
 

@@ -26,11 +26,13 @@ from warp_bounding.runtime.launch import BlockLaunch
 
 # --- origins ---------------------------------------------------------------------------------------------------------
 #
-# Bounders of shapes that have an origin (``indicators.recentred``): world coordinates from Python, local ones in kernels.
+# Bounders of shapes that have an origin (``indicators.recentred``): world coordinates from Python, local ones in
+# kernels.
 #
-# One rule: ``query`` and its like take world coordinates, float32 or float64, as exactly the numbers that they are, and take the origin
-# off in float64. Whatever reads float32 where it lies takes local coordinates: kernels' functions, ``prepare``, placements. They are asked
-# of ``bounder.local``, which has no origin, so that nobody gives them world coordinates unawares.
+# One rule: ``query`` and its like take world coordinates, float32 or float64, as exactly the numbers that they are, and
+# take the origin off in float64. Whatever reads float32 where it lies takes local coordinates: kernels' functions,
+# ``prepare``, placements. They are asked of ``bounder.local``, which has no origin, so that nobody gives them world
+# coordinates unawares.
 
 
 class Framed:
@@ -100,7 +102,8 @@ def frame_fault(bounder, frame: Frame) -> str | None:
 
 # --- pickling --------------------------------------------------------------------------------------------------------
 #
-# How bounders of every kind are pickled and copied: as what a file of theirs holds, from which the class makes them anew.
+# How bounders of every kind are pickled and copied: as what a file of theirs holds, from which the class makes them
+# anew.
 
 
 class PicklableBounder:
@@ -337,9 +340,9 @@ class Asking(Framed, PicklableBounder, ABC):
             x: ``(N, m)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_m``
                 ``(N,)``. Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a
                 box's lower and upper corner. float32 is read in place where it lies on this device; float64 is rounded
-                to float32, which the certificate covers. Of a shape with an ``origin`` these are world coordinates, of any type, and the
-                origin is taken off in float64 first, on the host. Whole numbers must be ones that float32 holds exactly, and no
-                ``wp.array``.
+                to float32, which the certificate covers. Of a shape with an ``origin`` these are world coordinates, of
+                any type, and the origin is taken off in float64 first, on the host. Whole numbers must be ones that
+                float32 holds exactly, and no ``wp.array``.
             xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are
                 then numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it
                 in object space; without a rotation, or by right angles, that is the box itself.
@@ -365,7 +368,8 @@ class Asking(Framed, PicklableBounder, ABC):
     def values(self, x, *, xform=None, scale=None) -> wp.array:
         """The number ``f`` that is compared with the threshold, as the device computes it; arguments as in ``query``.
 
-        Where ``query`` runs on tensor cores it says *maybe* of some values just below the threshold, too (``networks.tensor_cores``).
+        Where ``query`` runs on tensor cores it says *maybe* of some values just below the threshold, too
+        (``networks.tensor_cores``).
 
         Returns:
             ``(N,)`` float32 ``wp.array``; +inf where the answer is *maybe* without asking, -inf outside the domain.

@@ -13,7 +13,8 @@ A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 n
   ``training.trainers.TRAINERS``.
 
 It is proven when ``threshold <= (least bound over the widened object) - E``; ``proof`` establishes that, for every
-method by the same code. A new method is one file with a subclass, and its name in ``bounders/__init__.py`` (``register``).
+method by the same code. A new method is one file with a subclass, and its name in ``bounders/__init__.py``
+(``register``).
 """
 
 from abc import abstractmethod
@@ -173,8 +174,9 @@ class Bounder(Asking):
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
-        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with its
-            seconds; ``rates`` are false positives on a few queries, its own and an axis-aligned box's (``quick_rates``).
+        info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with
+            its seconds; ``rates`` are false positives on a few queries, its own and an axis-aligned box's
+            (``quick_rates``).
         device: The Warp device that queries run on.
 
     Example:
@@ -209,7 +211,8 @@ class Bounder(Asking):
 
         Args:
             domain: See class.
-            tensors: Arrays by role, float32 or of the method's ``tensor_types``; copied, so that nothing can change them later.
+            tensors: Arrays by role, float32 or of the method's ``tensor_types``; copied, so that nothing can change
+                them later.
             sizes: JSON-ready structure that the tensors do not tell.
             device: Warp device; the default device if ``None``.
 
@@ -598,7 +601,8 @@ def register(kind: type[Kind]) -> type[Kind]:
     """Make a method known by its name to ``fit``, ``load``, cascades and the command line. Also a decorator of a class.
 
     Args:
-        kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies, and ``DistanceBounder``.
+        kind: A class of bounders with a ``method`` of its own; see ``Bounder`` for what it supplies, and
+            ``DistanceBounder``.
 
     Returns:
         The class.

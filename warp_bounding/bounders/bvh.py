@@ -1,11 +1,11 @@
 """``bvh``: a hierarchy of axis-aligned boxes over the object's cells (the paper's BVH), built by ``bvh.build``.
 
-Nodes lie in depth-first order, each with the index behind its subtree: a query that misses a box goes on there, one that
-hits it goes on with the next node, and no stack is needed (Smits 1998). The lanes of a vector share one walk; a lane
-that has skipped a subtree waits until the walk leaves it. Queries of points and boxes are only compared with a node,
-which cannot round; a ray is clipped by each node's box (Kay and Kajiya 1986), a plane is compared with the box's two
-supports, both with room for their rounding. The boxes are moved out by twice ``ROOM`` for rays that run along a face,
-and for all other queries alike. f is 0 where a leaf is hit, else -1.
+Nodes lie in depth-first order, each with the index behind its subtree: a query that misses a box goes on there, one
+that hits it goes on with the next node, and no stack is needed (Smits 1998). The lanes of a vector share one walk; a
+lane that has skipped a subtree waits until the walk leaves it. Queries of points and boxes are only compared with a
+node, which cannot round; a ray is clipped by each node's box (Kay and Kajiya 1986), a plane is compared with the box's
+two supports, both with room for their rounding. The boxes are moved out by twice ``ROOM`` for rays that run along a
+face, and for all other queries alike. f is 0 where a leaf is hit, else -1.
 """
 
 import math
@@ -40,7 +40,8 @@ from warp_bounding.queries.region_domain import AnyDomain
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
-# The C text of the walk through the hierarchy: of lanes together, or of one query alone; and what each kind of query asks of a node.
+# The C text of the walk through the hierarchy: of lanes together, or of one query alone; and what each kind of query
+# asks of a node.
 
 _NODE = """
         const float* b = w + $leading + i * (2 * N + 1);  // low, high, past
@@ -147,12 +148,13 @@ TOUCHES = {
 #
 # Hierarchies of boxes over the cells of a grid: which cells a leaf holds, and which nodes lie above it.
 #
-# Every split is the plane across an axis that leaves the least volume on its two sides, weighted by a power of their numbers of
-# cells (with power 1, the surface area heuristic of Goldsmith and Salmon 1987, for points), down to several times as many leaves
-# as wanted; of this tree the cut whose leaves have the least volume is taken, exactly, by dynamic programming.
+# Every split is the plane across an axis that leaves the least volume on its two sides, weighted by a power of their
+# numbers of cells (with power 1, the surface area heuristic of Goldsmith and Salmon 1987, for points), down to several
+# times as many leaves as wanted; of this tree the cut whose leaves have the least volume is taken, exactly, by dynamic
+# programming.
 #
-# A binary tree has as many inner nodes as leaves. Two thirds of them are taken out again, those that save the fewest tests, which
-# leaves memory for more leaves; so a node has ``ARITY`` children on average.
+# A binary tree has as many inner nodes as leaves. Two thirds of them are taken out again, those that save the fewest
+# tests, which leaves memory for more leaves; so a node has ``ARITY`` children on average.
 
 ARITY = 4
 SPARE = 4  # times the wanted leaves: of the tree that is cut
@@ -270,7 +272,8 @@ def _cut(nodes: list[Node], leaves: int) -> float:
 def _flatten(root: Node, allowed: int, shape: np.ndarray) -> None:
     """Take out inner nodes, first those whose test saves least, until ``allowed`` are left and each saves something.
 
-    A test of a node is spent where its parent is hit; it saves the tests of its children where the parent is hit and it is not.
+    A test of a node is spent where its parent is hit; it saves the tests of its children where the parent is hit and it
+    is not.
     """
     parents: dict[int, Node] = {}
     inner, stack = [], [root]
@@ -364,7 +367,8 @@ class BvhSource(Source):
 class Bvh(Bounder):
     """Hierarchy of boxes.
 
-    Tensors: ``low`` and ``high`` ``(M, n)`` and ``past`` ``(M,)``, whole numbers: the index of the node behind the subtree.
+    Tensors: ``low`` and ``high`` ``(M, n)`` and ``past`` ``(M,)``, whole numbers: the index of the node behind the
+        subtree.
     """
 
     method = "bvh"
@@ -395,7 +399,8 @@ class Bvh(Bounder):
         Args:
             grid: The object.
             domain: Its domain, or that of a region.
-            leaves: Number of leaf boxes (fewer where the object consists of fewer); ``None`` for as many as a network's memory holds.
+            leaves: Number of leaf boxes (fewer where the object consists of fewer); ``None`` for as many as a network's
+                memory holds.
             hidden: Widths of that network's hidden layers.
             seconds: Time for the boxes; the less there is, the looser they are.
             device: Warp device.
@@ -514,8 +519,9 @@ def plane_room(corner: float, n: int, limit: float) -> float:
         n: Dimension.
         limit: Of the plane's offset.
     """
-    # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more: 2 n + 1
-    # roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 + size, may be set to zero.
+    # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more: 2
+    # n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 + size, may be set
+    # to zero.
     size = corner + limit
     return float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
 
@@ -546,18 +552,20 @@ TOUCHING = {"point": _boxes_touch, "ray": _rays_touch, "plane": _planes_touch, "
 
 # --- distances to boxes ----------------------------------------------------------------------------------------------
 #
-# The distance to the leaves of a hierarchy of boxes: ``bvh``, exact but for rounding and for what rounds the boxes outwards.
+# The distance to the leaves of a hierarchy of boxes: ``bvh``, exact but for rounding and for what rounds the boxes
+# outwards.
 #
-# Nodes lie in depth-first order, each with the index behind its subtree, so that a walk is a loop over one number. A query first goes down to a leaf, always to the child
-# that is nearest, and then through all nodes that are nearer than the nearest leaf so far. Lanes share both walks: they go down where the first lane goes,
-# and leave out what is far for all of them.
+# Nodes lie in depth-first order, each with the index behind its subtree, so that a walk is a loop over one number. A
+# query first goes down to a leaf, always to the child that is nearest, and then through all nodes that are nearer than
+# the nearest leaf so far. Lanes share both walks: they go down where the first lane goes, and leave out what is far for
+# all of them.
 #
-# Every point of the object lies in a leaf *and* in all nodes above it, as the bounder of points denies nothing else. So where a node is not nearer than a leaf that was
-# found, no point of the object below it is, either.
+# Every point of the object lies in a leaf *and* in all nodes above it, as the bounder of points denies nothing else. So
+# where a node is not nearer than a leaf that was found, no point of the object below it is, either.
 #
-# *Rounding*: the way to a box is the larger of two differences on each axis, off by ``u (|v_k| + |corner|)``; n of them by ``root(n)`` times as much, and
-# squares, sum and root by ``(n + 4) u`` of the result. That the way is short for some nodes decides only which are asked, up to a factor ``1 + 2 (n + 4) u`` that
-# the result's own rounding has room for.
+# *Rounding*: the way to a box is the larger of two differences on each axis, off by ``u (|v_k| + |corner|)``; n of them
+# by ``root(n)`` times as much, and squares, sum and root by ``(n + 4) u`` of the result. That the way is short for some
+# nodes decides only which are asked, up to a factor ``1 + 2 (n + 4) u`` that the result's own rounding has room for.
 
 FARTHEST = 3e38  # a squared distance that nothing is farther than
 

@@ -1,18 +1,20 @@
 """The contract of a distance bounder: a function g with ``g(x) <= distance(x, object)`` for every float32 x anywhere, proven.
 
-A method supplies a function F of local coordinates (``DistanceDomain``), and everything else is the same for all of them:
+A method supplies a function F of local coordinates (``DistanceDomain``), and everything else is the same for all of
+them:
 
 * ``source``: a ``DistanceSource`` with the native text of F (``body``), and ``whole``, whether F is
   a bound everywhere or in the domain only; and ``weights()``, the float32 numbers that both read;
 * ``reference(v)``: the same F in plain NumPy float64, which tests and proofs evaluate;
-* ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is asked, ``FLUSHED`` included; where ``whole``, also ``growth()``;
-* ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``corners``, certified upper bounds
-  of F over boxes, ``pieces``, the boxes that a proof begins with, and ``steepness``;
+* ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is asked, ``FLUSHED`` included; where ``whole``, also
+  ``growth()``;
+* ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``corners``,
+  certified upper bounds of F over boxes, ``pieces``, the boxes that a proof begins with, and ``steepness``;
 * ``options``, what users can tell it, and ``supports``.
 
-It is proven when ``threshold <= L - E``, where ``d - F >= L`` on all of the domain, d the local distance (0 in the object): so the claim has the form of every
-other certificate's, of ``f = d - F``. ``-threshold`` is the *slack*, what is taken off F. A new method is one file with a subclass, and a line
-in ``bounders/__init__.py`` (``register``).
+It is proven when ``threshold <= L - E``, where ``d - F >= L`` on all of the domain, d the local distance (0 in the
+object): so the claim has the form of every other certificate's, of ``f = d - F``. ``-threshold`` is the *slack*, what
+is taken off F. A new method is one file with a subclass, and a line in ``bounders/__init__.py`` (``register``).
 """
 
 from collections.abc import Callable
@@ -48,7 +50,8 @@ from warp_bounding.runtime.launch import BlockLaunch
 #
 # What float64 queries of a distance lose when they are rounded to float32, and lengths that are never too short.
 #
-# g knows the float32 point alone. The float64 one is farther from it by what is told here, which is added to its radius or taken off its bound.
+# g knows the float32 point alone. The float64 one is farther from it by what is told here, which is added to its radius
+# or taken off its bound.
 
 GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 
@@ -204,7 +207,8 @@ class DistanceBounder(Bounder):
         """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
 
         Args:
-            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays as it is.
+            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays
+                as it is.
         """
 
     @property
@@ -321,7 +325,8 @@ class DistanceBounder(Bounder):
         """
         raise BounderError(f"{cls.method}: there is no closed form of its distance")
 
-    # --- what there is not: a value that is compared with the threshold --------------------------------------------------
+    # --- what there is not: a value that is compared with the threshold
+    # --------------------------------------------------
 
     def values(self, *_args, **_options):
         """Refused with ``QueryError``: of a distance ask ``distance``."""
@@ -342,7 +347,8 @@ class DistanceBounder(Bounder):
     def distance_func(self) -> wp.Function:
         """``distance(data, x: vec_n) -> float``, for kernels of your own: ``wp.static(b.distance_func)(b.data, x)``; object units.
 
-        Never above the distance from x to the object, for any float32 x; 0 for NaN and infinity, and for the data of another bounder.
+        Never above the distance from x to the object, for any float32 x; 0 for NaN and infinity, and for the data of
+        another bounder.
 
         Example:
             >>> @wp.kernel
@@ -381,9 +387,9 @@ class DistanceBounder(Bounder):
         """Lower bounds of the distance from points to the object.
 
         Args:
-            x: ``(N, n)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_n`` ``(N,)``; object space. float64
-                is rounded to float32, and what that may move a point by is taken off its bound, on the host. Whole numbers must be ones that
-                float32 holds exactly.
+            x: ``(N, n)`` NumPy array, torch tensor, ``wp.array`` or sequence of numbers, or ``wp.array`` of ``vec_n``
+                ``(N,)``; object space. float64 is rounded to float32, and what that may move a point by is taken off
+                its bound, on the host. Whole numbers must be ones that float32 holds exactly.
             out: ``(N,)`` float32 to write to, instead of a new array.
 
         Returns:
@@ -452,11 +458,12 @@ class DistanceBounder(Bounder):
             start: ``(N, n)``, as for ``distance``.
             end: ``(N, n)``.
             radius: As for ``query``.
-            steps: Evaluations of each at most, at least 1; more of them clear more segments that pass close to the object.
+            steps: Evaluations of each at most, at least 1; more of them clear more segments that pass close to the
+                object.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``, 1 = maybe; and ``(N,)`` float32, a lower bound of the time of first contact, from 0 at the start to 1
-            at the end; 1 where there is none. NaN and infinity: maybe, at 0.
+            ``(N,)`` uint8 ``wp.array``, 1 = maybe; and ``(N,)`` float32, a lower bound of the time of first contact,
+            from 0 at the start to 1 at the end; 1 where there is none. NaN and infinity: maybe, at 0.
 
         Raises:
             QueryError: As of ``query``, and for ``steps`` that is no whole number of at least 1.
@@ -593,13 +600,14 @@ def _steps(steps: int) -> int:
 #
 # Distances to volumes: what the closed forms have in common.
 #
-# A proven bounder of points denies only points outside a volume ``{x: f(x) >= threshold}`` that holds the object: that is its certificate. The distance to
-# the volume, or less, is therefore a lower bound of the distance to the object, and needs no proof of its own. The file holds the
-# bounder of points (its tensors; in ``sizes`` its domain, sizes and threshold), and everything that the kernel reads follows from these numbers, rounded
-# outwards; ``certify`` proves the bounder of points again.
+# A proven bounder of points denies only points outside a volume ``{x: f(x) >= threshold}`` that holds the object: that
+# is its certificate. The distance to the volume, or less, is therefore a lower bound of the distance to the object, and
+# needs no proof of its own. The file holds the bounder of points (its tensors; in ``sizes`` its domain, sizes and
+# threshold), and everything that the kernel reads follows from these numbers, rounded outwards; ``certify`` proves the
+# bounder of points again.
 #
-# What follows is computed in the coordinates of the ``DistanceDomain``, y, in float64, and charged ``NOISE`` relative to all that enters, which
-# is some hundred times what its few sums and products round.
+# What follows is computed in the coordinates of the ``DistanceDomain``, y, in float64, and charged ``NOISE`` relative
+# to all that enters, which is some hundred times what its few sums and products round.
 
 NOISE = 1e-13  # relative to the sizes of all terms: more than float64 rounds in sums and products of them
 

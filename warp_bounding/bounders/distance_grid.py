@@ -1,14 +1,19 @@
 """``distance-grid``: distances at the nodes of a grid, interpolated; the honest rival of a network, by bytes and by ns.
 
-F is multilinear in each cell between the values at its nodes. These begin as the distance to the object, in it as minus the depth. What multilinear interpolation
-makes too large is found cell by cell (``proof.distances``) and taken off the values at the cell's own nodes, so that one bad cell does not cost all of them; values are then rounded down to how they are
-stored. The proof goes through all cells again with the stored values.
+F is multilinear in each cell between the values at its nodes. These begin as the distance to the object, in it as minus
+the depth. What multilinear interpolation makes too large is found cell by cell (``proof.distances``) and taken off the
+values at the cell's own nodes, so that one bad cell does not cost all of them; values are then rounded down to how they
+are stored. The proof goes through all cells again with the stored values.
 
-A *refined* grid is adaptive: cells that come near the object's border are cut into ``refine`` to the power n finer ones, whose nodes are a block of their own. F may jump where they meet others.
+A *refined* grid is adaptive: cells that come near the object's border are cut into ``refine`` to the power n finer
+ones, whose nodes are a block of their own. F may jump where they meet others.
 
-*Rounding*, u = 2^-24, R nodes along an axis, D the largest difference of neighbours along it: the place ``t = (p + limit) inverse`` is off by ``4 u R``, which changes F by ``4 u R D`` at most, summed over the
-axes (a cell beside the right one has the same values at the face between them); n interpolations of values up to M by ``4 u`` each of ``3 M``; values of 8 bits, ``low + step q``, by ``3 u M``. Where F jumps, what is
-computed is F at a point as near as that, so the distance there counts, which differs by less than ``4 u R / inverse``, summed over the axes; ``refine`` is a power of two, so a place in a block is exact.
+*Rounding*, u = 2^-24, R nodes along an axis, D the largest difference of neighbours along it: the place ``t = (p +
+limit) inverse`` is off by ``4 u R``, which changes F by ``4 u R D`` at most, summed over the axes (a cell beside the
+right one has the same values at the face between them); n interpolations of values up to M by ``4 u`` each of ``3 M``;
+values of 8 bits, ``low + step q``, by ``3 u M``. Where F jumps, what is computed is F at a point as near as that, so
+the distance there counts, which differs by less than ``4 u R / inverse``, summed over the axes; ``refine`` is a power
+of two, so a place in a block is exact.
 """
 
 from dataclasses import dataclass
@@ -28,7 +33,8 @@ from warp_bounding.queries.distance import DistanceDomain
 
 # --- stored values ---------------------------------------------------------------------------------------------------
 #
-# How a ``distance-grid`` stores its values: rounded down, in 32, 16 or 8 bits; and how they are read, natively and in Warp's own Python.
+# How a ``distance-grid`` stores its values: rounded down, in 32, 16 or 8 bits; and how they are read, natively and in
+# Warp's own Python.
 
 SMALLEST_HALF = 2.0**-14  # the least normal number of 16 bits; smaller ones are rounded down to 0, or to minus this
 LEVELS = 255  # of 8 bits, above the lowest
@@ -95,9 +101,11 @@ def decode_text(storage: str) -> str:
 
 # --- native text -----------------------------------------------------------------------------------------------------
 #
-# Native code of ``distance-grid``: the cell of a query, the values at its corners, and what is multilinear between them.
+# Native code of ``distance-grid``: the cell of a query, the values at its corners, and what is multilinear between
+# them.
 #
-# Of a refined grid each cell has a bit that says whether it has a block of finer nodes of its own; the number of bits before it is the block's number.
+# Of a refined grid each cell has a bit that says whether it has a block of finer nodes of its own; the number of bits
+# before it is the block's number.
 
 _INTERPOLATION = """
 {
@@ -169,8 +177,9 @@ _ENTER = """
 class DistanceGridSource(DistanceSource):
     """Native code of the interpolation.
 
-    Numbers: per axis nodes per local unit, stride and last cell; then what 8 bits mean; where cells are refined per axis the stride of a cell's number, what 8 bits of
-    blocks mean, and where blocks (in values) and bits (in words) begin. Words: values, blocks, then for 32 cells each their bits, and how many bits there are before.
+    Numbers: per axis nodes per local unit, stride and last cell; then what 8 bits mean; where cells are refined per
+    axis the stride of a cell's number, what 8 bits of blocks mean, and where blocks (in values) and bits (in words)
+    begin. Words: values, blocks, then for 32 cells each their bits, and how many bits there are before.
     """
 
     storage: str
@@ -201,8 +210,9 @@ PER_WORD = 32  # cells
 class DistanceGrid(DistanceBounder):
     """Values at nodes; see module.
 
-    Tensors: ``values``, an axis for each coordinate, float32, float16 or uint8; of uint8 also ``range`` ``(2,)``, the value of 0 and the step. Where ``refine`` is over 1 also
-    ``blocks`` ``(B, refine + 1, ...)`` of the same type, ``block_range`` as ``range``, and ``refined`` ``(ceil(cells / 32),)`` uint32, a bit for each cell in array order.
+    Tensors: ``values``, an axis for each coordinate, float32, float16 or uint8; of uint8 also ``range`` ``(2,)``, the
+    value of 0 and the step. Where ``refine`` is over 1 also ``blocks`` ``(B, refine + 1, ...)`` of the same type,
+    ``block_range`` as ``range``, and ``refined`` ``(ceil(cells / 32),)`` uint32, a bit for each cell in array order.
     Sizes: ``storage``; ``refine``, 1 if there is none.
     """
 
@@ -240,10 +250,12 @@ class DistanceGrid(DistanceBounder):
         Args:
             shape: The object.
             domain: Of it, with some room.
-            lowered: Called with a grid in float32, it returns by how much F may exceed the distance in each of its ``pieces`` (local units).
+            lowered: Called with a grid in float32, it returns by how much F may exceed the distance in each of its
+                ``pieces`` (local units).
             nodes: Along the longest side.
             storage: How values are stored.
-            refine: How many finer cells there are along each axis of a cell that comes near the object's border; 1 for none.
+            refine: How many finer cells there are along each axis of a cell that comes near the object's border; 1 for
+                none.
             device: Warp device.
 
         Raises:
@@ -371,8 +383,8 @@ class DistanceGrid(DistanceBounder):
         """The cells that points ``(N, n)`` of the domain lie in.
 
         Returns:
-            Their lower corners ``(N, n)``, in cells of the whole grid; their sides ``(N, 1)``; and the values at their corners, ``2^n`` arrays ``(N,)``: at place i the
-            upper one on axis k where bit k of i is set.
+            Their lower corners ``(N, n)``, in cells of the whole grid; their sides ``(N, 1)``; and the values at their
+            corners, ``2^n`` arrays ``(N,)``: at place i the upper one on axis k where bit k of i is set.
         """
         t, n = (v + self.domain.limit.astype(np.float64)) * self._inverse, self.ndim
         cell = np.clip(np.floor(t), 0, np.array(self._exact.shape) - 2).astype(int)

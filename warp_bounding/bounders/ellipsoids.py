@@ -1,8 +1,8 @@
 """Ellipsoids ``|A v + b|^2 <= r^2``. What ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid`` have in common.
 
 The three methods minimise a size over a family (``geometry``); their rounding is paid for in the threshold,
-which the proof sets. Rays, planes and boxes are tested against the same ellipsoid (``ellipsoids.regions``), with the same threshold
-but for rounding.
+which the proof sets. Rays, planes and boxes are tested against the same ellipsoid (``ellipsoids.regions``), with the
+same threshold but for rounding.
 """
 
 from dataclasses import dataclass
@@ -195,16 +195,19 @@ TEXTS = {"point": _POINT, "ray": _RAY, "plane": _PLANE, "box": _box}
 
 # --- regions ---------------------------------------------------------------------------------------------------------
 #
-# Points, rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the largest on it.
+# Points, rays, planes and boxes against an ellipsoid, where ``f(y) = -|A y + b|^2`` for points: f of a region is the
+# largest on it.
 #
 # * Point: f is concave, so its minimum over a box is attained at a corner.
 # * Ray: the segment's nearest point in the space of ``z = A y + b``, where the ellipsoid is a ball. Exact.
 # * Plane: ``m . y = c`` is ``(B^T m) . z = c - m . centre`` with ``B = A^-1``; its distance from 0 squared. Exact.
-# * Box: exact where A is diagonal. Otherwise a few steps of coordinate descent from the point nearest the centre; the plane through
-#   what they find, at right angles to it in the space of z, then bounds the box's distance from below (Cauchy-Schwarz). That holds
-#   whatever the steps found, so their rounding does not matter. Conservative by what they leave: little.
+# * Box: exact where A is diagonal. Otherwise a few steps of coordinate descent from the point nearest the centre; the
+# plane through what they find, at right angles to it in the space of z, then bounds the box's distance from below
+# (Cauchy-Schwarz). That holds whatever the steps found, so their rounding does not matter. Conservative by what they
+# leave: little.
 #
-# The results are upper bounds of the points' f on the region, less ``error``; so a point's threshold serves for all of them.
+# The results are upper bounds of the points' f on the region, less ``error``; so a point's threshold serves for all of
+# them.
 
 MOST_CORNER_DIMENSIONS = 8  # up to here a box's corners are enumerated; beyond, rows are bounded one by one
 SHORTEST = 2.0**-40  # of a vector in the space of z; the root of SMALLEST
@@ -281,9 +284,9 @@ class QuadricRay(VolumeTest):
         fastest, _ = row_sizes(matrix, np.zeros(n), limit[n:])
         if not fastest.sum() < 2.0**40:
             raise BounderError(f"a ray of length {domain.length:g} is so long that float32 products may overflow")
-        # At a point a + t w in the domain, t |w| is at most twice the limit: so is what the speed's rounding moves it by, however
-        # long the ray is. The computed origin and speed are a segment on which t is then ``late``: quotient and sums make t |speed|
-        # wrong by a few roundings of |origin|, and that enters squared.
+        # At a point a + t w in the domain, t |w| is at most twice the limit: so is what the speed's rounding moves it
+        # by, however long the ray is. The computed origin and speed are a segment on which t is then ``late``: quotient
+        # and sums make t |speed| wrong by a few roundings of |origin|, and that enters squared.
         largest = np.linalg.norm(size)
         flushed = 8 * (n + 1) ** 2 * (1 + largest + fastest.sum() + np.abs(matrix).sum()) ** 2 * TINY
         moved = np.linalg.norm(error + 2 * gamma(n + 2) * size) + flushed
@@ -349,8 +352,9 @@ class QuadricBox(VolumeTest):
         if diagonal:  # the ends of a row's interval round like a point's
             self.error = squares_error(size, error)
         else:
-            # A vector z as it is stored, m = A^T z, and the least of z . b + m . y over the box: products and sums of rows, each of
-            # size |z_i| size_i at most. Over |z| this is a length; ``largest`` bounds lengths, ``wrong`` their error.
+            # A vector z as it is stored, m = A^T z, and the least of z . b + m . y over the box: products and sums of
+            # rows, each of size |z_i| size_i at most. Over |z| this is a length; ``largest`` bounds lengths, ``wrong``
+            # their error.
             largest, count = float(np.linalg.norm(size)), 4 * n + 16
             tiny = 16 * (n + 1) ** 2 * (1 + size.sum() + np.abs(matrix).sum() + limit.sum()) ** 2 * TINY / SHORTEST
             wrong = gamma(count) * largest * np.sqrt(n) + tiny
@@ -482,18 +486,21 @@ class OrientedEllipsoid(QuadricBounder):
 #
 # Distances to ellipsoids: ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid``.
 #
-# The ball: ``|y - c| - r``. An ellipsoid ``sum z_k^2 / s_k^2 <= 1``, in coordinates in which its axes lie along the axes: by duality, for *any* multiplier t >= 0,
+# The ball: ``|y - c| - r``. An ellipsoid ``sum z_k^2 / s_k^2 <= 1``, in coordinates in which its axes lie along the
+# axes: by duality, for *any* multiplier t >= 0,
 #
 #     d(z)^2 >= min_x |z - x|^2 + t (sum x_k^2 / s_k^2 - 1) = t (sum z_k^2 / (s_k^2 + t) - 1),
 #
-# with equality for the best one, which is the root of ``q(t) = sum (s_k z_k)^2 / (s_k^2 + t)^2 = 1``. It is found by a few steps of Newton's method for
-# ``1 / root(q) = 1``, which is nearly linear, from the largest of ``s_k |z_k| - s_k^2``, that is under the root. However well they find it, what they find is a bound, so
-# that their rounding does not matter; the rounding of the last expression is taken off in the kernel, where its size is known.
+# with equality for the best one, which is the root of ``q(t) = sum (s_k z_k)^2 / (s_k^2 + t)^2 = 1``. It is found by a
+# few steps of Newton's method for ``1 / root(q) = 1``, which is nearly linear, from the largest of ``s_k |z_k| -
+# s_k^2``, that is under the root. However well they find it, what they find is a bound, so that their rounding does not
+# matter; the rounding of the last expression is taken off in the kernel, where its size is known.
 #
-# *The axes.* The volume is ``|A v + b|^2 <= r^2`` in its own coordinates. With M that map in the coordinates y of the domain, ``|M (y - c)| <= 1``, and R a float32 matrix of norm
-# at most 1 whose rows are about M's right singular vectors (R = 1 where A is diagonal), ``K = M R^-1`` has ``K^T K`` about diagonal, and at least ``(1 - o) D``, where D is its diagonal
-# and ``o`` the largest row sum of ``|D^-1/2 (K^T K - D) D^-1/2|``. So the volume lies in the ellipsoid of ``R (y - c)`` with ``s_k^2 = 1 / ((1 - o) D_k)``, and
-# distances do not grow under R.
+# *The axes.* The volume is ``|A v + b|^2 <= r^2`` in its own coordinates. With M that map in the coordinates y of the
+# domain, ``|M (y - c)| <= 1``, and R a float32 matrix of norm at most 1 whose rows are about M's right singular vectors
+# (R = 1 where A is diagonal), ``K = M R^-1`` has ``K^T K`` about diagonal, and at least ``(1 - o) D``, where D is its
+# diagonal and ``o`` the largest row sum of ``|D^-1/2 (K^T K - D) D^-1/2|``. So the volume lies in the ellipsoid of ``R
+# (y - c)`` with ``s_k^2 = 1 / ((1 - o) D_k)``, and distances do not grow under R.
 
 NEWTON_STEPS = 4  # of an ellipsoid with axes of 1 : 10 the bound is then 0.03 % under the distance at worst (tests/bounders/test_distances.py)
 ROUNDED = 2.0**-20  # relative, of the dual expression: more than its n + 12 roundings, n <= 4 ...

@@ -1,9 +1,9 @@
 """``learned-kdop``: a k-DOP whose k half-spaces are free and learned by gradient descent (the paper's OurkDOP).
 
-As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the normals
-only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is bounded, so any
-normals make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k - normal_k . v)``.
-Rays, planes and boxes are tested against the polytope.
+As many half-spaces as ``kdop`` has, but each with a normal of its own instead of pairs on given axes. Learned are the
+normals only (``training.learned_kdop``): every face is set to a certified upper bound of the support of what is
+bounded, so any normals make a conservative volume, and any step of training can be the last. f is ``min_k (offset_k -
+normal_k . v)``. Rays, planes and boxes are tested against the polytope.
 """
 
 from dataclasses import dataclass

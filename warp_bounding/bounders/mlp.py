@@ -44,8 +44,8 @@ RECIPES = ("default", "paper")  # names of the recipes of training
 def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
     """The positional encoding of the supplement: sine and cosine of ``2^i pi v`` for each coordinate and octave.
 
-    The features are ``sin(weight v + bias)``, ``encoding.weight`` ``(2 n octaves, n)``; 4 octaves give the supplement's 18
-    inputs in 2D.
+    The features are ``sin(weight v + bias)``, ``encoding.weight`` ``(2 n octaves, n)``; 4 octaves give the supplement's
+    18 inputs in 2D.
     """
     frequency = np.float32(np.pi) * 2.0 ** np.arange(octaves)
     weight = np.kron(np.kron(frequency[:, None], np.eye(ndim)), np.ones((2, 1)))
@@ -226,9 +226,10 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 # ``local``: a network with a threshold of its own in each part of the domain, so that its worst place sets one price.
 #
 # The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
-# threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the network
-# is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so proofs cut their boxes there (``cut``);
-# those of rays and boxes, whose boxes are not of v, search each part by itself (``proof.prove``).
+# threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the
+# network is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so
+# proofs cut their boxes there (``cut``); those of rays and boxes, whose boxes are not of v, search each part by itself
+# (``proof.prove``).
 
 # --- lattice ---------------------------------------------------------------------------------------------------------
 #
@@ -345,8 +346,8 @@ def unpacked(words: np.ndarray, count: int) -> np.ndarray:
 #
 # Native code of local thresholds: where v lies among the edges, the level that stands there, and what is left of f.
 #
-# The lattice is that of ``kernels.source.level_text``. A threshold is ``step * (first + level)``, a power of two times a whole number under 2^24: float32
-# holds it, however it is computed.
+# The lattice is that of ``kernels.source.level_text``. A threshold is ``step * (first + level)``, a power of two times
+# a whole number under 2^24: float32 holds it, however it is computed.
 
 NOWHERE = 255  # the level of a part without positives: there every query is denied
 EVERYWHERE = 254  # the level of a part where the network denies next to nothing: there no query is
@@ -421,9 +422,9 @@ class Local(Bounder):
     """A network at thresholds of the parts of its domain.
 
     Tensors: the network's, each under ``0.`` and its role there; ``edges``, the inner edges of each axis in turn;
-    ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each part, which can be ``NOWHERE`` or ``EVERYWHERE``; ``scale``
-    ``(2,)``, the whole number of the first level, and the step, a power of two. Sizes: ``parts``, the network's ``method`` and
-    ``sizes``; ``shape``.
+    ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each part, which can be ``NOWHERE`` or ``EVERYWHERE``;
+    ``scale`` ``(2,)``, the whole number of the first level, and the step, a power of two. Sizes: ``parts``, the
+    network's ``method`` and ``sizes``; ``shape``.
     """
 
     method = "local"
@@ -632,8 +633,8 @@ class MonotoneMlp(Mlp):
 #
 # It answers *maybe* where the probability that the query meets the object is at least one half (``f >= 0``), as
 # occupancy networks do (Mescheder et al. 2019). It errs both ways alike: some queries that do meet the object are
-# denied. It shows what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can never hold a
-# certificate.
+# denied. It shows what the asymmetric loss and the proof are for, and is of no use as a broad phase; it can never hold
+# a certificate.
 
 
 class Occupancy(Mlp):

@@ -1,8 +1,9 @@
 """The distance as a network learns it: F is the network's output, asked at the nearest point of the domain.
 
-A network is smooth, and so is a distance away from the object, so that few weights tell it nearly. What it overestimates anywhere is its
-slack, which is proven (``proof.distances``). The domain may be cut into a lattice of parts: then each part has a *relief*, a byte, by which its own
-slack is smaller than that of the worst part; F is the network's output and the relief, and jumps at the edges.
+A network is smooth, and so is a distance away from the object, so that few weights tell it nearly. What it
+overestimates anywhere is its slack, which is proven (``proof.distances``). The domain may be cut into a lattice of
+parts: then each part has a *relief*, a byte, by which its own slack is smaller than that of the worst part; F is the
+network's output and the relief, and jumps at the edges.
 """
 
 from dataclasses import dataclass, replace
@@ -51,7 +52,8 @@ MANY, AXES_OF_MANY = (
 class MlpDistanceSource(DistanceSource, MlpSource):
     """Native code of the network, in a distance.
 
-    Numbers: the network's, and where the domain is cut, the inner edges of each axis in turn, and the step between two levels. Words: the levels.
+    Numbers: the network's, and where the domain is cut, the inner edges of each axis in turn, and the step between two
+        levels. Words: the levels.
     """
 
     count: int = 0  # how many numbers the network has, where the domain is cut
@@ -90,9 +92,10 @@ PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a
 class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
     """A network's distance; see module.
 
-    Tensors: ``layers.i.weight`` ``(H, K)`` and ``layers.i.bias`` ``(H,)``, the last layer with H = 1; where the domain is cut ``edges``, the inner
-    edges of each axis in turn, ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each part, and ``step`` ``(1,)``, a power of two. Sizes: ``hidden``,
-    ``activation``, and ``shape``, the parts along each axis.
+    Tensors: ``layers.i.weight`` ``(H, K)`` and ``layers.i.bias`` ``(H,)``, the last layer with H = 1; where the domain
+    is cut ``edges``, the inner edges of each axis in turn, ``levels`` ``(ceil(parts / 4),)`` uint32, a byte for each
+    part, and ``step`` ``(1,)``, a power of two. Sizes: ``hidden``, ``activation``, and ``shape``, the parts along each
+    axis.
     """
 
     method = Mlp.method

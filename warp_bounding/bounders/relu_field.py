@@ -1,10 +1,11 @@
 """``relu-field``: a grid of learned numbers, interpolated linearly along every axis of ``v`` and clamped (the paper's OurReLUField).
 
-After Karnewar et al., *ReLU Fields* (SIGGRAPH 2022): no network, a look-up of ``2^m`` numbers. For points the grid has the data's
-resolution, its nodes at the cells' centres; for regions of two-dimensional objects 32 nodes along each of the 3 or 4 numbers.
-Between nodes f is linear in each coordinate alone, so on the part of a box that lies in one field cell it is least at a corner:
-a bound over the object's cells is exact, and one over regions comes from a cover of all positives by small boxes
-(``relu_field_cover``). The grid grows with the power m, so there is no field for regions in 3D and above.
+After Karnewar et al., *ReLU Fields* (SIGGRAPH 2022): no network, a look-up of ``2^m`` numbers. For points the grid has
+the data's resolution, its nodes at the cells' centres; for regions of two-dimensional objects 32 nodes along each of
+the 3 or 4 numbers. Between nodes f is linear in each coordinate alone, so on the part of a box that lies in one field
+cell it is least at a corner: a bound over the object's cells is exact, and one over regions comes from a cover of all
+positives by small boxes (``relu_field_cover``). The grid grows with the power m, so there is no field for regions in 3D
+and above.
 """
 
 from collections.abc import Iterator
@@ -27,7 +28,8 @@ from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
-# The C text of the field's look-up: multilinear interpolation between the 2^M nodes around a point, neighbours in pairs.
+# The C text of the field's look-up: multilinear interpolation between the 2^M nodes around a point, neighbours in
+# pairs.
 
 TEXT = """
 {
@@ -74,13 +76,16 @@ ALONE = {"integer": "int", "to_integer": "(int)low", "to_real": "(float)i", "gat
 
 # --- cover -----------------------------------------------------------------------------------------------------------
 #
-# Small boxes of ``v`` that together hold every positive query the pipeline can make: what a ``relu-field`` is proven on.
+# Small boxes of ``v`` that together hold every positive query the pipeline can make: what a ``relu-field`` is proven
+# on.
 #
 # * points: the cells themselves.
-# * boxes in 2D: whether a box meets the object depends only on the cells that its corners lie in, so products of cells are exact.
-# * planes in 2D: normals lie on two edges of a square; for an interval of normals the offsets that meet a connected component are
-#   an interval, between the largest and the least support at its ends (supports are convex).
-# * rays in 2D: boxes of origins times arcs of directions; kept unless the region they sweep, cut into steps, meets only empty cells.
+# * boxes in 2D: whether a box meets the object depends only on the cells that its corners lie in, so products of cells
+# are exact.
+# * planes in 2D: normals lie on two edges of a square; for an interval of normals the offsets that meet a connected
+# component are an interval, between the largest and the least support at its ends (supports are convex).
+# * rays in 2D: boxes of origins times arcs of directions; kept unless the region they sweep, cut into steps, meets only
+# empty cells.
 #
 # Everything is widened by the proofs' input error ``delta``.
 

@@ -1,13 +1,14 @@
 """``union``: bounders of which any may say *maybe*, each of one part of an object; together they hold all of it.
 
-A part holds the whole shape, some *pieces* of a shape that is a union by itself (``Shape.piece``: the links of an arm; it may then have
-fewer coordinates, the first ones), or what lies in a *region*, a box. Each is proven by itself for what it holds; what is left to show is
-that nothing of the object is held by no part (``Union.obligations``), which ``certify`` does from the shape alone.
+A part holds the whole shape, some *pieces* of a shape that is a union by itself (``Shape.piece``: the links of an arm;
+it may then have fewer coordinates, the first ones), or what lies in a *region*, a box. Each is proven by itself for
+what it holds; what is left to show is that nothing of the object is held by no part (``Union.obligations``), which
+``certify`` does from the shape alone.
 
-f is 1 where a part says *maybe*, else ``DENIED``. The parts are asked in order, on a CPU in full lanes of the queries that no part has
-granted yet. In memory a row for each part comes first (``ROW`` numbers: which code it has, where its own numbers and its words begin, its
-threshold), then the numbers of the parts, each at a multiple of ``kernels.source.ALIGN``: so the code depends on how many parts there are
-and on the different sources among them.
+f is 1 where a part says *maybe*, else ``DENIED``. The parts are asked in order, on a CPU in full lanes of the queries
+that no part has granted yet. In memory a row for each part comes first (``ROW`` numbers: which code it has, where its
+own numbers and its words begin, its threshold), then the numbers of the parts, each at a multiple of
+``kernels.source.ALIGN``: so the code depends on how many parts there are and on the different sources among them.
 """
 
 from dataclasses import dataclass, replace
@@ -42,8 +43,8 @@ from warp_bounding.runtime.native import literal
 #
 # Whether boxes hold all of an object: what lies between them is cut into boxes, which the shape must certify empty.
 #
-# A box is closed and its corners are float32 numbers, or infinite. So are queries: a float32 point outside a box lies at
-# least at the next float64 number behind its side, and the boxes between begin there.
+# A box is closed and its corners are float32 numbers, or infinite. So are queries: a float32 point outside a box lies
+# at least at the next float64 number behind its side, and the boxes between begin there.
 
 Region = tuple[np.ndarray, np.ndarray]  # corners of a box, object space
 SMALLEST = 2.0**-12  # of the longest side: pieces between the boxes that are not halved any more
@@ -215,9 +216,10 @@ def _decided(test: Early) -> str:
 class Union(Bounder):
     """Bounders of which any may say *maybe*; made by ``warp_bounding.union`` and ``warp_bounding.hierarchy``.
 
-    Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``. Sizes: ``parts``, a list of ``method``,
-    ``sizes``, the ``domain`` of a part with its own, and what it holds, where that is not the whole shape: ``pieces``, their numbers, or
-    ``region``, float32 corners of a box in object space, ``null`` where it has no end.
+    Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``. Sizes: ``parts``, a
+    list of ``method``, ``sizes``, the ``domain`` of a part with its own, and what it holds, where that is not the whole
+    shape: ``pieces``, their numbers, or ``region``, float32 corners of a box in object space, ``null`` where it has no
+    end.
     """
 
     method = "union"
@@ -423,7 +425,8 @@ def _common(domains: list[AnyDomain]) -> AnyDomain:
 def _unfit(whole: AnyDomain, part: AnyDomain) -> str | None:
     """Why the coordinates of a whole are not those of a part, which may be the first ones; ``None`` if they are.
 
-    The map to v is then the same, and the error that the part's proof covers is no smaller than the one that the whole allows itself.
+    The map to v is then the same, and the error that the part's proof covers is no smaller than the one that the whole
+    allows itself.
     """
     if part is whole:
         return None
@@ -443,11 +446,13 @@ def union(*bounders: Bounder) -> Union:
     """A bounder that says *maybe* iff one of these does, asked in this order.
 
     Args:
-        bounders: Bounders of the same queries of the same object, or of pieces of one shape (``Shape.piece``), which may have fewer
-            coordinates, the first ones: the whole is one of their union, of the shape itself where no piece is missing.
+        bounders: Bounders of the same queries of the same object, or of pieces of one shape (``Shape.piece``), which
+            may have fewer coordinates, the first ones: the whole is one of their union, of the shape itself where no
+            piece is missing.
 
     Returns:
-        The union. It is proven if all parts are, statistical if one of them is, and without a certificate if one has none.
+        The union. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
+        none.
 
     Raises:
         BounderError: If they were made for different objects, margins, queries or domains.

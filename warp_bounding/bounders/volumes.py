@@ -1,9 +1,9 @@
 """Slabs: intersections of pairs of parallel half-spaces. What ``aabb``, ``obb`` and ``kdop`` have in common.
 
-``f(v)`` is the least distance to a slab's faces, ``min_k min(a_k . v - low_k, high_k - a_k . v)``; it is concave, so its
-minimum over a box is exact in closed form. The faces are the supports of the object's cells (Ericson, *Real-Time
-Collision Detection*, ch. 4), widened so that rounding cannot cut anything off. Rays, planes and boxes are tested against the
-same slabs.
+``f(v)`` is the least distance to a slab's faces, ``min_k min(a_k . v - low_k, high_k - a_k . v)``; it is concave, so
+its minimum over a box is exact in closed form. The faces are the supports of the object's cells (Ericson, *Real-Time
+Collision Detection*, ch. 4), widened so that rounding cannot cut anything off. Rays, planes and boxes are tested
+against the same slabs.
 """
 
 from abc import abstractmethod
@@ -165,8 +165,8 @@ def _row(y: str, at: str) -> str:
 """
 
 
-# Slab clipping without a division by zero: a face that may be met is at least ``ROOM / 2`` away from a ray that runs along it, so the
-# parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
+# Slab clipping without a division by zero: a face that may be met is at least ``ROOM / 2`` away from a ray that runs
+# along it, so the parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
 CLIP = f"""
 auto slow_of = [&](V s) {{  // one over the speed
     const V none = {{}};
@@ -304,15 +304,17 @@ TEXTS = {"point": _POINT, "ray": _RAY, "plane": _plane, "box": _BOX}
 #
 # * Point: the least distance to a face.
 # * Ray: the segment is clipped by every slab (Kay and Kajiya 1986). The slabs are widened by all that the rounding of
-#   ``d . a`` and ``d . w`` can do; a quotient then has a relative error of a few roundings, and parameters lie in [0, 1].
-# * Plane: against P's support. Where there are n slabs, P is a parallelepiped and its support a sum over its edges; with more
-#   slabs the support is the largest value at P's vertices. Exact.
-# * Box: the intervals of the box and of P on the slabs' directions. Where P is a box that is turned, also on the coordinate axes
-#   and, in 3D, on the products of the edges (Gottschalk et al. 1996): exact in 2D and 3D. Conservative where edges of two
-#   dimensions and more would be needed: for turned boxes in 4D and above, and for k-DOPs, whose classic test these are.
+# ``d . a`` and ``d . w`` can do; a quotient then has a relative error of a few roundings, and parameters lie in [0, 1].
+# * Plane: against P's support. Where there are n slabs, P is a parallelepiped and its support a sum over its edges;
+# with more slabs the support is the largest value at P's vertices. Exact.
+# * Box: the intervals of the box and of P on the slabs' directions. Where P is a box that is turned, also on the
+# coordinate axes and, in 3D, on the products of the edges (Gottschalk et al. 1996): exact in 2D and 3D. Conservative
+# where edges of two dimensions and more would be needed: for turned boxes in 4D and above, and for k-DOPs, whose
+# classic test these are.
 #
-# Every test of a region decides between *meets P* (f >= 0 up to rounding) and *misses P*: nothing is claimed of points outside P. What
-# a test reads (edges, vertices, widened faces) follows from the slabs alone, so a file holds nothing that could contradict them.
+# Every test of a region decides between *meets P* (f >= 0 up to rounding) and *misses P*: nothing is claimed of points
+# outside P. What a test reads (edges, vertices, widened faces) follows from the slabs alone, so a file holds nothing
+# that could contradict them.
 
 ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along it: far more than PARALLEL
 
@@ -381,11 +383,13 @@ class SlabRay(VolumeTest):
         largest = size @ limit[:n] + size @ limit[n:] + slabs.largest
         if not (largest < 2.0**40).all():
             raise BounderError("numbers are so large that float32 quotients may overflow")
-        # At a point a + t w of P in the domain, |a| and t |w| are at most the limit and twice that, however long the ray is.
+        # At a point a + t w of P in the domain, |a| and t |w| are at most the limit and twice that, however long the
+        # ray is.
         flushed = 8 * (n + 1) * (1 + largest) * TINY
         rounding = 0.0 if slabs.diagonal else gamma(n + 2) * 3 * (size @ limit[:n]) + flushed
         room = (rounding + 2 * ROOM) * (1 + 1e-9)
-        # The next float32 besides: where low is so large that float64 loses ROOM, float32 numbers are farther apart than ROOM.
+        # The next float32 besides: where low is so large that float64 loses ROOM, float32 numbers are farther apart
+        # than ROOM.
         low = np.nextafter(round_down(slabs.low - room), np.float32(-np.inf))
         high = np.nextafter(round_up(slabs.high + room), np.float32(np.inf))
         self.slabs, self.weights = slabs, slabs.numbers(low, high)
@@ -529,7 +533,8 @@ class FaceBounder(VolumeBounder):
 class SlabBounder(FaceBounder):
     """Base of the slab methods: they differ in their directions only.
 
-    Tensors: ``directions`` ``(k, n)`` in the coordinates of points (absent for ``aabb``), ``low`` and ``high`` ``(k,)``.
+    Tensors: ``directions`` ``(k, n)`` in the coordinates of points (absent for ``aabb``), ``low`` and ``high``
+        ``(k,)``.
     """
 
     tests = TESTS
@@ -648,8 +653,8 @@ class Obb(SlabBounder):
 # ``kdop``: discretely oriented polytopes (Klosowski et al. 1998; the paper's kDOP), k half-spaces in k/2 slabs.
 #
 # By default k = 4 m as in the paper: the m axes and the m normals that are all ones but for one zero. In 2D those would
-# be the axes again, so the diagonals take their place; 6 half-spaces in 2D are a hexagon's. In 3D the usual 14, 18 and 26
-# are offered too.
+# be the axes again, so the diagonals take their place; 6 half-spaces in 2D are a hexagon's. In 3D the usual 14, 18 and
+# 26 are offered too.
 
 HEXAGON = np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)], [-0.5, np.sqrt(0.75)]])  # unit normals of the slabs of a hexagon
 BY_VERTICES = ("plane",)  # kinds of query that are tested against the polytope's vertices
@@ -702,19 +707,23 @@ def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
 #
 # Distances to volumes between flat faces: ``aabb``, ``obb``, ``kdop`` and ``learned-kdop``.
 #
-# A face ``a . y <= h`` with ``|a| <= 1`` is ``a . y - h`` away from y, or farther, so the largest of these numbers is a lower bound of the
-# distance to the volume. That is the distance itself where the nearest point lies within a face, and less beside edges and corners.
-# Where the first n pairs of faces are at right angles to each other (a box, whose axes a k-DOP has, too), the n distances together are a vector
-# ``m`` whose length is the distance to that box: exact for ``aabb`` and ``obb``; the others take the larger one of both numbers.
+# A face ``a . y <= h`` with ``|a| <= 1`` is ``a . y - h`` away from y, or farther, so the largest of these numbers is a
+# lower bound of the distance to the volume. That is the distance itself where the nearest point lies within a face, and
+# less beside edges and corners. Where the first n pairs of faces are at right angles to each other (a box, whose axes a
+# k-DOP has, too), the n distances together are a vector ``m`` whose length is the distance to that box: exact for
+# ``aabb`` and ``obb``; the others take the larger one of both numbers.
 #
-# Of free half-spaces (``learned-kdop``) there is no such box, and at a sharp edge the bound may be much under the distance.
+# Of free half-spaces (``learned-kdop``) there is no such box, and at a sharp edge the bound may be much under the
+# distance.
 #
-# *Directions.* Those of the bounder of points belong to its own coordinates; here they are turned into unit normals, shortened by ``SHORTENED`` so that
-# after rounding to float32 none is longer than 1, and a frame of n of them, as a matrix, has a norm of at most 1 (``_norm``). What the rounding of a normal moves a face by
-# is at most ``|rounding| . limit``, since the object lies in the domain, and is added to the face.
+# *Directions.* Those of the bounder of points belong to its own coordinates; here they are turned into unit normals,
+# shortened by ``SHORTENED`` so that after rounding to float32 none is longer than 1, and a frame of n of them, as a
+# matrix, has a norm of at most 1 (``_norm``). What the rounding of a normal moves a face by is at most ``|rounding| .
+# limit``, since the object lies in the domain, and is added to the face.
 #
-# *Rounding*, u = 2^-24: a product of a normal with v is off by ``gamma(n + 1) |v|_1``, the difference to a face by ``u (|v|_1 + |h|)``; n of them at right
-# angles by ``root(n)`` times as much, their squares, sum and root by ``(n + 4) u`` of what they give.
+# *Rounding*, u = 2^-24: a product of a normal with v is off by ``gamma(n + 1) |v|_1``, the difference to a face by ``u
+# (|v|_1 + |h|)``; n of them at right angles by ``root(n)`` times as much, their squares, sum and root by ``(n + 4) u``
+# of what they give.
 
 SHORTENED = 1.0 - 2.0**-21  # of a normal: more than rounding to float32 makes it longer, n <= 64
 UPRIGHT = (

@@ -172,8 +172,9 @@ def document(
 ) -> Certificate:
     """The certificate of a bounder for a grid, or ``None`` where the object cannot be the bounded one.
 
-    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. To the message is added what the claim is
-    about and what restricts the object (``Shape.restriction``), then sentences with ``numbers``, and what placements are covered.
+    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. To the message is added what the claim
+    is about and what restricts the object (``Shape.restriction``), then sentences with ``numbers``, and what placements
+    are covered.
     """
     base = bounder.domain.base
     return Certificate(

@@ -1,12 +1,13 @@
 """What a bounder claims to be about: whether a shape, or another bounder's claim, is that, and whether a stored certificate can be true.
 
-Whatever proves, certifies, goes on from a checkpoint or puts bounders together asks here (``mismatch``, ``differing``), so that no claim is taken for
-another one. A claim is about a kind of query, coordinates with or without a time, a side, a margin, the length of rays, cells, and times; its domain
-must hold the shape. What a file says of these is compared with the shape that is given. The digest of the object is compared between bounders only:
-where there is a shape, its geometry decides, and a different digest is reported.
+Whatever proves, certifies, goes on from a checkpoint or puts bounders together asks here (``mismatch``, ``differing``),
+so that no claim is taken for another one. A claim is about a kind of query, coordinates with or without a time, a side,
+a margin, the length of rays, cells, and times; its domain must hold the shape. What a file says of these is compared
+with the shape that is given. The digest of the object is compared between bounders only: where there is a shape, its
+geometry decides, and a different digest is reported.
 
-A file's digest detects damage, and ``check_claims`` detects careless edits by someone who computed it anew. A false claim that adds up passes, and only
-``certify`` finds it out.
+A file's digest detects damage, and ``check_claims`` detects careless edits by someone who computed it anew. A false
+claim that adds up passes, and only ``certify`` finds it out.
 """
 
 from math import isfinite, prod

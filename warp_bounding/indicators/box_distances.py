@@ -1,7 +1,7 @@
 """How far are points from a union of closed boxes, in any dimension? Certified bounds from both sides.
 
-A hierarchy of boxes around the boxes (``triangles/hierarchy.py``) is walked nearer child first. Where coordinate 0 is time,
-only boxes that exist at a point's time count, and the distance is that in space.
+A hierarchy of boxes around the boxes (``triangles/hierarchy.py``) is walked nearer child first. Where coordinate 0 is
+time, only boxes that exist at a point's time count, and the distance is that in space.
 """
 
 from functools import cache

@@ -1,16 +1,21 @@
 """Coordinates that are joint values: beyond a joint's limits the answer is *maybe*, and a joint that turns without end is turned back into one turn.
 
-A query q is turned back before it is mapped to v (``TEXT``), by three float32 operations on numbers of the joint alone, in native text and on every device alike:
+A query q is turned back before it is mapped to v (``TEXT``), by three float32 operations on numbers of the joint alone,
+in native text and on every device alike:
 
     k = round(q / P),    x = (q - k head) - k tail,    P = head + tail the period.
 
-*What that rounds*, with ``u = 2^-24`` and ``|q| <= TURNS P``, which is compared exactly: ``q / P``, as the product with a rounded inverse, is off by ``2 TURNS u``, so
-that k is a whole number of at most ``TURNS`` and ``|q - k P| <= P / 2 + 2^-13 P``. ``head`` has ``HEAD_BITS`` bits, so that ``k head`` is exact, fused with the difference or not. That
-difference is at most ``1.01 P`` and ``k tail`` at most ``P / 2``, so that both differences, the product and the rounding of tail sum up to less than ``3 u P``; that of P itself, a
-float64, and subnormals to less than ``u P``. A float64 query has been rounded by ``u TURNS P`` before. All of it is in ``reach``, which the proof's delta counts (``Domain``). So a
-shape of such joints must say what it is over ``WIDER`` times one turn, whose ends are the same place. Farther away than ``TURNS`` the answer is *maybe*.
+*What that rounds*, with ``u = 2^-24`` and ``|q| <= TURNS P``, which is compared exactly: ``q / P``, as the product with
+a rounded inverse, is off by ``2 TURNS u``, so that k is a whole number of at most ``TURNS`` and ``|q - k P| <= P / 2 +
+2^-13 P``. ``head`` has ``HEAD_BITS`` bits, so that ``k head`` is exact, fused with the difference or not. That
+difference is at most ``1.01 P`` and ``k tail`` at most ``P / 2``, so that both differences, the product and the
+rounding of tail sum up to less than ``3 u P``; that of P itself, a float64, and subnormals to less than ``u P``. A
+float64 query has been rounded by ``u TURNS P`` before. All of it is in ``reach``, which the proof's delta counts
+(``Domain``). So a shape of such joints must say what it is over ``WIDER`` times one turn, whose ends are the same
+place. Farther away than ``TURNS`` the answer is *maybe*.
 
-Other joints have limits, float32 numbers that q is compared with as it is; what is rounded to a limit lies on it, and a shape must say what it is a little beyond (``BEYOND``).
+Other joints have limits, float32 numbers that q is compared with as it is; what is rounded to a limit lies on it, and a
+shape must say what it is a little beyond (``BEYOND``).
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,10 @@
 """The indicator of a triangle mesh: its surface, and its inside where the surface is closed (``surfaces``).
 
 The object is every point within the margin of a face, and what a flood from outside does not reach through the faces
-of closed parts; air that it encloses counts as inside, or with ``hollow="empty"`` what faces go around 0 times counts as outside. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
-``to_grid`` makes cells that hold the object, conservatively too (``triangles/cells.py``). The mesh that counts is the one
-with these float32 vertices: what a file held in float64 is rounded once, when it is read.
+of closed parts; air that it encloses counts as inside, or with ``hollow="empty"`` what faces go around 0 times counts
+as outside. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
+``to_grid`` makes cells that hold the object, conservatively too (``triangles/cells.py``). The mesh that counts is the
+one with these float32 vertices: what a file held in float64 is rounded once, when it is read.
 """
 
 import copy
@@ -48,7 +49,8 @@ LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the 
 class Faces(Shape):
     """What meshes share that rest and that move: faces, of which closed parts have an inside, a margin, and kernels that answer about them.
 
-    A subclass has ``bounds``, of the faces alone; ``surface``; ``_solid``, which knows of no margin; and ``_dilated_solid``.
+    A subclass has ``bounds``, of the faces alone; ``surface``; ``_solid``, which knows of no margin; and
+    ``_dilated_solid``.
     """
 
     @property
@@ -73,8 +75,9 @@ class Faces(Shape):
     def decide(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` uint8 for points ``(N, n)``: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
 
-        Undecided are points that lie on the object's border but for rounding, and those of which no proof was found that they are
-        outside: in gaps that are much narrower than a cell of ``triangles/cells.py``. Out of a motion's time a point is ``OUT``.
+        Undecided are points that lie on the object's border but for rounding, and those of which no proof was found
+        that they are outside: in gaps that are much narrower than a cell of ``triangles/cells.py``. Out of a motion's
+        time a point is ``OUT``.
         """
         return self._dilated_solid.decide(x)
 
@@ -332,8 +335,8 @@ class IndicatorMesh(Faces):
 
         Args:
             resolution: Cells along the longest axis of the dilated object, 2 to 1024; 64 by default.
-            margin: Object units, at least 0: the (Euclidean) distance by which the object is dilated. The mesh's own, if
-                it has one.
+            margin: Object units, at least 0: the (Euclidean) distance by which the object is dilated. The mesh's own,
+                if it has one.
 
         Returns:
             The grid, in the mesh's own coordinates, the same on every machine.

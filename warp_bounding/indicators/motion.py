@@ -7,11 +7,11 @@ point is undecided where these differ, and a box is empty only where no face com
 of it (``triangles/moving.py``).
 
 A grid that is made of it has four coordinates, time first. A cell of time is cut at the keyframes, and between them
-into pieces in which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its three vertices
-of where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all that it is
-and comes near to in the piece, and its cells are found as for a mesh at rest (``triangles/cells.py``). Nothing is sampled.
-Where the surface is closed, a flood from outside through the empty cells of a piece meets the surface at no time in
-it, so what it does not reach holds the inside.
+into pieces in which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its
+three vertices of where it is in the piece's middle; so the triangle there, dilated by that and by the margin, holds all
+that it is and comes near to in the piece, and its cells are found as for a mesh at rest (``triangles/cells.py``).
+Nothing is sampled. Where the surface is closed, a flood from outside through the empty cells of a piece meets the
+surface at no time in it, so what it does not reach holds the inside.
 
 Before its first and after its last keyframe nothing is known of the motion: the shape has no points there, and
 bounders say *maybe*. So the cells of time lie between these two, however time is divided. They rarely meet both
@@ -67,7 +67,8 @@ class IndicatorMotion(Faces):
         margin: By how much the mesh is dilated in space, at each time; object units.
 
     Raises:
-        IndicatorError: For what is no mesh, fewer than two keyframes, times that do not ascend, or an impossible margin.
+        IndicatorError: For what is no mesh, fewer than two keyframes, times that do not ascend, or an impossible
+            margin.
 
     Example:
         >>> motion = wb.IndicatorMotion([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])

@@ -103,8 +103,8 @@ class Clipped(Shape):
 def part_of(shape: Shape, box: tuple[np.ndarray, np.ndarray]) -> Shape:
     """The part of a shape in a box; the shape itself where the box has no end.
 
-    The box is one float64 step wider on each side, so that the parts in two boxes of which one begins at the next number
-    behind the other leave no real number between them.
+    The box is one float64 step wider on each side, so that the parts in two boxes of which one begins at the next
+    number behind the other leave no real number between them.
     """
     return shape if np.isinf(box).all() else Clipped(shape, np.nextafter(box[0], -np.inf), np.nextafter(box[1], np.inf))
 

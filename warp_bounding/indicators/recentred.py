@@ -1,10 +1,11 @@
 """A shape far from where its coordinates begin, or between the places that a grid's lattice has: kept near 0, with its origin.
 
-float32 tells points apart by half a metre at the coordinates of a survey. So the numbers of such a shape are taken relative to an
-origin, in float64, before anything is rounded; what is left is the *local* shape, which everything computes with. A world point w is
-the local point ``w - origin``, exactly. The difference is rounded once, by ``UNIT64`` of itself, and then to float32: both lie within
-what every bounder's delta holds for float64 queries (``Domain``). A grid's cells may besides stand a little beside the ones that were
-asked for, where the inverse of their size is no float32 number: by ``blur`` at most, which delta must hold as well.
+float32 tells points apart by half a metre at the coordinates of a survey. So the numbers of such a shape are taken
+relative to an origin, in float64, before anything is rounded; what is left is the *local* shape, which everything
+computes with. A world point w is the local point ``w - origin``, exactly. The difference is rounded once, by ``UNIT64``
+of itself, and then to float32: both lie within what every bounder's delta holds for float64 queries (``Domain``). A
+grid's cells may besides stand a little beside the ones that were asked for, where the inverse of their size is no
+float32 number: by ``blur`` at most, which delta must hold as well.
 """
 
 import hashlib
@@ -208,8 +209,8 @@ def recentred(vertices: np.ndarray) -> tuple[np.ndarray, Frame | None]:
         vertices: ``(V, n)`` numbers.
 
     Returns:
-        ``(V, n)`` float64, and the origin: multiples of a power of two that is about the extent, 0 on axes that begin near 0. Or the
-        vertices as they came, and ``None``: of what is no array of finite numbers, too.
+        ``(V, n)`` float64, and the origin: multiples of a power of two that is about the extent, 0 on axes that begin
+        near 0. Or the vertices as they came, and ``None``: of what is no array of finite numbers, too.
     """
     if vertices.ndim != 2 or vertices.dtype.kind not in "iuf" or not vertices.size or not np.isfinite(vertices).all():
         return vertices, None

@@ -3,7 +3,8 @@
 Two questions carry everything else. ``contains`` is the truth for points. ``empty`` is a certificate: it is True only
 where no point of a closed box is in the object, and False proves nothing. A proof divides the boxes of queries that a
 bounder would deny until the shape certifies each of them empty, so it needs no grid, and no cell limits how tight it
-is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only attested by samples.
+is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only attested by
+samples.
 
 Whatever a shape cannot decide it counts as object; ``decide`` tells these cases apart, so that they can be counted.
 """
@@ -349,14 +350,17 @@ class Shape(Picklable, ABC):
 
     Attributes:
         name: For people and messages; of a file its name, never the folder that it lies in.
-        note: A restriction that a user should know; may be empty. ``restriction`` has it, and what the shape itself knows.
-        remark: What a user may want to know and what restricts nothing, such as what counts as unknown in a map; may be empty.
+        note: A restriction that a user should know; may be empty. ``restriction`` has it, and what the shape itself
+            knows.
+        remark: What a user may want to know and what restricts nothing, such as what counts as unknown in a map; may be
+            empty.
         time: Coordinate 0 is time; a query outside its range has no certain answer.
         margin: How far the object was dilated (Euclidean, in space); what is asked is the dilated object.
         resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
         certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
         unbounded: The object is all that lies beyond the box, too (``complement``); a query there is *maybe* in it.
-        joints: Where the coordinates are values of joints, their limits, beyond which nothing is known, and their periods.
+        joints: Where the coordinates are values of joints, their limits, beyond which nothing is known, and their
+            periods.
     """
 
     name: str = "shape"
@@ -369,7 +373,8 @@ class Shape(Picklable, ABC):
     unbounded: ClassVar[bool] = False
     joints: Joints | None = None
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
-    # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as ``decide``.
+    # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as
+    # ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_planes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
@@ -550,13 +555,15 @@ class Shape(Picklable, ABC):
         Args:
             lower: ``(N, n)`` float64, lower corners.
             upper: ``(N, n)`` float64, upper corners.
-            values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis k where bit k of i is set. In
-                between, the function is at most what is multilinear between the corners.
+            values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis
+                k where bit k of i is set. In between, the function is at most what is multilinear between the corners.
             least: Excesses under it need not be told apart.
-            enough: Of each box, or of all: no more need be known of an excess than that it is above this, which takes less time.
+            enough: Of each box, or of all: no more need be known of an excess than that it is above this, which takes
+                less time.
 
         Returns:
-            ``(N,)`` float64, certified: the function is nowhere in the box above the distance by more. ``None`` where no distance is known.
+            ``(N,)`` float64, certified: the function is nowhere in the box above the distance by more. ``None`` where
+            no distance is known.
         """
         low = self.distance(lower / 2 + upper / 2)
         if low is None:

@@ -12,7 +12,8 @@ def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
         rows: ``(N, k)`` numbers without NaN.
 
     Returns:
-        ``(U, k)`` the distinct rows; ``(U,)`` int64, where each occurs first; and ``(N,)`` int64, which of them each row is.
+        ``(U, k)`` the distinct rows; ``(U,)`` int64, where each occurs first; and ``(N,)`` int64, which of them each
+        row is.
     """
     order = np.lexsort(rows.T[::-1])  # stable: the first of equal rows comes first
     ordered = rows[order]
@@ -101,8 +102,9 @@ def turns_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, bool]:
         faces: ``(F, 3)``, all of closed parts.
 
     Returns:
-        Edges that faces do not run through as often one way as the other: 0 where faces are turned alike. And whether the faces are one
-        piece that meets two by two at its edges, so that there is one inside, but where it passes through itself.
+        Edges that faces do not run through as often one way as the other: 0 where faces are turned alike. And whether
+        the faces are one piece that meets two by two at its edges, so that there is one inside, but where it passes
+        through itself.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

@@ -44,7 +44,8 @@ def _snippet(source: DistanceSource) -> str:
 def warp_lanes_kernel(source: DistanceSource, body: str) -> wp.Kernel:
     """A ``lanes_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
 
-    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of threads.
+    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of
+    threads.
     """
     constants = {"shorter": literal(SHORTER), "least": literal(LEAST)}
     texts = texts_of(source)
@@ -117,7 +118,8 @@ def distance_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
 def warp_kernel(source: DistanceSource, values: bool, body: str) -> wp.Kernel:
     """A ``distance_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
 
-    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of threads.
+    Besides it takes ``numbers``, those that the body reads, the threshold first. It is launched with whole blocks of
+    threads.
     """
     out_type = wp.float32 if values else wp.uint8
 

@@ -3,27 +3,29 @@
 ``distance_func`` is native text (``distances.h``), and all others ask it, so they are the same function in
 Warp's own Python for every source and device.
 
-*Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther than the radius,
-the point ``x = a + t w`` is computed; each of its numbers is off by at most ``u (2 t |w_k| + |x_k|) (1 + 3 u)``, or ``3 u`` more of ``|w_k|`` where w is a
-difference of float32 numbers, and ``(n + 6) u`` more where w is a direction that was scaled to a length; altogether by at most
-``room = BLUR (|a|_1 + |w|_1) + LEAST``, ``BLUR = (n + 16) u``. Where ``g(x) > radius + room``, every point within
-``g(x) - radius - room`` of the exact point at t is farther than the radius from the object. So t may grow by that over the length of the
-segment: the length is rounded up, the quotient and the new t down, by more than their operations round. A march begins where the segment enters the box that
-holds the object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of
-first contact. Batches march in lanes (``lanes``), by the same steps.
+*Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther than
+the radius, the point ``x = a + t w`` is computed; each of its numbers is off by at most ``u (2 t |w_k| + |x_k|) (1 + 3
+u)``, or ``3 u`` more of ``|w_k|`` where w is a difference of float32 numbers, and ``(n + 6) u`` more where w is a
+direction that was scaled to a length; altogether by at most ``room = BLUR (|a|_1 + |w|_1) + LEAST``, ``BLUR = (n + 16)
+u``. Where ``g(x) > radius + room``, every point within ``g(x) - radius - room`` of the exact point at t is farther than
+the radius from the object. So t may grow by that over the length of the segment: the length is rounded up, the quotient
+and the new t down, by more than their operations round. A march begins where the segment enters the box that holds the
+object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where nothing is gained, numbers
+are not finite, or the steps are over; t is then a lower bound of the time of first contact. Batches march in lanes
+(``lanes``), by the same steps.
 
-*Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more than both ways together: ``|w|`` in space
-and the object's speed times ``|w_0|``. Their sum is what is called the length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of time is told
-nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole closes around a
-point and touches nothing.
+*Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more
+than both ways together: ``|w|`` in space and the object's speed times ``|w_0|``. Their sum is what is called the
+length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of
+time is told nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole
+closes around a point and touches nothing.
 
-*Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it is halved along its
-longest side at c, which is a float32 number, so that the halves cover the box exactly; its sides in time count times
-the *pace*, which g falls by at most, since the object may enclose points
-that it does not touch, and g at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the
-answer is
-*maybe*. The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the
-domain is asked, since the object lies there.
+*Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise it
+is halved along its longest side at c, which is a float32 number, so that the halves cover the box exactly; its sides in
+time count times the *pace*, which g falls by at most, since the object may enclose points that it does not touch, and g
+at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the answer is *maybe*. The walk goes
+depth first without a stack: a path of bits tells which half was taken at each level. Only the part in the domain is
+asked, since the object lies there.
 """
 
 from functools import cache

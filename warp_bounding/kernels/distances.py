@@ -1,29 +1,30 @@
 """The contract of a distance's native source, and what float32 makes of it.
 
-A method gives C text that computes a number ``f`` from local coordinates v (``DistanceDomain``), such that the exact function
-F satisfies ``F(v) + threshold <= d(v)``: d is the local distance to the object, ``-threshold`` the *slack* of the method and of its rounding.
-What is around it (``distances.h``) makes of it a number ``g(x) <= distance(x, object)`` for every float32 x:
+A method gives C text that computes a number ``f`` from local coordinates v (``DistanceDomain``), such that the exact
+function F satisfies ``F(v) + threshold <= d(v)``: d is the local distance to the object, ``-threshold`` the *slack* of
+the method and of its rounding. What is around it (``distances.h``) makes of it a number ``g(x) <= distance(x, object)``
+for every float32 x:
 
 * Where ``whole``, f is asked of v itself, and ``g' = f + threshold - share (|v|_1 + |f|)``.
 * Else it is asked of p, the point of the domain that is nearest to v, and ``g' = r - share (|v|_1 + r)`` with
   ``r^2 = |v - p|^2 + max(f(p) + threshold, 0)^2`` (``queries.distance`` says why that bounds the distance).
 * ``g = g' unit`` where ``g' > TINIEST``, else 0, also for NaN and infinity.
 
-*Why no rounding can make g too large*, with u = 2^-24 and n coordinates. Let v be as computed, exact v off by at most ``u |v|_1`` in all
-(a difference rounds once and the scale is a power of two), and ``d`` the local distance at the computed v: the true one is at least
-``d - u |v|_1 (1 + u)``. The method proves ``f <= F + E + growth u (|v|_1 + |f|)`` for the computed f, growth 0 unless ``whole``, and
-``threshold <= L - E`` where ``d - F >= L``; so ``f + threshold <= d + growth u (|v|_1 + |f|)``. The sum rounds by a factor 1 + u where it is
-positive, and else nothing is claimed. In the second way the n differences, n + 1 squares, their sums and the root make r
-at most ``d (1 + (n + 8) u)``. A computed ``share (...)`` is at least ``1 - (n + 5) u`` times the exact one, and the last difference rounds by
-1 + u. So g' stays under the true distance if ``share (1 - (n + 5) u)`` is at least ``(n + 10 + growth) u`` for the part ``|f|`` or r, and
-``(2 + growth) u`` for the part ``|v|_1``: ``share_of`` is ``(2 n + 32 + growth) u``. Fused operations round less often, and
-any order of sums is covered. Where coordinate 0 is time it is off by ``u |v_0|`` at most. There d may jump, where a
-hole closes, but F does not, and what holds of the computed v_0 is
-what F + threshold says there: it falls by ``rate`` times as much at most (``DistanceBounder``), which growth contains;
-outside the range of time g is 0. Results that are subnormal, or set to zero, err by under ``(4 n + 8) TINY`` before the
-root, and so by under 2^-61 behind it:
-all of that is under ``TINIEST``, which is added to E (``FLUSHED``). Where numbers overflow, ``|v|_1`` or f is infinite and g' is NaN or minus
-infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' unit`` is exact.
+*Why no rounding can make g too large*, with u = 2^-24 and n coordinates. Let v be as computed, exact v off by at most
+``u |v|_1`` in all (a difference rounds once and the scale is a power of two), and ``d`` the local distance at the
+computed v: the true one is at least ``d - u |v|_1 (1 + u)``. The method proves ``f <= F + E + growth u (|v|_1 + |f|)``
+for the computed f, growth 0 unless ``whole``, and ``threshold <= L - E`` where ``d - F >= L``; so ``f + threshold <= d
++ growth u (|v|_1 + |f|)``. The sum rounds by a factor 1 + u where it is positive, and else nothing is claimed. In the
+second way the n differences, n + 1 squares, their sums and the root make r at most ``d (1 + (n + 8) u)``. A computed
+``share (...)`` is at least ``1 - (n + 5) u`` times the exact one, and the last difference rounds by 1 + u. So g' stays
+under the true distance if ``share (1 - (n + 5) u)`` is at least ``(n + 10 + growth) u`` for the part ``|f|`` or r, and
+``(2 + growth) u`` for the part ``|v|_1``: ``share_of`` is ``(2 n + 32 + growth) u``. Fused operations round less often,
+and any order of sums is covered. Where coordinate 0 is time it is off by ``u |v_0|`` at most. There d may jump, where a
+hole closes, but F does not, and what holds of the computed v_0 is what F + threshold says there: it falls by ``rate``
+times as much at most (``DistanceBounder``), which growth contains; outside the range of time g is 0. Results that are
+subnormal, or set to zero, err by under ``(4 n + 8) TINY`` before the root, and so by under 2^-61 behind it: all of that
+is under ``TINIEST``, which is added to E (``FLUSHED``). Where numbers overflow, ``|v|_1`` or f is infinite and g' is
+NaN or minus infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' unit`` is exact.
 """
 
 from dataclasses import dataclass, field

@@ -1,6 +1,7 @@
 """The C text around a method's ``body``, the batch kernels and functions made of it: once for each source, whatever the values in it.
 
-All CPU text may fuse products and sums (``contract``), which what is proven leaves room for; nothing else is up to the compiler.
+All CPU text may fuse products and sums (``contract``), which what is proven leaves room for; nothing else is up to the
+compiler.
 """
 
 from functools import cache
@@ -25,7 +26,8 @@ _ANSWERS = {True: ("INFINITY", "-INFINITY", "f"), False: ("1", "0", "!(f < thres
 def _shared(source: Source, placed: bool) -> dict[str, object]:
     """What batches and functions have in common.
 
-    ``locate`` are C statements from ``V q[]`` to ``v[]`` and the masks ``testable`` (else: maybe) and ``inside`` (else: no).
+    ``locate`` are C statements from ``V q[]`` to ``v[]`` and the masks ``testable`` (else: maybe) and ``inside`` (else:
+    no).
     """
     return {
         "tools": TOOLS,
@@ -50,8 +52,8 @@ def _picked(vectors: list[str], lanes: int, at: list[int]) -> str:
 def _shuffles(columns: int, lanes: int) -> str:
     """C statements from the vectors ``r[]`` of rows of numbers to ``q[]``.
 
-    An even number of columns goes in two steps, which takes fewer shuffles and, as both halves of the rows use the same ones, a
-    quarter of the registers: pairs of columns first, ``p<half>[]``, then their evens and odds.
+    An even number of columns goes in two steps, which takes fewer shuffles and, as both halves of the rows use the same
+    ones, a quarter of the registers: pairs of columns first, ``p<half>[]``, then their evens and odds.
     """
     names = [f"r[{b}]" for b in range(columns)]
     if columns % 2:
@@ -138,7 +140,8 @@ Words = wp.array(dtype=wp.uint32)
 class Data:
     """What a bounder's function needs besides the query; pass it to your kernel as an argument.
 
-    A function answers *maybe* to data that were made for the function of another source, to a part of its own, and to empty ones.
+    A function answers *maybe* to data that were made for the function of another source, to a part of its own, and to
+    empty ones.
 
     Attributes:
         parameters: Whose they are, domain, threshold and the method's numbers (see ``Source``).
@@ -158,16 +161,16 @@ class Data:
 def point_func(source: Source) -> wp.Function:
     """The ``wp.Function`` for use in any kernel, object space.
 
-    Points: ``test(data: Data, q: vec_n) -> bool``. Regions: ``test(data: Data, a: vec_n, b: vec_n) -> bool`` with a ray's
-    origin and direction, a plane's normal and point, a box's lower and upper corner.
+    Points: ``test(data: Data, q: vec_n) -> bool``. Regions: ``test(data: Data, a: vec_n, b: vec_n) -> bool`` with a
+    ray's origin and direction, a plane's normal and point, a box's lower and upper corner.
 
-    In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks a global name up again whenever it builds the module, and a name
-    that is bound to another function by then brings that one into all kernels of the module; ``wp.static`` does so once, where the
-    kernel is defined. Data of another source are answered with *maybe*.
+    In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks a global name up again whenever it builds the
+    module, and a name that is bound to another function by then brings that one into all kernels of the module;
+    ``wp.static`` does so once, where the kernel is defined. Data of another source are answered with *maybe*.
 
-    What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a module of any options
-    of Warp's, ``fast_math`` too (``TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses it (``native.STRICT``). Other flags
-    that give up IEEE arithmetic are outside the claim.
+    What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a
+    module of any options of Warp's, ``fast_math`` too (``TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses
+    it (``native.STRICT``). Other flags that give up IEEE arithmetic are outside the claim.
     """
     name = named(unique_name(source, "test"))
     vector = vector_type(source.ndim)
@@ -196,8 +199,8 @@ def point_func(source: Source) -> wp.Function:
 def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
     """The kernel that tests many queries: ``(x, count, block, parameters, words, placement, out)``, one block a thread.
 
-    Where ``placed``, a world-to-object map is applied. Where ``values``, it writes ``f`` itself (float32; +inf where the
-    answer is *maybe* without it, -inf outside) instead of 0 and 1.
+    Where ``placed``, a world-to-object map is applied. Where ``values``, it writes ``f`` itself (float32; +inf where
+    the answer is *maybe* without it, -inf outside) instead of 0 and 1.
     """
     name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
     out_type = wp.float32 if values else wp.uint8
@@ -220,7 +223,8 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
 def warp_kernel(source: Source, placed: bool, values: bool, body: str) -> wp.Kernel:
     """A ``batch_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
 
-    Besides it takes ``numbers``, which the body reads, the threshold first. It is launched with whole blocks of threads.
+    Besides it takes ``numbers``, which the body reads, the threshold first. It is launched with whole blocks of
+    threads.
     """
     name, snippet = f"warp{'_placed' * placed}{'_values' * values}", warp_snippet(source, placed, values, body)
     out_type = wp.float32 if values else wp.uint8

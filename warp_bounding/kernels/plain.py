@@ -1,6 +1,7 @@
 """The tests of ``mlp`` and ``kdop`` for points as plain Warp kernels: what the native text computes, to be read, and an oracle of it.
 
-They are slow, a query a thread and without lanes (a network takes some 50 times as long), and nothing is claimed of their rounding.
+They are slow, a query a thread and without lanes (a network takes some 50 times as long), and nothing is claimed of
+their rounding.
 """
 
 from functools import cache
@@ -23,8 +24,8 @@ def local(x: wp.float32, center: wp.float32, scale: wp.float32):
 def mlp_kernel(widest: int, activation: str) -> wp.Kernel:
     """``f`` of points by a network of layers no wider than ``widest``, input and output included; minus infinity outside the domain.
 
-    Arguments: points ``x``, n numbers each; ``center``, ``scale`` and ``limit`` (n); ``sizes`` of all layers, the first n and the last 1;
-    ``numbers``, of each layer the biases, then the weights row by row; ``f``.
+    Arguments: points ``x``, n numbers each; ``center``, ``scale`` and ``limit`` (n); ``sizes`` of all layers, the first
+    n and the last 1; ``numbers``, of each layer the biases, then the weights row by row; ``f``.
     """
     layer, act = wp.types.vector(length=widest, dtype=wp.float32), ACTIVATIONS[activation].plain
 

@@ -1,8 +1,8 @@
 """The contract of a method's native source: C text of ``f``, written once and compiled three ways.
 
 A method gives the C text that computes ``f`` from the coordinates ``v[0..n-1]`` (its ``body``), in terms of a type
-``V``. ``kernels.functions`` puts around it what all methods share: reading queries, the test for NaN and infinity, the world-to-
-object map, the domain test and the comparison ``not (f < threshold)``.
+``V``. ``kernels.functions`` puts around it what all methods share: reading queries, the test for NaN and infinity, the
+world-to- object map, the domain test and the comparison ``not (f < threshold)``.
 
 * CPU batch: ``V`` is a vector of queries, one per SIMD lane; a Warp thread works on a block of ``BLOCK`` queries.
   Costly bodies first gather the queries that lie inside the domain, so that no lane works on one that does not.
@@ -99,8 +99,8 @@ class Source:
     def label(self, parameters: int, words: int) -> np.ndarray:
         """``(LABEL,)`` float32, bits of whole numbers: the tag, and how many parameters and words there are.
 
-        A function compares them before it reads anything else, so the data of another source, or a part of its own, make it
-        answer *maybe*.
+        A function compares them before it reads anything else, so the data of another source, or a part of its own,
+        make it answer *maybe*.
         """
         return np.array([*self.tag, parameters, words], dtype=np.uint32).view(np.float32)
 
@@ -148,8 +148,8 @@ class Source:
     def ask(self, values: bool) -> str | None:
         """C statements of the CPU batch path that answer the gathered queries, in place of ``body``.
 
-        They read ``held[k][g]``, ``kept`` and ``where[g]`` (``batch.h``) and write ``out.data``: f where ``values``, else
-        0 and 1. ``None``, as for most sources: lanes of queries go through ``early`` and ``body`` together.
+        They read ``held[k][g]``, ``kept`` and ``where[g]`` (``batch.h``) and write ``out.data``: f where ``values``,
+        else 0 and 1. ``None``, as for most sources: lanes of queries go through ``early`` and ``body`` together.
         """
         return None
 

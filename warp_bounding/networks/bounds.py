@@ -8,11 +8,13 @@ zeta, in which those of many neurons may cancel; only the bands around them coun
 neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply-adds a box: entries of the forms, their
 middle and half-range, centre, noise and columns forwards, one coefficient backwards; and fewer than ``C^3 H`` of the
 polynomial. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
-rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by. ``tests/shared/plain_bounds.py``
-computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``), without constraints.
+rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by.
+``tests/shared/plain_bounds.py`` computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``),
+without constraints.
 
-The C text of bounds comes first, then that of the polynomial to which they lead; ``body`` puts them together for the shape of a network and
-its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta (``Chart``).
+The C text of bounds comes first, then that of the polynomial to which they lead; ``body`` puts them together for the
+shape of a network and its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta
+(``Chart``).
 """
 
 from dataclasses import dataclass
@@ -41,8 +43,8 @@ class BoxBounds(NamedTuple):
         point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a chart, a positive.
         value: ``(N,)`` float64, ``f`` there; infinity where a box of a chart holds no positive.
         next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and the attributes below may be ``None``.
-        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It is one of this very ``f``: whoever makes
-            the bounds of another function of these makes them without what follows.
+        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It is one of this very
+            ``f``: whoever makes the bounds of another function of these makes them without what follows.
         level: ``(N,)``, networks only: where the chart's numbers are the inputs themselves, ``f >= level + slope .
             (v - center)`` on the box.
         boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the chart cut off, which holds no

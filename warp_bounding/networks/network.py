@@ -4,16 +4,16 @@ A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the o
 encoding puts fixed features ``[v, sin(F v + g)]`` before the first layer: a sine layer whose first rows pass ``v``
 through.
 
-Bounds enclose the activation of each neuron at ``z + x``, ``x = l + p + y``, where l is linear in the box's coordinates,
-p is the quadratic form that the parabolas of the layers below make together, and y is all the rest: by a line or a cubic
-in l, whose coefficients are the same above and below, and a band (``Activation.relax``, ``Activation.curve``). So layers
-compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective Robustness Certification*, 2018),
-and Taylor models (Makino and Berz, *Taylor Models and Other Validated Functional Inclusion Methods*, 2003). Forwards,
-centres, linear parts and quadratic forms are kept, in which those of many neurons cancel, and half-widths of the rest.
-Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al. 2018): the curves of all neurons are
-added to one cubic polynomial, in which they cancel again, and only bands are added in absolute value, so that on small
-boxes the bound is off by the third power of their width, times what of the cubes does not cancel. Any curve is sound;
-they decide only how tight the bound is.
+Bounds enclose the activation of each neuron at ``z + x``, ``x = l + p + y``, where l is linear in the box's
+coordinates, p is the quadratic form that the parabolas of the layers below make together, and y is all the rest: by a
+line or a cubic in l, whose coefficients are the same above and below, and a band (``Activation.relax``,
+``Activation.curve``). So layers compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective
+Robustness Certification*, 2018), and Taylor models (Makino and Berz, *Taylor Models and Other Validated Functional
+Inclusion Methods*, 2003). Forwards, centres, linear parts and quadratic forms are kept, in which those of many neurons
+cancel, and half-widths of the rest. Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al.
+2018): the curves of all neurons are added to one cubic polynomial, in which they cancel again, and only bands are added
+in absolute value, so that on small boxes the bound is off by the third power of their width, times what of the cubes
+does not cancel. Any curve is sound; they decide only how tight the bound is.
 """
 
 from dataclasses import dataclass

@@ -6,22 +6,24 @@ lets the pipeline go through the others, in the order that it had them. Contacts
 record by record, and so is every step that a solver makes.
 
 A shape is a plane or another primitive, which has a test in closed form (``placing``); a mesh, of which at least the
-box is tested; or a mesh with a bounder, which is asked about what its box leaves. Height fields and whatever else keep all
-their pairs.
+box is tested; or a mesh with a bounder, which is asked about what its box leaves. Height fields and whatever else keep
+all their pairs.
 
 Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of
-the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder of points is accepted only if
-it is proven for this very mesh, dilated by ``reach`` and by what float32 does on the way (``margin_for``). Where a
-particle is so far from the origin that its place relative to the shape is less certain than that, or has a larger
-radius, the pair stays. A bounder of distances needs no margin: it is asked whether the mesh is farther than that, so one fit serves every
-gap, radius and scale. Shapes may move, turn and be scaled.
+the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder of points is
+accepted only if it is proven for this very mesh, dilated by ``reach`` and by what float32 does on the way
+(``margin_for``). Where a particle is so far from the origin that its place relative to the shape is less certain than
+that, or has a larger radius, the pair stays. A bounder of distances needs no margin: it is asked whether the mesh is
+farther than that, so one fit serves every gap, radius and scale. Shapes may move, turn and be scaled.
 
-In a captured graph nothing can be read back, so the pass goes through as many pairs as there are: those that are left, and again and
-again one that was denied, at which the pass ends at once, or at least without a contact. It stands behind them, or on a GPU, where there are
-few pairs, in the places of those that were denied: threads that stand together wait for each other.
+In a captured graph nothing can be read back, so the pass goes through as many pairs as there are: those that are left,
+and again and again one that was denied, at which the pass ends at once, or at least without a contact. It stands behind
+them, or on a GPU, where there are few pairs, in the places of those that were denied: threads that stand together wait
+for each other.
 
 What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
-(``enable_rigid_soft_full_surface_contact``) are left as they are. A mesh whose points are moved in place has no true box: it must be ``untested``.
+(``enable_rigid_soft_full_surface_contact``) are left as they are. A mesh whose points are moved in place has no true
+box: it must be ``untested``.
 """
 
 import warnings
@@ -105,13 +107,14 @@ class ParticleCull:
         Args:
             pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their
                 list.
-            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates, 3D: of distances, or of points, with a
-                margin of ``margin_for`` at least. One bounder may serve many shapes. Of shapes without one the closed form is tested, or
-                the mesh's box.
+            bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates, 3D: of distances, or of
+                points, with a margin of ``margin_for`` at least. One bounder may serve many shapes. Of shapes without
+                one the closed form is tested, or the mesh's box.
             unproven: Take bounders without a proof, and with too small a margin, too; contacts may then be missed.
             untested: Indices of shapes that keep all their pairs.
-            reads_back: Let the host read how many pairs are left, once a pass, so that Newton launches no more threads. Without, and always
-                while the device captures a graph, Newton launches one for each pair, and nothing is read.
+            reads_back: Let the host read how many pairs are left, once a pass, so that Newton launches no more threads.
+                Without, and always while the device captures a graph, Newton launches one for each pair, and nothing is
+                read.
 
         Raises:
             BounderError: For a bounder that is not of this mesh or has too small a margin, with both numbers, or no
@@ -139,14 +142,16 @@ class ParticleCull:
         device, shape_count = self._device, self.model.shape_count
         self._placed = wp.empty(shape_count, dtype=Placed, device=device)
         self._hulls = wp.empty(shape_count, dtype=Hull, device=device)
-        # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are looked at together.
+        # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are looked at
+        # together.
         self._rows = wp.empty(4 * self.model.particle_count, dtype=wp.float32, device=device)
         self._runs = wp.array(runs_of(self._all.numpy()), dtype=wp.uint8, device=device)
         # The pairs that the hulls leave to the bounders: their indices block by block, and how many each block has.
         blocks = -(-self.pairs // kernels.block_size(device))
         self._undecided = wp.empty(self.pairs, dtype=wp.int32, device=device)
         self._undecided_count = wp.empty(blocks, dtype=wp.int32, device=device)
-        # The pairs that survive: which, compacted, and themselves; they hold for this contact gap. And a denied one that is far away.
+        # The pairs that survive: which, compacted, and themselves; they hold for this contact gap. And a denied one
+        # that is far away.
         self._candidates_gap = contact_gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=device)
         self._survivors = Compaction(self._keep)
@@ -154,7 +159,8 @@ class ParticleCull:
         self._far = wp.empty(1, dtype=wp.int32, device=device)
         self.survivor_count = self._survivors.count
         self.survivor_count.fill_(self.pairs)
-        # What is made when it is first needed is made now: a graph would hold the copy of a bounder's numbers to the device, from memory that is not kept.
+        # What is made when it is first needed is made now: a graph would hold the copy of a bounder's numbers to the
+        # device, from memory that is not kept.
         for kernel in self._kernels():
             ready(kernel, device)
         self._data = [bounder.data for bounder in self._shapes.bounders]
@@ -218,11 +224,13 @@ class ParticleCull:
 
         Args:
             state: Places of particles and bodies.
-            gap: Soft contact gap of this pass; the pipeline's if ``None``. A graph keeps the one that it was captured with.
+            gap: Soft contact gap of this pass; the pipeline's if ``None``. A graph keeps the one that it was captured
+                with.
 
         Returns:
-            ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call. Where nothing is read back, K is the
-            number of all pairs, and one denied pair stands behind the first ``survivor_count``, or in the places of all that are denied.
+            ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call. Where nothing is
+            read back, K is the number of all pairs, and one denied pair stands behind the first ``survivor_count``, or
+            in the places of all that are denied.
         """
         self._candidates_gap = gap = contact_gap(self.pipeline) if gap is None else float(gap)
         if not self.pairs or not state.particle_q:

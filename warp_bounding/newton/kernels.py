@@ -2,7 +2,8 @@
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
 shape, or outside its box as it lies in the world (``placing``), and lists the others (``ask_hulls``); only those go
-to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``ask_distances_in_lanes``), else about one.
+to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``ask_distances_in_lanes``), else
+about one.
 """
 
 from functools import cache
@@ -95,8 +96,8 @@ def gather_or_repeat(
 ):
     """The pairs that are left, in their order; and behind them, up to the number of all pairs, one that was denied.
 
-    The pass makes no contact of it, however often it comes. It is the one that ``far`` names, or the first: indices ascend, so that
-    it is where they run ahead of their own places.
+    The pass makes no contact of it, however often it comes. It is the one that ``far`` names, or the first: indices
+    ascend, so that it is where they run ahead of their own places.
     """
     i = wp.tid()
     left = count[0]
@@ -176,8 +177,8 @@ def ask_bounders(source: Source) -> wp.Kernel:
 def ask_distances(source: DistanceSource) -> wp.Kernel:
     """The kernel that asks a bounder of distances about the pairs of its shapes that ``ask_hulls`` has listed.
 
-    It bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than ``g + dilated``; the difference below and the
-    comparison round by less than is added.
+    It bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than ``g + dilated``; the
+    difference below and the comparison round by less than is added.
     """
     distance = distance_func(source)
 
@@ -329,7 +330,8 @@ def runs_of(pairs: np.ndarray) -> np.ndarray:
 
 # --- Distances, many at a time ----------------------------------------------------------------------------------------
 #
-# Asking a bounder of distances about the pairs that ``ask_hulls`` has listed, on a CPU: one pair in each lane of a vector.
+# Asking a bounder of distances about the pairs that ``ask_hulls`` has listed, on a CPU: one pair in each lane of a
+# vector.
 #
 # Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
 # What it asks, and how that

@@ -1,11 +1,13 @@
 """Where shapes lie in one pass, and a ball and a box around each, outside which no particle meets it (``Hull``).
 
-How much float32 may err, in the pass and when hulls are made and asked, is counted in units of 2^-24. The pass and ``place_shapes`` make the same
-transform of a shape: a product of quaternions, 8 in length, and a rotation and a sum, 42 of the lengths that enter. A rotation is 20 on an axis; a particle is turned
-into the shape's axes by one, the axes of the hull are three, 24 with the difference and the products. If a compiler fuses the two kernels in different ways, their
-quaternions differ by 16, which turns by 96; and a quaternion counts as a rotation only if its squared length is within 1e-6 of 1, and those of its factors are. With the signed distance's own, 8, and
-the ball's, all are under 256 of the particle's coordinates and of the place's (``IN_WORLD``), for which the larger is taken of the place in the world or seen from the
-shape and of the places that it is made of.
+How much float32 may err, in the pass and when hulls are made and asked, is counted in units of 2^-24. The pass and
+``place_shapes`` make the same transform of a shape: a product of quaternions, 8 in length, and a rotation and a sum, 42
+of the lengths that enter. A rotation is 20 on an axis; a particle is turned into the shape's axes by one, the axes of
+the hull are three, 24 with the difference and the products. If a compiler fuses the two kernels in different ways,
+their quaternions differ by 16, which turns by 96; and a quaternion counts as a rotation only if its squared length is
+within 1e-6 of 1, and those of its factors are. With the signed distance's own, 8, and the ball's, all are under 256 of
+the particle's coordinates and of the place's (``IN_WORLD``), for which the larger is taken of the place in the world or
+seen from the shape and of the places that it is made of.
 """
 
 import newton
@@ -57,7 +59,8 @@ _PLANE, _SPHERE, _BOX, _CAPSULE, _CYLINDER, _CONE, _ELLIPSOID = (
 )
 _LEAST_RADIUS = wp.constant(1.0e-8)  # of an ellipsoid: Newton's
 _LARGEST_RADIUS = wp.constant(1.0e7)
-# Of a shape in closed form nothing is said where the way is longer: every intermediate number is then far from overflow.
+# Of a shape in closed form nothing is said where the way is longer: every intermediate number is then far from
+# overflow.
 _MOST_WAY = wp.constant(2.0**100)
 _MOST_OF_ELLIPSOIDS = wp.constant(2.0**46)  # over the square of its least radius, see module
 _ARC_ROUNDING = wp.constant(32.0 * UNIT32)  # of a barrel, see module
@@ -187,7 +190,8 @@ _UNIT_ROTATION = wp.constant(1.0e-6)
 _LONGEST_ROTATION = wp.constant(2.0)
 # What the way around a shape in closed form is at least, since the squares of lengths under 2^-63 are lost.
 _LEAST_WAY = wp.constant(2.0**-60)
-# Of a mesh: the largest sizes of gap and margin together, and of a radius; Newton's distance of what it does not find is 1e6.
+# Of a mesh: the largest sizes of gap and margin together, and of a radius; Newton's distance of what it does not find
+# is 1e6.
 _MOST_OF_GAPS, _MOST_OF_RADII = wp.constant(5.0e5), wp.constant(4.0e5)
 _COLLIDES = wp.constant(int(newton.ShapeFlags.COLLIDE_PARTICLES))
 # What is done with a shape: nothing, its hull in closed form, the hull of its mesh, or that and its bounder.
@@ -208,10 +212,11 @@ class Placed:
 class Hull:
     """A ball and a box in the world, outside which the pass makes no contact of a particle with the shape.
 
-    How far the pass looks for a particle q of radius r, ``gap + (margin of the shape + r) / least scale``, and rounding take
-    ``way = reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|)`` in the mesh's units; of a primitive, whose scale is its lengths, in the world's.
-    A bounder of points may deny the particle only where ``way <= margin``, its own; its domain does not grow. In every other case the ball and
-    the box grow by the way. The box is open below its third axis by ``below``, for a plane.
+    How far the pass looks for a particle q of radius r, ``gap + (margin of the shape + r) / least scale``, and rounding
+    take ``way = reach + per_radius r + per_coordinate (|q_x| + |q_y| + |q_z|)`` in the mesh's units; of a primitive,
+    whose scale is its lengths, in the world's. A bounder of points may deny the particle only where ``way <= margin``,
+    its own; its domain does not grow. In every other case the ball and the box grow by the way. The box is open below
+    its third axis by ``below``, for a plane.
     """
 
     center: wp.vec3  # of ball and box, world
@@ -258,8 +263,8 @@ def _around_mesh(
     hull.reach = reach + moved + _SUM_ROUNDING * reach
     hull.per_radius = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
     hull.per_coordinate = inverse * _WORLD_ROUNDING
-    # Where the search finds nothing the pass takes the distance for 1e6, and makes a contact if that is near enough: then nothing is said. Else a radius is
-    # over half of it, and so is the way over half of it divided by the scale.
+    # Where the search finds nothing the pass takes the distance for 1e6, and makes a contact if that is near enough:
+    # then nothing is said. Else a radius is over half of it, and so is the way over half of it divided by the scale.
     hull.margin = wp.min(hull.margin, _MOST_OF_RADII * inverse)
     if not wp.abs(gap) + wp.abs(margin) <= _MOST_OF_GAPS:
         hull.margin = -wp.inf

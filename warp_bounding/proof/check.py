@@ -1,9 +1,10 @@
 """Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by a loop of its own (``_halved``).
 
-Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches the target or a counterexample
-is found. The bounds over one box, and for rays, boxes and planes the chart, are those of the search. Of shapes without cells it halves what they do not
-certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the whole domain, and that the
-object lies in it. A bounder whose method has no proof is asked fresh positives (``stress``).
+Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
+the target or a counterexample is found. The bounds over one box, and for rays, boxes and planes the chart, are those of
+the search. Of shapes without cells it halves what they do not certify to be empty. Of a distance it proves ``d - F >=
+threshold + E`` on the whole domain, and that the object lies in it. A bounder whose method has no proof is asked fresh
+positives (``stress``).
 """
 
 import os
@@ -89,8 +90,8 @@ def certify(
         query: The kind of query that is expected; the bounder's own if ``None``.
         seconds: Time allowed for all parts together; compiling kernels is not counted.
         progress: Called with cells done and cells in all; counts begin anew for each part of a conjunction.
-        checkpoint: Of a learned distance or a ``distance-grid``: a file that holds what is left of a proof whose time was over, or that was stopped; the
-            same call goes on from there. It is removed when the proof has ended.
+        checkpoint: Of a learned distance or a ``distance-grid``: a file that holds what is left of a proof whose time
+            was over, or that was stopped; the same call goes on from there. It is removed when the proof has ended.
 
     Returns:
         A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were asked, and
@@ -310,7 +311,8 @@ class Everything:
     """Boxes all of whose points come from positives, as ``ShapePositives`` tells of a shape.
 
     Args:
-        f: What is bounded: a bounder, ``LeastBox``, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the boxes that the chart has cut.
+        f: What is bounded: a bounder, ``LeastBox``, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the
+            boxes that the chart has cut.
     """
 
     def __init__(self, f):
@@ -340,8 +342,8 @@ def _halved(
 ) -> tuple[Checked, np.ndarray]:
     """Halve boxes until ``f >= target`` on all that comes from positives, a positive shows that it is not, a box is too small, or time is over.
 
-    Newest boxes come first, so that memory grows with depth, not with the number of boxes. A point with f under the target refutes nothing until the
-    deployed bounder has denied it (``certify``).
+    Newest boxes come first, so that memory grows with depth, not with the number of boxes. A point with f under the
+    target refutes nothing until the deployed bounder has denied it (``certify``).
 
     Args:
         positives: What is known of f, and of where positives are.
@@ -351,10 +353,12 @@ def _halved(
         end: On the clock ``working_seconds``.
         told: Called with the volume that is done.
         most: Boxes after which it is as if time were over.
-        thorough: Go on where f does not reach the target, largest boxes first, to find out in how much of the volume it does.
+        thorough: Go on where f does not reach the target, largest boxes first, to find out in how much of the volume it
+            does.
 
     Returns:
-        What was found, its suspects in the same numbers as the boxes; and ``(S,)``, of which given box each suspect is a part.
+        What was found, its suspects in the same numbers as the boxes; and ``(S,)``, of which given box each suspect is
+        a part.
     """
     waiting, least, lowest_open, boxes, done = [(lower, upper, np.arange(len(lower)))], np.inf, np.inf, 0, 0.0
     nobody = np.zeros(0, dtype=np.int64)
@@ -562,15 +566,17 @@ def proven_share(
 ) -> Share:
     """In how much of its domain a bounder of points is proven to deny nothing of a shape, at the threshold that it has.
 
-    For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f reaches the threshold on all of
-    it, or on all of it that can be object, or where the shape certifies that nothing is there.
+    For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f
+    reaches the threshold on all of it, or on all of it that can be object, or where the shape certifies that nothing is
+    there.
 
     Args:
         bounder: Of points, its parts proven one by one counted alike.
         shape: What it bounds; anything that ``load_indicator`` takes.
         seconds: Time after which what is left counts as not proven.
         boxes: The same of boxes; the result is then the same on every machine.
-        places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than there is time for.
+        places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than
+            there is time for.
         side: Of such a box, as a share of the domain's.
         seed: Of their places.
 

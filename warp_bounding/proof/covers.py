@@ -221,19 +221,19 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
 class RayCover(Cover):
     """Rays that meet an object, as boxes of the chart ``networks.charts.RayChart``, by where a ray first enters the object.
 
-    z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1 there
-    (w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's surface.
-    Of m one entry has no width in each box. Besides, t has none where the ray begins in the object, and else the entry of p
-    across the exposed face.
+    z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1
+    there (w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's
+    surface. Of m one entry has no width in each box. Besides, t has none where the ray begins in the object, and else
+    the entry of p across the exposed face.
 
     Let a ray meet the object. Either its origin lies in the object: these are the boxes with p anywhere in the object,
     t = 0 and every direction. Or it first enters at a point p, and exposed faces with inward directions cover it:
 
-    1. Let A be an occupied cell that holds p, and D a cell that holds the ray just before p: it is empty, or outside the
-       grid. On an axis on which the ray stands still choose D as A is; it holds the ray there, too.
+    1. Let A be an occupied cell that holds p, and D a cell that holds the ray just before p: it is empty, or outside
+       the grid. On an axis on which the ray stands still choose D as A is; it holds the ray there, too.
     2. On an axis on which D and A differ p lies on the face between them, and the ray moves from D towards A.
-    3. Change D into A one axis at a time. All cells on this way hold p. The first step from an empty to an occupied cell
-       crosses a face that holds p, is exposed, and is crossed inwards by the ray.
+    3. Change D into A one axis at a time. All cells on this way hold p. The first step from an empty to an occupied
+       cell crosses a face that holds p, is exposed, and is crossed inwards by the ray.
     """
 
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
@@ -257,9 +257,9 @@ class RayCover(Cover):
         slop = gamma(128, UNIT64) * (limit + 2 * stretch)
         # in the order in which ``RayChart`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
-        # The centres of a box are ``p - t w`` and w. An input's absolute terms are most where the box is a whole face of
-        # the cube, |m| >= 1 and half widths of 1: w its length 1, n - 1 linear parts, a rest of 0.71 (n - 1)^1.5, n - 1
-        # squares of at most 2 each, (n - 1)(n - 2) / 2 products of at most 3.5 each, and n - 1 with t, all times
+        # The centres of a box are ``p - t w`` and w. An input's absolute terms are most where the box is a whole face
+        # of the cube, |m| >= 1 and half widths of 1: w its length 1, n - 1 linear parts, a rest of 0.71 (n - 1)^1.5, n
+        # - 1 squares of at most 2 each, (n - 1)(n - 2) / 2 products of at most 3.5 each, and n - 1 with t, all times
         # ``stretch``; together under 2 n^2. In a they come with t <= 1, and with p.
         size, terms = limit + 2 * stretch, 2 * n * n * stretch
         size, terms = np.concatenate([size, stretch * (1 + 1e-3)]), np.concatenate([size + terms, limit + terms])
@@ -313,9 +313,9 @@ MOST_CELLS = 2.0**30  # cells from the grid's origin to the domain's ends: the c
 class BoxCover(Cover):
     """Boxes that meet an object, as boxes of the chart ``networks.charts.BoxChart``: all pairs of corners.
 
-    A summed-area table says which of them meet the object. Devices cut boxes at ``|v| = limit``, which may lie outside the
-    grid on one side (the domain's centre is a float32 number), or on all (the bounder was made for a larger grid). So
-    corners run over all that is within the limit, in cells of this grid.
+    A summed-area table says which of them meet the object. Devices cut boxes at ``|v| = limit``, which may lie outside
+    the grid on one side (the domain's centre is a float32 number), or on all (the bounder was made for a larger grid).
+    So corners run over all that is within the limit, in cells of this grid.
     """
 
     def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
@@ -364,16 +364,17 @@ FIRST = 4  # boxes along each axis of a cube's face to begin with
 class SupportGap:
     """How far a network's learned support function stays above the object's own, as a function of the normal m; ``minimum`` takes it.
 
-    A plane ``m . y = c`` that meets the object has ``-h(-m) <= c <= h(m)``, h the support function of the object's convex
-    hull (that is necessary; for a connected object it is sufficient too, *Theorem of the separating hyperplane*). With ``f
-    = min(H(m) - c, G(m) + c)`` the least f over all such c is ``min(H(m) - h(m), G(m) - h(-m))``, a function of m alone,
-    and m runs over the faces of a cube, where one entry is 1: boxes of n - 1 dimensions. On a box the network has a linear
-    lower bound ``C + g . (m - m0)``, so that for every corner y of the object ``H - m . y >= C - m0 . y - sum |g - y|_k
-    r_k``.
+    A plane ``m . y = c`` that meets the object has ``-h(-m) <= c <= h(m)``, h the support function of the object's
+    convex hull (that is necessary; for a connected object it is sufficient too, *Theorem of the separating
+    hyperplane*). With ``f = min(H(m) - c, G(m) + c)`` the least f over all such c is ``min(H(m) - h(m), G(m) -
+    h(-m))``, a function of m alone, and m runs over the faces of a cube, where one entry is 1: boxes of n - 1
+    dimensions. On a box the network has a linear lower bound ``C + g . (m - m0)``, so that for every corner y of the
+    object ``H - m . y >= C - m0 . y - sum |g - y|_k r_k``.
 
-    A mesh has no cells: it lies in the hull of its vertices, dilated by its margin, which adds ``|D m|`` to h, D the half
-    axes of the margin's ball. With gradient ``e = D D m0 / |D m0|`` and r the box's half widths, ``|D m| <= |D m0| + e . (m -
-    m0) + |D r|^2 / (2 l)`` where ``|D m| >= l`` on the box, because its second derivative along d is at most ``|D d|^2 / l``.
+    A mesh has no cells: it lies in the hull of its vertices, dilated by its margin, which adds ``|D m|`` to h, D the
+    half axes of the margin's ball. With gradient ``e = D D m0 / |D m0|`` and r the box's half widths, ``|D m| <= |D m0|
+    + e . (m - m0) + |D r|^2 / (2 l)`` where ``|D m| >= l`` on the box, because its second derivative along d is at most
+    ``|D d|^2 / l``.
 
     Args:
         bounder: An ``mlp`` of plane queries.

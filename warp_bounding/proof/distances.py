@@ -1,11 +1,12 @@
 """By how much does F exceed the distance? The proof of a distance: ``threshold <= L - E``, where ``d - F >= L`` on the whole domain.
 
-Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else boxes of the domain are halved until
-the shape's tangents tell (``Shape.excess``). F is known in a box by numbers at its corners (``DistanceBounder.corners``), and the shape compares them
-with the tangents of the distances to all of its convex pieces at once: two trees, one of space and one of the object. So slopes cancel, and a box may
-be as large as F and the distance are nearly linear in it. It is its longest side that is halved: halved where F's own bound suffers most, boxes become
-needles along which the distance bends, that no halving elsewhere mends (a bunny was proven to three times the excess it has, a moving ellipsoid with
-twice the boxes).
+Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else boxes
+of the domain are halved until the shape's tangents tell (``Shape.excess``). F is known in a box by numbers at its
+corners (``DistanceBounder.corners``), and the shape compares them with the tangents of the distances to all of its
+convex pieces at once: two trees, one of space and one of the object. So slopes cancel, and a box may be as large as F
+and the distance are nearly linear in it. It is its longest side that is halved: halved where F's own bound suffers
+most, boxes become needles along which the distance bends, that no halving elsewhere mends (a bunny was proven to three
+times the excess it has, a moving ellipsoid with twice the boxes).
 """
 
 import hashlib
@@ -60,7 +61,8 @@ class Bars:
         fixed: Never raise them.
 
     Attributes:
-        raised: Where F exceeds the distance by more than what had been met in the part, ``(K, n)`` arrays, local coordinates.
+        raised: Where F exceeds the distance by more than what had been met in the part, ``(K, n)`` arrays, local
+            coordinates.
     """
 
     def __init__(self, met: np.ndarray, above: float, parts: np.ndarray, *, fixed: bool = False):
@@ -135,9 +137,9 @@ class Left(NamedTuple):
 class Checkpoint:
     """What a search has still to do, in a file, which is read at the beginning, written now and then, and removed at the end.
 
-    Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be proven. It
-    names the bounder's numbers, the shape with its margin, some of its distances and the library's version, and holds a
-    SHA-256 of its content; a file that says anything else is refused, and kept as it is.
+    Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be
+    proven. It names the bounder's numbers, the shape with its margin, some of its distances and the library's version,
+    and holds a SHA-256 of its content; a file that says anything else is refused, and kept as it is.
     """
 
     def __init__(self, path: str | os.PathLike, bounder: DistanceBounder, shape: Shape):
@@ -276,16 +278,19 @@ def excesses(
         shape: The object.
         lower: ``(N, n)`` float64, local coordinates.
         upper: ``(N, n)`` float64.
-        tolerance: Of each box, or of all, or bars that rise: an excess up to this is good enough, the box is not halved. Local units.
+        tolerance: Of each box, or of all, or bars that rise: an excess up to this is good enough, the box is not
+            halved. Local units.
         halvings: How often a box is halved at most.
         least: Excesses under it are not told apart.
         seconds: Time; when it is over, boxes count with what is known of them.
         most: Boxes that are looked at; when there are more, it is as if time were over.
-        held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends the search.
+        held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends
+            the search.
         progress: Called with how much of the boxes' volume is done, in parts of ``PARTS``.
 
     Returns:
-        ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for all.
+        ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for
+        all.
 
     Raises:
         BounderError: If the shape has no distance.
@@ -382,8 +387,8 @@ def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tu
         seconds: Time; when it is over the bound is what is known by then.
 
     Returns:
-        The excesses ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points in object space where samples
-        have the largest excesses.
+        The excesses ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points in
+        object space where samples have the largest excesses.
     """
     v, sampled, worst = _sampled(bounder, shape)
     parts, met = bounder.part_of(v), np.zeros(bounder.part_count)
@@ -438,9 +443,10 @@ def _refined(
 ) -> tuple[np.ndarray, int, bool]:
     """The least excesses of the parts that searches prove in some time; ``met`` is what samples have, ``weight`` what a part counts.
 
-    What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end. Boxes are in number as
-    ``eps^(-n/2)``, with eps what is proven above ``met``, since a linear function's error goes with the square of a side. Of many parts the last search
-    takes one group after another, those first that count most, and what it leaves undone stays as it was.
+    What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end.
+    Boxes are in number as ``eps^(-n/2)``, with eps what is proven above ``met``, since a linear function's error goes
+    with the square of a side. Of many parts the last search takes one group after another, those first that count most,
+    and what it leaves undone stays as it was.
     """
     end, eps, boxes = working_seconds() + seconds, COARSEST, 0
     best, complete = np.full(len(met), np.inf), True
@@ -481,8 +487,8 @@ def _searched(
 ) -> tuple[np.ndarray, int, bool]:
     """The largest excesses ``(parts,)``, one up to ``eps`` above the part's ``met`` as this; how many boxes were looked at, and whether there was time.
 
-    ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found: by other boxes, which begin with
-    thirds; its bars do not rise. The rest is for ``excesses``.
+    ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found:
+    by other boxes, which begin with thirds; its bars do not rise. The rest is for ``excesses``.
     """
     least = float(met.min()) + eps
     told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds}
@@ -558,7 +564,8 @@ def prove_distance(
         seconds: Time for a search.
 
     Raises:
-        BounderError: If the bounder was made for another object, its volume is not proven, or there is no finite lower bound.
+        BounderError: If the bounder was made for another object, its volume is not proven, or there is no finite lower
+            bound.
     """
     if reason := mismatch(bounder, shape):
         raise BounderError(f"{bounder.method}: {reason}")

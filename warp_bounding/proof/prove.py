@@ -1,7 +1,7 @@
 """From a bounder and a shape to a proven threshold.
 
-``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that meets the object
-(``least_value``), and sets ``threshold <= minimum - E``.
+``prove`` finds the least value of ``f`` over P_delta, every float32 input that the pipeline can make of a query that
+meets the object (``least_value``), and sets ``threshold <= minimum - E``.
 """
 
 from collections.abc import Callable, Iterator
@@ -62,10 +62,11 @@ def least_value(
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
     That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
-    what the shape certifies to be empty (``search.ShapePositives``), for points and for a monotone network's boxes; convex volumes,
-    of points or of regions that are tested against them, and planes need its convex hull alone, where that is known. Points, rays and boxes of a network are searched depth first
-    in the numbers of a chart (``charted``). Where there is no chart the search is best first: planes over their normals,
-    a monotone network's boxes over the object's points (``covers``).
+    what the shape certifies to be empty (``search.ShapePositives``), for points and for a monotone network's boxes;
+    convex volumes, of points or of regions that are tested against them, and planes need its convex hull alone, where
+    that is known. Points, rays and boxes of a network are searched depth first in the numbers of a chart (``charted``).
+    Where there is no chart the search is best first: planes over their normals, a monotone network's boxes over the
+    object's points (``covers``).
     """
     started = working_seconds()
     limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
@@ -193,8 +194,9 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
 
 CELLS, MOST_CELLS = 2.0**21, 2.0**26  # about how many cells are laid in the box around a shape, and at most
 MOST_RESOLUTION = 1024
-# Regions of a shape: cells along the longest side, as shares of the usual number; the share of the limits that the search
-# of each may take; how many times as long as the one before it one of finer cells takes, and one of the shape itself.
+# Regions of a shape: cells along the longest side, as shares of the usual number; the share of the limits that the
+# search of each may take; how many times as long as the one before it one of finer cells takes, and one of the shape
+# itself.
 CELL_SHARES, FIRST_SHARE, FINER_TIMES, SHAPE_TIMES = (1.0, 2.0, 3.0), 0.7, 2.5, 8.0
 
 _CELLS: WeakKeyDictionary[Shape, dict[int, IndicatorGrid]] = WeakKeyDictionary()
@@ -213,10 +215,10 @@ def coarse_cells(shape: Shape, share: float = 1.0) -> IndicatorGrid:
 class ShapeRegions:
     """P_delta of a shape for rays or boxes of a network, as boxes of a chart's numbers z: coarse cells first, the shape itself where they fail.
 
-    Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is too
-    low in a box, the shape is asked whether the regions in it can meet it at all (``Cover.reach``), and the box is dropped
-    where it certifies that they cannot. So cells are refined, without being laid, where the network would fail on them and
-    only there.
+    Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is
+    too low in a box, the shape is asked whether the regions in it can meet it at all (``Cover.reach``), and the box is
+    dropped where it certifies that they cannot. So cells are refined, without being laid, where the network would fail
+    on them and only there.
 
     Args:
         bounder: Its f is bounded.
@@ -294,8 +296,8 @@ def least_region(
 ) -> Search:
     """``least_value`` of rays or boxes of a shape without cells, which knows a positive with f of ``known``.
 
-    A bound over cells that hold the shape holds for the shape. Coarse cells come first, then finer ones as long as time is
-    expected to suffice, and at last the shape itself. ``needed`` of the result is about the first cells alone.
+    A bound over cells that hold the shape holds for the shape. Coarse cells come first, then finer ones as long as time
+    is expected to suffice, and at last the shape itself. ``needed`` of the result is about the first cells alone.
     """
     started, cover_of, best = working_seconds(), COVERS[bounder.query_kind].charted, None
 
@@ -433,7 +435,8 @@ def at_least(
         BounderError: If the thresholds are beyond what levels can tell.
     """
     bounder, some = _finest(member, lattice, least, values, place), np.isfinite(least)
-    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no time.
+    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no
+    # time.
     return bounder, float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
 
 
@@ -512,8 +515,9 @@ def least_by_part(
 ) -> tuple[np.ndarray, np.ndarray, Search]:
     """Certified least f of the positives of each part, for rays and boxes: each part is a search of its own.
 
-    The chart of a part (``networks.charts.PartChart``) holds the positives whose coordinates v lie in it. A part's search that
-    runs out of time is loose in that part only; and no part is looser than the whole domain, which is searched first.
+    The chart of a part (``networks.charts.PartChart``) holds the positives whose coordinates v lie in it. A part's
+    search that runs out of time is loose in that part only; and no part is looser than the whole domain, which is
+    searched first.
 
     Args:
         member: The network.
@@ -540,7 +544,8 @@ def least_by_part(
     np.minimum.at(found, lattice.place(whole.worst), member.reference(whole.worst))
     least, own = np.full(lattice.count, np.inf), dict(meeting(divided(cover, PARTED, "cpu"), lattice))
     least[list(own)] = whole.lower_bound
-    # What each part may deny beyond the whole domain's threshold; where none of its negatives is, nothing is to be proven.
+    # What each part may deny beyond the whole domain's threshold; where none of its negatives is, nothing is to be
+    # proven.
     by_part = {part: np.sort(f[(place == part) & (f >= whole.lower_bound) & (f < found[part])]) for part in own}
     order = sorted((part for part in own if len(by_part[part])), key=lambda part: -len(by_part[part]))
     weights = np.sqrt([len(by_part[part]) for part in order])

@@ -1,27 +1,32 @@
 """Branch and bound: the least value of a bounder's ``f`` over boxes, certified from below.
 
-Every box gets a certified lower bound of f (``Bounder.bound``) and a few concrete points. A box whose bound is high enough is closed, the others are
-halved. What is returned is sound whenever the search ends: the least bound over all closed *and* open boxes.
+Every box gets a certified lower bound of f (``Bounder.bound``) and a few concrete points. A box whose bound is high
+enough is closed, the others are halved. What is returned is sound whenever the search ends: the least bound over all
+closed *and* open boxes.
 
-*Best first* (``minimum``), on the host: a box is closed where its bound is not more than ``eps`` under the least value found. Boxes wait in chunks, and
-the chunk whose boxes matter most comes first, those with the largest gap where nothing else is said, so that a search that is stopped early has raised
-its bound as far as it could. When many wait, those are closed as they are that will not matter by the end, as far as that can be told, and when too
-many do, the half that matters least: memory stays bounded, and the search goes on where it counts, but it can no longer end with the gap that was
-asked for.
+*Best first* (``minimum``), on the host: a box is closed where its bound is not more than ``eps`` under the least value
+found. Boxes wait in chunks, and the chunk whose boxes matter most comes first, those with the largest gap where nothing
+else is said, so that a search that is stopped early has raised its bound as far as it could. When many wait, those are
+closed as they are that will not matter by the end, as far as that can be told, and when too many do, the half that
+matters least: memory stays bounded, and the search goes on where it counts, but it can no longer end with the gap that
+was asked for.
 
-*A shape without cells* (``ShapePositives``): the search begins with the whole domain. Where the bound of f is too low in a box, the shape is asked
-whether the box is vacant: whether no v in it can come from a point of the object, with everything that the pipeline rounds. Vacant boxes are dropped,
-the others halved. So the shape is asked only where the bounder says *no*, or nearly so, and most of the domain is never refined. A shape that knows
-half-spaces of its part in a box (``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``bound_in_half_spaces``). A box
-that has become ``NARROWEST`` on every axis counts as object.
+*A shape without cells* (``ShapePositives``): the search begins with the whole domain. Where the bound of f is too low
+in a box, the shape is asked whether the box is vacant: whether no v in it can come from a point of the object, with
+everything that the pipeline rounds. Vacant boxes are dropped, the others halved. So the shape is asked only where the
+bounder says *no*, or nearly so, and most of the domain is never refined. A shape that knows half-spaces of its part in
+a box (``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``bound_in_half_spaces``).
+A box that has become ``NARROWEST`` on every axis counts as object.
 
-*Depth first* (``charted_minimum``), in a kernel, over boxes of a chart's numbers: it proves ``f >= target``, or the highest target that time allows. A
-box is closed when its bound reaches the target (``CLOSE_ALL``, minus infinity, is reached by any), or because it is too narrow to be halved; it is
-never opened again. The target is proven when no box waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the
-target alone, not on the order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all in order, and needs no
-memory. The initial boxes come in random order, so that the share of them that is done tells early what the rest will take. A search for the minimum
-goes for the best target; where that is expected to take too long, it goes on with a lower one. No target above the least bound of a closed box can be
-proven any more, so it is lowered to that bound too (``Pace.reach``), which is what is proven in the end.
+*Depth first* (``charted_minimum``), in a kernel, over boxes of a chart's numbers: it proves ``f >= target``, or the
+highest target that time allows. A box is closed when its bound reaches the target (``CLOSE_ALL``, minus infinity, is
+reached by any), or because it is too narrow to be halved; it is never opened again. The target is proven when no box
+waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the target alone, not on the
+order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all in order, and
+needs no memory. The initial boxes come in random order, so that the share of them that is done tells early what the
+rest will take. A search for the minimum goes for the best target; where that is expected to take too long, it goes on
+with a lower one. No target above the least bound of a closed box can be proven any more, so it is lowered to that bound
+too (``Pace.reach``), which is what is proven in the end.
 """
 
 import re
@@ -59,7 +64,8 @@ from warp_bounding.runtime.native import named, unique_name
 CHUNK = 32768  # boxes that are bounded at a time
 MANY, TOO_MANY = 5_000_000, 15_000_000  # boxes that wait (a million takes about 0.1 GB in 4D)
 AGAIN = 1.2  # times as many as after the last time: when boxes are looked through again
-# The gap falls with the boxes bounded, to this power, about; those that wait and cost less than a share of what that leaves are closed.
+# The gap falls with the boxes bounded, to this power, about; those that wait and cost less than a share of what that
+# leaves are closed.
 FALLS, SHARE = 0.6, 0.5
 QUARTER = 1.7  # a box whose bound is too loose by more than this factor is quartered at once
 NEAR = 16.0  # gaps above the least value found: positives of a shape under it are kept as samples
@@ -130,8 +136,8 @@ def minimum(
         groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
         group_of: The groups of ``points``; needed where there are groups.
         group_count: How many groups there are, those without a box among them.
-        price: What it costs that a group's minimum is known to be no less than a bound: called with bounds ``(K,)`` and their groups, it
-            grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
+        price: What it costs that a group's minimum is known to be no less than a bound: called with bounds ``(K,)`` and
+            their groups, it grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
 
     Returns:
         The result; sound also where it is not complete.
@@ -389,7 +395,8 @@ LONGEST_TO_SPLIT = 8.0
 class ShapePositives:
     """Boxes that hold all positives of a shape of points, and what the shape knows of these: P_delta, by what it certifies to be absent.
 
-    ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` is the same of regions, in other numbers of which v follows.
+    ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` is the same of regions, in other numbers of which v
+    follows.
 
     Args:
         bounder: Its f is bounded; it is tested as a point of the object's space, or a ``LeastBox``.
@@ -459,11 +466,12 @@ SMALLEST = 1e-8  # in the chart's numbers: a box no wider than this is closed, s
 KEPT = 8  # low points that a block returns
 
 
-# A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them, closes those whose bound reaches the
-# target and halves the others, until the stack is empty or full, the block has bounded as many boxes as it may, or a positive lies under the target. What
-# is then left on the stack waits for the next launch. If the target is -infinity, all boxes are bounded once and closed, however many there are, and a
-# bound that is NaN counts as -infinity. A box that is too narrow to be halved is closed, too: the least bound of a closed box then lies below the target.
-# BODY bounds the boxes of all lanes, SPLIT sets where one is halved.
+# A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them,
+# closes those whose bound reaches the target and halves the others, until the stack is empty or full, the block has
+# bounded as many boxes as it may, or a positive lies under the target. What is then left on the stack waits for the
+# next launch. If the target is -infinity, all boxes are bounded once and closed, however many there are, and a bound
+# that is NaN counts as -infinity. A box that is too narrow to be halved is closed, too: the least bound of a closed box
+# then lies below the target. BODY bounds the boxes of all lanes, SPLIT sets where one is halved.
 _SEARCH = """
 double* stack = stacks.data + (long long)block * (STACK * ROW);
 double* kept_value = low_value.data + block * KEPT; double* kept_point = low_point.data + (long long)block * (KEPT * BOX);
@@ -561,8 +569,8 @@ def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
 # --- pace ------------------------------------------------------------------------------------------------------------
 
 
-# The work is taken to grow like (1 / gap)^STEEPNESS until two gaps have been measured, whose exponent is then used, within
-# these bounds.
+# The work is taken to grow like (1 / gap)^STEEPNESS until two gaps have been measured, whose exponent is then used,
+# within these bounds.
 STEEPNESS = 0.2
 FLATTEST, STEEPEST = 0.15, 0.7
 END = 0.93  # used fraction of the limits at which a search should be done: the last boxes take longer than the others

@@ -11,9 +11,11 @@ four products and sums of 2^-52 each; and proofs hold for the object dilated by 
 map, which is at least a hundred times as much. Clipping errs outwards by ``INSIDE``, which is more than the rounding of
 t times w. Segments that lie farther out are not cleared.
 
-Of joints, a segment is one of configurations that are not turned back: it may turn a joint many times. It is cut where a continuous joint has made half a turn more, and each
-piece is asked about in the turn around 0, a little wider than one (``joints.WIDER``), so that it does not matter what the place of a cut rounds. What the piece itself is
-off by, ``PIECE`` of the largest coordinate, counts as above: far less than delta. A segment that goes beyond a limit is not cleared.
+Of joints, a segment is one of configurations that are not turned back: it may turn a joint many times. It is cut where
+a continuous joint has made half a turn more, and each piece is asked about in the turn around 0, a little wider than
+one (``joints.WIDER``), so that it does not matter what the place of a cut rounds. What the piece itself is off by,
+``PIECE`` of the largest coordinate, counts as above: far less than delta. A segment that goes beyond a limit is not
+cleared.
 """
 
 import numpy as np
@@ -50,14 +52,14 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """Which segments are proven to meet the object nowhere.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them in a cascade or a union, a
-            volume of points that has a distance (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the
-            answer. Of a shape that moves segments are of time and space.
-        starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not turned back: from 3 to 4 is
-            another way than from 3 to 4 - 2 pi.
+        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them in a
+            cascade or a union, a volume of points that has a distance (``DISTANCES``), or a distance bounder, proven or
+            not; if it is proven, so is the answer. Of a shape that moves segments are of time and space.
+        starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not
+            turned back: from 3 to 4 is another way than from 3 to 4 - 2 pi.
         ends: ``(N, n)``, object space.
-        depth: How often a piece is halved at most, or the logarithm of the steps of a march; a larger depth clears more segments
-            that pass close to the object.
+        depth: How often a piece is halved at most, or the logarithm of the steps of a march; a larger depth clears more
+            segments that pass close to the object.
 
     Returns:
         ``(N,)`` bool: True if no point of the closed segment lies in the object, of one that moves at the point's time.

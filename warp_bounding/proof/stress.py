@@ -2,19 +2,22 @@
 
 All three put certain positives to the deployed kernels. None of them proves anything.
 
-*Statistical test* (``attest``). With N independent positives of a stated distribution and none denied, the rate of false negatives *under that
-distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and Pearson 1934), about 3/N at 95 %. (Half of the positives come
-from each of two proposals, which only strengthens this, by the inequality of the means.) The threshold is frozen first, by a search that earns no
-confidence, and the rule that ends the count, a number or a time, must not depend on the answers. A failure lowers the threshold, and the count begins
-anew. With enough attempts any bounder passes in the end; so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all of them together no more than alpha.
-Whoever made the bounder must not know the positives: to check one, take a ``fresh_seed``.
+*Statistical test* (``attest``). With N independent positives of a stated distribution and none denied, the rate of
+false negatives *under that distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and
+Pearson 1934), about 3/N at 95 %. (Half of the positives come from each of two proposals, which only strengthens this,
+by the inequality of the means.) The threshold is frozen first, by a search that earns no confidence, and the rule that
+ends the count, a number or a time, must not depend on the answers. A failure lowers the threshold, and the count begins
+anew. With enough attempts any bounder passes in the end; so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all of
+them together no more than alpha. Whoever made the bounder must not know the positives: to check one, take a
+``fresh_seed``.
 
-*Adversarial search* (``Walk``). From positives a population walks down f by random steps. The exact oracle checks every query, and the deployed kernel
-computes its f, so a query that is found with f below a threshold is a false negative at that threshold.
+*Adversarial search* (``Walk``). From positives a population walks down f by random steps. The exact oracle checks every
+query, and the deployed kernel computes its f, so a query that is found with f below a threshold is a false negative at
+that threshold.
 
-*Stress test* (``soak``). Hard positives by the hundred million contradict proofs, kernels, compilers and machines. They are certain by construction:
-``HardStream`` for points and regions, ``DistancePositives`` for distances. Chunk k of a stream depends on the seed and k alone, so that a test can be
-stopped, resumed and repeated.
+*Stress test* (``soak``). Hard positives by the hundred million contradict proofs, kernels, compilers and machines. They
+are certain by construction: ``HardStream`` for points and regions, ``DistancePositives`` for distances. Chunk k of a
+stream depends on the seed and k alone, so that a test can be stopped, resumed and repeated.
 """
 
 import contextlib
@@ -329,9 +332,10 @@ def random_world(shape: Shape, rng: np.random.Generator, gentle: int = 0) -> tup
 class DistancePositives:
     """Hard positives of a distance: balls, segments, rays, swept balls and boxes that barely touch the object.
 
-    Each is certain, from certified points p of the object and certified upper bounds of distances, in float64 with a margin for its rounding; one that
-    is answered with *no*, or a time of contact behind one that is known, is a false negative. Of a shape that moves, p is a point of time and space:
-    balls are asked at its time, and segments pass it then.
+    Each is certain, from certified points p of the object and certified upper bounds of distances, in float64 with a
+    margin for its rounding; one that is answered with *no*, or a time of contact behind one that is known, is a false
+    negative. Of a shape that moves, p is a point of time and space: balls are asked at its time, and segments pass it
+    then.
 
     Args:
         bounder: Who is asked.
@@ -432,7 +436,8 @@ def _up(x: np.ndarray) -> np.ndarray:
 def _passing(a: np.ndarray, w: np.ndarray, p: np.ndarray, speed: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """When ``a + t w`` passes p nearest, and a radius that reaches p then; the time is not before that, up to rounding.
 
-    With a speed coordinate 0 is time: then where a point is at p's time, or where it passes p nearest if its time stands still.
+    With a speed coordinate 0 is time: then where a point is at p's time, or where it passes p nearest if its time
+    stands still.
     """
     space = slice(int(speed is not None), None)
     square = (w[:, space] ** 2).sum(axis=1)
@@ -462,7 +467,8 @@ class Soak:
         wanted: Positives that were to be asked.
         done: Positives asked in whole chunks; the chunk with a missed one is not among them.
         chunks: Whole chunks of the stream that are done.
-        forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays, boxes.
+        forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays,
+            boxes.
         seconds: Time taken, earlier parts of a resumed test included.
         missed: The first query that was answered with no, as given to the bounder, or ``None``.
         missed_form: The form of that query.
@@ -549,7 +555,8 @@ def soak(
         What was done. Ctrl-C ends the test, and the result says so.
 
     Raises:
-        QueryError: For a shape that the bounder's claim cannot be about, as one of another dimension, or a count or seed out of range.
+        QueryError: For a shape that the bounder's claim cannot be about, as one of another dimension, or a count or
+            seed out of range.
         FileFormatError: If the state cannot be read or written, or belongs to another bounder, shape or seed.
     """
     for name, value, least, most in (("count", count, 1, 2**62), ("seed", 0 if seed is None else seed, 0, MOST_SEED)):

@@ -68,14 +68,14 @@ class Query(ABC):
 
     Attributes:
         name: What users call it.
-        is_region: It is a set of many points of space, given by 2n numbers: a bounder tests the set, not its numbers as one
-            point. A point query is not.
+        is_region: It is a set of many points of space, given by 2n numbers: a bounder tests the set, not its numbers as
+            one point. A point query is not.
         has_length: Its queries share a length, which is an option: rays.
         every: In words, all queries of the kind; ``{length}`` stands for the length.
         hard_positives: In words, the half of ``draw_positives`` that is drawn to be missed.
         oracle_body: C text of the exact truth (``exact.loop_snippet``).
-        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``registry.SampledOracle``), by its paper's
-            recipe.
+        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``registry.SampledOracle``), by
+            its paper's recipe.
         hard_draw: C text of a hard positive (``hard``): from a point ``p`` of the object to a query's numbers ``a[N]``
             and ``b[N]``.
         hard_to_world: C text from these to the numbers ``q`` of the query in the world.

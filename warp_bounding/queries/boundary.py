@@ -22,7 +22,8 @@ FEWEST = 1024  # points around the shape that are drawn at least
 NEAR_SHARE = 0.75  # of the pairs: one end is the nearest known point of the object, of FEW
 FEW = 16_384
 OUTLINE = 16_384  # points of the border that stand for a shape where a volume is fitted to it
-# Of pairs: these are put on an end of the object's box along an axis at which the object is cut off, as a motion is at the ends of its time.
+# Of pairs: these are put on an end of the object's box along an axis at which the object is cut off, as a motion is at
+# the ends of its time.
 ENDS_SHARE, TRIED = 0.1, 4.0  # and how many times as many pairs are tried
 ASKED, CUT = 512, 1 / 16  # points that are asked whether it is, and the share of them that must be in the object there
 STEPS = 48  # bisections at most; no pair is further apart than 2^28 NEAREST

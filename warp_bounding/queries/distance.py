@@ -1,7 +1,7 @@
 """Distance queries: n numbers, the coordinates of a point in object space. How far is the object, at least?
 
-It is no kind of query with a yes or no (``QUERIES``), so there is no oracle of it: the truth is what shapes tell (``Shape.distances``),
-and a radius makes a yes or no of it.
+It is no kind of query with a yes or no (``QUERIES``), so there is no oracle of it: the truth is what shapes tell
+(``Shape.distances``), and a radius makes a yes or no of it.
 """
 
 from dataclasses import dataclass, replace
@@ -128,11 +128,12 @@ class DistanceDomain:
 
         Args:
             shape: The object.
-            room: Of the longest side: by how much the domain reaches beyond the object on every side. Methods that are asked in the
-                domain only are tighter around the object with some.
+            room: Of the longest side: by how much the domain reaches beyond the object on every side. Methods that are
+                asked in the domain only are tighter around the object with some.
 
         Raises:
-            IndicatorError: If the shape is too large, too small or too far away for float32, or moves by no speed that is known.
+            IndicatorError: If the shape is too large, too small or too far away for float32, or moves by no speed that
+                is known.
         """
         if not shape.time:
             return cls.around(*object_box(shape), room, shape.name)

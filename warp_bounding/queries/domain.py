@@ -10,7 +10,8 @@ of this map needs (a 4096th of a cell), so that the rounding of a placement, giv
 ``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
 Where the object is unbounded (``Complement``) the answer outside is *maybe* on every axis, and proofs run over
-all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is mapped (``joints``).
+all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is
+mapped (``joints``).
 """
 
 from dataclasses import dataclass
@@ -33,8 +34,8 @@ PLACED, TURNED = 4.0, 1.0 + 2.0**-4
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
 LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie between; all methods' rounding counts on it
-# Leaves room, 2^-44 of the largest coordinate, for the float64 rounding of cells' positions far from the origin, and of the difference
-# between a query and a frame's origin (2^-53 of it).
+# Leaves room, 2^-44 of the largest coordinate, for the float64 rounding of cells' positions far from the origin, and of
+# the difference between a query and a frame's origin (2^-53 of it).
 POSITIONS_ROUNDING = 1.0 + 2.0**-20
 DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
@@ -82,8 +83,9 @@ class Domain:
             least_delta: ``(n,)``, units of ``v``: ``delta`` is at least this.
 
         Raises:
-            IndicatorError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``; the input error
-                would exceed a 16th of one), or the shape is too large or too small for float32 arithmetic.
+            IndicatorError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``;
+                the input error would exceed a 16th of one), or the shape is too large or too small for float32
+                arithmetic.
         """
         lower, upper = shape.frame
         if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():

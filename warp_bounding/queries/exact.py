@@ -45,8 +45,9 @@ struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi:
 def loop_snippet(ndim: int, body: str, columns: int) -> str:
     """Native source: ``body`` for every query of a block on a CPU, for one query on CUDA.
 
-    The body is given ``q``, M finite floats, the dimension N and ``rho`` (``RELATIVE_ERROR``). It sets ``answer``, which
-    is 0 at first, to 1 (the query meets the object) or 2 (too close to say), and may end the query with ``break``.
+    The body is given ``q``, M finite floats, the dimension N and ``rho`` (``RELATIVE_ERROR``). It sets ``answer``,
+    which is 0 at first, to 1 (the query meets the object) or 2 (too close to say), and may end the query with
+    ``break``.
     """
     return f"""
 constexpr int N = {ndim}, M = {columns};

@@ -9,7 +9,8 @@ decided), and what is left goes to integers on the host. Many small components a
 
 Planes: ``v = (m, c)``, all y with ``m . y = c``; the entry of m that is largest in absolute value is exactly 1.
 
-That is n + 1 numbers in local space. The normals m lie on the faces of a cube, and each plane has one pair (m, c), not two.
+That is n + 1 numbers in local space. The normals m lie on the faces of a cube, and each plane has one pair (m, c), not
+two.
 """
 
 from fractions import Fraction

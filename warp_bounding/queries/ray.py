@@ -251,8 +251,8 @@ sure &= begin_ <= end_;
         cells = (grid.occupied if cells is None else cells).astype(object)
         for index in np.flatnonzero(truth):
             d = [Fraction(float(v)) for v in q[index, n:]]
-            # With t the origin in cells and c its velocity: origin = t origin_unit, half = origin_unit / 2 and velocity =
-            # c velocity_unit are integers. The face at f is met at u = (f - t) / c, the integer start or end times
+            # With t the origin in cells and c its velocity: origin = t origin_unit, half = origin_unit / 2 and velocity
+            # = c velocity_unit are integers. The face at f is met at u = (f - t) / c, the integer start or end times
             # velocity_unit / (common origin_unit).
             origin, origin_unit = integers([*rational_map(grid, q[index, :n]), Fraction(1, 2)])
             half = origin.pop()

@@ -83,8 +83,8 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
         query: Kind of query.
         n: Dimension of the indicator.
         free: Queries outside the domain on one of the first so many axes are answered with maybe: 1 where coordinate 0
-            is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and maybe
-            one that only just reaches into it.
+            is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and
+            maybe one that only just reaches into it.
         placed: ``q`` are in the world, and the text may change them.
         joints: ``q`` are values of joints, with their numbers at ``extra``; points only.
     """

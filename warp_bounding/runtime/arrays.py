@@ -275,7 +275,8 @@ def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
 class Picklable:
     """Pickles, and copies by ``copy.deepcopy``, without what it caches (``functools.cached_property``), which is made anew when it is needed.
 
-    A copy has arrays of its own, read-only, because a proof is about their numbers. ``copy.copy`` shares arrays and caches.
+    A copy has arrays of its own, read-only, because a proof is about their numbers. ``copy.copy`` shares arrays and
+    caches.
     """
 
     def __getstate__(self) -> dict[str, Any]:

@@ -3,7 +3,8 @@
 Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread,
 where launches are recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch
 never waits for a thread that has not woken: the caller then does everything itself. What a kernel's block took the last
-time tells whether waking anybody pays. (A ``ThreadPoolExecutor`` in their place makes batches of 0.3 ms a tenth slower.)
+time tells whether waking anybody pays. (A ``ThreadPoolExecutor`` in their place makes batches of 0.3 ms a tenth
+slower.)
 
 A *block* is what one item of a CPU launch (one ``wp.tid()``) handles; *threads* are those of the operating system.
 
@@ -96,8 +97,8 @@ def working_seconds() -> float:
 def limited(seconds: float) -> Iterator[None]:
     """Work of this thread that may take so many ``working_seconds``, for what has no limit of its own, such as proofs of closed forms.
 
-    It ends at its first look at that clock, or its first launch of a kernel for one use, after this time. A limit within another one ends no
-    later than that.
+    It ends at its first look at that clock, or its first launch of a kernel for one use, after this time. A limit
+    within another one ends no later than that.
 
     Raises:
         OutOfTimeError: Where the work did not end in time; what it was making is lost.
@@ -181,12 +182,13 @@ def _serve(jobs: SimpleQueue) -> None:
 def run_shares(shares: Sequence[Callable[[], None]]) -> None:
     """Do all shares, on as many threads, which sleep in between, and return when they have ended.
 
-    That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's handler may
-    raise between any two steps, when a share has been taken and not begun, or news taken and not looked at. So nothing
-    is counted on that the interrupted thread has done: it looks anew who is at work.
+    That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's handler
+    may raise between any two steps, when a share has been taken and not begun, or news taken and not looked at. So
+    nothing is counted on that the interrupted thread has done: it looks anew who is at work.
 
     Raises:
-        BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been done.
+        BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been
+            done.
     """
     job = _Job(shares)
     try:

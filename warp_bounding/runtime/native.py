@@ -1,7 +1,7 @@
 """Warp's decorators for functions and kernels that a factory makes around native source, one for each size.
 
-Large kernels ask for two dimensions, ``i, _ = wp.tid()``, of which the second is 1: of those that ask for one Warp compiles a second copy,
-for arrays without gaps, which takes as long again.
+Large kernels ask for two dimensions, ``i, _ = wp.tid()``, of which the second is 1: of those that ask for one Warp
+compiles a second copy, for arrays without gaps, which takes as long again.
 """
 
 import hashlib
@@ -40,8 +40,8 @@ def literal(value: float) -> str:
     return f"{float(value).hex()}f"
 
 
-# LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms, motions and
-# blend shapes are slower, and keep Warp's.
+# LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms,
+# motions and blend shapes are slower, and keep Warp's.
 INLINING = "-mllvm=-inline-threshold=225 -mllvm=-inline-cold-callsite-threshold=45"
 
 

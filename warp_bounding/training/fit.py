@@ -47,8 +47,8 @@ COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and 
 PROOF_SECONDS = 8e-6  # per occupied cell, measured: what training leaves for a proof that is one pass over the cells
 # Of a proof without cells where nothing was trained: the gap of f, in local units, and the boxes after which it ends.
 SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
-# Cells along the longest side of a 3D shape for rays, planes and boxes, where none are asked for. Networks of the bunny fitted
-# in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
+# Cells along the longest side of a 3D shape for rays, planes and boxes, where none are asked for. Networks of the bunny
+# fitted in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
 REGION_NDIM, REGION_RESOLUTION = 3, 128
 PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
 LEAST_SHARE = 0.05  # of the budget: what a part gets at least, however long the parts before it took
@@ -78,10 +78,10 @@ def fit(
     statistical, and says so.
 
     Args:
-        shape: What ``load_indicator`` returns, or anything that it takes. Of a mesh that is not closed only the surface is
-            bounded, and its margin, which raises a ``BoundingWarning``.
-        query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder`` of the shape, whose
-            distances are never too large.
+        shape: What ``load_indicator`` returns, or anything that it takes. Of a mesh that is not closed only the surface
+            is bounded, and its margin, which raises a ``BoundingWarning``.
+        query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder``
+            of the shape, whose distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
@@ -90,32 +90,33 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for regions of an ``mlp`` with ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else
-            ``None`` is the mesh itself. Grids bring their own.
+        resolution: Cells along a mesh's longest axis, where cells are laid: for regions of an ``mlp`` with
+            ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else ``None`` is the
+            mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
-        side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and *maybe*
-            that it may not be; the bounder holds the shape's complement, and the proof is about that. For points, and of
-            methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
+        side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and
+            *maybe* that it may not be; the bounder holds the shape's complement, and the proof is about that. For
+            points, and of methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
         queries: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What learns
-            (networks by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives elsewhere
-            where it can; of planes their normals count. Every proof is about all queries all the same. Thousands of them
-            should do; of more than a million some are taken.
+            (networks by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives
+            elsewhere where it can; of planes their normals count. Every proof is about all queries all the same.
+            Thousands of them should do; of more than a million some are taken.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends training; the best network so far is then proven.
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
-            memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its K angles.
-            ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place of sin.
-            ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
-            ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``.
-            ``thresholds``: of an mlp of points, rays or boxes: about how many parts of the domain, each with a threshold.
-            ``certificate``: of an mlp of points, ``"statistical"`` for a threshold that samples attest, where a proof in many
-            dimensions leaves nothing; ``proven_share`` then tells how much of it is proven all the same.
-            ``metric``: of a distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate.
-            ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh.
-            ``steps``: training steps instead of seconds; the result is then repeatable to the bit on the same machine.
+            memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
+            K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place
+            of sin. ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
+            ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``. ``thresholds``: of an mlp of points, rays or
+            boxes: about how many parts of the domain, each with a threshold. ``certificate``: of an mlp of points,
+            ``"statistical"`` for a threshold that samples attest, where a proof in many dimensions leaves nothing;
+            ``proven_share`` then tells how much of it is proven all the same. ``metric``: of a distance, where
+            coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
+            kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the
+            result is then repeatable to the bit on the same machine.
 
     Returns:
         The bounder, with ``certificate`` and ``info``. ``info["training"]`` tells how training went, with ``seconds``
@@ -287,8 +288,9 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
     return grid
 
 
-# Distances. A method that has a volume is fitted as a bounder of points, whose proof carries over. Other closed forms have a ``fit`` of their own, and
-# what is learned an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the slack.
+# Distances. A method that has a volume is fitted as a bounder of points, whose proof carries over. Other closed forms
+# have a ``fit`` of their own, and what is learned an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the
+# slack.
 
 METRIC = "metric"  # the option that all methods take
 TOLERANCE = 0.02  # of a cell's side, and ...
@@ -298,8 +300,9 @@ MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes i
 # Of the budget, what training leaves for the proof of a distance; from so many dimensions on.
 DISTANCE_PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
 
-# By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed, a device and
-# progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses its domain's room.
+# By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed,
+# a device and progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses
+# its domain's room.
 DistanceTraining = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
 DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTraining] = {MlpDistance: train_distance}
 

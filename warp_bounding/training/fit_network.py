@@ -88,8 +88,8 @@ DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
 # expected to be more than this share of all queries the proof is given up, and training keeps its time.
 WORTH_PROVING = 1e-2
 
-# About the time of the million fresh positives that attest a threshold, of cells and of regions of other shapes, and the
-# share of the budget that is left for it at most.
+# About the time of the million fresh positives that attest a threshold, of cells and of regions of other shapes, and
+# the share of the budget that is left for it at most.
 ATTEST_SECONDS, SHAPE_ATTEST_SECONDS, ATTEST_SHARE = 2.5, 12.0, 0.15
 
 

@@ -1,7 +1,8 @@
 """A hierarchy of two levels, the paper's: a root, and children of which any may say *maybe*.
 
-The root is the box of the domain. The object is cut again and again, and a child bounds what the object has in its region, and nothing
-else: a box around it, then a small bounder of the child's own. The regions together hold the object (``bounders.union``).
+The root is the box of the domain. The object is cut again and again, and a child bounds what the object has in its
+region, and nothing else: a box around it, then a small bounder of the child's own. The regions together hold the object
+(``bounders.union``).
 """
 
 from collections.abc import Callable
@@ -49,8 +50,8 @@ __all__ = ["hierarchy"]
 
 MOST_LEVELS = 8
 MOST_LEAVES = 2**MOST_LEVELS
-# By how much a leaf's region reaches beyond the points of the border that are known, of the longest side: the first that
-# the shape certifies to hold all is taken.
+# By how much a leaf's region reaches beyond the points of the border that are known, of the longest side: the first
+# that the shape certifies to hold all is taken.
 TIGHT = (2.0**-9, 2.0**-7, 2.0**-5, 2.0**-3)
 BORDER = 65_536  # points of the border that tell where to cut
 CUTS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of convex leaves: where cuts are tried, in shares of an even one
@@ -85,7 +86,8 @@ def hierarchy(
 ) -> Union:
     """Fit bounders to the parts of a shape, prove each of them, and put them together: *maybe* where one of them says so.
 
-    The union of k-DOPs with learned half-spaces, each around its part of the object, is made by ``method="learned-kdop"``.
+    The union of k-DOPs with learned half-spaces, each around its part of the object, is made by
+    ``method="learned-kdop"``.
 
     Args:
         shape: As of ``fit``; no cells are laid over it.
@@ -105,7 +107,8 @@ def hierarchy(
 
     Raises:
         IndicatorError: If the shape cannot be read or bounded.
-        BounderError: For a kind of query, method or option that a leaf does not take, or a shape that certifies nothing.
+        BounderError: For a kind of query, method or option that a leaf does not take, or a shape that certifies
+            nothing.
 
     Example:
         >>> tree = wb.hierarchy(ball, method="kdop", levels=1, device="cpu", progress=False)
@@ -149,8 +152,8 @@ def hierarchy(
 def _shared_out(shape: Shape, leaves: int, convex: bool, seed: int) -> list[_Leaf]:
     """Regions that share the border out, evenly or if the leaves are convex about evenly, each cut where it costs least.
 
-    Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in them. Both sides
-    of a cut are closed: the border between them is in both.
+    Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in
+    them. Both sides of a cut are closed: the border between them is in both.
     """
     points, cost = border_points(shape, BORDER, np.random.default_rng(seed)), _hull if convex else _box
 
@@ -181,8 +184,8 @@ def _cut(
 ) -> tuple[float, int, float, np.ndarray] | None:
     """A cut with this share of the border below it: cost, axis, place and which points lie below; ``None`` if none do.
 
-    Cells are cut through their centres. A cut along their faces, where a grid's border lies, would leave the cells that it
-    touches to both halves, to one of them as faces without a volume, which no sample would ever show to its leaf.
+    Cells are cut through their centres. A cut along their faces, where a grid's border lies, would leave the cells that
+    it touches to both halves, to one of them as faces without a volume, which no sample would ever show to its leaf.
     """
     place = float(np.quantile(border[:, axis], share))
     if isinstance(shape, IndicatorGrid):

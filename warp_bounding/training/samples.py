@@ -1,9 +1,9 @@
 """Labelled queries for training: what is to be bounded (``Problem``), random queries with their truth, and positives that can be moved.
 
-A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from which its coordinates
-``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can walk down a network's output without ever leaving
-the object. Labels are those of the exact oracles; no sample is ever taken for a proof. ``Samples`` is the contract, with a class for each
-kind of query, found by its name (``samples_of``).
+A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from
+which its coordinates ``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can walk
+down a network's output without ever leaving the object. Labels are those of the exact oracles; no sample is ever taken
+for a proof. ``Samples`` is the contract, with a class for each kind of query, found by its name (``samples_of``).
 """
 
 from __future__ import annotations
@@ -261,7 +261,8 @@ class ShapePoints(ObjectPoints):
 
 # Queries of the caller's own: false positives are weighed where these lie, and a proof does not care.
 
-# Of the samples that stand for what is asked. The others are the protocol's, for what the caller's few queries do not tell of their like.
+# Of the samples that stand for what is asked. The others are the protocol's, for what the caller's few queries do not
+# tell of their like.
 CALLERS_SHARE = 0.8
 MOST = 1 << 20  # queries that are kept, a random choice of more
 
@@ -351,9 +352,11 @@ class Samples:
         ndim: Length of ``v``.
         generator: Source of everything random.
         detail: ``(ndim, 1)``, the object's cells along each axis of ``v``, relative to the axis with most.
-        waves: ``(2 K, ndim + 1)``, a first layer whose sines are those and the cosines of the object's waves (``Shape.waves``); ``None`` where it has none.
+        waves: ``(2 K, ndim + 1)``, a first layer whose sines are those and the cosines of the object's waves
+            (``Shape.waves``); ``None`` where it has none.
         vertices: ``(ndim, K)``, all of the positives where a minimum of f is likely, such as corners; may be none.
-        callers: Queries of the caller's own, which take the place of some of the negatives; ``None`` where there are none.
+        callers: Queries of the caller's own, which take the place of some of the negatives; ``None`` where there are
+            none.
     """
 
     query = ""

@@ -1,7 +1,8 @@
 """What a bound looks like: level sets of its answers around the object, points that it was asked, and how these are shown.
 
-``view_of`` computes what is seen, with nothing but the bounder's own answers and the shape's own truth. ``draw.picture`` draws it off-screen,
-``draw.Window`` opens it, and ``draw.page`` writes it as one self-contained web page. Importing this package needs neither pyvista nor plotly.
+``view_of`` computes what is seen, with nothing but the bounder's own answers and the shape's own truth.
+``draw.picture`` draws it off-screen, ``draw.Window`` opens it, and ``draw.page`` writes it as one self-contained web
+page. Importing this package needs neither pyvista nor plotly.
 """
 
 from warp_bounding.views.draw import Drawn, draw_with, with_palette

@@ -30,8 +30,8 @@ VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture,
 
 # --- drawing in a process of its own ---------------------------------------------------------------------------------
 #
-# Where there is no OpenGL, VTK raises no exception but crashes: in a process of its own a crash costs the pictures, not the program. No display is
-# needed: the process asks for EGL, then for OSMesa.
+# Where there is no OpenGL, VTK raises no exception but crashes: in a process of its own a crash costs the pictures, not
+# the program. No display is needed: the process asks for EGL, then for OSMesa.
 
 SECONDS = 120  # for drawing
 COLOURS = 256  # of a picture's palette
@@ -374,8 +374,8 @@ def check_display() -> None:
 
 # --- a web page ------------------------------------------------------------------------------------------------------
 #
-# It turns with the mouse and needs no network: plotly.js comes from the installed plotly. Surfaces are stored as 16-bit numbers between the corners of
-# what is seen, compressed; pictures of a plane as PNG.
+# It turns with the mouse and needs no network: plotly.js comes from the installed plotly. Surfaces are stored as 16-bit
+# numbers between the corners of what is seen, compressed; pictures of a plane as PNG.
 
 MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified
 CUTS = (2, 2, 1)  # by the axis that is up: the axis along which the camera looks the most

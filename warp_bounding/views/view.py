@@ -1,7 +1,8 @@
 """What is seen of a bounder: level sets of its deployed answers, the object, and random points that it was asked, for each radius or time.
 
-A level set is found from answers alone: marching cubes over answers at the nodes of a grid say between which two nodes the answer changes, and halving
-that way again and again says where. What is thinner than the grid's cells can be missed. In a plane every pixel is asked, at its centre.
+A level set is found from answers alone: marching cubes over answers at the nodes of a grid say between which two nodes
+the answer changes, and halving that way again and again says where. What is thinner than the grid's cells can be
+missed. In a plane every pixel is asked, at its centre.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +33,8 @@ BEYOND = 0.08  # of the longest side that is seen: room around what is bounded
 DRAWN = 1500  # points of each group that are drawn
 PLANE, SPACE = 2, 3  # coordinates that are seen
 Test = Callable[[np.ndarray], np.ndarray]  # of points (N, k): (N,)
-# How a bounder of each kind is asked points (N, n) float32: one of boxes, boxes without a size; a distance, whether it is within a radius.
+# How a bounder of each kind is asked points (N, n) float32: one of boxes, boxes without a size; a distance, whether it
+# is within a radius.
 ASKED: dict[str, Callable[..., Any]] = {
     POINT.name: lambda bounder, x, radius: bounder.query(x),
     BOX.name: lambda bounder, x, radius: bounder.query(np.hstack([x, x])),

@@ -26,8 +26,8 @@ from warp_bounding.indicators.shape import MAX_OFFSET
 __all__ = ["UNKNOWN", "Cells", "Placement", "Threshold", "Wanted", "grid_of"]
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
-# Of the largest coordinate: how far cells may be from where they were asked for, as decimal fractions are not exact. It is within what
-# ``queries.domain.POSITIONS_ROUNDING`` leaves for the rounding of positions.
+# Of the largest coordinate: how far cells may be from where they were asked for, as decimal fractions are not exact. It
+# is within what ``queries.domain.POSITIONS_ROUNDING`` leaves for the rounding of positions.
 ON_LATTICE = Fraction(1, 2**48)
 UNKNOWN = ("occupied", "free")
 _COMPARISONS = MappingProxyType({"<=": np.less_equal, "<": np.less, ">=": np.greater_equal, ">": np.greater})
@@ -106,9 +106,9 @@ class Placement:
     def map_of(self, shape: tuple[int, ...], time: bool, name: str) -> tuple[dict[str, np.ndarray], Frame | None]:
         """``cells_per_unit`` and ``offset`` of a grid, empty for the unit cube; and the origin of its coordinates, if they have one.
 
-        The scale is rounded to float32, so without an origin a cell is as large as asked for to seven digits. With one, cells lie where
-        they were asked for, but for what float64 rounds: on the lattice of multiples of half a cell, or else relative to the origin, with
-        what the scale's rounding moves them by as ``Frame.blur``.
+        The scale is rounded to float32, so without an origin a cell is as large as asked for to seven digits. With one,
+        cells lie where they were asked for, but for what float64 rounds: on the lattice of multiples of half a cell, or
+        else relative to the origin, with what the scale's rounding moves them by as ``Frame.blur``.
 
         Raises:
             IndicatorError: For numbers that are none.

@@ -1,8 +1,9 @@
 """Reader of ``.binvox`` voxel files (P. Min, https://www.patrickmin.com/binvox/binvox.html).
 
 A text header (``#binvox 1``, ``dim``, ``translate``, ``scale``, ``data``), then pairs of bytes: a value and how often
-it repeats. The voxels come in the order x, z, y (y fastest); they are returned in x, y, z. As in the paper, a voxel file spans the unit
-cube, from centre to centre; what the header's ``translate`` and ``scale`` say instead is told, with what places the voxels so.
+it repeats. The voxels come in the order x, z, y (y fastest); they are returned in x, y, z. As in the paper, a voxel
+file spans the unit cube, from centre to centre; what the header's ``translate`` and ``scale`` say instead is told, with
+what places the voxels so.
 """
 
 import math
@@ -26,7 +27,8 @@ def read_binvox(path: Path) -> Cells:
         path: An existing file.
 
     Returns:
-        ``(X, Y, Z)`` bool, and what is to be said of the header's ``translate`` and ``scale``; nothing where they are 0 and 1.
+        ``(X, Y, Z)`` bool, and what is to be said of the header's ``translate`` and ``scale``; nothing where they are 0
+        and 1.
 
     Raises:
         IndicatorError: For anything that is not a complete, exact binvox file.

@@ -1,8 +1,8 @@
 """COLLADA (``.dae``) 1.4 and 1.5, as robots' meshes come: the polygons of the scene, in metres.
 
-Coordinates are those of a file with z up. Programs disagree whether one with another axis up is to be turned, so such files are refused. Skins, morphs,
-polygons with holes, splines and references to other files are refused as well; lines are noted. What an element may hold is listed here, and whatever
-else is found where geometry may be is refused.
+Coordinates are those of a file with z up. Programs disagree whether one with another axis up is to be turned, so such
+files are refused. Skins, morphs, polygons with holes, splines and references to other files are refused as well; lines
+are noted. What an element may hold is listed here, and whatever else is found where geometry may be is refused.
 """
 
 from collections.abc import Iterator

@@ -1,8 +1,9 @@
 """glTF 2.0, as ``.glb`` or as ``.gltf`` with its buffers: the triangles of the scene that the file shows, in metres, y up as they stand.
 
-A mesh is bounded as the file leaves it: morph targets with the weights that are stored, skins in the pose of their joints' nodes; the notes say so.
-Extensions that the file requires and that are not in ``READ`` or ``HARMLESS`` are refused, as is compressed geometry. What it merely uses, listed or
-not, may be left out, says the standard: its other data are read, and a note names the extension.
+A mesh is bounded as the file leaves it: morph targets with the weights that are stored, skins in the pose of their
+joints' nodes; the notes say so. Extensions that the file requires and that are not in ``READ`` or ``HARMLESS`` are
+refused, as is compressed geometry. What it merely uses, listed or not, may be left out, says the standard: its other
+data are read, and a note names the extension.
 """
 
 import base64

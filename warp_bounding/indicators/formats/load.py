@@ -2,9 +2,9 @@
 
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
 says. Meshes come from their own readers and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
-``images.py``, maps from ``maps.py``. What an array's values mean and where its cells lie is told in ``arrays.py``, meshes and arrays of other
-libraries below. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as ours are, or
-files whose reader makes one.
+``images.py``, maps from ``maps.py``. What an array's values mean and where its cells lie is told in ``arrays.py``,
+meshes and arrays of other libraries below. Shapes of other kinds are objects with a ``to_grid`` (``Indicator``), as
+ours are, or files whose reader makes one.
 """
 
 import os
@@ -60,7 +60,8 @@ def read_mesh_data(path: Path) -> MeshData:
         path: An existing file.
 
     Raises:
-        IndicatorError: In one line, for a file of another kind, one that is damaged, and one that holds what is not read.
+        IndicatorError: In one line, for a file of another kind, one that is damaged, and one that holds what is not
+            read.
     """
     suffix = path.suffix.lower()
     if suffix not in MESH_READERS:
@@ -94,7 +95,8 @@ def with_hollow(shape, hollow: str):
         hollow: One of ``HOLLOW``.
 
     Raises:
-        IndicatorError: For other shapes, and for a mesh whose faces do not tell air from solid parts, where hollows are to be empty.
+        IndicatorError: For other shapes, and for a mesh whose faces do not tell air from solid parts, where hollows are
+            to be empty.
     """
     if isinstance(shape, Recentred):
         return Recentred(with_hollow(shape.local, hollow), shape.coordinates)
@@ -294,14 +296,14 @@ def load_indicator(
 
     Args:
         source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
-            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image or Moving AI's
-            ``.map``, of which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``, ``.stl``, ``.glb``,
-            ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or
-            Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
-            ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an ``IndicatorGrid``, ``IndicatorMesh`` or
-            ``IndicatorMotion``, or whatever else has their ``name``, ``extent`` and ``to_grid``, which is returned as
-            it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty``, which becomes an
-            ``IndicatorFunction``.
+            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image or Moving
+            AI's ``.map``, of which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``,
+            ``.stl``, ``.glb``, ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an
+            n-D array of NumPy, torch or Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices,
+            faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an
+            ``IndicatorGrid``, ``IndicatorMesh`` or ``IndicatorMotion``, or whatever else has their ``name``, ``extent``
+            and ``to_grid``, which is returned as it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains``
+            and ``empty``, which becomes an ``IndicatorFunction``.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
         threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
             ``"<=0"``, ``">0.5"``, or a number, from which on they are.
@@ -311,14 +313,15 @@ def load_indicator(
         origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis
             by default. Where cells do not lie at multiples of half a cell the result is ``Recentred``.
         unknown: Of a map, what cells are that nobody has seen: ``"occupied"``, the default, or ``"free"``.
-        hollow: What air is that an object encloses, as in a tank: ``"filled"``, inside, or ``"empty"``. By default that of a mesh is filled,
-            and cells are as they are given. Of a mesh air is where surfaces go around a point as often one way as the other (winding
-            number 0), so faces must be turned alike.
+        hollow: What air is that an object encloses, as in a tank: ``"filled"``, inside, or ``"empty"``. By default that
+            of a mesh is filled, and cells are as they are given. Of a mesh air is where surfaces go around a point as
+            often one way as the other (winding number 0), so faces must be turned alike.
 
     Returns:
         An ``IndicatorGrid`` for images, voxels and arrays, an ``IndicatorMesh`` for meshes, an ``IndicatorMotion`` for
-        one. Or one that is ``Recentred``: a grid between multiples of half a cell, or a mesh that lies so far from 0 that float32 would
-        move its vertices; it has an ``origin``, and what is asked of it, and of its bounders, is in world coordinates all the same.
+        one. Or one that is ``Recentred``: a grid between multiples of half a cell, or a mesh that lies so far from 0
+        that float32 would move its vertices; it has an ``origin``, and what is asked of it, and of its bounders, is in
+        world coordinates all the same.
 
     Raises:
         IndicatorError: In one line, for everything that cannot be read or bounded, or that may mean two things.

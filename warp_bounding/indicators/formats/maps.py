@@ -1,10 +1,12 @@
 """Maps: ROS's ``.yaml`` and its picture, ``.pgm``, and the grids of Moving AI's benchmarks (``.map``).
 
-A map's coordinates are x, to the right, and y, up: the first row of a file is at the top. Of a ROS map a cell is free only where all
-versions of its map server agree that it is: ``occ < free_thresh``, as ROS 1 and most of ROS 2 have it; from ``occ >= occupied_thresh`` on,
-as the newest of ROS 2 has it, a cell is occupied. What is between is unknown. Pixels that are not opaque are unknown, too.
+A map's coordinates are x, to the right, and y, up: the first row of a file is at the top. Of a ROS map a cell is free
+only where all versions of its map server agree that it is: ``occ < free_thresh``, as ROS 1 and most of ROS 2 have it;
+from ``occ >= occupied_thresh`` on, as the newest of ROS 2 has it, a cell is occupied. What is between is unknown.
+Pixels that are not opaque are unknown, too.
 
-Sources: https://wiki.ros.org/map_server, nav2_map_server, https://movingai.com/benchmarks/formats.html, the netpbm manual of pgm.
+Sources: https://wiki.ros.org/map_server, nav2_map_server, https://movingai.com/benchmarks/formats.html, the netpbm
+    manual of pgm.
 """
 
 import math
@@ -82,7 +84,8 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
         wanted: The threshold of a map of mode raw, and what unknown cells are.
 
     Raises:
-        IndicatorError: For a key that is missing or means nothing, an origin that is turned, or a picture that cannot be read.
+        IndicatorError: For a key that is missing or means nothing, an origin that is turned, or a picture that cannot
+            be read.
     """
     fields = _fields(path)
     if missing := [key for key in KEYS if key not in fields]:
@@ -160,7 +163,8 @@ def read_movingai(path: Path) -> Cells:
     """A map of Moving AI's benchmarks: cells of size 1, their centres on whole numbers.
 
     Raises:
-        IndicatorError: For another header, rows or columns that are not as many as it says, or characters that it does not know.
+        IndicatorError: For another header, rows or columns that are not as many as it says, or characters that it does
+            not know.
     """
     with reading(path, "a Moving AI map"):
         lines = path.read_bytes().decode("ascii").replace("\r\n", "\n").rstrip("\n").split("\n")

@@ -1,7 +1,8 @@
 """OBJ (Wavefront's): vertices and polygons of all objects and groups. Materials, normals and texture coordinates do not count.
 
-Points and lines are noted; free-form curves and surfaces, and what calls other files, are refused, as is every statement that is not known.
-An OBJ file does not say how much it holds: of one that was cut off between two lines nobody can tell.
+Points and lines are noted; free-form curves and surfaces, and what calls other files, are refused, as is every
+statement that is not known. An OBJ file does not say how much it holds: of one that was cut off between two lines
+nobody can tell.
 """
 
 import codecs

@@ -1,7 +1,7 @@
 """PLY, text or binary of either byte order: vertices, and faces or strips of triangles (``tristrips``).
 
-The whole file is read by its header, elements of all names, so that nothing is left at its end. What has a list of its own beside faces and strips
-is refused, as it may be geometry; other elements (edges, cameras, materials) are noted.
+The whole file is read by its header, elements of all names, so that nothing is left at its end. What has a list of its
+own beside faces and strips is refused, as it may be geometry; other elements (edges, cameras, materials) are noted.
 """
 
 from pathlib import Path

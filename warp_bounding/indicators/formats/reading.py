@@ -178,7 +178,8 @@ def _folded(vertices: np.ndarray, faces: np.ndarray, polygon: np.ndarray) -> np.
 def _ears(corners: np.ndarray) -> np.ndarray | None:
     """Triangles ``(n - 2, 3)`` of a polygon ``(n, 3)``, cut off one by one; ``None`` if it crosses itself.
 
-    Whatever is cut off, triangle and rest have the signed area of the whole: so the triangles hold the polygon, also where an ear is none.
+    Whatever is cut off, triangle and rest have the signed area of the whole: so the triangles hold the polygon, also
+    where an ear is none.
     """
     around = np.roll(corners, -1, axis=0) - corners[0]
     normal = np.cross(corners - corners[0], around).sum(axis=0)

@@ -1,7 +1,8 @@
 """STL, text or binary: all facets of all solids. Normals and attributes do not count; the corners do.
 
-A text must consist of whole solids, each with its end. A binary file must be as long as its count of facets says; bytes behind the last facet are
-noted if they are zeros, a text or too few for a facet's corners; all others may be facets that the count leaves out.
+A text must consist of whole solids, each with its end. A binary file must be as long as its count of facets says; bytes
+behind the last facet are noted if they are zeros, a text or too few for a facet's corners; all others may be facets
+that the count leaves out.
 """
 
 import codecs

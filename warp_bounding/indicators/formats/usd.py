@@ -1,8 +1,9 @@
 """Shapes of a USD stage, read with usd-core: all meshes, cubes and planes in world space, polygons cut into fans as USD's renderers do.
 
-Coordinates are the stage's own, in its units. An animation is read at its first time code, and skins and blend shapes in the pose that they have then;
-of a subdivision surface the control cage is read. Notes say so, and name whatever else a viewer may not show, or show otherwise. Shapes with a surface
-that are not read (spheres, patches, instancers of points) are refused.
+Coordinates are the stage's own, in its units. An animation is read at its first time code, and skins and blend shapes
+in the pose that they have then; of a subdivision surface the control cage is read. Notes say so, and name whatever else
+a viewer may not show, or show otherwise. Shapes with a surface that are not read (spheres, patches, instancers of
+points) are refused.
 """
 
 from collections.abc import Iterator

@@ -198,9 +198,9 @@ def find_inside(
 #
 # Do closed boxes meet a dilated mesh? For certain, or undecided where rounding could have made the difference.
 
-# Of an axis that is computed from rounded corners, relative to the largest coordinate M: with u = 2^-53, the product of an
-# edge and a side of the box errs by less than 3 u M, the triangle's normal by less than 36 u M^2, so all products with
-# them and the rounding of ``separated`` err by less than 400 u M^2 and 1100 u M^3.
+# Of an axis that is computed from rounded corners, relative to the largest coordinate M: with u = 2^-53, the product of
+# an edge and a side of the box errs by less than 3 u M, the triangle's normal by less than 36 u M^2, so all products
+# with them and the rounding of ``separated`` err by less than 400 u M^2 and 1100 u M^3.
 EDGE_ROOM = 2.0**-44
 NORMAL_ROOM = 2.0**-42
 
@@ -666,9 +666,9 @@ def _share(over: wp.float64, under: wp.float64) -> wp.float64:
 def closest(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.vec3d:
     """Find a point of the triangle nearest to 0, up to rounding (Ericson, *Real-Time Collision Detection*, 5.1.5).
 
-    It is a corner, or a corner moved by shares of two sides that add up to 1 at most, so it lies in the triangle whatever the rounding
-    made of the shares, but for a few roundings of the largest coordinate. In a sliver it may be a farther point than the nearest one:
-    the lower bound does not rest on it.
+    It is a corner, or a corner moved by shares of two sides that add up to 1 at most, so it lies in the triangle
+    whatever the rounding made of the shares, but for a few roundings of the largest coordinate. In a sliver it may be a
+    farther point than the nearest one: the lower bound does not rest on it.
     """
     zero = wp.float64(0.0)
     u, v = b - a, c - a

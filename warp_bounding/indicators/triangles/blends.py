@@ -1,17 +1,15 @@
 """What a mesh of blend shapes answers, in float64 kernels: about points and closed boxes of place and pose.
 
-A vertex is at ``v + sum_k p_k d_k``. For any direction u of length 1, ``u . (x - vertex)`` is a linear function of place and pose, so that
-its least value over a box is known exactly, and the least of the three of a triangle's vertices tells how far the triangle stays from
-the place, all over the box, along u. Whatever u is, that is a lower bound of the distance; the best is the way from the triangle's
-nearest point, at the box's centre. Where it is above the margin for every triangle, no place of the box is within the margin of the
-surface at any of its poses, and either all of them are inside or none is, since the surface never passes between two of them. The winding number
-at the centre tells which: how often a connected part of the surface passes a ray along x, one way less the other; where
-the ray comes so near an edge that
-rounding could decide, it is the sum of the angles under which its triangles are seen. Parts count one by one, so that
-two that overlap do not cancel where they wind
-in opposite directions. Triangles lie in patches, and those of a patch whose box at these poses is far away, or beside
-the
-ray, need no look.
+A vertex is at ``v + sum_k p_k d_k``. For any direction u of length 1, ``u . (x - vertex)`` is a linear function of
+place and pose, so that its least value over a box is known exactly, and the least of the three of a triangle's vertices
+tells how far the triangle stays from the place, all over the box, along u. Whatever u is, that is a lower bound of the
+distance; the best is the way from the triangle's nearest point, at the box's centre. Where it is above the margin for
+every triangle, no place of the box is within the margin of the surface at any of its poses, and either all of them are
+inside or none is, since the surface never passes between two of them. The winding number at the centre tells which: how
+often a connected part of the surface passes a ray along x, one way less the other; where the ray comes so near an edge
+that rounding could decide, it is the sum of the angles under which its triangles are seen. Parts count one by one, so
+that two that overlap do not cancel where they wind in opposite directions. Triangles lie in patches, and those of a
+patch whose box at these poses is far away, or beside the ray, need no look.
 """
 
 from functools import cache
@@ -32,7 +30,8 @@ _OPEN, _FREE, _FULL = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL)
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
 _OUTWARD, _INWARD, _BLUR = (wp.constant(wp.float64(value)) for value in (OUTWARD, INWARD, BLUR))
 _ZERO, _HALF, _ONE, _TWO, _EIGHT = (wp.constant(wp.float64(value)) for value in (0.0, 0.5, 1.0, 2.0, 8.0))
-# Of a triangle's seen angle: sine and cosine, times the product of the corners' distances, err by less than 2^-48 of this product.
+# Of a triangle's seen angle: sine and cosine, times the product of the corners' distances, err by less than 2^-48 of
+# this product.
 VAGUE, NOISE = 2.0**-28, 2.0**-45
 _VAGUE, _NOISE = wp.constant(wp.float64(VAGUE)), wp.constant(wp.float64(NOISE))
 _QUARTER = wp.constant(wp.float64(0.25))

@@ -154,8 +154,8 @@ def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | N
 
     Args:
         surface: ``(X, Y, Z)`` bool; the cells at its border are empty.
-        air: Told cells ``(N, 3)`` that do not meet the surface, says of which it is certain that they are outside all the same; and with
-            them all that are connected to them.
+        air: Told cells ``(N, 3)`` that do not meet the surface, says of which it is certain that they are outside all
+            the same; and with them all that are connected to them.
 
     Returns:
         ``(X, Y, Z)`` bool.
@@ -182,8 +182,8 @@ def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | N
 # cells with a common face are on the same side, and so are two neighbouring centres if the segment between them is
 # proven to cross no face. What is connected in this way with the border of the grid is outside, for certain. The rest
 # is
-# inside where a ray proves one of its points to be enclosed (``triangles/hierarchy.py``), and unknown elsewhere: a hollow between
-# several parts, or behind a neck that is much narrower than a cell.
+# inside where a ray proves one of its points to be enclosed (``triangles/hierarchy.py``), and unknown elsewhere: a
+# hollow between several parts, or behind a neck that is much narrower than a cell.
 #
 # A point is on the side of its own cell, if that is free, or of a centre or a free cell near it to which a short
 # segment

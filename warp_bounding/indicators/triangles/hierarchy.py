@@ -36,7 +36,8 @@ PROJECTIONS = 16  # alternating projections; what is neither near nor proven far
 # together less than 2^-49 M |d|; this is 4 times that.
 ROUNDING = 2.0**-47
 SHORTER = 1.0 - 2.0**-50  # outweighs the rounding of a length and of a division by it, four units
-# Largest coordinate under which its cube might underflow: that a triangle crosses a box or a segment is not certain there.
+# Largest coordinate under which its cube might underflow: that a triangle crosses a box or a segment is not certain
+# there.
 SMALLEST = 2.0**-300
 LEAST = 2.0**-500  # slack that outweighs underflow: times an axis of SHORTEST it is far above 2^-1074
 
@@ -124,8 +125,8 @@ def closest_on_segment(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d) -> wp.vec3d:
 def closest_on_triangle(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.vec3d:
     """Find a point of the triangle, also of a degenerate one, nearest to p up to rounding.
 
-    It is a sum of corners whose weights are at least 0 and sum up to 1, so it lies in the triangle whatever the rounding
-    made of the weights, but for a few roundings of the largest coordinate.
+    It is a sum of corners whose weights are at least 0 and sum up to 1, so it lies in the triangle whatever the
+    rounding made of the weights, but for a few roundings of the largest coordinate.
     """
     zero = wp.float64(0.0)
     n = wp.cross(b - a, c - a)
@@ -529,10 +530,10 @@ def nearness(t: Triangles, x: wp.vec3d, margin: wp.float64) -> int:
 UNWOUND = 2**30  # instead of a winding number that is not certain
 
 # With u = 2^-53. A difference of two products of coordinates, each rounded once, errs by less than 4 u (|left| +
-# |right|). A determinant n a, where n is the product of two edges as computed from coordinates up to M, errs by less than
-# 80 u M^2 (|e| + |f|), where |e| and |f| are the edges' largest components. Of coordinates that are known up to a length
-# L only, the difference errs by another L (sum of their absolute values + 2 L), and the determinant, the edges of which
-# err by 2 L, by less than 18 L (M + L) (|e| + |f| + 8 L). What is added for that is more than 3 times as much.
+# |right|). A determinant n a, where n is the product of two edges as computed from coordinates up to M, errs by less
+# than 80 u M^2 (|e| + |f|), where |e| and |f| are the edges' largest components. Of coordinates that are known up to a
+# length L only, the difference errs by another L (sum of their absolute values + 2 L), and the determinant, the edges
+# of which err by 2 L, by less than 18 L (M + L) (|e| + |f| + 8 L). What is added for that is more than 3 times as much.
 TURN = 2.0**-50
 HEIGHT = 2.0**-46
 UNDERFLOW = 2.0**-1000  # outweighs products that are subnormal

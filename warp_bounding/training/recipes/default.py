@@ -75,8 +75,8 @@ RECIPES = {
 MANY_COORDINATES, FAR_FROM_TRUTH = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 
-# Share of uniform samples that are negatives a network must deny, usually. Of callers' queries most lie far away or touch, so few are; with this
-# their loss weighs against the positives' as that of others does.
+# Share of uniform samples that are negatives a network must deny, usually. Of callers' queries most lie far away or
+# touch, so few are; with this their loss weighs against the positives' as that of others does.
 NEGATIVES = 0.75
 
 
@@ -366,8 +366,8 @@ class NetworkTrainer:
 # Towards the end f is taken relative to its part: less the least f of the positives known there, and more the least of
 # all. A part where the network fails then asks nothing of the others.
 
-# Used fractions between which the parts come in, linearly. Earlier they do harm: a part in which the network fails is let
-# go before it has been learned.
+# Used fractions between which the parts come in, linearly. Earlier they do harm: a part in which the network fails is
+# let go before it has been learned.
 BEGIN, END = 0.7, 0.9
 
 
@@ -376,7 +376,8 @@ class LocalTrainer(NetworkTrainer):
 
     Attributes:
         lattice: The parts.
-        least: ``(parts,)``, the least f of the positives known in each at the last refresh; infinity where there is none.
+        least: ``(parts,)``, the least f of the positives known in each at the last refresh; infinity where there is
+            none.
     """
 
     def __init__(

@@ -40,12 +40,13 @@ from warp_bounding.training.engine import (
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import summed
 
-# Of the first and of later layers' weights; from ``EASED_IN`` dimensions on the same whatever the object: of a 4D dragon, 200 s, false positives at
-# points were 12.2 and 11.9 % with 7 and 12.
+# Of the first and of later layers' weights; from ``EASED_IN`` dimensions on the same whatever the object: of a 4D
+# dragon, 200 s, false positives at points were 12.2 and 11.9 % with 7 and 12.
 GAINS, GAINS_OF_MANY = (10.0, 3.0), (12.0, 3.0)
-# Below that many dimensions the first layer's gain is this by the mean distance from a point of the domain to the object, local units, where that
-# is more: a distance rises and falls over such a way. A maze with lanes of a tenth of its side learned nothing in 30 s with a gain of 10
-# (72 % false positives), and had 7 % with 25 to 40; bunny, star and rooms were as good or better with 20 to 25 as with 10.
+# Below that many dimensions the first layer's gain is this by the mean distance from a point of the domain to the
+# object, local units, where that is more: a distance rises and falls over such a way. A maze with lanes of a tenth of
+# its side learned nothing in 30 s with a gain of 10 (72 % false positives), and had 7 % with 25 to 40; bunny, star and
+# rooms were as good or better with 20 to 25 as with 10.
 FINENESS = 1.2
 SURVEYED = 4096  # points that this mean is taken of
 REFRESH = 100  # steps between two looks at new samples
@@ -53,16 +54,17 @@ LABELLED, MOST_LABELLED = 16_384, 1 << 20  # new points at a refresh, and kept i
 NEAR_SHARE = 0.5  # of these: near the border
 NEAR = (2.0**-8, 2.0**-2)  # local units: how near, a standard deviation between these
 MARKED = 0.5  # of the near ones: around what the shape names (``Shape.landmarks``), so that no small part is left out
-# Of a point's depth in the object, by dimension, F is asked to be that much below 0. After as many steps, false positives at radius 0 with 0, 0.4 and 1 were 5.1, – and 7.3 %
-# (rooms, 2D), 2.1, 2.2 and 2.8 (bunny, 3D), 7.0, 6.5 and 6.2 (cells of a dragon, 3D); of the 4D bunny the slack was 0.009 and 0.003 with 0 and 0.5;
-# of the 4D dragon, 200 s, they were 11.9 and 11.7 % with 1 and 0.5.
+# Of a point's depth in the object, by dimension, F is asked to be that much below 0. After as many steps, false
+# positives at radius 0 with 0, 0.4 and 1 were 5.1, – and 7.3 % (rooms, 2D), 2.1, 2.2 and 2.8 (bunny, 3D), 7.0, 6.5 and
+# 6.2 (cells of a dragon, 3D); of the 4D bunny the slack was 0.009 and 0.003 with 0 and 0.5; of the 4D dragon, 200 s,
+# they were 11.9 and 11.7 % with 1 and 0.5.
 DEPTHS, DEEPEST = {1: 0.0, 2: 0.0, 3: 0.4}, 0.5
 # From so many dimensions on, F may fall short by this share of what a distance is above the second number, local units.
 EASE, EASED_FROM, EASED_IN = 0.2, 0.05, 4
 HARD, AROUND = 16_384, 8192  # the worst points kept, and points around them that are tried at a refresh
 MOVES = (2.0**-10, 2.0**-3)  # local units: how far around them
-# When the proof's own search looks for what random points do not find, used fractions; for what share of the budget, and at how many boxes at most; and how
-# much more than the worst point known in a part it looks for, local units.
+# When the proof's own search looks for what random points do not find, used fractions; for what share of the budget,
+# and at how many boxes at most; and how much more than the worst point known in a part it looks for, local units.
 SEARCHES, SEARCH_SHARE, SEARCHED, CLOSER = tuple(np.arange(0.4, 0.99, 0.05)), 0.02, 3e6, 3e-3
 BATCH = 2048  # of each kind, a step
 FAR = 0.25  # local units: up to this distance each unit of ``d - F`` costs the same

@@ -188,8 +188,9 @@ class _ExitTrainer(NetworkTrainer):
         """One damped Newton step of the output's weights.
 
         The loss is ``accumulate``'s over all samples, from their activations ``(N, H + 1)``: the mean over negatives
-        of ``softplus(f) - torch.nn.functional.softplus(f - ramp)``, and over positives of ``width torch.nn.functional.softplus(-f / width) boost``. The ramp's
-        concave part is left out of the Hessian, which is then positive definite.
+        of ``softplus(f) - torch.nn.functional.softplus(f - ramp)``, and over positives of ``width
+        torch.nn.functional.softplus(-f / width) boost``. The ramp's concave part is left out of the Hessian, which is
+        then positive definite.
         """
         recipe, output = self.recipe, self.network.layers[-1][0]
         weight, width, ramp = weights_of(recipe, used)

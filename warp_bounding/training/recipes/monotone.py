@@ -73,7 +73,8 @@ class MonotoneTrainer(NetworkTrainer):
 class _RootSoap(Soap):
     """Soap over the square roots of weights, and biases as they are; writes the weights after each step.
 
-    Layers are ``(out, in + 1)`` matrices, the last column the biases; ``signs`` ``(out, in)`` are those of their weights.
+    Layers are ``(out, in + 1)`` matrices, the last column the biases; ``signs`` ``(out, in)`` are those of their
+    weights.
     """
 
     def __init__(self, layers: list[torch.Tensor], signs: list[torch.Tensor], recipe: Recipe):
