@@ -1,4 +1,4 @@
-"""A bake whose workers, client and scheduler are killed, and what the engine costs: `python benchmarks/bake.py --out results/bake`.
+"""A bake whose workers, client and scheduler are killed, and its cost: `python benchmarks/bake.py --out results/bake`.
 
 Random meshes are baked on two workers, one of which is killed (SIGKILL) every minute. After a third of the shapes the
 client is killed, after two thirds the scheduler; each time the same command is started again. Then every file is
@@ -92,7 +92,7 @@ class Bakes:
                 print(f"{len(self.records())} done, worker killed", file=sys.stderr, flush=True)
 
     def local(self, done: int) -> dict | None:
-        """Bake on processes of the client until so many are done, and kill the client; what it prints if it ends before."""
+        """Bake on processes of the client until so many are done, then kill it; its output if it ends before."""
         process = subprocess.Popen(self.command("--jobs", str(WORKERS)), stdout=subprocess.PIPE, stderr=self.log)
         self.until(process, lambda: fitting(process.pid), done)
         told = None
@@ -236,7 +236,7 @@ def empty(job) -> dict:
 
 
 def simulated(seconds: list[float], shapes: int, cores: int, per_second: float, seed: int) -> float:
-    """Seconds until so many tasks are done on so many cores, if a scheduler hands out one after another at this pace."""
+    """Seconds until so many tasks are done on so many cores, if a scheduler deals them one by one at this pace."""
     rng, free, clock, end = np.random.default_rng(seed), [0.0] * cores, 0.0, 0.0
     for length in rng.choice(seconds, shapes):
         clock = max(clock, heapq.heappop(free)) + 1.0 / per_second

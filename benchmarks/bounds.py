@@ -1,4 +1,4 @@
-"""Speed of certified bounds over boxes against eager torch, in one process, as ratios: `python benchmarks/bounds.py [--json]`.
+"""Speed of certified bounds against eager torch, in one process, as ratios: `python benchmarks/bounds.py [--json]`.
 
 Each round times every contestant once, in turn; ratios are taken within a round, and their median is printed.
 Contestants: bounds by lines (CROWN) in eager torch, vectorised over boxes, in chunks of the best of several sizes that
@@ -104,7 +104,7 @@ class TorchBounds:
         return least, (score * radius).argmax(dim=1), h @ output + self.biases[-1]
 
     def chunked(self, lower: np.ndarray, upper: np.ndarray, size: int, dealt: bool) -> Callable:
-        """A call that bounds all boxes in chunks of ``size``, dealt to Python threads or worked on by all of torch's."""
+        """A call that bounds all boxes in chunks of ``size``, by Python threads or by all of torch's."""
         dtype = self.weights[0].dtype
         chunks = list(zip(*(torch.from_numpy(a).to(dtype).split(size) for a in (lower, upper)), strict=True))
 
@@ -127,7 +127,7 @@ def threads() -> ThreadPoolExecutor:
 
 
 def multiply_adds(ndim: int, hidden: tuple[int, ...]) -> int:
-    """Of a box: first layer and back, its value; then means, noise and ``ndim`` generators forwards, one row back, the value."""
+    """Of a box: first layer and back, its value; then means, noise and ``ndim`` generators, one row back, the value."""
     later = sum(a * b for a, b in pairwise(hidden))
     return 3 * ndim * hidden[0] + (ndim + 4) * later + 2 * hidden[-1]
 

@@ -1,4 +1,6 @@
-"""What `choose` takes in every column of Table 1, by the price of the narrow phase: `python benchmarks/chosen.py --data DIR --out results/chosen`.
+"""What `choose` takes in every column of Table 1, by the price of the narrow phase.
+
+`python benchmarks/chosen.py --data DIR --out results/chosen`
 
 Each kind of query of an object of each dimension is one call of `wb.choose`, with all its candidates: every method in
 several sizes, bits and hierarchies among them, cascades, networks with thresholds of parts, and distances. A row keeps

@@ -1,4 +1,6 @@
-"""Particles around a body that deforms: a bounder over place and pose, which needs no refit, beside a box and a hierarchy that are refitted: `python benchmarks/deforming.py --out results/deforming`.
+"""Particles around a deforming body: a bounder over place and pose without refit, compared with refitted ones.
+
+The others are a box and a hierarchy. `python benchmarks/deforming.py --out results/deforming`
 
 Two generated bodies of two pose numbers each, so that queries have five: a finger that bends two ways, and a ball that
 is drawn out and bent. Poses go round from step to step, particles drift. In each step every broad phase, and each

@@ -1,4 +1,6 @@
-"""Distances of a mesh: bytes, false positives of points at several radii and of segments, evaluations a segment, ns a point and a segment, in lanes and one by one.
+"""Distances of a mesh: bytes, false positives of points and segments, evaluations and time.
+
+Points at several radii; evaluations a segment; ns a point and a segment, in lanes and one by one.
 
 Run from the repository: ``python benchmarks/distances.py --out results/distances``. The mesh is the bunny that comes
 with Warp; lengths are shares of half its longest side. All times are medians of runs that take turns. Truth is the mesh

@@ -1,4 +1,4 @@
-"""Edges of a roadmap in an arm's configurations, cleared by marching with a distance: `python benchmarks/marching.py --out results/marching`.
+"""Edges of an arm's roadmap, cleared by a distance: `python benchmarks/marching.py --out results/marching`.
 
 A distance of the colliding configurations is a clearance, the least that any joint must move before something can
 touch, weighted. A march along an edge asks for it, goes on by as much, and asks again, until the edge's end is reached

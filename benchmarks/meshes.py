@@ -49,7 +49,8 @@ METHODS = {
 }
 SAMPLES, TIMED, ROUNDS = 1_000_000, 1_000_000, 9  # random points; points of a timed batch, and how often it is asked
 DASH = "-"
-MARKS = {  # of the picture: marker and colour by the first word of a label; those of one size stand by their marker alone
+# of the picture: marker and colour by the first word of a label; those of one size stand by their marker alone
+MARKS = {
     "mlp": ("o", "tab:red"),
     "mlp-early": ("o", "tab:orange"),
     "hierarchy": ("o", "tab:purple"),

@@ -1,4 +1,4 @@
-"""A fit to the queries that a simulation asks, beside the usual fit: `python benchmarks/own_queries.py --out results/own-queries`.
+"""A fit to a simulation's own queries, and the usual one: `python benchmarks/own_queries.py --out results/own-queries`.
 
 The rain on the moving bunny is run once without a broad phase, and what it asks is kept: some particles at each step's
 time. Networks of the same size are fitted in the same time, to random queries and to these, each seed of training on

@@ -1,4 +1,4 @@
-"""Speed of what is asked most, beside what users have already: `python benchmarks/rivals.py --out results/speed/rivals`.
+"""Speed of the most frequent calls, compared with rivals: `python benchmarks/rivals.py --out results/speed/rivals`.
 
 Points around the bunny, dilated: networks, boxes in a tree, cells, against torch, Warp's tree over the very same boxes
 (``wp.Bvh``) and Warp's query of the closest point on the mesh within the margin, which is exact. Rays: against Warp's

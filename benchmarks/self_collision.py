@@ -1,4 +1,4 @@
-"""One network of an arm's collisions with itself, used in two cells: `python benchmarks/self_collision.py --out results/self-collision`.
+"""One network of an arm's self-collisions: `python benchmarks/self_collision.py --out results/self-collision`.
 
 The planar arm of four joints, which may touch itself, plans roadmaps in two cells. A cell's network knows nothing of
 the arm's own links, so by itself it clears nothing: every configuration would have to be checked against the arm. A

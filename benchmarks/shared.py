@@ -22,7 +22,7 @@ from warp_bounding.runtime.launch import cpu_threads
 
 
 class KeptRows:
-    """A folder with rows, a line of JSON each, written as they are known, and a page that is made of them: run again, it goes on where it stopped.
+    """A folder with rows, a line of JSON each, written as they are known, and a page of them; it resumes.
 
     Args:
         folder: Where; made if it is not there.

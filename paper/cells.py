@@ -147,7 +147,7 @@ def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
 
 
 def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
-    """The bounder of a cell: an earlier run's, or fitted and kept; a cascade's last part is its own row's, if it is there.
+    """The bounder of a cell: an earlier run's, or fitted and stored; a cascade's last part is its row's, if there.
 
     Args:
         folder: Where it is kept.

@@ -1,4 +1,4 @@
-"""What the paper compares with: networks trained with the plain symmetric loss, their errors recorded, and a plain interpolated field."""
+"""What the paper compares with: networks with the symmetric loss and their errors, and a plain field."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -38,7 +38,7 @@ DPI, PALETTE = 130, 256  # pixels an inch; colours of a PNG
 
 
 def raster(shape: Any, side: int, time: float | None = None) -> np.ndarray:
-    """``(side, ..., side, n)`` float32: points on an even raster over a shape's domain, of an animated one at a time."""
+    """``(side, ..., side, n)`` float32: points on an even raster over a shape's domain, at a time if animated."""
     lower, upper = (np.asarray(x, dtype=np.float64)[int(time is not None) :] for x in (shape.lower, shape.upper))
     ticks = [low + (np.arange(side) + 0.5) / side * (high - low) for low, high in zip(lower, upper, strict=True)]
     points = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1)

@@ -76,7 +76,7 @@ def v_per_unit(domain: RegionDomain) -> np.ndarray:
 
 
 def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
-    """V ``(N, 2 n)`` float64 of regions that begin in the domain: local points, unit directions times the ray's length."""
+    """V ``(N, 2 n)`` float64 of regions that begin in the domain: local points, and directions of a ray's length."""
     parts = np.split(np.asarray(q, dtype=np.float64), 2, axis=1)
     for k, turned in enumerate(DIRECTIONS[domain.query]):
         unit = parts[k] / np.linalg.norm(parts[k], axis=1, keepdims=True) if turned else None
@@ -88,7 +88,7 @@ def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
 
 
 class Patches:
-    """Patches of the unit sphere in n dimensions, cells of a cube's faces seen from its centre; and what is known of each.
+    """Patches of the unit sphere in n dimensions, as cells of a cube's faces seen from its centre; and their data.
 
     A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``;
     so a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
@@ -438,7 +438,7 @@ class ParametricVolume:
     certificate = None
 
     def query(self, q: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool, *maybe*, of regions that begin in the domain; a plane with a point outside of it is *maybe*."""
+        """``(N,)`` bool, *maybe*, of regions that begin in the domain; a plane with a point outside is *maybe*."""
         v = to_local(self.domain, q)
         beyond = (np.abs(v) > limit_of(self.domain)).any(axis=1) if self.domain.query == "plane" else False
         if self.offset is not None:
@@ -513,7 +513,7 @@ TILTS = (1.0, 0.6, 1.6)  # weights of u relative to those of a in the first half
 
 
 def learned_normals(grid: Any, support: Support, *, seed: int, seconds: float, steps: int | None) -> np.ndarray:
-    """``(k, 2 n)`` normals, the paper's OurkDOP: of ``kdop``'s and of learned ones those with the fewest negatives inside."""
+    """``(k, 2 n)`` normals, the paper's OurkDOP: of ``kdop``'s and learned ones the best by negatives inside."""
     import torch
 
     from warp_bounding.training import learned_kdop as train

@@ -133,7 +133,9 @@ def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[d
 
 
 def race(bounders: Mapping[Any, Any], queries: Any, rounds: int) -> dict[Any, np.ndarray]:
-    """Seconds of every bounder in every round, ``(rounds,)``; before the first each has been asked once, and who begins moves on.
+    """Seconds of every bounder in every round, ``(rounds,)``.
+
+    Each is queried once before the first; which one begins moves on.
 
     Args:
         bounders: All on the device of the queries.
@@ -159,7 +161,10 @@ def race(bounders: Mapping[Any, Any], queries: Any, rounds: int) -> dict[Any, np
 
 
 def devices_named(text: str | None) -> tuple[str, ...]:
-    """Aliases of Warp devices; of all that are there for ``None``. Raises ``BounderError`` if there is no such device."""
+    """Aliases of Warp devices; of all that are there for ``None``.
+
+    Raises ``BounderError`` if there is no such device.
+    """
     import warp as wp
 
     there = [device.alias for device in wp.get_devices()]

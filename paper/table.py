@@ -1,4 +1,4 @@
-"""What the paper's tables are made of: columns, methods, the paper's own numbers, and the words of a command line that name them.
+"""What the paper's tables are made of: columns, methods, the paper's own numbers, and their command-line names.
 
 ``paper.csv`` has the numbers of Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024): ``fp_rate`` of Table
 1, per cent, with truth found by sampling and volumes around the *parameters* of the queries; ``ms`` for ten million
@@ -144,7 +144,7 @@ class Variant(NamedTuple):
         return all(cls.conservative for cls in classes_of(self.method))
 
     def space_in(self, column: Column) -> str | None:
-        """The space that this row has in a column, ``None`` where there is no such bounder; points have the geometric one."""
+        """This row's space in a column, ``None`` where there is no such bounder; points have the geometric one."""
         if self.parametric:
             return SPACES[1] if column.kind.is_region else None
         if self.method == DISTANCE:
@@ -202,7 +202,10 @@ def select_columns(text: str | None) -> list[Column]:
 
 
 def select_methods(text: str | None, among: Sequence[Variant] = VARIANTS) -> list[Variant]:
-    """The rows that names of methods stand for; all for ``None``. Raises ``BounderError`` for a name that is not ``among`` these."""
+    """The rows that names of methods stand for; all for ``None``.
+
+    Raises ``BounderError`` for a name that is not ``among`` these.
+    """
     words, names = words_of(text), list(dict.fromkeys(v.name for v in among))
     for word in words or ():
         if word not in names:
@@ -211,7 +214,7 @@ def select_methods(text: str | None, among: Sequence[Variant] = VARIANTS) -> lis
 
 
 def budgets_in(text: str, default: float) -> dict[str, Any]:
-    """The settings ``budget`` and ``budgets`` of what ``--budget`` takes: seconds of each learned fit, and others for some columns or methods.
+    """The settings ``budget`` and ``budgets`` from ``--budget``: seconds of learned fits, for some columns or methods.
 
     Such as ``20,3d=40,3d-ray:mlp=240``: of all words that name a fit's column or method, the last one counts. Raises
     ``BounderError`` with the word that makes no sense.
@@ -234,7 +237,7 @@ def budgets_in(text: str, default: float) -> dict[str, Any]:
 
 
 def budget_of(settings: dict[str, Any], column: Column, variant: Variant) -> float:
-    """Seconds of a learned fit; a cascade takes what its last part would, thresholds of parts and a hierarchy what one network would."""
+    """Seconds of a learned fit: a cascade takes its last part's; thresholds of parts and a hierarchy one network's."""
     seconds, names = settings["budget"], {variant.method, variant.last}
     names |= {"mlp"} if variant.method in (LOCAL, TREE) else set()
     for word in settings["budgets"].split(",") if settings["budgets"] else ():

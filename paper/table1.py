@@ -1,4 +1,7 @@
-"""The paper's Table 1, measured: false positives of every method, kind of query and object. The run, its page, its plot."""
+"""The paper's Table 1, measured: false positives of every method, kind of query and object.
+
+The run, its page, its plot.
+"""
 
 import time
 from collections.abc import Iterator, Sequence

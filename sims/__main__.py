@@ -1,4 +1,4 @@
-"""``python -m sims NAME``: the library at work on real input, with tables and pictures; in a clone of the repository."""
+"""``python -m sims NAME``: the library at work on real input, with tables and pictures, in a clone."""
 
 from dataclasses import fields
 from importlib import import_module

@@ -34,7 +34,7 @@ def asset_mesh(name: str) -> wb.IndicatorMesh:
 
 
 def once(shape: Shape) -> Shape:
-    """The shape; a mesh that lays the same cells once, and decides the same points once: a demo asks that for each of its bounders."""
+    """The shape; a mesh that caches its cells and decided points, since a demo needs them for each bounder."""
     if not isinstance(shape, wb.IndicatorMesh | wb.IndicatorMotion):
         return shape
     known: dict[tuple, Any] = {}

@@ -1,4 +1,4 @@
-"""What every demo is made of: an ``Example``, one run of its simulation, and a ``Demo``, which runs it with and without bounders.
+"""What every demo is made of: an ``Example``, one run; and a ``Demo``, which runs it with and without bounders.
 
 A demo tells a ``Demo`` its shapes, how their bounders are fitted, how a run begins and what is drawn. The rest is the
 same for all: bounders are fitted or loaded, the runs take turns, step by step, so that whatever else the machine does
@@ -95,7 +95,7 @@ def now(device: wp.Device) -> float:
 
 
 def simulate(what: str, phases: Mapping[str, Any], make: Callable[[Any, bool], Example], steps: int) -> dict[str, Any]:
-    """The same run once without a broad phase (``"none"``) and once with each, from the same state, in turns, step by step.
+    """The same run without a broad phase (``"none"``) and with each, from one state, in turns, step by step.
 
     Args:
         what: Name of the simulation, beside the progress bar.

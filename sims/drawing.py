@@ -1,4 +1,8 @@
-"""What the demos' pictures share; those of pyvista are drawn in a process of its own (``warp_bounding.views.draw_with``), where a ``draw(data, folder)`` runs."""
+"""What the demos' pictures share.
+
+Those of pyvista are drawn in a process of their own (``warp_bounding.views.draw_with``), where a ``draw(data, folder)``
+runs.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +32,7 @@ CAPTIONS = {"mlp": "mlp: a network with a proof", "occupancy": "occupancy: a net
 
 
 def save_figure(figure, path: Path, dpi: int, colours: int = COLOURS) -> Path:
-    """Write a matplotlib figure, drawn on an Agg canvas, as a PNG file with a palette; its folder is made if there is none."""
+    """Write a matplotlib figure on an Agg canvas as a PNG file with a palette; makes its folder."""
     from PIL import Image
 
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +57,7 @@ def polygons(vertices: np.ndarray, faces: np.ndarray):
 
 
 def panels(path: Path, count: int, width: int, height: int) -> Iterator[tuple]:
-    """Numbers of a picture's panels, side by side, each with a pyvista plotter that draws there; the picture is written after the last.
+    """Numbers of a picture's panels, side by side, each with a pyvista plotter; writes the picture after the last.
 
     Args:
         path: Of the PNG file.

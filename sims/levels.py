@@ -1,4 +1,4 @@
-"""Level sets of a distance around a mesh, cut open so that one sees how they lie in each other; drawn by ``sims.drawing`` in a process of its own."""
+"""Level sets of a distance around a mesh, cut open to show the nesting; ``sims.drawing`` draws in a process."""
 
 from pathlib import Path
 

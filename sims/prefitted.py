@@ -193,7 +193,7 @@ def bounders_of(
 
 
 def owner(file: Path, shapes: dict[str, Shape], spec: FitSpec) -> str | None:
-    """Whose bounder a file holds: the name of the shape that it was fitted to, itself or its cells, if it is among these.
+    """Whose bounder a file holds: the name of the shape that it, or its cells, was fitted to, if among these.
 
     Args:
         file: Of a bounder.

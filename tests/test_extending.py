@@ -1,4 +1,5 @@
-"""A method and a kind of shape of one's own, defined here: registered, they are fitted, proven, kept, certified and asked as the library's are.
+"""A method and a kind of shape of one's own, defined here: registered, they are fitted, proven, kept, certified and
+asked as the library's are.
 
 No file of the package is touched for it. ``test_extending_activations.py`` does so with an activation.
 """
@@ -32,7 +33,8 @@ class DiamondSource(Source):
 
 
 class Diamond(Bounder):
-    """Points whose coordinates v have absolute values that sum up to at most a radius: ``f(v) = radius - sum |v_k|``, which is concave."""
+    """Points whose coordinates v have absolute values that sum up to at most a radius: ``f(v) = radius - sum |v_k|``,
+    which is concave."""
 
     method = "diamond"
     options = (Option("slack", 0.0, "added to the radius, half-widths of the domain", float, float),)

@@ -1,4 +1,5 @@
-"""An activation of one's own, defined here, in every role that a network gives it: no file of the package is touched for it."""
+"""An activation of one's own, defined here, in every role that a network gives it: no file of the package is touched
+for it."""
 
 import numpy as np
 import pytest

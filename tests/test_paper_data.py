@@ -1,4 +1,5 @@
-"""The paper's shapes, where they are at hand: every closed form is proven, tight, and never wrong on a million samples."""
+"""The paper's shapes, where they are at hand: every closed form is proven, tight, and never wrong on a million
+samples."""
 
 import math
 import os

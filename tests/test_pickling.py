@@ -1,4 +1,5 @@
-"""Bounders and shapes come back from pickles and from ``copy.deepcopy`` as they were, used or not, and share no memory with them."""
+"""Bounders and shapes come back from pickles and from ``copy.deepcopy`` as they were, used or not, and share no memory
+with them."""
 
 import copy
 import multiprocessing

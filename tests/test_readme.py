@@ -1,4 +1,5 @@
-"""The README, *Get started* and the guide run as they are printed: every snippet and every command, in order, in one folder and one namespace.
+"""The README, *Get started* and the guide run as they are printed: every snippet and every command, in order, in one
+folder and one namespace.
 
 What would take minutes is shortened: a mesh of few triangles stands in for the bunny, fits are small by ``SHORTER``
 (words of the text that are replaced) and commands by ``SMALL`` (options that are added). Commands that set up an

@@ -1,4 +1,5 @@
-"""Blocks are dealt out to threads without a gap or an overlap, whatever interrupts; the working clock; compaction; progress."""
+"""Blocks are dealt out to threads without a gap or an overlap, whatever interrupts; the working clock; compaction;
+progress."""
 
 import io
 import os

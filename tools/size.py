@@ -1,4 +1,4 @@
-"""The table of sizes and targets of docs/architecture.md: ``python tools/size.py`` prints it, ``--write`` puts it into the page.
+"""Sizes and targets of docs/architecture.md: ``python tools/size.py`` prints the table, ``--write`` puts it there.
 
 Counts lines and files that git tracks, and the modules that ``load`` and one ``query`` bring along, in a process of
 their own.

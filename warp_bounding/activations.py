@@ -1,4 +1,4 @@
-"""What a hidden layer applies to its sums: the contract, the rectified linear unit, the hyperbolic tangent, the sine, and all by name.
+"""Activations of hidden layers: the contract, ReLU, tanh, the sine, and the table of all by name.
 
 An activation is one object, an entry of ``ACTIVATIONS``; one that is defined elsewhere is registered by ``register``.
 Its slopes lie between -1 and 1: rounding and bounds are passed on through it undiminished.

@@ -1,4 +1,4 @@
-"""Exceptions of the library: one small family, each also a ``ValueError`` so that callers may catch either; and its warnings."""
+"""Exceptions of the library, each also a ``ValueError`` so that callers may catch either; and its warnings."""
 
 __all__ = [
     "BounderError",

@@ -114,7 +114,7 @@ def judge_of(shape, fitted: Shape, query: str, protocol: str) -> Shape:
 def truth_by(
     protocol: str, query: str, judge: Shape, device, length: float, seed: int
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The truth of queries by a protocol; ``length`` is that of rays, ``seed`` of the random points of sampled truth."""
+    """The truth of queries by a protocol: rays have ``length``, ``seed`` is that of sampled truth's random points."""
     if protocol == PROTOCOLS[0]:
         return decision(query, judge, device, length)
     return SampledOracle(query, judge, device=device, seed=seed, length=length)
@@ -208,7 +208,7 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol: str, seed: int, told: dict) -> tuple:
-    """Of a distance: whose truth counts, around which shape queries are drawn, the truth, how it is asked, and what ``Rates`` tells of that.
+    """What is evaluated of a distance bounder: the truth, its shape, the shape to sample around, and its statistics.
 
     Raises:
         QueryError: For a query that a distance is not asked, or a value that makes no sense for it.
@@ -334,7 +334,7 @@ def evaluate(
 
 
 def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> dict:
-    """About how tight a bounder is, and an axis-aligned box around the same object, by their f in float64; a distance at radius 0.
+    """Approximate tightness of a bounder, and a box around its object, by f in float64; a distance at radius 0.
 
     Args:
         bounder: Any bounder.

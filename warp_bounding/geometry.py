@@ -1,4 +1,4 @@
-"""Hulls of cells and meshes, enclosing balls and ellipsoids, how far ellipsoids reach, and inverses with a bound of their error."""
+"""Hulls of cells and meshes, enclosing balls and ellipsoids and their reach, and inverses with bounded errors."""
 
 import math
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class Component:
 
 
 def connected_labels(occupancy: np.ndarray) -> np.ndarray:
-    """``(M,)`` integers: the number of its component for each occupied cell of a bool grid, in the order of ``np.argwhere``."""
+    """``(M,)`` integers: component numbers of the occupied cells of a bool grid, in the order of ``np.argwhere``."""
     from scipy import ndimage
 
     return ndimage.label(occupancy, np.ones((3,) * occupancy.ndim))[0][occupancy] - 1
@@ -87,7 +87,7 @@ def _cofactors(a: np.ndarray) -> np.ndarray:
 
 
 def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray, neighbors: np.ndarray, start: np.ndarray):
-    """Which integer points ``(P, n)`` were found to lie in a simplex of the apex and one of the facets' corners ``(F, n, n)``.
+    """Which integer points ``(P, n)`` certainly lie in a simplex of the apex and a facet's corners ``(F, n, n)``.
 
     From the facet ``start`` ``(P,)`` near each point the search walks through the most negative weight, to the facet
     opposite to that corner (``neighbors`` ``(F, n)``).
@@ -111,7 +111,7 @@ def _in_simplices(points: np.ndarray, apex: np.ndarray, facets: np.ndarray, neig
 
 
 def hull_corners(cells: np.ndarray) -> np.ndarray:
-    """Corners ``(V, n)`` of cells ``(M, n)``, int64, among which are all vertices of the cells' convex hull, and few others."""
+    """Int64 corners ``(V, n)`` of cells ``(M, n)``: all vertices of their convex hull, and few others."""
     corners = line_ends(cells)
     n, size = corners.shape[1], int(np.ptp(corners, axis=0).max())
     if n < 2 or len(corners) <= FEW_CORNERS or n * factorial(n) * (2 * n * size) ** n >= 2**62:  # 64 bits must do
@@ -215,7 +215,7 @@ def few_points(points: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _singular(corners: np.ndarray) -> np.ndarray:
-    """What makes the matrices of flat simplices invertible: then the sum that is found misses the point, which is kept."""
+    """Added to make the matrices of flat simplices invertible: the sum then misses the point, which is retained."""
     flat = ~(np.abs(np.linalg.det(corners)) > 0)
     return flat[:, None, None] * np.eye(corners.shape[-1])
 
@@ -316,7 +316,10 @@ def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tup
 
 
 def _thickened(points: np.ndarray, family: str) -> np.ndarray:
-    """The points ``(P, n)``, of size 1; where they are flat in a direction that matters to the family, twice, ``THIN`` apart."""
+    """The points ``(P, n)``, of size 1.
+
+    If they are flat in a direction that matters to the family, they are there twice, ``THIN`` apart.
+    """
     if family == "trace":
         return points
     directions = np.eye(points.shape[1])
@@ -329,7 +332,7 @@ def _thickened(points: np.ndarray, family: str) -> np.ndarray:
 
 
 def _farthest_places(points: np.ndarray, radii: np.ndarray, matrix: np.ndarray, center: np.ndarray) -> np.ndarray:
-    """``(P, n)``: by how much to move each point in its dilation so that it is about the farthest in the metric ``|A (x - center)|``."""
+    """``(P, n)``: moves of points in their dilation to about the farthest in the metric ``|A (x - center)|``."""
     stretched, z = matrix * radii, (points - center) @ matrix.T
     u = np.zeros_like(points)
     for _ in range(ASCENTS):  # as in power iteration
@@ -349,7 +352,7 @@ def _outermost(points: np.ndarray) -> np.ndarray:
 def _enclose(
     points: np.ndarray, weights: np.ndarray, family: str, steps: int
 ) -> tuple[np.ndarray, np.ndarray, float, np.ndarray, bool]:
-    """Centre, metric, its goal and the weights of the smallest member of a family around all points, from these weights on.
+    """Centre, metric, objective and weights of the smallest member of a family around points, from initial weights.
 
     The last is whether the gap was closed in so many steps.
     """
@@ -440,7 +443,7 @@ APART = 1e-12  # relative: l lies at least so far above the largest eigenvalue
 
 
 def farthest(centres: np.ndarray, matrix: np.ndarray) -> float:
-    """Upper bound of ``|z + M u|`` over all centres z and all u of length at most 1; exact but for some 1e-12, which are added.
+    """Upper bound of ``|z + M u|`` over all centres z and ``|u| <= 1``; exact up to some 1e-12, which are added.
 
     Args:
         centres: ``(P, r)`` float64.

@@ -407,7 +407,7 @@ def torch_too(arguments) -> dict:
 
 
 def counts(arguments) -> dict:
-    """Ns a point by how many are asked at once: ``prepare``'s launches as a user calls them, and replayed in a graph."""
+    """Ns a point by batch size: ``prepare``'s launches as a user calls them, and replayed in a graph."""
     found, frame, device = {}, np.load(arguments.data / "frame.npz"), arguments.device
     for count in (1_000, 10_000, 100_000, 1_000_000, 10_000_000, 100_000_000):
         x = _vectors(flat := uniform(frame["low"], frame["high"], count, device), count)

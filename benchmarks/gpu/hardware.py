@@ -1,4 +1,4 @@
-"""What a proof on tensor cores takes from the hardware, tested on it: the sine of every number, and sums that are hard."""
+"""What a proof on tensor cores assumes of the hardware, tested on it: the sine of every number, and hard sums."""
 
 import warp as wp
 
@@ -138,7 +138,7 @@ SINE, MMA = _kernel("hardware_sine", fill(_SINE, slope=tensor_cores.SINE_SLOPE.h
 
 
 def sine_errors(device: str) -> dict:
-    """Largest errors of ``sin.approx`` of all float32 numbers up to 2^13, by exponent field, and what they exceed the slope by."""
+    """Largest errors of ``sin.approx`` of all float32 up to 2^13, by exponent, and their excess over the slope."""
     worst = wp.zeros(2 * EXPONENTS, dtype=wp.float64, device=device)
     wp.launch(SINE, EXPONENTS << 16, [0, 0], [worst], device=device)
     found = worst.numpy().reshape(-1, 2)
@@ -153,7 +153,7 @@ def sine_errors(device: str) -> dict:
 
 
 def sum_errors(device: str, warps: int, seed: int) -> dict[str, list]:
-    """Largest errors of ``mma`` by way of making terms, in units of 2^-23 (see ``_SUMS``); each warp makes 64 x 256 sums."""
+    """Largest errors of ``mma`` by how terms are made, in 2^-23 (see ``_SUMS``); each warp makes 64 x 256 sums."""
     worst = wp.zeros(36, dtype=wp.float64, device=device)
     wp.launch(MMA, warps * 32, [seed, 0], [worst], device=device, block_dim=128)
     found = worst.numpy().reshape(2, 6, 3)

@@ -225,7 +225,7 @@ def browse(browser: Browser, site: Path, out: Path) -> list[str]:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Check a built site in a browser; 0 if nothing is wrong or there is no browser, 1 if something is, 2 for bad usage."""
+    """Check a built site in a browser; 0 for no fault or no browser, 1 for a fault, 2 for bad usage."""
     parser = argparse.ArgumentParser(
         prog="python docs/site/browse.py", description="Check the built site in a browser without a window."
     )

@@ -1,4 +1,4 @@
-"""The gallery: a page that shows every notebook by a picture, its title and its first sentence, taken from the notebook as it was committed.
+"""The gallery: every notebook by a picture, its title and its first sentence, from the committed notebook.
 
 Nothing is executed. The picture is the largest of the notebook's own outputs, made small; a notebook without one has a
 card without a picture.

@@ -1,4 +1,4 @@
-"""What is wrong with the links of built pages: those that lead nowhere, and what a browser would fetch from another host.
+"""What is wrong with links of built pages: those that lead nowhere, and what a browser fetches from elsewhere.
 
 Pages are read as they lie in a folder; no browser and no web is needed. A link to another host that a reader may follow
 is allowed, a script, a style, a font or a picture from there is not.

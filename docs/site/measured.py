@@ -1,4 +1,4 @@
-"""Tables of the pages, made from the files in ``results``, so that no number is typed in: ``python docs/site/measured.py`` writes them anew.
+"""Tables of the pages, made from files in ``results``: ``python docs/site/measured.py`` writes them anew.
 
 Each function of ``MEASURED`` reads what a benchmark or a demo has written and returns a table in Markdown. A page
 asks for one by its name, with the comment ``<!-- measured: NAME -->`` on a line by itself; the table follows, up to
@@ -72,7 +72,7 @@ def meshes(results: Path) -> str:
 
 
 def prices(results: Path) -> str:
-    """What a query costs in all, the bounder's time and the narrow phase of what it leaves, for several prices of that."""
+    """The cost of a query, with the narrow phase of what the bounder leaves, at several prices of that."""
     rows = [r for r in _lines(results / "meshes/meshes.jsonl") if r["mesh"] == "bunny" and r["certificate"] == "proven"]
     left = [(row["fp_rate"] + row["positives"]) / 100 for row in rows]
     costs = [[row["nanoseconds"] + share * price for price in PRICES] for row, share in zip(rows, left, strict=True)]
@@ -102,7 +102,7 @@ def distances(results: Path) -> str:
 
 
 def demos(results: Path) -> str:
-    """Of every demo a table: calls of the narrow phase, and time, that each bounder leaves of the run without a broad phase."""
+    """A table of every demo: narrow-phase calls and time that each bounder leaves of the run without a broad phase."""
     tables = []
     for demo in DEMOS:
         report = json.loads((results / f"demos/{demo}.json").read_text(encoding="utf-8"))

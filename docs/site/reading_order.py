@@ -1,4 +1,4 @@
-"""The pages that people read, in the order in which they are read: the README, *Get started*, the guide page by page, and what they lead to."""
+"""The pages in reading order: the README, *Get started*, the guide page by page, and what they lead to."""
 
 import re
 from pathlib import Path

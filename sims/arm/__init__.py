@@ -1,4 +1,4 @@
-"""Arms that plan among obstacles: the configurations that collide are bounded, in as many dimensions as there are joints.
+"""Arms that plan among obstacles: colliding configurations are bounded, in as many dimensions as joints.
 
 ``Example(place, exact, broad)`` plans all problems of a cell at once; ``run`` does the whole demo.
 """

@@ -62,7 +62,11 @@ WARM_UP = 50
 
 
 def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS) -> dict[str, FitSpec]:
-    """Specs for one arm: of many joints the network begins with a layer of sines and cosines of the arm's angles; of too many for a proof samples attest it."""
+    """Specs for one arm.
+
+    With many joints the network begins with sines and cosines of the angles; with too many for a proof, samples attest
+    it.
+    """
     if shape.ndim <= FEW_JOINTS:
         return specs
     waves = 2 * len(shape.arm.angles)

@@ -43,7 +43,9 @@ class Stepped(Exact):
         return self.hits(x.astype(np.float64)) if len(x) else np.zeros(0, dtype=bool)
 
     def segments(self, starts: np.ndarray, ends: np.ndarray, cleared: Cleared | None = None) -> np.ndarray:
-        """Which edges collide at a configuration along them; one of no length is its state. Configurations that the broad phase clears are not checked.
+        """Which edges collide at a configuration along them; one of no length is its state.
+
+        Configurations that the broad phase clears are not checked.
 
         Raises:
             QueryError: For another shape or dtype, or numbers that are not finite.
@@ -75,7 +77,10 @@ class Stepped(Exact):
         return hit
 
     def _along(self, begin: np.ndarray, way: np.ndarray, halvings: int, cleared: Cleared | None) -> bool:
-        """Whether one edge collides. The broad phase is asked about all of it at once, since each call costs as much as many configurations."""
+        """Whether one edge collides.
+
+        The broad phase is asked about all of it at once, since each call costs as much as many configurations.
+        """
         x = begin + _halving(halvings)[:, None] * way
         if cleared is not None and len(x):
             x = x[~cleared(x)]
@@ -102,7 +107,9 @@ class Hulls(Stepped):
 
 
 class Meshes(Stepped):
-    """Triangle meshes of the bodies, with Coal and Pinocchio. They lie inside the hulls, so what is proven free of these is free of them.
+    """Triangle meshes of the bodies, with Coal and Pinocchio.
+
+    They lie inside the hulls, so what is proven free of these is free of them.
 
     Raises:
         BoundingError: If these packages are not installed.

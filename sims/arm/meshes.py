@@ -1,4 +1,7 @@
-"""An arm and its surroundings as triangle meshes, as robots come from their makers, for Coal and Pinocchio (``pip install 'warp-bounding[arms]'``)."""
+"""An arm and its surroundings as triangle meshes, as robot makers publish them, for Coal and Pinocchio.
+
+These need ``pip install 'warp-bounding[arms]'``.
+"""
 
 import numpy as np
 import trimesh
@@ -12,7 +15,7 @@ SHRUNK = 1 - 2.0**-30  # more than float64 rounds: meshes lie inside the bodies
 
 
 def mesh_of(body: wb.arms.Body) -> trimesh.Trimesh:
-    """A mesh inside a body, its corners on the body's surface: the hull of a ball of triangles around each of its points."""
+    """A mesh inside a body, its corners on the body's surface: the hull of a triangulated ball around each point."""
     if body.radius == 0:
         return trimesh.PointCloud(body.points).convex_hull
     ball = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS, radius=body.radius * SHRUNK).vertices

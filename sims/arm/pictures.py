@@ -1,4 +1,4 @@
-"""Pictures of arms that plan: the path with the proven network, that with the network that has no proof, and a slice of configuration space.
+"""Pictures of arms that plan: the proven network's path, the unproven one's, and a slice of configuration space.
 
 Runs are those of ``demo``. Arms in a plane are seen from above. Drawn with matplotlib, without a display.
 """
@@ -69,7 +69,7 @@ def draw_one(example: Roadmap, folder: Path) -> Path:
 
 
 def longest_path(example: Roadmap, other: Roadmap) -> int | None:
-    """The problem, solved in both runs, with the longest path; among those that collide in the first run, if there are any."""
+    """The problem, solved in both runs, with the longest path; one that collides in the first run, if any."""
     both = np.flatnonzero(np.isfinite(example.lengths) & np.isfinite(other.lengths))
     if not len(both):
         return None
@@ -157,7 +157,10 @@ def _path(ax, example: Roadmap, problem: int | None, colour: str) -> None:
 
 
 def slice_of(place: Workplace, middle: np.ndarray, count: int = RESOLUTION) -> tuple[np.ndarray, np.ndarray]:
-    """Configurations ``(count^2, n)`` float32 with all values of joints 0 and 1, the others as in ``middle``; and the values ``(2, count)``, degrees."""
+    """Configurations ``(count^2, n)`` float32 over joints 0 and 1, the others as in ``middle``.
+
+    And the values ``(2, count)`` in degrees.
+    """
     lower, upper = place.shape.lower, place.shape.upper
     values = np.linspace(lower[:2], upper[:2], count).T
     x = np.tile(np.asarray(middle, dtype=np.float32), (count * count, 1))

@@ -1,4 +1,4 @@
-"""Arms and the cells that they work in, made by code: planar arms of a few joints, and one of six like those that stand in factories."""
+"""Arms and their cells, made by code: planar arms of a few joints, and one of six as factories have."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -109,7 +109,7 @@ def _block(x: float, y: float, width: float, depth: float, turned: float = 0.0) 
 
 
 def _flat() -> tuple[wb.arms.Body, ...]:
-    """What stands around the planar arms, whose links are a metre long together: posts, a wall with a gap, and blocks."""
+    """What surrounds the planar arms, whose links are a metre long together: posts, a wall with a gap, and blocks."""
     posts = (_post(0.35, 0.55, 0.07), _post(-0.5, 0.45, 0.09), _post(-0.62, -0.2, 0.06), _post(0.1, -0.62, 0.08))
     walls = (_block(0.75, 0.32, 0.06, 0.4, 0.3), _block(0.72, -0.38, 0.06, 0.42, -0.4))
     return (*posts, *walls, _block(-0.35, -0.68, 0.3, 0.08, 0.5), _post(-0.1, 0.85, 0.06))

@@ -1,4 +1,4 @@
-"""Where an arm plans: its configurations, in coordinates in which a unit moves no point of it by more than a metre a joint."""
+"""Where an arm plans: its configurations, so scaled that a unit moves no point by over a metre a joint."""
 
 from functools import cached_property
 

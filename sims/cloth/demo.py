@@ -109,7 +109,7 @@ class Demo(base.Demo):
         return draw_with("sims.cloth.pictures", self.out, cloth_data(pictured, examples["none"]))
 
     def more(self) -> dict[str, Any]:
-        """``particles``, ``bounders``: a row a bounder and shape, ``field``: a row a contact gap, see ``field.measure``."""
+        """``particles``, ``bounders``: a row a bounder and shape; ``field``: a row a contact gap, ``field.measure``."""
         rows = [{"shape": name} | row for name, own in self.rows.items() for row in own]
         return {"particles": self.scene.particles, "bounders": rows, "field": self.field}
 

@@ -1,4 +1,4 @@
-"""A solid star: five points around an axis, with a ridge along each of them; closed, concave, of as many triangles as wanted.
+"""A solid star: five points around an axis, a ridge along each; closed, concave, of any number of triangles.
 
 Twelve corners and twenty triangles give its shape; each triangle is then cut into four, again and again, so that a
 query has a mesh of the usual size to search. Boxes and k-DOPs are loose around it, and its points are what a network

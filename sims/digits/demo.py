@@ -61,7 +61,7 @@ def shapes(device: str = "cpu") -> dict[str, wb.IndicatorNetwork | wb.IndicatorF
 
 
 def shape_of(network: Sequential, latent: int) -> wb.IndicatorNetwork | wb.IndicatorFunction:
-    """What is bounded: the decoder's region, or, where no proof is to be had, the function that the decoder computes."""
+    """What is bounded: the decoder's region, or, where no proof is possible, the function that the decoder computes."""
     shape = region(network, latent)
     if latent <= PROVABLE:
         return shape
@@ -141,7 +141,7 @@ class Demo(base.Demo):
         return Drawn([draw(self.out, series)])
 
     def more(self) -> dict[str, Any]:
-        """``images`` (a batch), ``resolution``, ``largest`` (of latent numbers), and ``bounders``: rows of each shape."""
+        """``images`` (a batch), ``resolution``, ``largest`` (of latent numbers), ``bounders``: rows of each shape."""
         about = {"images": IMAGES[self.quick], "resolution": RESOLUTION[self.quick], "largest": LARGEST}
         return {**about, "unproven": list(UNPROVEN), "bounders": self.rows}
 

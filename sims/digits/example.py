@@ -92,6 +92,6 @@ class Example(base.Example):
         return 0 if reference is None else reference.ink - self.ink  # where a pixel is ink the decoder was run
 
     def extra(self, reference: "Example") -> dict[str, float]:
-        """Per cent of the pixels that the decoder is run for, and how many times as fast a step is as without bounder."""
+        """Per cent of the pixels that the decoder runs for, and a step's speed-up over one without a bounder."""
         share = 100 * sum(self.calls) / sum(reference.calls)
         return {"asked": round(share, 2), "faster": round(reference.milliseconds()[2] / self.milliseconds()[2], 3)}

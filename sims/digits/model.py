@@ -73,7 +73,7 @@ class Sine(nn.Module):
 
 @contextmanager
 def one_thread() -> "Iterator[None]":
-    """Within it decoders and bounders run on one thread each, so that their times can be compared, and on a busy machine."""
+    """Run decoders and bounders on one thread each, so that their times compare, also on a busy machine."""
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

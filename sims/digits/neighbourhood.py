@@ -24,7 +24,7 @@ SEED = 11
 
 
 def neighbourhood(network, code: np.ndarray, radius: float) -> wb.IndicatorNetwork:
-    """The region of the codes whose latent numbers differ from those of a code by at most ``radius``, and of all pixels."""
+    """The region of codes whose latent numbers differ from a code's by at most ``radius``, and of all pixels."""
     code = np.asarray(code, dtype=np.float64)
     lower = np.append(np.maximum(code - radius, -LARGEST), [0.0, 0.0])
     upper = np.append(np.minimum(code + radius, LARGEST), [1.0, 1.0])

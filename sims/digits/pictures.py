@@ -15,7 +15,7 @@ SIDE = 0.95  # of a digit, inches
 
 
 def draw(folder: Path, series: list[tuple[str, np.ndarray, np.ndarray]]) -> Path:
-    """``digits.png``, and ``digits.svg``: a row of random digits for each series, with the border of what its bounder leaves.
+    """``digits.png``, ``digits.svg``: a row of random digits for each series, with the border its bounder leaves.
 
     Args:
         folder: Made if there is none.

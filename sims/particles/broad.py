@@ -1,4 +1,4 @@
-"""The broad phases of the rain: a box that is fitted to the mesh anew in every step, and bounders of the whole motion, which are not.
+"""Broad phases of the rain: a box that is refitted to the mesh in every step, and bounders of the whole motion.
 
 Each says which particles may touch the mesh; ``OfSides`` also which ones certainly do (``certain``).
 """
@@ -49,7 +49,7 @@ class MovingBox:
         return wb.compact(self._mask)
 
     def fp_rate(self, shape: wb.IndicatorMotion, times: int = 50, seed: int = 1) -> float:
-        """False positives in per cent of random points and times around the dilated motion, as ``evaluate`` has them for bounders."""
+        """False positives in per cent of random points and times around the dilated motion, as of ``evaluate``."""
         rng, each, false = np.random.default_rng(seed), 8000, 0
         lower, upper = shape.sample_lower, shape.sample_upper
         for share in rng.random(times):

@@ -1,4 +1,4 @@
-"""What happens to a particle: it falls, and where it meets the mesh it is pushed out and slides; or it seeps through, slowly.
+"""What happens to a particle: it falls; where it meets the mesh it is pushed out and slides, or seeps through.
 
 The narrow phase writes to a particle only where it finds a contact, and it is the same compiled kernel in all runs:
 leaving out a particle without a contact changes nothing. Of a porous mesh it says of each particle whether it is in
@@ -44,7 +44,10 @@ def integrate(
     lives: wp.array(dtype=wp.int32),
     contacts: wp.array(dtype=wp.uint8),
 ):
-    """Move one particle, as if there were no bunny. A new life begins at a place that depends on seed, particle and life only."""
+    """Move one particle, as if there were no bunny.
+
+    A new life begins at a place that depends on seed, particle and life only.
+    """
     thread, _ = wp.tid()
     i = first + thread
     x = wp.vec3(positions[i])
@@ -90,7 +93,7 @@ def collide(
     velocities: wp.array(dtype=wp.vec3),
     contacts: wp.array(dtype=wp.uint8),
 ):
-    """Push one candidate out to the contact distance, with friction and a little bounce; write only if it is in contact."""
+    """Push a candidate out to the contact distance, with friction and a little bounce; write only in contact."""
     thread, _ = wp.tid()
     item = first + thread
     if item >= count[0]:

@@ -1,4 +1,4 @@
-"""Pictures of the moving bunny's bounds at one time, and of the rain; drawn by ``sims.drawing`` in a process of its own."""
+"""Pictures of the moving bunny's bounds at one time, and of the rain; ``sims.drawing`` draws in a process."""
 
 from pathlib import Path
 

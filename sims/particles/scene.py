@@ -1,4 +1,4 @@
-"""The bunny that turns, twists and swells, the rain around it, and the shape of space and time that bounders are made for.
+"""The bunny that turns, twists and swells, the rain around it, and the space and time that bounders cover.
 
 Why a run with a proven bounder ends as the one without, *to the bit*. The narrow phase writes to a particle only where
 it finds a contact (``kernels``), and a particle with a contact is never left out:
@@ -108,7 +108,7 @@ class Scene:
         return self.shape.to_grid(resolution=resolution)
 
     def time(self, step: int) -> float:
-        """Time within the period, a float32 number, in the middle of a step: never on the range's ends, where bounders say *maybe*."""
+        """Time within the period, float32, mid step: never the range's ends, where bounders say *maybe*."""
         return float(np.float32(((step + 0.5) * DT) % PERIOD))
 
     @cached_property

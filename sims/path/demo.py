@@ -44,7 +44,8 @@ SPECS: dict[str, FitSpec] = {
 }
 SIDED = ("mlp", "bvh", "distance", "distance-grid")  # what is asked together with it, too
 BY_QUERY = {"point": Segments, "box": Boxes, "distance": Marching}  # how bounders with a proof clear states and edges
-CASCADE = "aabb+mlp"  # boxes first, then a network's segments: bounders of different queries, so the planner puts them together
+# boxes first, then a network's segments: bounders of different queries, so the planner puts them together
+CASCADE = "aabb+mlp"
 USERS_BUDGET = 20.0  # seconds a network, for a user's world
 STATES, PROBLEMS = (4000, 2500), (200, 40)  # full, quick
 REPEATS = (3, 1)  # of a run, for its time
@@ -122,7 +123,7 @@ class Demo(PlanningDemo):
         return runs, f"{about}: exact checks of states and edges", self.COLUMNS if self.console.width >= WIDE else {}
 
     def take(self, world: World, broad: dict[str, BroadPhase]) -> Taken:
-        """What is the cheapest in a world, told the states and edges of a run without a broad phase, and what a check takes in it."""
+        """The cheapest in a world by a run without a broad phase: its states, its edges, a check's time."""
         exact = ExactWorld(world.grid, self.device or "cpu")
         run = Example(world, exact=exact, states=self.states, problems=self.problems, seed=self.seed)
         run.step()

@@ -1,4 +1,4 @@
-"""The exact world: does a state, or a whole straight edge, meet a closed occupied cell? Decided without any rounding error.
+"""The exact world: does a state or a straight edge meet a closed occupied cell? Decided without rounding.
 
 Endpoints are float32; a scaled coordinate ``p = cells_per_unit * x`` is exact in float64 (24 times 24 bits), and in
 these coordinates cell i spans ``offset + i - 1/2`` to ``offset + i + 1/2``, multiples of 1/2. So comparisons of p with

@@ -1,4 +1,4 @@
-"""Readers of the Moving AI laboratory's ``.map`` and ``.scen`` files (Sturtevant 2012, "Benchmarks for grid-based pathfinding").
+"""Readers of Moving AI's ``.map`` and ``.scen`` files (Sturtevant 2012, "Benchmarks for grid-based pathfinding").
 
 A map is a grid of characters: ``.``, ``G`` and ``S`` (ground, swamp) are free; ``@``, ``O``, ``T``, ``W`` (out of
 bounds, trees, water) are obstacles. A scenario lists problems, from the centre of one cell to that of another. Both

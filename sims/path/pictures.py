@@ -1,4 +1,4 @@
-"""Pictures of planning: the proven network's path on the left, on the right the path of the network that has no proof, and where it collides.
+"""Pictures of planning: left the proven network's path; right the unproven one's, and where it collides.
 
 Runs are those of ``planner``. After the top of Fig. 9 of *Neural Bounding* (Liu et al. 2024). Drawn with matplotlib,
 without a display.
@@ -80,7 +80,7 @@ def draw_one(example: Example, folder: Path) -> Path:
 
 
 def worst_path(example: Example, other: Example) -> int | None:
-    """The problem, solved in both runs, whose path in the first runs the longest way through obstacles; without any, the longest path."""
+    """The problem, solved in both runs, whose first path is longest in obstacles, or longest without any."""
     both = np.flatnonzero(np.isfinite(example.lengths) & np.isfinite(other.lengths))
     if not len(both):
         return None

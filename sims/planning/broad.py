@@ -165,7 +165,7 @@ class Segments(_OfPoints):
 
 
 class Marching(BroadPhase):
-    """A bounder of distances: states that are proven to lie at some distance, and edges that are marched along, from one such state to the next."""
+    """A bounder of distances: states proven to lie at a distance, and edges that are marched along from them."""
 
     def __init__(self, bounder: wb.DistanceBounder):
         self.bounder = bounder
@@ -238,7 +238,7 @@ class Points(_OfPoints):
 
 
 class Samples(_OfPoints):
-    """A bounder of points asked at points along an edge: it clears what it should not, even if the bounder is proven."""
+    """A bounder queried at points along an edge: it clears what it should not, even if the bounder is proven."""
 
     def __init__(self, bounder: wb.Bounder, cells_per_unit: np.ndarray, spacing: float = SPACING):
         super().__init__(bounder)
@@ -274,7 +274,7 @@ class First(BroadPhase):
 
 
 class Every(BroadPhase):
-    """Broad phases of parts of what can collide, such as a cell and the arm itself: cleared is what all of them clear."""
+    """Broad phases of parts of what collides, such as a cell and the arm itself: clears what all of them clear."""
 
     def __init__(self, *phases: BroadPhase):
         self.phases = phases

@@ -1,4 +1,4 @@
-"""What planners share: where, the broad phase that is asked before every exact check, and what their runs are judged by.
+"""What planners share: where, the broad phase before every exact check, and what their runs are judged by.
 
 In each batch of states or edges, what the broad phase clears is taken as free, what it certainly knows to collide is
 not, and everything else is checked exactly. So with a conservative broad phase every answer is the exact one, and
@@ -71,7 +71,7 @@ class Exact(ABC):
 
 @dataclass
 class _Batch:
-    """What the broad phase said about one batch, kept to be judged later: all ends (states: twice the same), and the answers."""
+    """What the broad phase said about a batch, to be judged later: all ends (states: twice the same), and answers."""
 
     starts: np.ndarray
     ends: np.ndarray
@@ -195,7 +195,7 @@ class Planner(base.Example):
         return wrong
 
     def extra(self, reference: "Planner") -> dict[str, Any]:
-        """``world``, how many times ``fewer`` checks, problems ``solved``, ``collisions`` of paths, their ``mean_length``, a check's price."""
+        """``world``, ``fewer`` checks (a factor), ``solved``, paths' ``collisions`` and ``mean_length``, price."""
         saved, broad = reference.checks - self.checks, self.milliseconds()[0]
         return {
             "world": self.world.name,

@@ -1,4 +1,4 @@
-"""RRT-Connect (Kuffner and LaValle 2000): two trees, from the start and from the goal, that grow towards random states and towards each other.
+"""RRT-Connect (Kuffner and LaValle 2000): two trees, from start and goal, grow towards random states and each other.
 
 One tree takes a step of ``REACH`` at most towards a random state; if it is free, the other one goes on towards the new
 state, step by step, until it arrives or something is in the way; then they change places. Every state and every edge of
@@ -114,7 +114,7 @@ class RrtConnect(Planner):
         self.sizes[number] = sum(len(tree.parents) for tree in trees)
 
     def _towards(self, tree: _Tree, target: np.ndarray, steps: int | None) -> int | None:
-        """Grow a tree towards a state, by so many steps at most; the number of the last new state, ``None`` where there is none."""
+        """Grow a tree towards a state by so many steps at most; the number of the last new state, or ``None``."""
         goal, found = self.world.measured(target[None])[0], None
         at = tree.nearest(goal)
         while steps is None or steps > 0:

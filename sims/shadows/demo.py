@@ -1,4 +1,4 @@
-"""The demo ``shadows``: a bunny and a chair with thin legs in the sun; bounders of rays spare shadow rays that nothing stops.
+"""The demo ``shadows``: a bunny and a chair with thin legs in the sun; bounders spare rays that nothing stops.
 
 Each pixel that shows a surface in the sun sends a ray to it. Most of these rays meet nothing; to know that, a renderer
 asks each object's mesh. A bounder of the object's rays answers first, and the mesh is asked about what it leaves (see

@@ -1,4 +1,4 @@
-"""Pictures of a still life with shadows, one for each place of the sun, with and without bounders; see ``sims.shadows.scene``."""
+"""A still life with shadows, one picture a place of the sun, with and without bounders (``sims.shadows.scene``)."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -87,7 +87,7 @@ class Example(base.Example):
         self.shadows: list[np.ndarray] = []
 
     def cast(self, sun: np.ndarray) -> tuple[np.ndarray, wp.array]:
-        """What is asked with the sun in a direction: numbers of the pixels that face it, and their rays, ``(N, 6)`` float32."""
+        """Queries with the sun in a direction: numbers of the pixels that face it, and rays ``(N, 6)`` float32."""
         device, seen, towards = self.scene.device, self.scene.seen, wp.vec3(*map(float, sun))
         facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
         wb.launch_on_cores(face_sun, len(seen.pixels), [towards, seen.normals], [facing], device)

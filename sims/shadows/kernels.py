@@ -1,4 +1,4 @@
-"""The kernels of a picture with shadows: what a pixel shows, which pixels face the sun, their rays, and which of these are stopped.
+"""Kernels of a picture with shadows: what a pixel shows, which face the sun, their rays, and which are stopped.
 
 Each item writes to places of its own, so launches may be dealt out to several cores.
 """
@@ -77,7 +77,10 @@ def see_mesh(
     normals: wp.array(dtype=wp.vec3),
     smooth: wp.array(dtype=wp.vec3),
 ):
-    """Add a mesh to a picture, where it is nearer than what is there. ``corners``: a normal for each corner of each face."""
+    """Add a mesh to a picture, where it is nearer than what is there.
+
+    ``corners``: a normal for each corner of each face.
+    """
     thread, _ = wp.tid()
     pixel = first + thread
     d = _towards(camera, pixel)
@@ -146,7 +149,10 @@ def stop(
     # outputs
     stopped: wp.array(dtype=wp.uint8),
 ):
-    """Whether a mesh stops a ray: the narrow phase. A hit counts if the ray does pass the point of the face that was named."""
+    """Whether a mesh stops a ray: the narrow phase.
+
+    A hit counts if the ray does pass the point of the face that was named.
+    """
     thread, _ = wp.tid()
     item = first + thread
     if item >= count[0]:

@@ -65,7 +65,7 @@ SCENES = "shadows-"  # what the files of bounders begin with
 
 @dataclass(frozen=True)
 class Seen:
-    """What each of the W x H pixels shows, row by row from the top; of those that show a surface, its place and normals.
+    """What each of W x H pixels shows, row by row from the top, and the place and normals where it is a surface.
 
     Attributes:
         things: ``(H, W)`` int8: -1 nothing, 0 the floor, k the k-th object.
@@ -128,7 +128,7 @@ class Scene:
         return cls(shapes, float(shapes["bunny"].bounds[0, 1]), camera, wb.device_of(device))
 
     def margin(self, name: str) -> float:
-        """By what the bounder of an object must dilate it, world units: the tolerance of a hit, and what its check rounds."""
+        """By what the bounder of an object must dilate it, world units: a hit's tolerance, and its check's rounding."""
         return margin_of(self.shapes[name])
 
     def suns(self, shares: np.ndarray) -> np.ndarray:

@@ -1,4 +1,5 @@
-"""Bounders made of others: cascades, unions, hierarchies and both sides answer as their parts do, are proven part by part, and a wrong part is refuted."""
+"""Bounders made of others: cascades, unions, hierarchies and both sides answer as their parts do, are proven part by
+part, and a wrong part is refuted."""
 
 from dataclasses import replace
 from functools import cache

@@ -1,4 +1,5 @@
-"""Distances: never above the true one, for any float32 point anywhere; no question that follows misses anything; files and mistakes."""
+"""Distances: never above the true one, for any float32 point anywhere; no question that follows misses anything; files
+and mistakes."""
 
 from fractions import Fraction
 
@@ -81,7 +82,8 @@ def test_hard_positives_are_not_missed(method, name):
 
 @pytest.mark.parametrize("method", DISTANCES)
 def test_marching_and_halving_decide_what_g_can(method, rng):
-    """With steps enough, all segments, rays and boxes are cleared that stay away from the object by more than g loses."""
+    """With steps enough, all segments, rays and boxes are cleared that stay away from the object by more than g
+    loses."""
     bounder, shape = far(method, "tetrahedron"), thing("tetrahedron")
     a, b = (points_around(shape, 300, rng, 0.5) for _ in "ab")
     along = (a[:, None] + np.linspace(0, 1, 65)[None, :, None] * (b - a)[:, None]).reshape(-1, 3)
@@ -110,7 +112,8 @@ def test_marching_and_halving_decide_what_g_can(method, rng):
 
 @pytest.mark.parametrize("method", ["aabb", "sphere", "kdop"])
 def test_what_only_touches_the_objects_box_is_not_cut_off(method, rng):
-    """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass one along an axis, or are as near as the radius."""
+    """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass
+    one along an axis, or are as near as the radius."""
     lower, upper = np.sort(rng.normal(size=(2, 3)).astype(np.float32), axis=0)
     bounder = wb.fit(wb.solids.Box(lower, upper), "distance", method, device="cpu")
     count = 3000
@@ -502,7 +505,8 @@ def test_a_method_is_added_from_outside():
 
 
 def brute(bounder, x: np.ndarray, count: int = 400_000) -> np.ndarray:
-    """About the distance from points to the volume: to the nearest of many points in it, all of them certainly in it."""
+    """About the distance from points to the volume: to the nearest of many points in it, all of them certainly in
+    it."""
     from scipy.spatial import cKDTree
 
     volume, rng = bounder.volume, np.random.default_rng(5)
@@ -595,7 +599,8 @@ def test_raised_values_are_not_proven():
 
 
 def test_excesses_hold(rng):
-    """No point of a box has a larger excess than what is certified, and the largest one is not far from what points have."""
+    """No point of a box has a larger excess than what is certified, and the largest one is not far from what points
+    have."""
     shape, bounder = thing("c"), far("distance-grid", "c")
     tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.1)}
     raised = DistanceGrid(bounder.domain, tensors, bounder.sizes | {"storage": "float32"}, "cpu")

@@ -1,4 +1,5 @@
-"""Distances to shapes that move: never above that to the mesh at the time of the query; what marches in time and space misses no contact."""
+"""Distances to shapes that move: never above that to the mesh at the time of the query; what marches in time and space
+misses no contact."""
 
 import dataclasses
 from functools import cache
@@ -79,7 +80,8 @@ def test_nothing_is_told_of_other_times(rng):
 
 @pytest.mark.parametrize("name", ["solid", "sheet"])
 def test_a_moving_point_against_a_moving_mesh(name, rng):
-    """What is cleared stays clear at all times that are looked at, and a time of contact is not behind the first one that is found."""
+    """What is cleared stays clear at all times that are looked at, and a time of contact is not behind the first one
+    that is found."""
     bounder, motion = far(name), moving(name)
     a, b = (moments(motion, 300, rng) for _ in "ab")
     b[:50, 0] = a[:50, 0]  # at one time
@@ -129,7 +131,8 @@ def test_hard_positives_are_not_missed(name):
 
 
 def test_marching_depends_on_the_speed(rng):
-    """Points that stand still where the solid will come: they are not cleared, but would be if the solid stood still."""
+    """Points that stand still where the solid will come: they are not cleared, but would be if the solid stood
+    still."""
     bounder, motion = far("solid"), moving("solid")
     inner = rng.dirichlet(np.ones(4), 300) @ motion.frames[-1].astype(np.float64)
     a, b = (np.insert(inner, 0, time, axis=1).astype(np.float32) for time in TIMES[::2])

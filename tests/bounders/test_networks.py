@@ -1,4 +1,5 @@
-"""Networks: thresholds by parts, exits and grants, monotone networks of boxes; proven, the same on every path, and refused where they are wrong."""
+"""Networks: thresholds by parts, exits and grants, monotone networks of boxes; proven, the same on every path, and
+refused where they are wrong."""
 
 from functools import cache
 from itertools import product
@@ -287,7 +288,8 @@ def test_a_part_bounds_the_queries_in_it_and_no_others(query, name, rng):
 
 
 def _positive(cover, query: str, z: np.ndarray) -> np.ndarray:
-    """Which numbers are queries that meet the object: of rays all; of boxes those whose corners are in order and that do."""
+    """Which numbers are queries that meet the object: of rays all; of boxes those whose corners are in order and that
+    do."""
     if query == "ray":
         return np.ones(z.shape[:2], dtype=bool)
     flat = z.reshape(-1, z.shape[2])

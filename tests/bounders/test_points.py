@@ -1,4 +1,5 @@
-"""Points: no positive is denied, by any method; beyond the keyframes of a motion the answer is maybe; what goes in and out."""
+"""Points: no positive is denied, by any method; beyond the keyframes of a motion the answer is maybe; what goes in and
+out."""
 
 from functools import cache
 
@@ -79,7 +80,8 @@ def test_random_networks_are_proven_too(hidden, activation, octaves, rng):
 
 @pytest.mark.parametrize("name", ["c", "blob"])
 def test_closed_forms_are_tight(name, rng):
-    """The aabb ends within a thousandth of a cell of the object's own box; other volumes are hardly looser than others."""
+    """The aabb ends within a thousandth of a cell of the object's own box; other volumes are hardly looser than
+    others."""
     grid, box = shape(name), fitted("aabb", name)
     low, high = grid.position(grid.occupied - 0.5).min(axis=0), grid.position(grid.occupied + 0.5).max(axis=0)
     cell = 1 / grid.cells_per_unit

@@ -1,4 +1,5 @@
-"""Prepared queries answer as ``query`` and ``candidates`` do, from memory that is made once, and see what changes in between."""
+"""Prepared queries answer as ``query`` and ``candidates`` do, from memory that is made once, and see what changes in
+between."""
 
 import threading
 

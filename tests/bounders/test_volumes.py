@@ -1,4 +1,5 @@
-"""Volumes and grids that learn: no false negative for any query, kernels as the reference, and numbers that are none are refused."""
+"""Volumes and grids that learn: no false negative for any query, kernels as the reference, and numbers that are none
+are refused."""
 
 from functools import cache
 

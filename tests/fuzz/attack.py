@@ -1,4 +1,5 @@
-"""Positives put to a bounder that ``certify`` calls proven, through everything that is deployed: none may be answered with no.
+"""Positives put to a bounder that ``certify`` calls proven, through everything that is deployed: none may be answered
+with no.
 
 The queries are certain positives of the claim that the certificate states: those of the stress test's stream, and
 regions on corners, faces and hulls, nudged by single floats, whose truth the exact oracles know. They are asked in
@@ -85,7 +86,8 @@ def attack(
 
 
 def _held(shape: Shape, rng: np.random.Generator, count: int) -> np.ndarray:
-    """``(N, n)`` float32 points that the shape contains: inside, on the faces of its box, and, where it has no end, far away."""
+    """``(N, n)`` float32 points that the shape contains: inside, on the faces of its box, and, where it has no end, far
+    away."""
     x = shape.lower + (shape.upper - shape.lower) * rng.uniform(-0.1, 1.1, (4 * count, shape.ndim))
     on = rng.random(x.shape) < 0.1
     x = np.where(on, np.where(rng.random(x.shape) < 0.5, shape.lower, shape.upper), x)

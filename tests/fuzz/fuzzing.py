@@ -34,7 +34,9 @@ from warp_bounding.proof import check
 from warp_bounding.proof.stress import Missed
 from warp_bounding.runtime.launch import working_seconds
 
-SECONDS = 1.0  # for a certificate; all times but that of the whole run are those that the process computes, so that nothing depends on the machine's load
+# for a certificate; all times but that of the whole run are those that the process computes, so that nothing depends on
+# the machine's load
+SECONDS = 1.0
 STUCK = 60.0  # after so long an iteration counts as one that does not end; compiling kernels is not counted
 CHECKPOINTS = (
     0.25  # share of the iterations of a distance that is searched for in which its proof's checkpoint is spoilt instead
@@ -70,7 +72,8 @@ class _StuckError(Exception):
 
 @contextmanager
 def undistracted():
-    """Without the search for a refutation (it takes a second and decides nothing here), without NumPy's warnings, and by the process's own clock."""
+    """Without the search for a refutation (it takes a second and decides nothing here), without NumPy's warnings, and
+    by the process's own clock."""
     positives, check.POSITIVES = check.POSITIVES, 0
     clock, time.perf_counter = time.perf_counter, time.process_time
     try:

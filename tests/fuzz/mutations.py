@@ -348,7 +348,8 @@ def tensor_bits(file: File, rng: np.random.Generator) -> str | None:
 
 
 def tensors_scaled_together(file: File, rng: np.random.Generator) -> str | None:
-    """What leaves a volume's shape as it is: every number of some tensors, or of one half-space, by one power of two."""
+    """What leaves a volume's shape as it is: every number of some tensors, or of one half-space, by one power of
+    two."""
     names = [k for k, t in file.tensors.items() if t.dtype == np.float32 and t.size]
     if not names:
         return None
@@ -472,7 +473,8 @@ MUTATIONS = {
 
 
 def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
-    """Make the most of the proof of a spoilt file, as a liar would: of voxels keep those that the proof counts on, and no others; raise
+    """Make the most of the proof of a spoilt file, as a liar would: of voxels keep those that the proof counts on, and
+    no others; raise
     (or lower) every threshold to the highest one that the proof of its part allows.
 
     Args:

@@ -1,4 +1,5 @@
-"""Honest bounders to be spoilt: every method and kind of query on small grids in 2D, 3D and 4D (animated), and what ``load`` accepts
+"""Honest bounders to be spoilt: every method and kind of query on small grids in 2D, 3D and 4D (animated), and what
+``load`` accepts
 besides: bounders of meshes, motions, blend shapes, functions, solids and arms, of either side, dilated, in parts, and
     of several parts.
 """

@@ -1,4 +1,5 @@
-"""A small run of the fuzzer over every method and kind of query (``make fuzz`` is the long one), and false claims that ``certify`` once called proven.
+"""A small run of the fuzzer over every method and kind of query (``make fuzz`` is the long one), and false claims that
+``certify`` once called proven.
 
 Each of these is refused where it is made, not proven, or true now; with the mend taken back, where that can be done
 from outside, certify accepts it again, and the attack finds the denied positive.
@@ -107,7 +108,8 @@ def denied(bounder, grid, rng) -> bool:
 
 
 def backwards() -> tuple[Domain, dict[str, np.ndarray], dict]:
-    """Voxels of twice as many cells along axis 0, in reverse order, of which every other one is empty: the middle of each of the
+    """Voxels of twice as many cells along axis 0, in reverse order, of which every other one is empty: the middle of
+    each of the
     object's cells falls into an occupied one, its ends do not."""
     grid, honest = shape("c"), made("voxels", "c", "point")
     rows = grid.shape[0]

@@ -140,7 +140,8 @@ def test_truth_is_that_of_the_bodies(n, slides, safety, rng):
 @SLIDES
 @pytest.mark.parametrize("n", [3, pytest.param(6, marks=pytest.mark.slow)])
 def test_boxes_and_distances_of_random_arms(n, slides, rng):
-    """Answers about boxes hold for their points, and no distance, from beyond the limits too, is above that to what collides."""
+    """Answers about boxes hold for their points, and no distance, from beyond the limits too, is above that to what
+    collides."""
     seen = np.zeros(4, dtype=int)
     for _ in range(4):
         _, _, shape = cell(rng, n, slides, weights=rng.uniform(0.2, 3, n))

@@ -83,7 +83,8 @@ def test_half_spaces_of_tiny_and_huge_meshes_deny_nothing(scale, rng):
 
 
 def test_rays_through_corners_and_along_edges_decide_nothing_wrong():
-    """A box's faces are split along a diagonal, and rays along x through its middle, its sides and its corners meet edges."""
+    """A box's faces are split along a diagonal, and rays along x through its middle, its sides and its corners meet
+    edges."""
     made = trimesh.creation.box()
     shape = wb.IndicatorBlendShapes(made.vertices, [made.vertices * [1.0, 0, 0]], made.faces)
     y, z = np.meshgrid(np.linspace(-0.75, 0.75, 13), np.linspace(-0.75, 0.75, 13), indexing="ij")

@@ -1,4 +1,5 @@
-"""Which faces enclose an inside, whether enclosed air is empty, and cells that hold all of it, with no tolerance at all."""
+"""Which faces enclose an inside, whether enclosed air is empty, and cells that hold all of it, with no tolerance at
+all."""
 
 from collections import Counter
 from functools import reduce

@@ -1,4 +1,5 @@
-"""What every kind of shape promises: its answers about points, boxes, half-spaces and distances never contradict each other, and a margin holds what is near."""
+"""What every kind of shape promises: its answers about points, boxes, half-spaces and distances never contradict each
+other, and a margin holds what is near."""
 
 from fractions import Fraction
 from functools import cache

@@ -1,4 +1,5 @@
-"""Every format is read as it was written, noted or refused; what arrays and objects of other libraries mean is told, or asked for."""
+"""Every format is read as it was written, noted or refused; what arrays and objects of other libraries mean is told, or
+asked for."""
 
 import contextlib
 import io

@@ -30,7 +30,8 @@ def in_ball(x):
 
 
 def test_what_the_author_knows_of_boxes(rng):
-    """``empty`` is asked about boxes that meet the shape's; with neither it nor a distance nothing is certified, and no cells are laid."""
+    """``empty`` is asked about boxes that meet the shape's; with neither it nor a distance nothing is certified, and no
+    cells are laid."""
     asked = []
 
     def empty(lower, upper):

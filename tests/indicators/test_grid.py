@@ -1,4 +1,5 @@
-"""The map between object space and cells is exact, closed cells own their faces, and dilation and distances are those of the definition."""
+"""The map between object space and cells is exact, closed cells own their faces, and dilation and distances are those
+of the definition."""
 
 from dataclasses import replace
 from fractions import Fraction

@@ -1,4 +1,5 @@
-"""Joints that turn without end answer alike after whole turns, and beyond limits the answer is maybe: no tolerance anywhere."""
+"""Joints that turn without end answer alike after whole turns, and beyond limits the answer is maybe: no tolerance
+anywhere."""
 
 from fractions import Fraction
 

@@ -1,4 +1,5 @@
-"""What a mesh says of points, boxes, segments, planes and distances is true: against rational arithmetic, with no tolerance at all."""
+"""What a mesh says of points, boxes, segments, planes and distances is true: against rational arithmetic, with no
+tolerance at all."""
 
 from fractions import Fraction
 
@@ -179,7 +180,8 @@ def test_a_hollow_that_no_part_encloses_alone_belongs_to_the_object(rng):
 
 
 def test_a_surface_of_faces_that_are_crushed_doubled_and_turned(rng):
-    """A ball whose faces are split at their edges, where faces without area fill the cracks, and that is doubled in part."""
+    """A ball whose faces are split at their edges, where faces without area fill the cracks, and that is doubled in
+    part."""
     ball = trimesh.creation.icosphere(subdivisions=2)
     vertices, faces = ball.vertices.tolist(), []
     for a, b, c in ball.faces[:40]:

@@ -1,4 +1,5 @@
-"""What a motion says of points and boxes of time and space is true, as are its cells: against rational arithmetic, with no tolerance at all.
+"""What a motion says of points and boxes of time and space is true, as are its cells: against rational arithmetic, with
+no tolerance at all.
 
 There are two truths, and answers hold for both: the straight ways, and what ``vertices_at`` rounds them to.
 """

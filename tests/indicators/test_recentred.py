@@ -1,4 +1,5 @@
-"""Coordinates far from 0, or between a lattice's places: nothing is denied where it is, in the world's float64 or in float32."""
+"""Coordinates far from 0, or between a lattice's places: nothing is denied where it is, in the world's float64 or in
+float32."""
 
 import json
 import pickle

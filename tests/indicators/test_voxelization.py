@@ -150,7 +150,8 @@ def test_degenerate_triangles_are_covered_as_what_they_are():
 @settings(deadline=None, max_examples=8)
 @given(scale=st.floats(-20, 20), shift=st.floats(-60, 60), resolution=st.integers(2, 40), margin=st.floats(0, 1))
 def test_any_size_and_place(scale, shift, resolution, margin):
-    """Sizes from a millionth to a million, up to 60 sizes away from the origin: farther off, float32 is too coarse and the mesh refused."""
+    """Sizes from a millionth to a million, up to 60 sizes away from the origin: farther off, float32 is too coarse and
+    the mesh refused."""
     size = 2.0**scale
     solid = trimesh.creation.icosphere(subdivisions=1, radius=size)
     mesh = IndicatorMesh(solid.vertices + shift * size, solid.faces)

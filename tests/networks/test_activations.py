@@ -1,4 +1,5 @@
-"""Every activation in float32, in training, and in every network: fitted, certified, stored, and asked hard positives."""
+"""Every activation in float32, in training, and in every network: fitted, certified, stored, and asked hard
+positives."""
 
 import numpy as np
 import pytest
@@ -28,7 +29,8 @@ SHAPES = ("c", "blob", "animated")  # 2D, 3D, 4D
 
 
 def cases() -> list:
-    """All of them with ``--slow``; else each method with each query, with each activation, and in each dimension, in turns.
+    """All of them with ``--slow``; else each method with each query, with each activation, and in each dimension, in
+    turns.
 
     ``mlp``, whose kernels other tests need as well, has points in every activation.
     """

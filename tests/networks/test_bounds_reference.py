@@ -89,7 +89,10 @@ def test_bands_of_the_reference_enclose_their_activation(activation, seed, expon
 @pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
 @pytest.mark.parametrize("width", WIDTHS)
 def test_kernel_against_the_dense_reference(hidden, activation, octaves, width, rng):
-    """ReLU: the same bounds. Sine: the reference knows lines only, so the kernel may be tighter; looser here and there."""
+    """ReLU: the same bounds.
+
+    Sine: the reference knows lines only, so the kernel may be tighter; looser here and there.
+    """
     bounder = random_mlp(shape("blob"), hidden, activation, octaves)
     layers = dense.stack(bounder.tensors, activation)
     lower, upper = boxes(rng, 24, bounder.domain.limit.astype(np.float64), WIDTHS[width])

@@ -133,7 +133,8 @@ def test_fused_kernel_is_its_reference(hidden, activation, octaves, rng):
     [((25, 25), "relu", 0, "c"), ((25, 25), "sin", 0, "blob"), ((13, 30, 5), "sin", 2, "blob")],
 )
 def test_corners_are_multilinear_bounds(hidden, activation, octaves, name, rng):
-    """f is nowhere under what is multilinear between the numbers at the corners, and they are no lower than the linear bound's."""
+    """f is nowhere under what is multilinear between the numbers at the corners, and they are no lower than the linear
+    bound's."""
     network = random_mlp(shape(name), hidden, activation, octaves, gain=4.0).network
     limit, n = network.limit, len(network.limit)
     lower = rng.uniform(-limit, limit, (150, n))

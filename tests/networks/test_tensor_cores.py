@@ -1,4 +1,5 @@
-"""Networks on tensor cores: their text run on a CPU, 32 lanes in lockstep, and compiled for a GPU; what it may err by."""
+"""Networks on tensor cores: their text run on a CPU, 32 lanes in lockstep, and compiled for a GPU; what it may err
+by."""
 
 import sys
 
@@ -144,7 +145,8 @@ def test_emulated_lanes_stay_within_the_rounding_bound(query, hidden):
 @pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
 @pytest.mark.parametrize("hidden", [(24, 24), (50, 50)])
 def test_cuda_text_keeps_to_registers(hidden, tmp_path):
-    """Sums on tensor cores, as many as the sizes ask for, and no memory of a thread's own, in which activations would be slow."""
+    """Sums on tensor cores, as many as the sizes ask for, and no memory of a thread's own, in which activations would
+    be slow."""
     source = MlpSource(3, False, hidden, SINE.name)
     kernel = warp_kernel(source, False, False, tensor_cores.text(source))
     wp.compile_aot_module(kernel.module, arch=[90], module_dir=tmp_path, use_ptx=True)

@@ -1,4 +1,5 @@
-"""Newton's particle-shape pass with and without the cull: the same contacts, record by record; bounders that do not fit are refused."""
+"""Newton's particle-shape pass with and without the cull: the same contacts, record by record; bounders that do not fit
+are refused."""
 
 import os
 
@@ -97,7 +98,8 @@ def test_contacts_are_the_same(bunny, moving, gap):
 
 @pytest.mark.parametrize("dilated", [0.0, 0.03])
 def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilated):
-    """Contacts are the same at gaps and radii that it was never told, and also of particles that are far from the origin."""
+    """Contacts are the same at gaps and radii that it was never told, and also of particles that are far from the
+    origin."""
     model, _, shapes = scene(bunny, moving=True)
     pipeline, state, survivors = newton.CollisionPipeline(model, soft_contact_gap=0.01), model.state(), []
     far = wb.fit(bunny, "distance", "bvh", leaves=64, margin=dilated, device="cpu")
@@ -116,7 +118,8 @@ def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilat
 
 @pytest.mark.parametrize("of_distances", [False, True])
 def test_pairs_in_any_order(bunny, of_distances):
-    """Where neighbours in the list are not neighbours in space, pairs are looked at one by one: the same ones survive."""
+    """Where neighbours in the list are not neighbours in space, pairs are looked at one by one: the same ones
+    survive."""
     model, mesh, shapes = scene(bunny, moving=True)
     pipeline, state = newton.CollisionPipeline(model), model.state()
     far = wb.fit(bunny, "distance", "bvh", leaves=64, device="cpu") if of_distances else None
@@ -154,7 +157,8 @@ def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
 
 @pytest.mark.parametrize("turn", [(0.7, 0.0, 0.0, 0.7), (0.0, 0.9, 0.0, 0.5), (0.0, 1e-4, 0.0, 1.0)])
 def test_rotations_that_are_not_quite_ones(bunny, turn):
-    """A mesh that lies far from its origin, turned by a quaternion of another length than 1: taken as Newton takes it."""
+    """A mesh that lies far from its origin, turned by a quaternion of another length than 1: taken as Newton takes
+    it."""
     far = wb.IndicatorMesh(bunny.vertices + np.float32([0.0, 0.0, 9.0]), bunny.faces)
     mesh, place = newton.Mesh(far.vertices, far.faces.reshape(-1)), wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn))
     builder, rng = newton.ModelBuilder(up_axis=newton.Axis.Y), np.random.default_rng(0)
@@ -242,7 +246,8 @@ def two_bunnies(bunny, device: str):
 
 
 def test_nothing_is_read_back(bunny, device, monkeypatch):
-    """Not one array is copied to the host, and nothing waits for the device; survivors keep their order, and a denied pair stands for all others."""
+    """Not one array is copied to the host, and nothing waits for the device; survivors keep their order, and a denied
+    pair stands for all others."""
     pipeline, bounders = two_bunnies(bunny, device)
     state, contacts = pipeline.model.state(), pipeline.contacts()
     cull = ParticleCull(pipeline, bounders, reads_back=False)

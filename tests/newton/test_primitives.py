@@ -1,4 +1,5 @@
-"""Primitive shapes and meshes without a bounder: the contacts of Newton's pass are the same, also of particles that barely touch, and what is far is skipped."""
+"""Primitive shapes and meshes without a bounder: the contacts of Newton's pass are the same, also of particles that
+barely touch, and what is far is skipped."""
 
 import warnings
 
@@ -47,7 +48,8 @@ def scene(kind: str, place: wp.transform, points: np.ndarray, radius: float, *, 
 
 
 def at_the_border(pipeline, rng, center: np.ndarray, size: float, steps: int = 40) -> np.ndarray:
-    """Particles that Newton's pass barely touches, or barely not: on segments from far away inwards, bisected to the last bit."""
+    """Particles that Newton's pass barely touches, or barely not: on segments from far away inwards, bisected to the
+    last bit."""
     state, contacts = pipeline.model.state(), pipeline.contacts()
     count = pipeline.model.particle_count
     inside = center + rng.uniform(-0.1, 0.1, (count, 3)) * size

@@ -1,4 +1,5 @@
-"""Results on disk: rows come back, torn ends are dropped, settings are never mixed, nothing foreign or damaged is overwritten."""
+"""Results on disk: rows come back, torn ends are dropped, settings are never mixed, nothing foreign or damaged is
+overwritten."""
 
 import json
 import signal

@@ -1,4 +1,5 @@
-"""Real runs of the commands on small objects: measured once, resumed after any end, with one clear line for what is wrong."""
+"""Real runs of the commands on small objects: measured once, resumed after any end, with one clear line for what is
+wrong."""
 
 import csv
 import os

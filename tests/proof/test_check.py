@@ -274,7 +274,8 @@ def test_certificates_say_what_they_are_about(query):
 
 
 def test_a_claim_edited_in_a_file_is_told_or_found_out(tmp_path):
-    """Margin and length beside the certificate contradict it; edited in both, they are another claim, which is named."""
+    """Margin and length beside the certificate contradict it; edited in both, they are another claim, which is
+    named."""
     path = tmp_path / "b.safetensors"
     for query, change in (
         ("point", lambda d: d.update(margin=0.05)),
@@ -392,7 +393,8 @@ def others(name: str):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_shape_is_never_proven(kind):
-    """Whatever is given is refused before a proof, with the reason, by ``certify``, ``prove`` and ``settle`` alike; the shape that is meant is proven,
+    """Whatever is given is refused before a proof, with the reason, by ``certify``, ``prove`` and ``settle`` alike; the
+    shape that is meant is proven,
     dilated by ``certify`` or before."""
     bounder, name = of_kind(kind), KINDS[kind][0]
     assert mismatch(bounder, as_fitted(bounder, thing(name))) is None
@@ -469,7 +471,8 @@ def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
 
 
 def test_two_sides_are_of_one_object():
-    """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of any object."""
+    """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of
+    any object."""
     flat = {"ball": wb.solids.Sphere([0, 0], 1.0), "box": wb.solids.Box([-2, -2], [2, 2])}
     told = {"side": "inside", "hidden": (8,), "steps": 20, "budget": 20.0, "device": "cpu", "progress": False}
     which = (("ball", 0.0), ("ball", 0.25), ("box", 0.0))

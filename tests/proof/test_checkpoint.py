@@ -81,7 +81,8 @@ def test_time_that_is_over_loses_nothing(tmp_path):
 
 
 def test_a_checkpoint_is_of_one_claim(left):
-    """Not of another margin, threshold, method's numbers or shape, nor of a function whose object is the same and whose distance is not."""
+    """Not of another margin, threshold, method's numbers or shape, nor of a function whose object is the same and whose
+    distance is not."""
     content = left.read_bytes()
     dilated = far().to()
     dilated.info = far().info | {"margin": 0.01, "rates": None, "shape": None}

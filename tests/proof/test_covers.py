@@ -141,7 +141,8 @@ def test_bounds_hold_as_far_off_as_devices_compute(query, name, activation, octa
 @pytest.mark.parametrize("way", ["charted", "single"])
 @pytest.mark.parametrize("sizes", [(8, 4), (4, 4, 4)])
 def test_every_ray_lies_in_a_box_where_it_first_enters(sizes, way):
-    """All numbers are multiples of 1/8, so nothing here rounds: rays along faces, through edges and corners, from outside."""
+    """All numbers are multiples of 1/8, so nothing here rounds: rays along faces, through edges and corners, from
+    outside."""
     grid, rng, n = small_grid(len(sizes), *sizes), np.random.default_rng(4), len(sizes)
     bounder = network_of(domain_of(grid, "ray", 64.0), "relu")
     cover = charted(bounder, grid)
@@ -303,7 +304,8 @@ def test_single_cells_are_the_same_rays(name):
 
 
 def test_who_asks_for_too_small_a_gap_gets_no_larger_one():
-    """The set that is proven holds inputs that no point of it is: f there may lie lower than any point's, however small the boxes."""
+    """The set that is proven holds inputs that no point of it is: f there may lie lower than any point's, however small
+    the boxes."""
     grid = shape("c")
     bounder = random_network("ray", grid, 0, gain=20.0)
     cover = charted(bounder, grid)

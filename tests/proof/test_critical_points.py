@@ -1,4 +1,5 @@
-"""Float32 for real, where it matters: at a proof's lowest points no evaluation leaves the rounding bound, with zero slack.
+"""Float32 for real, where it matters: at a proof's lowest points no evaluation leaves the rounding bound, with zero
+slack.
 
 The points are those where the search for the least f ended, as float32 queries, neighbours in the last place, and the
 lowest positives around. There what is deployed (batch kernel; function in a user's kernel, whose threshold is moved;
@@ -40,7 +41,8 @@ ORDERS = ("forwards", "backwards", "sorted", "pairs", "fused", "fused backwards"
 
 @cache
 def critical(case: str) -> tuple[Mlp, np.ndarray, np.ndarray]:
-    """A proven bounder, never to be changed; queries at and around its lowest points; the lowest positives among them."""
+    """A proven bounder, never to be changed; queries at and around its lowest points; the lowest positives among
+    them."""
     grid, rng = shape(CASES[case][0]), np.random.default_rng(6)
     bounder = CASES[case][1](grid)
     search = least_value(bounder, grid, eps=1e-3, boxes=60_000)
@@ -141,7 +143,8 @@ def ask(bounder, q: np.ndarray) -> np.ndarray:
 
 
 def moved(bounder, q: np.ndarray, rotated, shift, factors, back: bool = False) -> np.ndarray:
-    """Queries from object space to the world, or back, in extended precision; boxes where ``rotated`` is a permutation."""
+    """Queries from object space to the world, or back, in extended precision; boxes where ``rotated`` is a
+    permutation."""
     parts = []
     for k, kind in enumerate(PARTS[bounder.query_kind]):
         x = q[:, k * bounder.ndim : (k + 1) * bounder.ndim].astype(EXACT)

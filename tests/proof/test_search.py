@@ -259,7 +259,8 @@ def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
 
 
 def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
-    """The network's slopes are not those of the network less a threshold: with them everything would seem to be proven."""
+    """The network's slopes are not those of the network less a threshold: with them everything would seem to be
+    proven."""
     own = network_shape(n=2)
     fitted = wb.fit(own, hidden=(8,), steps=100, device="cpu", progress=False)
     higher = fitted.tensors["layers.1.bias"] + np.float32(5)  # thresholds above 0 are what the slopes would leave out

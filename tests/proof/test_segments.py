@@ -30,7 +30,8 @@ def fitted(method: str, name: str) -> wb.Bounder:
 
 
 def segments(grid: IndicatorGrid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
-    """From everywhere to everywhere, also from outside the domain; some short, some along an axis, some without a length."""
+    """From everywhere to everywhere, also from outside the domain; some short, some along an axis, some without a
+    length."""
     size = grid.upper - grid.lower
     starts = grid.lower + (rng.random((count, grid.ndim)) * 1.4 - 0.2) * size
     way = rng.normal(size=starts.shape) * size * 10.0 ** rng.uniform(-3, 0, (count, 1))
@@ -106,7 +107,8 @@ def test_bounds_along_segments_hold(activation, octaves, rng):
 
 
 def test_a_network_that_is_linear_is_followed_to_its_threshold(rng):
-    """``f = relu(-x - 0.1 ...)``: the half-space that is denied is known, and all segments in it but the closest are cleared."""
+    """``f = relu(-x - 0.1 ...)``: the half-space that is denied is known, and all segments in it but the closest are
+    cleared."""
     grid = shape("c")
     domain = domain_of(grid, "point")
     tensors = {"layers.0.weight": np.float32([[1.0, 0.0]]), "layers.0.bias": np.float32([4.0])}
@@ -140,7 +142,8 @@ def test_more_depth_clears_more(rng):
 
 
 def test_points_agree_with_queries(rng):
-    """A segment without a length is a point: cleared only if f is under the threshold by more than rounding, and then always."""
+    """A segment without a length is a point: cleared only if f is under the threshold by more than rounding, and then
+    always."""
     bounder, grid = fitted("mlp", "blob"), shape("blob")
     x = (grid.lower + rng.random((5000, grid.ndim)) * (grid.upper - grid.lower)).astype(np.float32)
     clear = wb.clear_segments(bounder, x, x)

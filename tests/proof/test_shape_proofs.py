@@ -1,4 +1,5 @@
-"""Shapes without cells: points and regions are fitted, proven, attacked and certified; volumes are proven over a mesh's hull."""
+"""Shapes without cells: points and regions are fitted, proven, attacked and certified; volumes are proven over a mesh's
+hull."""
 
 from functools import cache
 

@@ -1,4 +1,5 @@
-"""What positives show: the statistical test, the adversarial search, the stress test, and how much is proven of what was only sampled."""
+"""What positives show: the statistical test, the adversarial search, the stress test, and how much is proven of what
+was only sampled."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,5 @@
-"""Points on a shape's border: in the object, near a point that is not, and where the object is cut off, on the end itself."""
+"""Points on a shape's border: in the object, near a point that is not, and where the object is cut off, on the end
+itself."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""From a region's numbers to coordinates: within the bound that proofs rely on, with zero slack; what is maybe, what is no."""
+"""From a region's numbers to coordinates: within the bound that proofs rely on, with zero slack; what is maybe, what is
+no."""
 
 from functools import cache
 
@@ -21,7 +22,8 @@ COUNT = 4000
 
 
 def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Generator, dtype) -> np.ndarray:
-    """Through points of the domain and of its border; skewed by up to 12 decades, of any size, from near and from far."""
+    """Through points of the domain and of its border; skewed by up to 12 decades, of any size, from near and from
+    far."""
     n, size = grid.ndim, grid.upper - grid.lower
     x = grid.lower + rng.random((count, n)) * size
     border = np.where(rng.random(x.shape) < 0.5, grid.lower, grid.upper)
@@ -45,7 +47,8 @@ def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Gen
 
 
 def test_unit_vectors_stay_within_the_limit(device, rng):
-    """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with n."""
+    """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with
+    n."""
     n = 9
     grid = IndicatorGrid(np.arange(2**n).reshape((2,) * n) == 0)
     domain = domain_of(grid, "ray")
@@ -126,7 +129,8 @@ def test_tiny_and_huge_objects(query, exponent, device, rng):
 
 @cache
 def bounders(name: str, query: str):
-    """A network, whose kernel first gathers the queries that need it; in 3D also a volume, whose kernel works on all of them."""
+    """A network, whose kernel first gathers the queries that need it; in 3D also a volume, whose kernel works on all of
+    them."""
     grid = shape(name)
     domain, rng = domain_of(grid, query, ray_length(grid)), np.random.default_rng(0)
     k, outputs = (grid.ndim, 2) if query == "plane" else (domain.ndim, 1)

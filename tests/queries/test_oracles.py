@@ -1,4 +1,5 @@
-"""Each kind's oracle is its rational twin, query by query, above all where queries only touch; samples are the paper's."""
+"""Each kind's oracle is its rational twin, query by query, above all where queries only touch; samples are the
+paper's."""
 
 import numpy as np
 import pytest

@@ -390,7 +390,8 @@ def in_single(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("query", ["ray", "plane"])
 def test_rounding_stays_within_its_bound(query, name, dtype, rng):
-    """The moved float32 numbers, and how far the exact region of those passes a point of the exact region, near and far."""
+    """The moved float32 numbers, and how far the exact region of those passes a point of the exact region, near and
+    far."""
     grid, length = shape(name), 3.0
     n, s, domain = grid.ndim, grid.ndim - grid.time, domain_of(grid, query, length)
     scale, center = domain.base.scale.astype(np.float64), domain.base.center.astype(np.float64)

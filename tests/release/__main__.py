@@ -69,7 +69,8 @@ SHOWN = ("warp-lang", "numpy", "scipy", "torch", "newton", "usd-core")
 
 
 def resolve() -> int:
-    """Print which versions every supported Python would get, with all extras, in Markdown; 1 if some do not fit together."""
+    """Print which versions every supported Python would get, with all extras, in Markdown; 1 if some do not fit
+    together."""
     print(f"| Python | versions | packages | {' | '.join(SHOWN)} |\n|---|---|---|{'---|' * len(SHOWN)}")
     named, failed = (
         re.findall(r'"Programming Language :: Python :: (3\.\d+)"', (ROOT / "pyproject.toml").read_text()),

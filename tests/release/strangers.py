@@ -127,7 +127,8 @@ def extras_are_named(stay: Stay) -> str:
 
 
 def quickstart(stay: Stay) -> str:
-    """The README's commands and snippets, in one folder: commands before the first snippet, all snippets, the other commands."""
+    """The README's commands and snippets, in one folder: commands before the first snippet, all snippets, the other
+    commands."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     _with_demos(stay)
     _expect(FIT in text, f"the README's quickstart has no {FIT} that could be shortened")

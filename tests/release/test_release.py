@@ -1,4 +1,5 @@
-"""What is built is well, what is wrong with it is found, and a clean environment sees what a wheel asks for and nothing else."""
+"""What is built is well, what is wrong with it is found, and a clean environment sees what a wheel asks for and nothing
+else."""
 
 import re
 import zipfile

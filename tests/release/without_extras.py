@@ -1,4 +1,5 @@
-"""What the core alone must do: load each bounder of the demos and ask it, in a batch and in a kernel of one's own; fit what is not learned.
+"""What the core alone must do: load each bounder of the demos and ask it, in a batch and in a kernel of one's own; fit
+what is not learned.
 
 It is run by a Python that has the wheel and what the wheel requires, without any extra, in a folder with the files in
 ``bounders``.

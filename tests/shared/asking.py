@@ -1,4 +1,5 @@
-"""A bounder's function in a kernel as a user would write it, and its compilation for a CUDA device that is not there."""
+"""A bounder's function in a kernel as a user would write it, and its compilation for a CUDA device that is not
+there."""
 
 from functools import cache
 

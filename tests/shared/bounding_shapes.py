@@ -120,7 +120,10 @@ def few(name="blob", method="mlp", query="point", **options):
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
-    """A network with random weights, steep enough to be hard to bound; not proven. It is one of points without ``domain``."""
+    """A network with random weights, steep enough to be hard to bound; not proven.
+
+    It is one of points without ``domain``.
+    """
     rng, domain = np.random.default_rng(seed), domain or Domain.of(grid)
     inputs = domain.ndim * (1 + 2 * octaves)
     tensors = dict(encoding_tensors(domain.ndim, octaves)) if octaves else {}
@@ -135,7 +138,8 @@ CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative
 
 
 def crossed(methods, names, kinds=None, few=("aabb", "mlp")) -> list:
-    """Each method with each shape, but with ``--slow`` only, since they have kernels of their own: in one dimension and in five all
+    """Each method with each shape, but with ``--slow`` only, since they have kernels of their own: in one dimension and
+    in five all
     but a few; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two dimensions
     and in four all but these ``kinds``, if they are told.
     """

@@ -1,4 +1,5 @@
-"""Bounds of small networks written out from the definitions, extended precision, nothing of the package: what kernels must agree with.
+"""Bounds of small networks written out from the definitions, extended precision, nothing of the package: what kernels
+must agree with.
 
 An affine form ``center + G zeta + E eps``, all of zeta and eps in [-1, 1], runs through the network with one symbol eps
 for every neuron's relaxation, never merged: concretising a layer, ``|G| 1 + |E| 1``, is then CROWN's backward
@@ -16,7 +17,8 @@ REAL = np.longdouble
 
 
 def sine_band(z, d):
-    """Slope, mean, half-width of a band around sin on ``[z - d, z + d]``, from Taylor's remainders; or the band [-1, 1]."""
+    """Slope, mean, half-width of a band around sin on ``[z - d, z + d]``, from Taylor's remainders; or the band [-1,
+    1]."""
     slope, mean = np.cos(z) * (1 - d**2 / 6), np.sin(z) * (1 - d**2 / 4)
     odd = d**3 / (9 * np.sqrt(REAL(3))) + d**5 / 120  # |sin t - t (1 - d^2 / 6)|
     even = d**2 / 4  # |cos t - (1 - d^2 / 4)|
@@ -41,7 +43,8 @@ ACTIVATIONS = {"sin": np.sin, "relu": lambda z: np.maximum(z, 0), "tanh": np.tan
 
 
 def stack(tensors, activation):
-    """``(weight, bias, activation, rows that are copied)`` of all layers, from a bounder's tensors; the output has none."""
+    """``(weight, bias, activation, rows that are copied)`` of all layers, from a bounder's tensors; the output has
+    none."""
     layers, count = [], sum(name.startswith("layers.") for name in tensors) // 2
     if "encoding.weight" in tensors:
         weight, bias = (tensors[f"encoding.{part}"].astype(REAL) for part in ("weight", "bias"))
@@ -87,7 +90,8 @@ def bound(layers, lower, upper, merged=False):
 
 
 def extremes(activation, z, d, slope):
-    """Least and greatest ``act(x) - slope x`` on ``[z - d, z + d]``, exactly: at the ends, or where ``act'`` is the slope."""
+    """Least and greatest ``act(x) - slope x`` on ``[z - d, z + d]``, exactly: at the ends, or where ``act'`` is the
+    slope."""
     z, d, slope = (np.asarray(a, dtype=REAL) for a in (z, d, slope))
     low, high = z - d, z + d
     if activation == "relu":

@@ -1,4 +1,5 @@
-"""Small meshes of which it is known what they enclose, and the truth about them in rational arithmetic: slow, and plainly right."""
+"""Small meshes of which it is known what they enclose, and the truth about them in rational arithmetic: slow, and
+plainly right."""
 
 from fractions import Fraction
 

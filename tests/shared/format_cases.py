@@ -1,4 +1,5 @@
-"""What a row of the table in ``docs/guide/formats.md`` promises: a file that holds the feature, and what must come of it."""
+"""What a row of the table in ``docs/guide/formats.md`` promises: a file that holds the feature, and what must come of
+it."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -40,7 +41,8 @@ def file(name: str, content: str | bytes) -> Callable[[Path], Path]:
 
 
 def measures(vertices: np.ndarray, faces: np.ndarray) -> tuple[set, float, float]:
-    """The places of the vertices of faces, the area, and the volume that closed faces enclose: equal for equal polygons however they are cut."""
+    """The places of the vertices of faces, the area, and the volume that closed faces enclose: equal for equal polygons
+    however they are cut."""
     corners = np.asarray(vertices, np.float32).astype(np.float64)[np.asarray(faces, np.int64)]
     a, b, c = corners.transpose(1, 0, 2)
     area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)

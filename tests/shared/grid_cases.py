@@ -1,4 +1,5 @@
-"""A file for each row of the table of formats that is about images, maps, voxels and arrays, and about where shapes lie."""
+"""A file for each row of the table of formats that is about images, maps, voxels and arrays, and about where shapes
+lie."""
 
 import io
 import zipfile

@@ -1,4 +1,5 @@
-"""The coordinates that a device computes with, written out by the very text that bounders compile, and their exact twin."""
+"""The coordinates that a device computes with, written out by the very text that bounders compile, and their exact
+twin."""
 
 from functools import cache
 from typing import NamedTuple
@@ -112,7 +113,8 @@ def corners(domain: RegionDomain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ray_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points of rays inside the domain, where they enter, where they leave or end, or between: ``y (N, n)``, and which rays have one."""
+    """Points of rays inside the domain, where they enter, where they leave or end, or between: ``y (N, n)``, and which
+    rays have one."""
     n = domain.space_ndim
     low, high = corners(domain)
     origin, d = to_local(domain, q[:, :n]), q[:, n:].astype(EXACT)
@@ -132,7 +134,8 @@ def ray_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) ->
 
 
 def ray_distance(v: np.ndarray, y: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """``(N,)``: least distance of segments ``v`` from points y, the largest over the axes, each in its ``unit``; from above."""
+    """``(N,)``: least distance of segments ``v`` from points y, the largest over the axes, each in its ``unit``; from
+    above."""
     n = y.shape[1]
     a, w = v[:, :n].astype(EXACT), v[:, n:].astype(EXACT)
     best = np.full(len(v), np.inf)
@@ -147,7 +150,8 @@ def ray_distance(v: np.ndarray, y: np.ndarray, unit: np.ndarray) -> np.ndarray:
 
 
 def plane_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points of planes inside the domain, on its faces, edges and corners for the most part, and which planes have such a one."""
+    """Points of planes inside the domain, on its faces, edges and corners for the most part, and which planes have such
+    a one."""
     n = domain.space_ndim
     low, high = corners(domain)
     normal, point = q[:, :n].astype(EXACT), to_local(domain, q[:, n:])

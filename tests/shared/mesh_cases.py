@@ -1,4 +1,5 @@
-"""A file for each row of the table of formats that is about meshes: a cube of half width 1, with something unusual about it."""
+"""A file for each row of the table of formats that is about meshes: a cube of half width 1, with something unusual
+about it."""
 
 import base64
 import json

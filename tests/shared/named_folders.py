@@ -1,4 +1,5 @@
-"""Where a file names a folder of the machine that it was made on: in texts, and in all of a picture, bounder or notebook that is not its content."""
+"""Where a file names a folder of the machine that it was made on: in texts, and in all of a picture, bounder or
+notebook that is not its content."""
 
 import base64
 import json

@@ -86,7 +86,8 @@ def _curve(layer: Layer, z: np.ndarray, near: np.ndarray, radius: np.ndarray, no
 
 
 def _straighten(cube: np.ndarray, tilt: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """``(N,)``: what is lost where cubes ``(N, n, n, n)`` become lines, which are added to ``tilt``, as losses to ``score``.
+    """``(N,)``: what is lost where cubes ``(N, n, n, n)`` become lines, which are added to ``tilt``, as losses to
+    ``score``.
 
     Over ``|zeta| <= 1``, ``zeta^3`` is within 1/4 of ``3/4 zeta``, and ``zeta_k^2 zeta_m`` within 1/2 of ``1/2
     zeta_m``.
@@ -107,7 +108,8 @@ def _straighten(cube: np.ndarray, tilt: np.ndarray, score: np.ndarray) -> np.nda
 
 
 def _close(slope: np.ndarray, square: np.ndarray, score: np.ndarray) -> np.ndarray:
-    """``(N,)`` bounds of ``slope . zeta`` and a quadratic form over ``|zeta| <= 1``; what they lose is added to ``score``.
+    """``(N,)`` bounds of ``slope . zeta`` and a quadratic form over ``|zeta| <= 1``; what they lose is added to
+    ``score``.
 
     Entries off the diagonal count in absolute value; where they are positive in the corner where the linear part is
     least, they lower both slopes (McCormick). The least of ``-tilt |zeta| + up zeta^2`` is at ``zeta = tilt / (2 up)``

@@ -1,4 +1,5 @@
-"""A user's module that defines a kernel and a name twice, for ``test_functions``: once as README says, once by a global name."""
+"""A user's module that defines a kernel and a name twice, for ``test_functions``: once as README says, once by a global
+name."""
 
 import numpy as np
 import warp as wp

@@ -1,4 +1,5 @@
-"""Rays, planes and boxes where bounders fail first: through corners and faces, grazing, tiny, axis-parallel, from outside."""
+"""Rays, planes and boxes where bounders fail first: through corners and faces, grazing, tiny, axis-parallel, from
+outside."""
 
 import numpy as np
 from bounding_shapes import object_points

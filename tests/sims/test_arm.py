@@ -1,4 +1,5 @@
-"""Planning for arms, by roadmaps and by trees: exact checks along edges, and the same paths with every proven bounder."""
+"""Planning for arms, by roadmaps and by trees: exact checks along edges, and the same paths with every proven
+bounder."""
 
 import sys
 
@@ -209,7 +210,8 @@ def test_few_states_are_answered_as_by_a_query(place, bounders, rng):
 
 
 def test_a_cell_and_the_arm_itself():
-    """Two bounders, of the cell and of the arm alone, clear only what neither says maybe to; together they change no answer."""
+    """Two bounders, of the cell and of the arm alone, clear only what neither says maybe to; together they change no
+    answer."""
     cell = CELLS["planar-3"]
     both, own = Workplace(cell, itself=True), wb.arms.ArmConfigurations(cell.arm, weights=cell.arm.reaching)
     around, alone = (

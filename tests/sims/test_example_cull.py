@@ -1,4 +1,5 @@
-"""The example for Newton's users, run as they run it: with the cull and without, and with a viewer that writes a file."""
+"""The example for Newton's users, run as they run it: with the cull and without, and with a viewer that writes a
+file."""
 
 import sys
 

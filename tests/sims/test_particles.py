@@ -1,4 +1,5 @@
-"""The rain: a proven bounder changes no bit of it, a broken one is found out, and the narrow phase's own claims hold."""
+"""The rain: a proven bounder changes no bit of it, a broken one is found out, and the narrow phase's own claims
+hold."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Planning in the plane: the same paths with every proven bounder, nothing that collides is cleared, and whole demos of users' worlds."""
+"""Planning in the plane: the same paths with every proven bounder, nothing that collides is cleared, and whole demos of
+users' worlds."""
 
 import json
 from fractions import Fraction
@@ -25,7 +26,8 @@ PROVEN += ("mlp+inside", "bvh+inside", "distance+inside", "distance-grid+inside"
 
 
 def small(name):
-    """The demo's spec with a tiny fit, which is longer from the inside and of distances, so that something is certain."""
+    """The demo's spec with a tiny fit, which is longer from the inside and of distances, so that something is
+    certain."""
     spec = SPECS[name]
     if spec.closed:
         return spec

@@ -1,4 +1,5 @@
-"""Shadows: the same pictures, bit by bit, with every proven bounder; broken ones are found out, and the scene is what it says."""
+"""Shadows: the same pictures, bit by bit, with every proven bounder; broken ones are found out, and the scene is what
+it says."""
 
 from dataclasses import replace
 

@@ -1,4 +1,5 @@
-"""What ``fit`` does not take, and what each method takes: every wrong option is one clear line, before anything is fitted."""
+"""What ``fit`` does not take, and what each method takes: every wrong option is one clear line, before anything is
+fitted."""
 
 import warnings
 from importlib import import_module

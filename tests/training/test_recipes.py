@@ -1,4 +1,5 @@
-"""Recipes: exits and grants, monotone networks, occupancies, first layers of waves, and fits to the queries that a caller asks."""
+"""Recipes: exits and grants, monotone networks, occupancies, first layers of waves, and fits to the queries that a
+caller asks."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,5 @@
-"""Samples are what they are called: positives by the exact truth, wherever they move; negatives and truth by the oracle."""
+"""Samples are what they are called: positives by the exact truth, wherever they move; negatives and truth by the
+oracle."""
 
 import numpy as np
 import pytest

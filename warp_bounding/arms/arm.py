@@ -281,7 +281,7 @@ class Arm:
 
     @property
     def moved(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
-        """Each joint's origin ``(4, 4)`` and the points ``(P, 3)`` of all bodies, in frames whose z is the joint's axis."""
+        """Each joint's origin ``(4, 4)`` and all bodies' points ``(P, 3)``, in frames whose z is the joint's axis."""
         origins, before = [], np.eye(3)
         for joint in self.joints:
             origin, turned = joint.origin.copy(), joint.turned
@@ -294,7 +294,10 @@ class Arm:
 
     @property
     def angles(self) -> np.ndarray:
-        """``(K, n)``, sums of joint values, one for each joint that turns: of itself and of those before it whose axes are parallel to its own, one after another.
+        """The sums ``(K, n)`` of joint values whose sines and cosines describe the arm.
+
+        One for each joint that turns: of itself and of those before it whose axes are parallel to its own, one after
+        another.
 
         What turns about parallel axes turns by the sum, so places in an arm are made of products of sines and cosines
         of these, one of each run of axes.
@@ -312,7 +315,7 @@ class Arm:
         return np.array(found).reshape(-1, len(self.joints))
 
     def frames(self, q: np.ndarray) -> np.ndarray:
-        """Where the links are: ``(N, n, 4, 4)`` poses for ``(N, n)`` configurations, in the frames of ``Joint``; up to rounding."""
+        """Poses ``(N, n, 4, 4)`` of the links for ``(N, n)`` configurations, in the frames of ``Joint``, rounded."""
         q = np.asarray(q, dtype=np.float64)
         frame, found = np.broadcast_to(np.eye(4), (len(q), 4, 4)), []
         for i, joint in enumerate(self.joints):
@@ -356,5 +359,8 @@ class Arm:
 
     @property
     def reaching(self) -> np.ndarray:
-        """``(n,)`` float64: by how many metres a joint moves the arm at most, per radian; weights for ``ArmConfigurations``."""
+        """``(n,)`` float64: how many metres a joint moves the arm at most, per radian.
+
+        They are the weights of ``ArmConfigurations``.
+        """
         return self.reach().max(axis=0)

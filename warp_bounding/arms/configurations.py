@@ -165,7 +165,10 @@ class ArmConfigurations(Formula):
 
     @property
     def waves(self) -> np.ndarray | None:
-        """The angles of ``Arm.angles``, ``None`` where nothing turns. A network whose first hidden layer has twice as many neurons begins with their sines and cosines."""
+        """The angles of ``Arm.angles``, ``None`` where nothing turns.
+
+        A network whose first hidden layer has twice as many neurons begins with their sines and cosines.
+        """
         angles = self.arm.angles
         return angles / self.weights if len(angles) else None
 
@@ -229,7 +232,7 @@ class ArmConfigurations(Formula):
         return self._ask_points(x)[0]
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from configurations to the next colliding one, in the shape's coordinates."""
+        """Lower bounds ``(N,)`` of the distance from configurations to a colliding one, in the shape's coordinates."""
         x = turned_back(np.asarray(x, dtype=np.float64), self._periods)
         # beyond the limits bodies sweep farther than what bounds their speeds
         within = np.clip(x, *self.known)
@@ -259,7 +262,10 @@ class ArmConfigurations(Formula):
     def _within(
         self, lower: np.ndarray, upper: np.ndarray
     ) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
-        """The parts of boxes in what is known, which boxes have none, and which were turned back by whole turns; what is no box stays as it is."""
+        """The parts of boxes within what is known, which boxes have none, and which were turned back by whole turns.
+
+        What is no box stays as it is.
+        """
         lower, upper = np.array(lower, dtype=np.float64), np.array(upper, dtype=np.float64)
         real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
         away = self._turns & (np.abs(lower / 2 + upper / 2) > self.upper)  # never so where a proof asks
@@ -290,7 +296,7 @@ class ArmConfigurations(Formula):
         return HalfSpaces(apart | (answers == FREE), center, level, slope, axis, loss)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from boxes to the next colliding configuration, in the shape's coordinates."""
+        """Lower bounds ``(N,)`` of the distance from boxes to a colliding configuration, in the shape's coordinates."""
         lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
         with np.errstate(all="ignore"):
             half = np.linalg.norm((upper - lower) / 2, axis=1) * OUTWARD + BLUR * np.abs(lower + upper).max(axis=1)
@@ -317,7 +323,9 @@ class ArmConfigurations(Formula):
         return self._pieces or Pieces(self.digest, self.ndim, tuple(range(self.ndim)))
 
     def piece(self, held: Sequence[int]) -> "ArmConfigurations":
-        """The configurations in which some links touch what stands around, or links before them: of the joints up to the last of these.
+        """The configurations in which some links touch the surroundings, or links before them.
+
+        They have the coordinates of the joints up to the last of these.
 
         Args:
             held: Numbers of links.

@@ -1,4 +1,4 @@
-"""What the colliding configurations of an arm answer, in float64 kernels: about points and closed boxes of configurations.
+"""Float64 kernels that answer about points and closed boxes of configurations in which an arm collides.
 
 What is known of single pairs of bodies comes from ``pairs_of``.
 """
@@ -125,7 +125,10 @@ def _on_triangle(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.vec3d:
 
 @wp.func
 def _inward(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, d: wp.vec3d, size: wp.float64) -> wp.float64:
-    """How far 0 is from the plane of a face, above 0 on the side of the fourth corner; below 0 where the four are nearly in a plane."""
+    """Distance of 0 from the plane of a face, positive on the fourth corner's side.
+
+    It is negative where the four corners are nearly in a plane.
+    """
     normal = wp.cross(b - a, c - a)
     length = wp.length(normal)
     if not length > _TINY:
@@ -563,7 +566,7 @@ def kernels_of(n: int) -> Kernels:
         answers: wp.array(dtype=wp.uint8),
         distances: wp.array(dtype=wp.float64),
     ):
-        """Truth of configurations, and a lower bound of the distance to the next colliding one; none above ``near`` is told."""
+        """Truth of configurations, and a lower bound of the distance to a colliding one, ``near`` at most."""
         t, _ = wp.tid()
         t += first
         p = x[t]
@@ -620,7 +623,7 @@ def kernels_of(n: int) -> Kernels:
         axes: wp.array(dtype=wp.int32),
         losses: wp.array(dtype=wp.float64),
     ):
-        """What is certain about closed boxes of configurations, within the limits: that asked for, ``FREE``, ``FULL`` or ``HALVES``."""
+        """What is certain about closed boxes within the limits: the value wanted, ``FREE``, ``FULL`` or ``HALVES``."""
         t, _ = wp.tid()
         t += first
         answers[t] = wp.uint8(_OPEN)

@@ -1,4 +1,4 @@
-"""Arms from URDF files, as robots' makers write them: the joints that move, in a chain, and convex hulls of the links' collision geometry.
+"""Arms from URDF files: the chain of moving joints, and convex hulls of the links' collision geometry.
 
 A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh.
 Read with yourdfpy, which is asked for when a file is read; what it would pass over without a word is looked for before
@@ -97,7 +97,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
     named = {joint.name: joint for joint in robot.joints}
 
     def visit(link: str, number: int, at: np.ndarray) -> None:
-        """Take a link and what is fixed to it, ``at`` in the frame of a joint that moves; then the joints that move it on."""
+        """Take a link and what is fixed to it, ``at`` in a moving joint's frame; then the joints that move it on."""
         bodies.extend(_bodies(links[link], number, at, Path(path), notes))
         onward = []
         for joint in children.get(link, ()):
@@ -144,7 +144,10 @@ def _read(path: Path) -> tuple[Any, list[str]]:
 
 
 def _looked_through(robot: ElementTree.Element) -> list[str]:
-    """Notes of what a file holds besides the arm; raises ``ValueError`` for what cannot be told, such as two links of one name."""
+    """Notes of what a file holds besides the arm.
+
+    Raises ``ValueError`` for what is ambiguous, such as two links of one name.
+    """
     if macros := [element.tag for element in robot.iter() if "xacro" in element.tag]:
         raise ValueError(f"expected a URDF file, got the macro {macros[0].rpartition('}')[2]}; let xacro write one")
     if robot.tag != "robot":
@@ -175,7 +178,10 @@ def _looked_through(robot: ElementTree.Element) -> list[str]:
 
 
 def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = ()) -> set[str]:
-    """Other elements of a joint or a collision; raises ``ValueError`` for one that is doubled or lacks, and for attributes that ``ATTRIBUTES`` does not let through."""
+    """Other elements of a joint or a collision.
+
+    Raises ``ValueError`` for an element that is doubled or lacks, and for attributes that are not in ``ATTRIBUTES``.
+    """
     for tag in ONCE[whole.tag]:
         if (count := len(whole.findall(tag))) > 1 or (tag in needed and not count):
             raise ValueError(f"{where}: expected one {tag}, got {count or 'none'}")
@@ -318,7 +324,7 @@ def _package(folder: Path) -> str | None:
 
 
 def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
-    """A body that holds the convex hull of points ``(N, 3)``: itself, or of too many points a hull of some, grown by what is left out.
+    """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all.
 
     Raises:
         IndicatorError: For points without a hull, such as all in a plane.

@@ -1,1 +1,1 @@
-"""Thousands of shapes: a bounder for each file of a folder, fitted on many processes, and a library that loads and asks them."""
+"""Thousands of shapes: fits a bounder for each file of a folder on many processes; a library loads and queries them."""

@@ -47,7 +47,8 @@ LARGEST = 500.0  # megabytes of a shape's file: reading one takes some ten times
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
 WINDOW = 10_000  # tasks that the scheduler knows at a time
 MANIFEST_SECONDS, MANIFEST_SHARE = 5.0, 0.02  # the manifest is not written oftener, nor for a larger share of the time
-DEATHS = 10  # of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
+# of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
+DEATHS = 10
 CONNECT_SECONDS = 15
 # Each task has one core: the library's own threads, and those of the libraries below it.
 THREADS = ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
@@ -92,7 +93,7 @@ class Settings:
         return found if self.engine == "fit" else found.bounder
 
     def check(self) -> None:
-        """Refuse what would be wrong for every shape, before any of them is read; raises as ``fit`` and ``choose`` do."""
+        """Refuse what would be wrong for every shape, before any is read; raises as ``fit`` and ``choose`` do."""
         with contextlib.suppress(IndicatorError):  # a folder is no shape, and nothing else is wrong
             Settings.bounder(self, ".")
 
@@ -137,7 +138,7 @@ class Record:
 
     @classmethod
     def read(cls, path: Path) -> "Record | None":
-        """The record of a file; ``None`` where there is none, or another one than this version writes: the shape is then baked anew."""
+        """The record of a file; ``None`` if there is none of this version, and the shape is then baked anew."""
         try:
             values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
             right = values.pop("format") == FORMAT and set(values) == {f.name for f in fields(cls)}
@@ -161,7 +162,7 @@ class Job:
         return Path(self.out) / f"{self.record.name}-{self.record.hash}{BOUNDER_FILE.suffix}"
 
     def done(self) -> Record | None:
-        """Its record, if it was baked without an error and its bounder's file is still what was written; else ``None``."""
+        """Its record, if it was baked without an error and its bounder's file is unchanged; else ``None``."""
         record = Record.read(self.record.path_in(Path(self.out)))
         with contextlib.suppress(OSError):
             if record and not record.error and (not record.file or file_digest(self.bounder_path) == record.sha256):
@@ -170,7 +171,9 @@ class Job:
 
 
 def jobs_of(folder: Path, out: Path, settings: Settings, largest: float) -> tuple[list[Job], list[str], int]:
-    """A job for each file of a folder whose extension ``load_indicator`` reads, in folders inside it too, but hidden ones and ``out``.
+    """A job for each file of a folder whose extension ``load_indicator`` reads.
+
+    Includes folders inside it, but neither hidden ones nor ``out``.
 
     Returns:
         The jobs; paths of files above ``largest`` megabytes, relative to the folder; the number of files of other
@@ -216,7 +219,10 @@ def file_digest(path: Path) -> str:
 
 
 def shape_digest(path: Path) -> str:
-    """SHA-256 of all bytes that a shape is read from: the file's, its extension, and those of files that a glTF or USD file refers to."""
+    """SHA-256 of all bytes that a shape is read from.
+
+    These are the file's, its extension, and those of files that a glTF or USD file refers to.
+    """
     others, suffix = set(), path.suffix.lower()
     if suffix == ".gltf":
         with contextlib.suppress(OSError, ValueError, AttributeError, TypeError):  # too damaged to tell
@@ -241,7 +247,9 @@ def shape_digest(path: Path) -> str:
 
 
 def bake_shape(job: Job) -> dict[str, Any]:
-    """Bake one shape, unless that has been done: Dask asks again for what a worker had finished and told nobody when it died.
+    """Bake one shape, unless that has been done.
+
+    Dask repeats tasks whose results were lost when a worker died.
 
     Returns:
         The record, without the picture, which only the file has.
@@ -292,7 +300,7 @@ def looked_at(folders: list[str]) -> dict[str, Any]:
 
 
 def dask_setup(worker: object) -> None:
-    """Called by Dask in a worker process that starts: Ctrl-C is left to the client, and standard output to its ``--json``."""
+    """Called by Dask in a worker that starts: leaves Ctrl-C to the client, and standard output to its ``--json``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)
 
@@ -302,7 +310,7 @@ COLOURS = {"no": (0, 0, 0, 0), "maybe": (224, 122, 31, 255), "object": (45, 84, 
 
 
 def picture(bounder, source) -> bytes:
-    """A PNG with the colours ``COLOURS``: slices through the middle of a shape and its bound, one for each pair of up to three axes.
+    """A PNG of slices through the middle of a shape and its bound, in ``COLOURS``, for each pair of up to three axes.
 
     A pixel asks a point; of boxes one of the pixel's size, of rays the one that starts there, along the slice's normal,
     of planes the one through it, across the way from the middle. Empty for objects of one dimension.
@@ -346,7 +354,10 @@ def picture(bounder, source) -> bytes:
 
 
 def prepare(out: Path) -> None:
-    """Make the folder of a bake; raises ``FileFormatError`` if it cannot be written to, or holds something else: it is then left as it is."""
+    """Make the folder of a bake.
+
+    Raises ``FileFormatError`` if it cannot be written to, or holds something else, and then leaves it as it is.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
         marked = (out / MARK).exists()
@@ -520,7 +531,7 @@ def bake_with(
     progress: Progress | bool | None = None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Baked:
-    """``bake`` with settings; ``tell`` is called with lines for people: the dashboard's link, and each error as it happens."""
+    """``bake`` with settings; calls ``tell`` with lines for people: the dashboard's link, and errors as they happen."""
     folder, out, started = Path(folder), Path(out), time.perf_counter()
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
         raise BounderError(f"jobs must be a whole number of at least 1, got {jobs!r}")
@@ -614,7 +625,10 @@ def _outcome(future, job: Job, client) -> Record:
 
 @contextlib.contextmanager
 def _connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
-    """A Dask client of local workers, started again when they die, or of a scheduler; ``BoundingError`` where there is none."""
+    """A Dask client of local workers that are restarted when they die, or of a scheduler.
+
+    Raises ``BoundingError`` where there is none.
+    """
     try:
         import dask
         import distributed

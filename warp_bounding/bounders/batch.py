@@ -56,7 +56,7 @@ class Framed:
 
     @property
     def local(self):
-        """This bounder in local coordinates, world coordinates less ``origin``: for kernels of your own, ``prepare`` and ``xform=``."""
+        """This bounder in world coordinates less ``origin``: for kernels of your own, ``prepare`` and ``xform=``."""
         if self.frame is None:
             return self
         made = self.to()
@@ -77,7 +77,10 @@ class Framed:
 
 
 def in_frame(bounder, frame: Frame | None):
-    """A bounder of a local shape as one of the shape in its frame, in place; raises ``BounderError`` where delta does not hold the blur."""
+    """A bounder of a local shape as one of the shape in its frame, in place.
+
+    Raises ``BounderError`` where delta does not hold the blur.
+    """
     if frame is not None:
         if fault := frame_fault(bounder, frame):
             raise BounderError(f"{bounder.method}: {fault}")
@@ -88,7 +91,10 @@ def in_frame(bounder, frame: Frame | None):
 
 
 def frame_fault(bounder, frame: Frame) -> str | None:
-    """Why a bounder's claim does not hold in a frame, in a few words; ``None`` if it does. A distance takes the blur off its answers."""
+    """Why a bounder's claim does not hold in a frame, in a few words; ``None`` if it does.
+
+    A distance takes the blur off its answers.
+    """
     if len(frame.origin) != bounder.ndim:
         return f"an origin of {len(frame.origin)} numbers for {bounder.ndim} coordinates"
     blur = np.array(frame.blur)
@@ -107,7 +113,10 @@ def frame_fault(bounder, frame: Frame) -> str | None:
 
 
 class PicklableBounder:
-    """Pickles and copies by its class's own constructor, which checks and copies all numbers: no copy shares memory with another."""
+    """Pickles and copies by its class's constructor, which checks and copies all numbers.
+
+    No copy shares memory with another.
+    """
 
     def __reduce__(self):
         made = type(self), type(self.domain), self.domain.to_dict(), self.tensors, self.sizes, self._device
@@ -330,7 +339,7 @@ class Asking(Framed, PicklableBounder, ABC):
         return held[1]
 
     def __ctype__(self):
-        """Asked by ``wp.launch`` where a kernel takes a structure: refuses the bounder itself, and says what to give."""
+        """Called by ``wp.launch`` where a kernel takes a structure: refuses the bounder, and says what to pass."""
         raise TypeError(f"pass bounder.data to a kernel, not the bounder itself, got {self!r}")
 
     def query(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:

@@ -285,7 +285,10 @@ class Bounder(Asking):
         """
 
     def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes ``(N, n)`` of v cut where f jumps: corners of the pieces, and which box each is a piece of. Here nothing is."""
+        """Boxes ``(N, n)`` of v cut where f jumps: corners of the pieces, and which box each is a piece of.
+
+        Here nothing is.
+        """
         return lower, upper, np.arange(len(lower))
 
     @abstractmethod
@@ -307,7 +310,10 @@ class Bounder(Asking):
         return [self]
 
     def obligations(self, shape: Shape) -> "list[tuple[Bounder, Shape]]":
-        """Parts, and what each must be proven for so that this is proven for a shape; or ``BounderError``: it never would."""
+        """Parts, and what each must be proven for so that this is proven for a shape.
+
+        Raises ``BounderError`` where that can never be.
+        """
         return [(part, shape) for part in self.parts]
 
     @property
@@ -331,7 +337,7 @@ class Bounder(Asking):
         raise BounderError(f"{cls.method}: there is no closed form")
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """Certified least ``f`` over all v that can arise from a positive query, by one pass over the cells of an object.
+        """Certified least ``f`` over all v that a positive query can give, by one pass over the cells of an object.
 
         It is the proof where the class is ``exact_on_cells``.
 
@@ -622,13 +628,16 @@ def register(kind: type[Kind]) -> type[Kind]:
 
 
 def composed(kind: type[Kind]) -> type[Kind]:
-    """Make a class known whose bounders are made of others: files name it, ``fit`` does not take it. A decorator of a class."""
+    """Make a class known whose bounders are made of others: files name it, ``fit`` does not take it.
+
+    A decorator of a class.
+    """
     _composed[kind.method] = kind
     return kind
 
 
 def class_named(name: str, query: str = "point") -> type[Bounder] | None:
-    """The class that a file calls by a name, a method's or one of bounders made of others; ``None`` for unknown names."""
+    """The class that a file calls by a name, of a method or of composed bounders; ``None`` for unknown names."""
     return _distances.get(name) if query == DISTANCE.name else _registered.get(name) or _composed.get(name)
 
 

@@ -241,7 +241,10 @@ def _sizes(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def _cut(nodes: list[Node], leaves: int) -> float:
-    """Cut a tree (parents listed before children) so that the sizes of its leaves, ``leaves`` at most, sum to the least; that sum."""
+    """Cut a tree to ``leaves`` leaves at most whose sizes have the least sum; returns that.
+
+    Parents are listed before children.
+    """
     table: dict[int, np.ndarray] = {}  # least sum with 1, 2, ... leaves below a node
     for node in reversed(nodes):
         table[id(node)] = np.array([node.size])
@@ -471,7 +474,7 @@ class Bvh(Bounder):
         return super().nbytes + 4 * LEADING  # which are in no tensor
 
     def _in_leaf(self, count: int, meets: Callable[[int, np.ndarray], np.ndarray]) -> np.ndarray:
-        """0 for which of ``count`` rows meet a leaf and all nodes above it, else -1; ``meets`` tells which rows meet a node."""
+        """0 for which of ``count`` rows meet a leaf and its ancestors, else -1; ``meets`` tests rows and a node."""
         met, nodes, index = np.zeros(count, dtype=bool), len(self.past), 0
         stack = [(nodes, np.arange(count))]
         while index < nodes:
@@ -488,7 +491,10 @@ class Bvh(Bounder):
         return np.where(met, 0.0, -1.0)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``Bounder``; without room for rounding. Float64 rounds monotonically: what touches a box touches those that hold it."""
+        """See ``Bounder``; without room for rounding.
+
+        Float64 rounds monotonically: what touches a box touches those that hold it.
+        """
         v, touching = np.asarray(v, dtype=np.float64), TOUCHING[self.query_kind]
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
         return self._in_leaf(len(v), lambda node, rows: touching(v[rows], low[node], high[node]))

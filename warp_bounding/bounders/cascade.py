@@ -66,7 +66,10 @@ class CascadeSource(Source):
 
     @property
     def depth(self) -> int:
-        """How many cascades are in each other. Each has names of its own, as the innermost of two alike would hide the other."""
+        """How many cascades are in each other.
+
+        Each has names of its own, as the innermost of two alike would hide the other.
+        """
         last = self.sources[-1]
         return 1 + last.depth if isinstance(last, CascadeSource) else 1
 
@@ -97,7 +100,7 @@ class CascadeSource(Source):
         return "\n".join([*lines, f"}} while (false); const float f = {answer};"])
 
     def _before_last(self) -> list[tuple[tuple[int, int], Source, str]]:
-        """Of all parts but the last: where its numbers and its words begin, its source, and the C text of its threshold."""
+        """For all parts but the last: offsets of its numbers and words, its source, and the C text of its threshold."""
         *places, _, thresholds_at = self.places
         own = enumerate(zip(zip(places, self.fields[:-1], strict=True), self.sources[:-1], strict=True))
         return [(place, source, f"w[{thresholds_at + i}]") for i, (place, source) in own]

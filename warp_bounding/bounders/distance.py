@@ -1,4 +1,4 @@
-"""The contract of a distance bounder: a function g with ``g(x) <= distance(x, object)`` for every float32 x anywhere, proven.
+"""The contract of a distance bounder: a proven function g with ``g(x) <= distance(x, object)`` for any float32 x.
 
 A method supplies a function F of local coordinates (``DistanceDomain``), and everything else is the same for all of
 them:
@@ -172,12 +172,15 @@ class DistanceBounder(Bounder):
     # --- what a method supplies --------------------------------------------------------------------------------------
 
     def growth(self) -> float:
-        """How much the computed f may exceed F besides ``rounding_bound``, in units ``UNIT32 (|v|_1 + |f|)``; 0 in the domain."""
+        """Excess of the computed f over F beyond ``rounding_bound``.
+
+        In units ``UNIT32 (|v|_1 + |f|)``; 0 in the domain.
+        """
         return 0.0
 
     @property
     def volume(self) -> Bounder | None:
-        """A bounder of points whose *maybe* holds the object, where F is a lower bound of the distance to it; else ``None``."""
+        """A bounder of points whose *maybe* holds the object, F being a lower bound of its distance; else ``None``."""
         return None
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -193,7 +196,7 @@ class DistanceBounder(Bounder):
         raise TypeError(f"{type(self).__name__} does not define corners")
 
     def pieces(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(P, n)`` and ``(P, n)`` float64, boxes that cover the domain, which a proof begins with; the domain itself by default."""
+        """Float64 boxes ``(P, n)``, ``(P, n)`` over the domain, where a proof begins; by default the domain."""
         limit = self.domain.limit.astype(np.float64)
         return -limit[None], limit[None]
 
@@ -218,7 +221,7 @@ class DistanceBounder(Bounder):
 
     @property
     def steepness(self) -> float:
-        """At least 1, and more than the numbers at corners change on the way of one local unit along any axis, all axes together."""
+        """Bound of how much the corner numbers change by one local unit along each axis, in sum; at least 1."""
         return 1.0
 
     @classmethod
@@ -276,7 +279,7 @@ class DistanceBounder(Bounder):
         return float((self.domain.upper - self.domain.lower)[int(self.domain.time) :].max())
 
     def exact(self, x: np.ndarray) -> np.ndarray:
-        """G of points ``(N, n)`` as float64 has it, without what float32 rounds: what ``distance`` comes close to from below."""
+        """G of points ``(N, n)`` in float64, without what float32 rounds; ``distance`` is close to it, from below."""
         v, n = self.domain.to_local(x), self.ndim
         whole = self.source.whole
         p = v if whole else self.domain.clipped(v)
@@ -345,7 +348,9 @@ class DistanceBounder(Bounder):
 
     @cached_property
     def distance_func(self) -> wp.Function:
-        """``distance(data, x: vec_n) -> float``, for kernels of your own: ``wp.static(b.distance_func)(b.data, x)``; object units.
+        """``distance(data, x: vec_n) -> float`` in object units, for your kernels.
+
+        ``wp.static(b.distance_func)(b.data, x)`` calls it.
 
         Never above the distance from x to the object, for any float32 x; 0 for NaN and infinity, and for the data of
         another bounder.
@@ -365,13 +370,13 @@ class DistanceBounder(Bounder):
 
     @cached_property
     def segment_func(self) -> wp.Function:
-        """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)``, for kernels of your own; see ``segments``."""
+        """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)`` for kernels; see ``segments``."""
         self.expect_local("segment_func")
         return segment_func(self.source)
 
     @cached_property
     def ray_func(self) -> wp.Function:
-        """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``, for kernels of your own; see ``rays``."""
+        """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``; see ``rays``."""
         self.expect_local("ray_func")
         return ray_func(self.source)
 
@@ -442,7 +447,10 @@ class DistanceBounder(Bounder):
         return out
 
     def candidates(self, x, radius=0.0) -> tuple[wp.array, wp.array]:
-        """Which points may be within a radius, compacted on the device; arguments as of ``query``, result as of ``Bounder.candidates``."""
+        """Which points may be within a radius, compacted on the device.
+
+        Arguments as of ``query``, result as of ``Bounder.candidates``.
+        """
         return compact(self.query(x, radius))
 
     def segments(self, start, end, radius=0.0, steps: int = SEGMENT_STEPS) -> tuple[wp.array, wp.array]:
@@ -631,7 +639,9 @@ class Form(NamedTuple):
 
 
 class VolumeDistance(DistanceBounder):
-    """The distance to the volume of a bounder of points. A subclass names its class and tells how far the volume is (``form_of``).
+    """The distance to the volume of a bounder of points.
+
+    A subclass names its class and tells how far the volume is (``form_of``).
 
     Tensors: those of the bounder of points. Sizes: ``volume``, a table of its ``domain``, ``sizes`` and ``threshold``.
     """

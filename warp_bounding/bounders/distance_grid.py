@@ -471,7 +471,10 @@ def _as_words(values: np.ndarray) -> np.ndarray:
 
 
 def _take_off(values: np.ndarray, cells: np.ndarray, excess: np.ndarray, block: np.ndarray | None = None) -> None:
-    """Lower values at the nodes of cells ``(N, n)``, of ``block`` ``(N,)`` each, by their excess ``(N,)``, each node by its cells' largest; in place."""
+    """Lower the values at the nodes of cells ``(N, n)`` in place, each by the largest excess of its cells.
+
+    Each cell has ``block`` ``(N,)`` and excess ``(N,)``.
+    """
     off, first = np.zeros(values.shape), () if block is None else (block,)
     for corner in product((0, 1), repeat=cells.shape[1]):
         np.maximum.at(off, (*first, *(cells + corner).T), excess)

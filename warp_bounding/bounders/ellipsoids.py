@@ -412,7 +412,7 @@ class QuadricBounder(VolumeBounder):
 
     @classmethod
     def fit(cls, grid: Shape, domain: AnyDomain, *, device: str | None = None) -> "QuadricBounder":
-        """The smallest member of the family around a grid's cells, a shape's hull or its outline, found in object space."""
+        """The smallest member of the family around a grid's cells, a shape's hull or outline, in object space."""
         hull = whole_hull(grid)
         if hull is not None:
             radii = hull.radius * (np.arange(grid.ndim) >= int(grid.time))
@@ -502,7 +502,9 @@ class OrientedEllipsoid(QuadricBounder):
 # diagonal and ``o`` the largest row sum of ``|D^-1/2 (K^T K - D) D^-1/2|``. So the volume lies in the ellipsoid of ``R
 # (y - c)`` with ``s_k^2 = 1 / ((1 - o) D_k)``, and distances do not grow under R.
 
-NEWTON_STEPS = 4  # of an ellipsoid with axes of 1 : 10 the bound is then 0.03 % under the distance at worst (tests/bounders/test_distances.py)
+# of an ellipsoid with axes of 1 : 10 the bound is then 0.03 % under the distance at worst
+# (tests/bounders/test_distances.py)
+NEWTON_STEPS = 4
 ROUNDED = 2.0**-20  # relative, of the dual expression: more than its n + 12 roundings, n <= 4 ...
 ROUNDED_EACH = 2.0**-23  # ... and more for each further dimension
 LEAST_SQUARE = 2.0**-60  # local units, of a squared half-axis: quotients by it keep their precision

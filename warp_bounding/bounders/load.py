@@ -77,7 +77,7 @@ GONE = {
 
 
 def _bring_up(bounder: Bounder) -> None:
-    """Older files name a shape without cells by the digest of its geometry alone; now that of the object has the margin."""
+    """Older files name a shape without cells by its geometry's digest alone; the object's now has the margin."""
     info = bounder.info
     if info["indicator"] is None or any(info[name] is not None for name in ("shape", "grid_shape", "resolution")):
         return
@@ -103,7 +103,7 @@ def _made(document: dict, tensors: dict[str, np.ndarray], device: str | None) ->
 
 
 def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None):
-    """A bounder, or the one that the file at a path holds, read to this device; raises ``BounderError`` for anything else."""
+    """A bounder, or the one in the file at a path, on this device; raises ``BounderError`` for anything else."""
     if isinstance(source, Bounder):
         return source
     if isinstance(source, str | os.PathLike):

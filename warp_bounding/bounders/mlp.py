@@ -54,7 +54,10 @@ def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
 
 
 def check_hidden(hidden) -> tuple[int, ...]:
-    """Hidden widths as a tuple; raises ``BounderError`` for none, too many, or one that is no whole number in its range."""
+    """Hidden widths as a tuple.
+
+    Raises ``BounderError`` for none, too many, or a width that is no whole number in its range.
+    """
     if not isinstance(hidden, Iterable) or isinstance(hidden, str | bytes):
         raise BounderError(f"hidden must be the widths of the layers, such as (24, 24), got {hidden!r}")
     widths = tuple(hidden)
@@ -155,7 +158,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
         return [*layers, (weight[output : output + 1], bias[output : output + 1])]
 
     def rebased(self, domain: Domain) -> "Mlp":
-        """The same network of points for another domain: the first layer takes the map between the two, rounded to float32.
+        """The same network of points for another domain: its first layer takes the map between both, in float32.
 
         It is not proven: its threshold is this one's, and it has no certificate.
 
@@ -259,7 +262,7 @@ class Lattice:
         return cls([np.linspace(low, high, count + 1)[1:-1].astype(np.float32) for low, high, count in ends])
 
     def moved(self, to: Callable[[np.ndarray], np.ndarray]) -> "Lattice":
-        """The same parts in other coordinates, which each axis has of its own: ``to`` takes ``(N, n)`` and gives ``(N, n)``."""
+        """The same parts in other coordinates, each axis by itself: ``to`` maps ``(N, n)`` to ``(N, n)``."""
         moved = []
         for k, axis in enumerate(self.edges):
             at = np.zeros((len(axis), len(self.edges)))
@@ -278,7 +281,7 @@ class Lattice:
         return np.ravel_multi_index(along, self.shape) if along else np.zeros(len(v), np.int64)
 
     def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes ``(N, n)`` cut at the edges, so that each piece lies in the closure of one part, with its lower corner in it.
+        """Boxes ``(N, n)`` cut at the edges: each piece lies in the closure of one part, its lower corner in it.
 
         A box that ends on an edge has a piece without width beyond it.
 
@@ -309,7 +312,7 @@ class Lattice:
     def extremes(
         self, values: np.ndarray, lower: np.ndarray, upper: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Least and largest ``values`` ``(parts,)`` of parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
+        """Least and largest ``values`` ``(parts,)`` of parts that boxes ``(N, n)`` meet; and which meet only one."""
         ranges, every = self.ranges(lower, upper), values.reshape(self.shape)
         single = np.all([first == last for first, last in ranges], axis=0)
         least = every[tuple(first for first, _ in ranges)]
@@ -509,7 +512,7 @@ class Local(Bounder):
         return np.clip(self.member.reference(v) - self.thresholds[self.lattice.place(v)], DENIED, CERTAIN)
 
     def thresholds_in(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The least and the largest threshold of the parts that boxes ``(N, n)`` meet, and which boxes meet one only."""
+        """Least and largest threshold of the parts that boxes ``(N, n)`` meet, and which boxes meet only one."""
         return self.lattice.extremes(self.thresholds, lower, upper)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:

@@ -144,7 +144,7 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @property
     def relief(self) -> np.ndarray:
-        """``(parts,)`` float64, exact: by how much each part's slack is smaller, local units; in array order of the parts."""
+        """``(parts,)`` float64, exact: how much smaller each part's slack is, local units, in array order."""
         return self._levels * np.float64(self.tensors["step"][0])
 
     @property
@@ -157,7 +157,7 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         return np.broadcast_to(by_place, self.lattice.shape).reshape(-1)
 
     def cut_in(self, parts: int) -> "MlpDistance":
-        """This one with a lattice of at most so many parts, about cubes, without any relief yet; itself for one part."""
+        """This bounder with a lattice of at most so many parts, about cubes, of equal slack; itself for one part."""
         limit, counts = self.domain.limit.astype(np.float64), np.ones(self.ndim, dtype=int)
         limit_of_parts = limit.copy()
         limit_of_parts[: int(self.domain.time)] = 0.0  # parts are places, at all times: F does not jump with time
@@ -231,7 +231,7 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @property
     def nbytes(self) -> int:
-        """See ``DistanceBounder``: a query reads one of the two copies that the numbers hold for lanes of queries and of neurons."""
+        """See ``DistanceBounder``; a query reads one of two copies of the numbers, for lanes of queries or neurons."""
         return 4 * (len(self.domain.header) + 2 + len(self.domain.extra)) + sum(
             tensor.nbytes for tensor in self.tensors.values()
         )
@@ -289,7 +289,7 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @property
     def rate(self) -> float:
-        """See ``DistanceBounder``: products of the layers' norms, of two kinds, since activations have slopes up to 1."""
+        """See ``DistanceBounder``; two kinds of products of layer norms, as activations have slopes up to 1."""
         (weight, _), *others = self._layers()
         entries, spectral = (
             np.abs(weight[:, 0]).astype(np.float64),

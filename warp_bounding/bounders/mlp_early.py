@@ -101,7 +101,10 @@ class MlpEarly(Mlp):
     source_kind = MlpEarlySource
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
-        """Arguments and errors of ``Mlp``. Exits without ``exits.thresholds`` deny nothing; without grants none is granted."""
+        """Arguments and errors of ``Mlp``.
+
+        Exits without ``exits.thresholds`` deny nothing; without grants none is granted.
+        """
         exits = [name for name in tensors if name.startswith("exits.") and not name.endswith("thresholds")]
         if "exits.thresholds" not in tensors:
             tensors = tensors | {"exits.thresholds": np.full(len(exits) // 2, DENIED, np.float32)}
@@ -124,7 +127,7 @@ class MlpEarly(Mlp):
 
     @classmethod
     def of(cls, parts: list[Mlp]) -> "MlpEarly":
-        """The conjunction of networks that share domain, sizes and layers, at their thresholds; it holds no certificate yet.
+        """The conjunction, without a certificate, of networks that share domain, sizes and layers, at their thresholds.
 
         Part i has the hidden layers 0 .. i of the last part, and an output of its own.
         """

@@ -1,4 +1,4 @@
-"""``relu-field``: a grid of learned numbers, interpolated linearly along every axis of ``v`` and clamped (the paper's OurReLUField).
+"""``relu-field``: learned numbers on a grid, interpolated linearly in ``v`` and clamped (the paper's OurReLUField).
 
 After Karnewar et al., *ReLU Fields* (SIGGRAPH 2022): no network, a look-up of ``2^m`` numbers. For points the grid has
 the data's resolution, its nodes at the cells' centres; for regions of two-dimensional objects 32 nodes along each of
@@ -240,7 +240,7 @@ CHUNK_OF_RELU_FIELD = 1 << 16  # points
 
 @dataclass(frozen=True)
 class FieldMap:
-    """Where the nodes are: node coordinate ``t = factor v + summand``, cut at [0, nodes - 1]; float32 numbers, exact."""
+    """Where the nodes are: node coordinate ``t = factor v + summand``, cut at [0, nodes - 1]; exact float32 numbers."""
 
     factor: np.ndarray
     summand: np.ndarray
@@ -248,7 +248,7 @@ class FieldMap:
 
     @classmethod
     def of(cls, grid: IndicatorGrid, domain: AnyDomain, along: int | None = None) -> "FieldMap":
-        """Nodes at the cells' centres for coordinates of points, corners and origins; even over all of the other numbers.
+        """Nodes at the cells' centres for coordinates of points, corners and origins; evenly spaced for other numbers.
 
         Of points, there may be ``along`` nodes along each axis instead, even from the first to the last cell's centre.
         """
@@ -321,7 +321,7 @@ class ReluField(Bounder):
     def fit(
         cls, grid: IndicatorGrid, domain: AnyDomain, *, nodes: int | None = None, device: str | None = None
     ) -> "ReluField":
-        """Where training starts: 1 at the nodes of field cells that may hold a positive, else 0; ``nodes`` along each axis."""
+        """Where training starts: 1 at nodes of field cells that may hold a positive, else 0; ``nodes`` by axis."""
         field = FieldMap.of(grid, domain, nodes)
         return cls.of_values(domain, field, positive_cells(grid, domain, field).astype(np.float32), device)
 
@@ -411,7 +411,7 @@ class ReluField(Bounder):
         return best, point
 
     def least(self, grid: IndicatorGrid) -> tuple[float, int]:
-        """See ``Bounder``; for regions, over a cover of all positives: boxes whose nodes are all higher are passed over."""
+        """See ``Bounder``; for regions over boxes that cover all positives, but those with all nodes higher."""
         if self.domain.tested_as_point:
             return super().least(grid)
         least, count, cells, most = 1.0, 0, self._cell_minima, np.array(self.field.nodes) - 2
@@ -457,7 +457,7 @@ def interpolate(values: np.ndarray, nodes: tuple[int, ...], t: np.ndarray) -> np
 
 
 def corners_of(nodes: tuple[int, ...], t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Flat indices ``(N, 2^m)`` of the nodes around points, in the order of their axes, and the points' shares ``(N, m)``."""
+    """Flat indices ``(N, 2^m)`` of the nodes around points, in axis order, and the points' fractions ``(N, m)``."""
     low = np.clip(np.floor(t).astype(np.int64), 0, np.array(nodes) - 2)
     strides = np.array([int(np.prod(nodes[k + 1 :])) for k in range(len(nodes))])
     corners = np.array(list(np.ndindex((2,) * len(nodes))), dtype=np.int64)
@@ -465,7 +465,7 @@ def corners_of(nodes: tuple[int, ...], t: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def field_breaks(low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """``(N, m)``: how many nodes lie strictly inside boxes of node coordinates, along every axis; -1 where they are too many."""
+    """``(N, m)``: how many nodes lie strictly inside boxes of node coordinates, by axis; -1 for too many."""
     count = np.maximum(np.ceil(high) - np.floor(low) - 1, 0).astype(np.int64)
     return np.where(count + 2 <= MOST_BREAKS, count, -1)
 

@@ -70,7 +70,7 @@ class TwoSided(Picklable):
 
     @cached_property
     def func(self) -> wp.Function:
-        """The answer for one point in kernels of your own: ``wp.static(both.func)(both.outer.data, both.inner.data, q)``."""
+        """The answer for one point in your kernels: ``wp.static(both.func)(both.outer.data, both.inner.data, q)``."""
         outer, inner = self.outer.func, self.inner.func
         vector = vector_type(self.outer.ndim)
 
@@ -94,7 +94,7 @@ class TwoSided(Picklable):
 
 
 def _indexable(x):
-    """Queries that were accepted, such that some of them can be taken: an array or tensor of the same type of numbers."""
+    """Accepted queries, of which some can be taken: an array or tensor of the same type of numbers."""
     if isinstance(x, wp.array):
         return x.numpy()
     return x if hasattr(x, "shape") else np.asarray(x, np.float64)

@@ -324,7 +324,7 @@ class Union(Bounder):
 
     @staticmethod
     def owed(shape: Shape, held: Held) -> Shape | None:
-        """What a part must hold of a shape: its pieces, or what is in its region; ``None`` where the shape does not reach there."""
+        """What a part must hold of a shape: its pieces, or its region's; ``None`` where the shape is elsewhere."""
         if held is None:
             return shape
         if isinstance(held, list):
@@ -402,7 +402,9 @@ class Union(Bounder):
 
 
 def _common(domains: list[AnyDomain]) -> AnyDomain:
-    """The domain in which parts are asked together: that of most coordinates, with no more room for rounding than any other has.
+    """The domain in which parts are queried together.
+
+    It has the most coordinates, and no more margin for rounding than any other.
 
     Raises:
         BounderError: If the first coordinates of one are not those of another.

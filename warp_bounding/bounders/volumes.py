@@ -52,7 +52,7 @@ class VolumeTest:
 
 @dataclass(frozen=True)
 class VolumeSource(Source):
-    """Native code of a volume's tests: a text for each kind, in which the class's own fields and ``n`` are filled in."""
+    """Native code of a volume's tests: a text for each kind; the class's own fields and ``n`` are filled in."""
 
     texts: ClassVar[Mapping[str, str | Callable[[Any], str]]]  # by the kind of query that is tested
 
@@ -320,7 +320,7 @@ ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along 
 
 
 class Slabs(NamedTuple):
-    """The numbers of P, as float64: directions ``(k, n)``, low and high ``(k,)``; diagonal: the directions are the axes.
+    """The numbers of P, as float64: directions ``(k, n)``, low and high ``(k,)``; diagonal: axes are directions.
 
     Half-spaces are slabs whose low is minus infinity.
     """
@@ -408,7 +408,10 @@ class SlabRay(VolumeTest):
 
 
 class SlabPlane(VolumeTest):
-    """Support of P; numbers: middle and edges' halves (the halves alone if diagonal), or the number of vertices and those. f is a distance."""
+    """Support of P; f is a distance.
+
+    Its numbers are the centre and half edges (only these if diagonal), or a number of vertices and the vertices.
+    """
 
     def __init__(self, slabs: Slabs, domain: RegionDomain):
         n, reach = domain.space_ndim, float(domain.limit[-1])
@@ -466,7 +469,7 @@ def _inverse(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _separating(slabs: Slabs) -> Slabs:
-    """The slabs of a parallelepiped and those around it, along the axes and, in 3D, along the products of axes and edges."""
+    """The slabs of a parallelepiped, and those along the axes and, in 3D, products of axes and edges."""
     n = slabs.directions.shape[1]
     inverse, error = _inverse(slabs.directions)
     more = list(np.eye(n))
@@ -614,7 +617,7 @@ class SlabBounder(FaceBounder):
 
 
 def _ends(occupancy: np.ndarray) -> np.ndarray:
-    """First and last occupied cells of every grid line along the last axis: a linear function is extreme on one of them."""
+    """First and last occupied cells of every grid line along the last axis, where linear functions are extreme."""
     first = occupancy & (np.cumsum(occupancy, axis=-1) == 1)
     last = occupancy & (np.cumsum(occupancy[..., ::-1], axis=-1)[..., ::-1] == 1)
     return np.argwhere(first | last)
@@ -681,7 +684,9 @@ class Kdop(SlabBounder):
 
 
 def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
-    """``(k / 2, n)`` float64, unit slab normals of a k-DOP: k is ``None`` for 4 n half-spaces, or in 2D 6, in 3D 6, 14, 18 or 26.
+    """``(k / 2, n)`` float64, unit slab normals of a k-DOP.
+
+    ``k`` is ``None`` for 4 n half-spaces, 6 in 2D, or 6, 14, 18 or 26 in 3D.
 
     Raises:
         BounderError: If ``k`` is not offered in this dimension.
@@ -777,7 +782,10 @@ class FacesSource(DistanceSource):
 
 
 def frame_norm(frame: np.ndarray) -> float:
-    """An upper bound of the norm of a matrix, as it acts on vectors; infinite unless its rows are about at right angles, and of one length."""
+    """An upper bound of the spectral norm of a matrix.
+
+    Infinite unless its rows are about orthogonal, and of one length.
+    """
     products = frame @ frame.T
     if not (np.abs(products - np.eye(len(frame))) <= UPRIGHT).all():
         return np.inf

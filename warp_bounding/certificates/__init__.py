@@ -132,7 +132,7 @@ class Certificate:
 
 
 class Subject(Protocol):
-    """A bounder as certificates and files see it, without its method; every ``Bounder`` is one, and says what these are."""
+    """A bounder as certificates and files see it, without its method; every ``Bounder`` is one."""
 
     method: str
     conservative: bool

@@ -1,4 +1,4 @@
-"""What a bounder claims to be about: whether a shape, or another bounder's claim, is that, and whether a stored certificate can be true.
+"""Whether a shape or another bounder's claim is what a bounder claims, and whether a certificate can be true.
 
 Whatever proves, certifies, goes on from a checkpoint or puts bounders together asks here (``mismatch``, ``differing``),
 so that no claim is taken for another one. A claim is about a kind of query, coordinates with or without a time, a side,

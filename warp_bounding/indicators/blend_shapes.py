@@ -98,7 +98,7 @@ DEVICE = "cpu"
 
 
 class IndicatorBlendShapes(Formula):
-    """A closed mesh whose vertices are ``vertices + sum_k p_k deltas[k]``; the object is all that lies in it, at each pose.
+    """A closed mesh with vertices ``vertices + sum_k p_k deltas[k]``; the object is its inside at each pose.
 
     Args:
         vertices: ``(V, 3)``, at pose 0, object units.
@@ -267,7 +267,7 @@ class IndicatorBlendShapes(Formula):
         return answers.numpy() == asked
 
     def _to_ask(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Which boxes are beside the object's, which must be looked at, and the corners of the part of the latter that matters."""
+        """Which boxes miss the object's, which need a look, and the corners of the relevant part of the latter."""
         lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
         real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
         apart = real & ((lower > self.upper) | (upper < self.lower)).any(axis=1)

@@ -168,13 +168,17 @@ SHORTEST = 2.0**-300  # a piece that is nearer to the centre has no direction
 
 @cache
 def excess_kernel(n: int) -> wp.Kernel:
-    """``(first, lower, upper, node_lower, node_upper, links, room, box_lower, box_upper, values, least, enough, excess)`` in n dimensions."""
+    """The structure of box distances in n dimensions.
+
+    Its fields are ``(first, lower, upper, node_lower, node_upper, links, room, box_lower, box_upper, values, least,
+    enough, excess)``.
+    """
     vector, narrow = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32)
     stack_of, corners, count = wp.types.vector(DEEPEST, wp.int32), wp.types.vector(2**n, wp.float64), 2**n
 
     @wp.func
     def number(low: vector, high: vector, centre: vector, half: vector, values: corners, room: wp.float64):
-        """The least bound of the values less multiples of the plane under the distance to a piece; and that distance at the centre."""
+        """The least bound of the values less multiples of the plane under the distance; the distance at the centre."""
         normal, length, support = vector(), wp.float64(0.0), wp.float64(0.0)
         for k in range(n):
             normal[k] = -wp.max(low[k] - centre[k], wp.min(high[k] - centre[k], wp.float64(0.0)))

@@ -469,7 +469,7 @@ class IndicatorFunction(Combinable, Formula):
         return held
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes hold no point of the object; as true as what their author says of the functions."""
+        """Certified: which closed boxes hold no point of the object, provided the functions are what they claim."""
         lower, upper, real = _finite_boxes(lower, upper)
         found = ((lower > self.upper) | (upper < self.lower)).any(axis=1)
         left = real & ~found

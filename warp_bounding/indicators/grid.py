@@ -365,7 +365,10 @@ class IndicatorGrid(Shape):
         return self.distances(x)[:, 0]
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        """See ``Shape``: of the cells. Where coordinate 0 is time, in space at the point's time: infinite if no cell is there then."""
+        """See ``Shape``: of the cells.
+
+        Where coordinate 0 is time, in space at the point's time: infinite if no cell is there then.
+        """
         found = self._distances(x)
         if self.time:
             found[(x[:, 0] < self.lower[0]) | (x[:, 0] > self.upper[0])] = 0.0, np.inf

@@ -1,4 +1,4 @@
-"""Coordinates that are joint values: beyond a joint's limits the answer is *maybe*, and a joint that turns without end is turned back into one turn.
+"""Coordinates that are joint values: *maybe* beyond limits; values of endless joints are turned back into one turn.
 
 A query q is turned back before it is mapped to v (``TEXT``), by three float32 operations on numbers of the joint alone,
 in native text and on every device alike:
@@ -33,7 +33,9 @@ TURNS64 = 2**20  # the same of float64, where only the truth is asked
 WIDER = 1 + 2.0**-10  # of one turn: what a query that is turned back may be; see above
 BEYOND = (
     2.0**-21
-)  # of the largest coordinate within limits: how far the shape must be known beyond these, for queries that are rounded to them
+    # of the largest coordinate within limits: how far the shape must be known beyond these, for queries that are rounded to
+    # them
+)
 HEAD_BITS, HEAD_BITS64 = 12, 30  # times a number of turns exact in float32, in float64
 LARGEST_TURN = 2.0**60  # coordinates: of a period
 TWO_PI = Fraction("6.283185307179586476925286766559005768394338798750211641949889")
@@ -88,7 +90,10 @@ class Joints:
 
     @property
     def reach(self) -> np.ndarray:
-        """``(n,)`` float64: UNIT32 times this is what turning a query back rounds, the rounding of a float64 query included; 0 of joints with limits."""
+        """``(n,)`` float64, in UNIT32: what turning a query back rounds, with a float64 query's rounding.
+
+        It is 0 for joints with limits.
+        """
         return (TURNS + 5) * np.array(self.period)
 
     @property
@@ -125,7 +130,10 @@ def _split(period: Fraction, bits: int) -> tuple[float, float]:
 
 
 def turned_back(x: np.ndarray, periods: Sequence[Fraction]) -> np.ndarray:
-    """Coordinates ``(N, n)`` in the turn around 0, as exact as float64 is; NaN beyond ``TURNS64``. Where the period is 0 they stay."""
+    """Coordinates ``(N, n)`` in the turn around 0, as exact as float64 is; NaN beyond ``TURNS64``.
+
+    Where the period is 0 they stay.
+    """
     found = np.array(x, dtype=np.float64)
     for axis, period in enumerate(periods):
         if period:

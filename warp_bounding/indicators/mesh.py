@@ -47,7 +47,7 @@ LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the 
 
 
 class Faces(Shape):
-    """What meshes share that rest and that move: faces, of which closed parts have an inside, a margin, and kernels that answer about them.
+    """What meshes at rest and moving share: faces whose closed parts have an inside, a margin, and kernels.
 
     A subclass has ``bounds``, of the faces alone; ``surface``; ``_solid``, which knows of no margin; and
     ``_dilated_solid``.
@@ -59,7 +59,7 @@ class Faces(Shape):
 
     @property
     def watertight(self) -> bool:
-        """Whether the surface is closed: equal vertices are one, equal faces are one, and no face has an edge of its own.
+        """Whether the surface is closed: equal vertices and equal faces count once, and no face has an edge alone.
 
         A mesh that trimesh calls watertight is closed, unless its faces close only with their own doubles and hold
         nothing. So are solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or
@@ -97,7 +97,7 @@ class Faces(Shape):
         return self._dilated_solid.distances(x)
 
     def dilated(self, margin: float):
-        """The object and all points within ``margin`` of it, at each time; what was built to ask the triangles is shared."""
+        """The object and all points within ``margin`` of it at each time; shares what was built for the triangles."""
         margin = self._new_margin(margin)
         if margin is None:
             return self
@@ -120,7 +120,10 @@ class Faces(Shape):
 
 
 def checked_vertices(vertices: np.ndarray, name: str) -> np.ndarray:
-    """Vertices ``(..., 3)`` in float32, read-only; raises ``IndicatorError`` for numbers that float32 does not hold, or too coarsely."""
+    """Vertices ``(..., 3)`` in float32, read-only.
+
+    Raises ``IndicatorError`` for numbers that float32 cannot hold, or only too coarsely.
+    """
     expect_near(vertices.reshape(-1, 3), name)
     with np.errstate(over="ignore"):
         vertices = np.array(vertices, dtype=np.float32, order="C") + np.float32(0)  # + 0: no negative zeros
@@ -201,7 +204,7 @@ class IndicatorMesh(Faces):
 
     @cached_property
     def bounds(self) -> np.ndarray:
-        """``(2, 3)`` float64, lower and upper corner of the faces, without a margin; vertices of no face do not count."""
+        """``(2, 3)`` float64, lower and upper corner of the faces, without a margin and without unused vertices."""
         used = self.vertices[self.faces.ravel()]
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
@@ -277,7 +280,7 @@ class IndicatorMesh(Faces):
         return self._dilated_solid.excess(lower, upper, values, least, enough)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes meet the object: ``(N,)`` uint8 ``OUT``, ``IN`` or ``UNDECIDED`` for corners ``(N, 3)``."""
+        """``OUT``, ``IN`` or ``UNDECIDED``, ``(N,)`` uint8: do closed boxes of corners ``(N, 3)`` meet the object?"""
         return self._dilated_solid.decide_boxes(lower, upper)
 
     def decide_segments(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
@@ -285,11 +288,11 @@ class IndicatorMesh(Faces):
         return self._dilated_solid.decide_segments(start, end)
 
     def decide_planes(self, normal: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Which planes meet the object: ``(N,)`` uint8, as for boxes, for normals of any length and points ``(N, 3)``."""
+        """As for boxes, ``(N,)`` uint8: do planes meet the object? Normals have any length; points are ``(N, 3)``."""
         return self._dilated_solid.decide_planes(normal, point)
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """``(count, 3)`` float64: points of faces, uniform by area; of a dilated mesh up to the margin away from them."""
+        """``(count, 3)`` float64: points of faces, uniform by area; of a dilated mesh up to the margin from them."""
         corner, *others = self.vertices.astype(np.float64)[self.faces].transpose(1, 0, 2)
         edges = [other - corner for other in others]
         area = np.linalg.norm(np.cross(*edges), axis=1)
@@ -312,7 +315,7 @@ class IndicatorMesh(Faces):
         return self.vertices[self._used].astype(np.float64)
 
     def landmarks(self) -> np.ndarray:
-        """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, what lies over them at the margin, on either side."""
+        """``(P, 3)`` float64: the vertices of faces; of a dilated mesh, points above and below them at the margin."""
         used = self._used
         points = self.vertices[used].astype(np.float64)
         if not self.margin:
@@ -383,7 +386,7 @@ class IndicatorMesh(Faces):
 
 
 def mesh_of(vertices: np.ndarray, faces: np.ndarray, **about: str) -> "IndicatorMesh | Recentred":
-    """The mesh of vertices as they were read, float64 where they were: ``Recentred`` where they lie too far from 0 for float32.
+    """The mesh of vertices as read, also float64; ``Recentred`` where they lie too far from 0 for float32.
 
     Raises:
         IndicatorError: As ``IndicatorMesh`` does.

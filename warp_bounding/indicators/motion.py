@@ -188,11 +188,11 @@ class IndicatorMotion(Faces):
         return self.times.astype(np.float64)
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin away from them."""
+        """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin from them."""
         return random_places(self.times, self.frames, self.faces, self.margin, count, rng)
 
     def landmarks(self) -> np.ndarray:
-        """``(P, 4)`` float64: the vertices of faces at keyframes; of a dilated motion, what lies over them at the margin."""
+        """``(P, 4)`` float64: vertices of faces at keyframes; of a dilated motion, points above and below them."""
         points = corner_places(self.times, self.frames, self.faces, self.margin)
         if not self.margin:
             return points
@@ -200,7 +200,7 @@ class IndicatorMotion(Faces):
         return points[nearer.decide(points) == OUT]
 
     def vertices_at(self, time: float) -> np.ndarray:
-        """The vertices at a time, as a simulation should use them: what ``to_grid`` bounds holds for these very numbers.
+        """The vertices at a time, as a simulation should use them: ``to_grid`` bounds these very numbers.
 
         Args:
             time: In the unit of ``times``; outside their range the nearest keyframe is returned, of which bounders

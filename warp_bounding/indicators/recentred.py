@@ -1,4 +1,4 @@
-"""A shape far from where its coordinates begin, or between the places that a grid's lattice has: kept near 0, with its origin.
+"""A shape far from its coordinates' zero, or between the places of a grid's lattice: held near 0, with its origin.
 
 float32 tells points apart by half a metre at the coordinates of a survey. So the numbers of such a shape are taken
 relative to an origin, in float64, before anything is rounded; what is left is the *local* shape, which everything
@@ -194,7 +194,7 @@ def own_coordinates(shape, what: str):
 
 
 def expect_near(vertices: np.ndarray, name: str) -> None:
-    """Refuse vertices that float32 would move, where they lie, by more than ``ROUNDED`` of their extent, with ``IndicatorError``."""
+    """Raise ``IndicatorError`` for vertices that float32 would move by over ``ROUNDED`` of their extent."""
     if (frame := recentred(vertices)[1]) is not None:
         raise IndicatorError(
             f"{name}: float32 is too coarse for vertices at {list(frame.origin)}; subtract an origin from them first, as load_indicator does for "

@@ -381,7 +381,7 @@ class Shape(Picklable, ABC):
 
     @property
     def restriction(self) -> str:
-        """What of the object is not bounded, for users: the note, and what the geometry tells, such as an open surface; may be empty."""
+        """For users: what is not bounded, by the note and the geometry (such as an open surface); may be empty."""
         return self.note
 
     # --- where it is -------------------------------------------------------------------------------------------------
@@ -413,7 +413,7 @@ class Shape(Picklable, ABC):
 
     @property
     def known(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(n,)`` float64 each: beyond which coordinates nothing is known, which are times and values of joints with limits; else infinite."""
+        """``(n,)`` float64 each: limits beyond which nothing is known, of times and joint values; else infinite."""
         end = np.full(self.ndim, np.inf)
         lower, upper = -end, end
         if self.time:
@@ -422,7 +422,10 @@ class Shape(Picklable, ABC):
 
     @property
     def speed(self) -> float | None:
-        """Where coordinate 0 is time: how fast points of the object move at most, object units per unit of time; ``None`` where it is not known."""
+        """The largest speed of the object's points, object units per unit of time; ``None`` if unknown.
+
+        Coordinate 0 is time.
+        """
         return None
 
     @property
@@ -449,7 +452,7 @@ class Shape(Picklable, ABC):
 
     @property
     def details_per_unit(self) -> np.ndarray:
-        """``(n,)`` float64, per object unit, of what float32 must tell apart wherever the object is (a grid's cells)."""
+        """``(n,)`` float64, per object unit, of what float32 must tell apart anywhere in the object (grid cells)."""
         size = np.full(self.ndim, self.extent.max())
         if self.time:
             size[0] = self.upper[0] - self.lower[0]
@@ -457,7 +460,10 @@ class Shape(Picklable, ABC):
 
     @property
     def waves(self) -> np.ndarray | None:
-        """``(K, n)`` float64, per object unit: whether a point x lies in it follows from the sines and cosines of ``waves @ x``, as far as that is known."""
+        """``(K, n)`` float64, per object unit: the sines and cosines of ``waves @ x`` decide whether x lies in it.
+
+        As far as that is known.
+        """
         return None
 
     @property
@@ -481,7 +487,7 @@ class Shape(Picklable, ABC):
 
     @abstractmethod
     def decide(self, x: np.ndarray) -> np.ndarray:
-        """``(N,)`` uint8 for points ``(N, n)``, float32 or float64: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``."""
+        """``(N,)`` uint8 for points ``(N, n)``, float32 or float64: certainly ``OUT`` or ``IN``, or ``UNDECIDED``."""
 
     def contains(self, x: np.ndarray) -> np.ndarray:
         """The truth for points; those that cannot be decided count as object.
@@ -511,7 +517,7 @@ class Shape(Picklable, ABC):
         return np.zeros(len(lower), dtype=bool)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces | None:
-        """Half-spaces that hold the object's points in closed boxes, ``(N, n)`` finite corners; ``None`` where none are known.
+        """Half-spaces that hold the object's points in closed boxes of finite corners ``(N, n)``; ``None`` if unknown.
 
         Points that are ``UNDECIDED`` by themselves may lie beyond: of the box more is known than of them.
         """
@@ -525,7 +531,7 @@ class Shape(Picklable, ABC):
         return None
 
     def distances(self, x: np.ndarray) -> np.ndarray | None:
-        """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` where none is known.
+        """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` if unknown.
 
         An upper bound is infinite where nothing is known of it. In the object both are 0, if the shape can tell.
         """
@@ -539,7 +545,10 @@ class Shape(Picklable, ABC):
         return None
 
     def depth(self, x: np.ndarray) -> np.ndarray:
-        """About how deep points ``(N, n)`` lie in the object, ``(N,)``; 0 outside, and where it is not known. No proof rests on it."""
+        """About how deep points ``(N, n)`` lie in the object, ``(N,)``; 0 outside, and where it is not known.
+
+        No proof rests on it.
+        """
         return np.zeros(len(x))
 
     def excess(
@@ -550,7 +559,9 @@ class Shape(Picklable, ABC):
         least: float,
         enough: np.ndarray | float = np.inf,
     ) -> np.ndarray | None:
-        """By how much functions may exceed the distance to the object in boxes; here as the distance at the centres tells, which grows by no more than the way.
+        """How much functions may exceed the distance to the object in boxes.
+
+        Here by the distance at the centres, which grows no faster than the way.
 
         Args:
             lower: ``(N, n)`` float64, lower corners.
@@ -579,7 +590,7 @@ class Shape(Picklable, ABC):
         return np.empty((0, self.ndim))
 
     def corners(self) -> np.ndarray | None:
-        """``(P, n)`` float64 points whose convex hull, dilated by ``margin`` in space, is that of the object; ``None`` if unknown."""
+        """``(P, n)`` float64 points whose hull, dilated by ``margin`` in space, is the object's; else ``None``."""
         return None
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -616,7 +627,9 @@ class Shape(Picklable, ABC):
         return None
 
     def piece(self, held: Sequence[int]) -> "Shape":
-        """The union of some pieces, whose bounders ``a | b`` puts together; it may have fewer coordinates, the first ones, where it depends on no others.
+        """The union of some pieces, whose bounders ``a | b`` puts together.
+
+        It has the first coordinates only, where it depends on no others.
 
         Args:
             held: Numbers of pieces, those of the whole.
@@ -628,7 +641,7 @@ class Shape(Picklable, ABC):
 
     @abstractmethod
     def dilated(self, margin: float) -> "Shape":
-        """The object and all points within ``margin`` of it (in space, where there is a time); itself for its own margin.
+        """The object and all points within ``margin`` of it (in space only); itself for its own margin.
 
         Raises:
             IndicatorError: For a margin that is negative or not finite, or a shape that is dilated already.

@@ -1,4 +1,4 @@
-"""The solids and their algebra: primitives, unions, intersections, differences, dilations, transforms and extrusions."""
+"""The algebra of solids: primitives, unions, intersections, differences, dilations, transforms and extrusions."""
 
 import math
 from functools import reduce

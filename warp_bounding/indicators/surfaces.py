@@ -1,4 +1,4 @@
-"""How the faces of a mesh hang together: which of them enclose an inside, and which sums of faces every line crosses evenly."""
+"""How a mesh's faces join: which of them enclose an inside, and which sums of faces every line crosses evenly."""
 
 from dataclasses import dataclass
 

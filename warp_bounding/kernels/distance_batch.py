@@ -72,7 +72,10 @@ def warp_lanes_kernel(source: DistanceSource, body: str) -> wp.Kernel:
 
 @cache
 def lanes_kernel(source: DistanceSource) -> wp.Kernel:
-    """``(lines, count, block, parameters, words, steps, maybe, times)``, one block of lines ``(count, 2 n + 2)`` a thread."""
+    """``(lines, count, block, parameters, words, steps, maybe, times)``.
+
+    Each thread takes a block of lines ``(count, 2 n + 2)``.
+    """
     name = named(unique_name(source, "lines"))
 
     @name.block_kernel(_snippet(source))
@@ -96,7 +99,10 @@ def _name(source: DistanceSource, role: str) -> named:
 
 @cache
 def distance_kernel(source: DistanceSource, values: bool) -> wp.Kernel:
-    """``(x, count, block, parameters, words, radius, many, out)``, one block a thread: distances where ``values``, else 0 and 1."""
+    """``(x, count, block, parameters, words, radius, many, out)``, a block a thread.
+
+    Writes distances where ``values``, else 0 and 1.
+    """
     out_type = wp.float32 if values else wp.uint8
 
     @_name(source, f"distances{'_values' * values}").block_kernel(batch_snippet(source, values))
@@ -141,7 +147,10 @@ def warp_kernel(source: DistanceSource, values: bool, body: str) -> wp.Kernel:
 
 @cache
 def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
-    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 4 numbers a query."""
+    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``.
+
+    Writes what ``lanes_kernel`` marches along: a row of 2 n + 4 numbers a query.
+    """
     n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
     of_segment, of_ray, clip = segment_line(source), ray_line(source), clip_func(source)
 

@@ -57,7 +57,7 @@ SUMS = 16.0 * UNIT32  # of all numbers that are added up: more than six rounding
 
 @cache
 def owns_func(source: DistanceSource) -> wp.Function:
-    """``owns(w) -> bool``: are these data of this source? Of others nothing is told, and the domain that is read is another."""
+    """``owns(w) -> bool``: are these data of this source? Nothing is reported of others, whose domain is another."""
     first, second = (wp.uint32(bits) for bits in source.tag)
 
     @named(unique_name(source, "owns")).func
@@ -75,7 +75,7 @@ def owns_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def clip_func(source: DistanceSource) -> wp.Function:
-    """``vec2 = clip(data, a, w, room)``: contact is only possible from the first of these times to the second; never where that is less."""
+    """``vec2 = clip(data, a, w, room)``: contact is possible between these two times only; never if they fall."""
     vector, n, time, owns = vector_type(source.ndim), source.ndim, int(source.time), owns_func(source)
     center, limit, unit = LABEL, LABEL + source.ndim, LABEL + 2 * source.ndim + 1
 
@@ -147,7 +147,10 @@ def clock_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def room_func(source: DistanceSource) -> wp.Function:
-    """``room(a, w, length, radius, clock)``: what g must exceed, for the radius and for what rounds; infinite for numbers that cannot be marched."""
+    """``room(a, w, length, radius, clock)``: what g must exceed, for radius and rounding.
+
+    Infinite for numbers that cannot be marched.
+    """
     vector, n, blur, time = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32, int(source.time)
 
     @_named(source, "room").func
@@ -167,7 +170,10 @@ def room_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def segment_line(source: DistanceSource) -> wp.Function:
-    """``(w, length) = line(start, end, clock)``: a segment as ``start + t w``, its length rounded up, infinite where it leaves the range of time."""
+    """``(w, length) = line(start, end, clock)``: a segment ``start + t w``, its length rounded up.
+
+    The length is infinite where it leaves the range of time.
+    """
     vector, n, time = vector_type(source.ndim), source.ndim, int(source.time)
 
     @_named(source, "segment_line").func
@@ -187,7 +193,7 @@ def segment_line(source: DistanceSource) -> wp.Function:
 
 @cache
 def ray_line(source: DistanceSource) -> wp.Function:
-    """``(w, length) = line(direction, length)``: a ray's displacement, and its length rounded up; infinite without a usable direction."""
+    """``(w, length) = line(direction, length)``: a ray's displacement and length, rounded up; infinite if unusable."""
     vector, n = vector_type(source.ndim), source.ndim
 
     @_named(source, "ray_line").func
@@ -211,7 +217,7 @@ def ray_line(source: DistanceSource) -> wp.Function:
 
 @cache
 def march_func(source: DistanceSource) -> wp.Function:
-    """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is no less than that of w."""
+    """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is at least ``|w|``."""
     distance, vector, clip = distance_func(source), vector_type(source.ndim), clip_func(source)
 
     @_named(source, "march").func
@@ -238,7 +244,10 @@ def march_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def segment_func(source: DistanceSource) -> wp.Function:
-    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
+    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``.
+
+    See module.
+    """
     march, vector = march_func(source), vector_type(source.ndim)
     line, room, clock_of = segment_line(source), room_func(source), clock_func(source)
 
@@ -254,7 +263,10 @@ def segment_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def ray_func(source: DistanceSource) -> wp.Function:
-    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32) -> (maybe: bool, t: float)``; see module."""
+    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``.
+
+    Returns ``(maybe: bool, t: float)``; see module.
+    """
     march, vector = march_func(source), vector_type(source.ndim)
     line, room = ray_line(source), room_func(source)
 
@@ -269,7 +281,10 @@ def ray_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def box_func(source: DistanceSource) -> wp.Function:
-    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object? See module."""
+    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object?
+
+    See module.
+    """
     distance, vector, n = distance_func(source), vector_type(source.ndim), source.ndim
     name, center, limit = _named(source, "box"), LABEL, LABEL + source.ndim
     unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)

@@ -160,7 +160,7 @@ def batch_snippet(source: DistanceSource, values: bool) -> str:
 
 
 def warp_snippet(source: DistanceSource, values: bool, body: str) -> str:
-    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that all lanes of a warp run together."""
+    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that a warp's lanes run together."""
     return fill(text.WARP, **texts_of(source), store_one=_STORE_ONE[values], body=body)
 
 

@@ -1,4 +1,4 @@
-"""The C text around a method's ``body``, the batch kernels and functions made of it: once for each source, whatever the values in it.
+"""The C text around a method's ``body``, and its batch kernels and functions, made once for each source.
 
 All CPU text may fuse products and sums (``contract``), which what is proven leaves room for; nothing else is up to the
 compiler.
@@ -123,7 +123,7 @@ def _together(source: Source, values: bool) -> str:
 
 
 def point_snippet(source: Source) -> str:
-    """The body of the function for other kernels: one query ``q``, or two vectors ``a`` and ``b`` of a region; returns bool."""
+    """The body of the function for other kernels: a query ``q``, or ``a`` and ``b`` of a region; returns bool."""
     given = [f"{name}[{k}]" for name in ("a", "b") for k in range(source.ndim)]
     numbers = f"const float q[{source.columns}] = {{{', '.join(given)}}};" if source.is_region else ""
     first, second = source.tag

@@ -1,4 +1,4 @@
-"""The tests of ``mlp`` and ``kdop`` for points as plain Warp kernels: what the native text computes, to be read, and an oracle of it.
+"""Points tested by ``mlp`` and ``kdop`` as plain Warp kernels: a readable form of the native text, and its oracle.
 
 They are slow, a query a thread and without lanes (a network takes some 50 times as long), and nothing is claimed of
 their rounding.
@@ -22,7 +22,7 @@ def local(x: wp.float32, center: wp.float32, scale: wp.float32):
 
 @cache
 def mlp_kernel(widest: int, activation: str) -> wp.Kernel:
-    """``f`` of points by a network of layers no wider than ``widest``, input and output included; minus infinity outside the domain.
+    """``f`` of points by a network, no layer wider than ``widest``; minus infinity outside the domain.
 
     Arguments: points ``x``, n numbers each; ``center``, ``scale`` and ``limit`` (n); ``sizes`` of all layers, the first
     n and the last 1; ``numbers``, of each layer the biases, then the weights row by row; ``f``.
@@ -73,7 +73,7 @@ def kdop_kernel(
     # outputs
     f: Numbers,
 ):
-    """``f`` of points by slabs ``low_k <= d_k . v <= high_k``: the least distance to a face; minus infinity outside the domain.
+    """``f`` of points by slabs ``low_k <= d_k . v <= high_k``: the least face distance; -infinity outside the domain.
 
     ``directions`` are row by row; the others are as of ``mlp_kernel``.
     """

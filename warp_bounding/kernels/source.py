@@ -40,7 +40,7 @@ class Lanes:
 
 
 class Early(NamedTuple):
-    """A test that the CPU batch path asks before ``body``: it may deny a query, or grant it, which is to say *maybe*."""
+    """A cheaper test that the CPU batch path runs before ``body``: it may answer *no*, or *maybe* at once."""
 
     code: str  # C statements that compute ``V f``, and ``V sure`` if it grants
     bar: str  # C text of a float: f below it denies
@@ -142,7 +142,7 @@ class Source:
         raise TypeError(f"{type(self).__name__} does not define body")
 
     def early(self) -> list[Early]:
-        """Cheaper tests that the CPU batch path (a ``packed`` one) asks before ``body``, which then sees the undecided only."""
+        """Cheaper tests that the CPU batch path (a ``packed`` one) runs before ``body``, which sees the rest only."""
         return []
 
     def ask(self, values: bool) -> str | None:

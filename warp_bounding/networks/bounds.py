@@ -1,4 +1,4 @@
-"""Bounds of a network over boxes, as one fused native kernel in float64: charts, the C text, and the kernel; one box per SIMD lane.
+"""Bounds of a network over boxes by one fused native kernel in float64, one box per SIMD lane: text and kernel.
 
 A chart turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
 1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards,

@@ -270,7 +270,7 @@ class IndicatorNetwork(Combinable, Formula):
 
     @property
     def rounding(self) -> float:
-        """By how much any float32 evaluation of the network may differ from its exact value, activations of kernels included."""
+        """By how much any float32 evaluation of the network may differ from its exact value, activations included."""
         return self._networks[0].rounding
 
     @cached_property

@@ -153,7 +153,7 @@ class MlpSource(Source):
         return "\n".join([f"float h{index + 1}[{row}]; {{", own, text.LANES, act, names, text.NEURONS_IN_LANES, "}"])
 
     def function_output(self, index: int, output_at: int) -> str:
-        """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``; in a block of its own."""
+        """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``; in its own block."""
         row, lines = padded(self.hidden[index]), ["float f, other = 0.0f; (void)other;"]
         for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
             own = constants(ROW=row, AT=output_at + output * (1 + row))

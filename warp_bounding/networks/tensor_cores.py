@@ -67,7 +67,7 @@ class TensorCores:
 
     @property
     def tensor_numbers(self) -> wp.array | None:
-        """What ``text`` reads, its threshold lowered by what f may be off by more there; ``None`` for the float32 path."""
+        """The data that ``text`` reads, threshold lowered by its larger error of f; ``None`` for the float32 path."""
         source, device, data, held = self.source, self.device, self.data, self._held
         if not (device.is_cuda and device.arch in VERIFIED and fits(source)):
             return None

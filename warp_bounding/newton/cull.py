@@ -102,7 +102,7 @@ class ParticleCull:
         untested: Collection[int] = (),
         reads_back: bool = True,
     ):
-        """Check that the bounders are those of the shapes, and load all kernels, so that a graph may be captured at once.
+        """Check that the bounders are those of the shapes, and load all kernels, so that a graph can be captured.
 
         Args:
             pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their
@@ -172,7 +172,7 @@ class ParticleCull:
 
     @property
     def survivors(self) -> int:
-        """Number of pairs that the last pass had to go through, which may also be that of a graph; waits for the device."""
+        """Number of pairs of the last pass, which may be that of a graph; waits for the device."""
         return int(self.survivor_count.numpy()[0])
 
     @property
@@ -250,7 +250,7 @@ class ParticleCull:
         return self._kept[:left]
 
     def _prepared(self, state: newton.State, gap: float) -> list[BlockLaunch]:
-        """The launches for these very arrays, which are kept, since a simulation asks about the same two states again and again."""
+        """The launches for these arrays, cached, since a simulation queries the same two states again and again."""
         key = (gap, id(state.particle_q), id(self.model.particle_radius))
         key += tuple(map(id, self._shapes.read(state)))
         if key not in self._recorded:

@@ -75,7 +75,7 @@ def find_far(
     # outputs
     far: wp.array(dtype=wp.int32),
 ):
-    """Some denied pair whose particle is so far away that Newton's pass sees it by the shape's box; any that is written last."""
+    """Some denied pair so far away that Newton's pass sees it by the shape's box; the last one written counts."""
     i = wp.tid()
     if keep[i] == wp.uint8(0):
         pair = pairs[i]
@@ -127,7 +127,7 @@ def replace_denied(
     kept: wp.array(dtype=wp.vec2i),
     count: wp.array(dtype=wp.int32),
 ):
-    """The pairs that are left, where they are, and in the places of the others the one that ``far`` names, if there is one."""
+    """The remaining pairs, in their places, and in the places of the others the one that ``far`` names, if any."""
     i = wp.tid()
     which = wp.int32(i)
     if keep[i] != wp.uint8(0):
@@ -311,7 +311,7 @@ def ask_hulls(
     left: wp.array(dtype=wp.int32),
     keep: wp.array(dtype=wp.uint8),
 ):
-    """Decide the pairs of each block that need no bounder, and list the others from the block's first place in ``asked`` on."""
+    """Decide the pairs of each block that need no bounder, and list the others in ``asked``, block by block."""
 
 
 def runs_of(pairs: np.ndarray) -> np.ndarray:

@@ -229,7 +229,9 @@ class Hull:
     reach: float
     per_radius: float
     per_coordinate: float
-    margin: float  # infinite for a mesh whose hull grows, minus infinity for a shape without a hull, or one whose quaternion is far from a rotation
+    # infinite for a mesh whose hull grows, minus infinity for a shape without a hull, or one whose quaternion is far
+    # from a rotation
+    margin: float
     stays: int  # 1 where no bounder is asked: a pair that the hull does not deny stays
 
 

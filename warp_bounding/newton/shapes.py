@@ -1,4 +1,4 @@
-"""What the cull knows of a model's shapes: which hull each has, and which bounder, one number or vector a shape on the device."""
+"""What the cull knows of a model's shapes: each one's hull and bounder, a number or vector on the device."""
 
 import warnings
 from collections import Counter
@@ -60,7 +60,7 @@ def mesh_ids(model: newton.Model) -> wp.array:
 
 
 def triangles(mesh: int, device: wp.Device) -> tuple[np.ndarray, np.ndarray]:
-    """Points ``(P, 3)`` float32 and corners ``(T, 3)`` int32 of a ``wp.Mesh``, given by its id; waits for the device."""
+    """Points ``(P, 3)`` float32 and corners ``(T, 3)`` int32 of a ``wp.Mesh`` by its id; waits for the device."""
     sizes = wp.zeros(2, dtype=int, device=device)
     wp.launch(_measure, dim=1, inputs=[wp.uint64(mesh)], outputs=[sizes], device=device)
     count, corners = (int(n) for n in sizes.numpy())

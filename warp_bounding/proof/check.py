@@ -1,4 +1,4 @@
-"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by a loop of its own (``_halved``).
+"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by its own loop (``_halved``).
 
 Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
 the target or a counterexample is found. The bounds over one box, and for rays, boxes and planes the chart, are those of
@@ -290,7 +290,7 @@ def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray 
 
 
 def _denied_outside(asked: Bounder, bounder: Bounder, grid: Shape) -> np.ndarray | None:
-    """A point of the object outside of a bounder's domain that ``asked`` denies; ``None`` of regions, or if none is found."""
+    """A point of the object outside of a bounder's domain that it denies; ``None`` for regions, or if none is found."""
     return None if QUERIES[bounder.query_kind].is_region else _denied(asked, grid, points_outside(bounder, grid))
 
 
@@ -340,7 +340,9 @@ def _halved(
     most: float = float("inf"),
     thorough: bool = False,
 ) -> tuple[Checked, np.ndarray]:
-    """Halve boxes until ``f >= target`` on all that comes from positives, a positive shows that it is not, a box is too small, or time is over.
+    """Halve boxes until ``f >= target`` on all positives.
+
+    Ends as well when a positive refutes that, a box is too small, or time is over.
 
     Newest boxes come first, so that memory grows with depth, not with the number of boxes. A point with f under the
     target refutes nothing until the deployed bounder has denied it (``certify``).
@@ -464,7 +466,9 @@ def _charted_pieces(bounder: Bounder, grid: Shape, target: float) -> Iterator[Pi
 def _check_parts(
     bounder: Local, grid: IndicatorGrid, target: float, end: float, progress: Callable[[int, int], None] | None
 ) -> Checked:
-    """The positives of a network with a threshold for each part of its domain, part by part: ``f - threshold`` of the part must reach the target.
+    """The positives of a network with a threshold for each part of its domain.
+
+    In each part ``f - threshold`` must reach the target.
 
     Raises:
         BounderError: If the network has no chart, or the target is beyond what a part without threshold answers.

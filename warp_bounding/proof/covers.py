@@ -1,4 +1,4 @@
-"""Boxes that cover every positive query of a kind, widened by what the pipeline rounds, and how their numbers become queries again.
+"""Boxes that cover every positive query of a kind, widened by rounding, and how their numbers become queries.
 
 A kind of query is a ``Cover``, found by its name in ``COVERS``.
 """
@@ -25,7 +25,7 @@ from warp_bounding.queries.region_domain import RegionDomain
 
 
 class LeastBox:
-    """``g(p)``, at most f of any box that holds p: the least f of boxes that meet the object is a minimum over its points.
+    """``g(p)``, at most f of any box that holds p: the least f of positive boxes is a minimum over object points.
 
     ``minimum`` and ``certify`` take it as a bounder of points; see ``bounders.mlp`` for why. The object's
     cells are not widened: what the pipeline rounds is in the function.
@@ -83,7 +83,7 @@ class Cover:
     def reach(
         self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Where regions can meet the object: all of its points in positives of boxes, other than what other boxes tell of.
+        """Where regions can meet the object: all of its points that are positives of boxes.
 
         Args:
             cover: What ``charted`` has made; its boxes may be cut further.
@@ -219,7 +219,7 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
 
 
 class RayCover(Cover):
-    """Rays that meet an object, as boxes of the chart ``networks.charts.RayChart``, by where a ray first enters the object.
+    """Rays that meet an object, as boxes of ``networks.charts.RayChart``, by where a ray first enters it.
 
     z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1
     there (w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's
@@ -362,7 +362,7 @@ FIRST = 4  # boxes along each axis of a cube's face to begin with
 
 
 class SupportGap:
-    """How far a network's learned support function stays above the object's own, as a function of the normal m; ``minimum`` takes it.
+    """How far a network's support function stays above the object's, as a function of the normal m, for ``minimum``.
 
     A plane ``m . y = c`` that meets the object has ``-h(-m) <= c <= h(m)``, h the support function of the object's
     convex hull (that is necessary; for a connected object it is sufficient too, *Theorem of the separating

@@ -1,4 +1,4 @@
-"""By how much does F exceed the distance? The proof of a distance: ``threshold <= L - E``, where ``d - F >= L`` on the whole domain.
+"""The proof of a distance, by how much F exceeds it: ``threshold <= L - E``, ``d - F >= L`` on the whole domain.
 
 Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else boxes
 of the domain are halved until the shape's tangents tell (``Shape.excess``). F is known in a box by numbers at its
@@ -42,13 +42,13 @@ ASKED = 1024  # boxes of a chunk in whose middles F is asked, at most: those who
 
 
 def excesses_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
-    """By how much F exceeds the distance at points ``(N, n)``, local coordinates and units; ``None`` where no distance is known."""
+    """F less the distance at points ``(N, n)``, local coordinates and units; ``None`` where no distance is known."""
     known = shape.distances(bounder.domain.sample_at(v))
     return None if known is None else bounder.reference(v) - known[:, 0] / bounder.domain.unit
 
 
 class Bars:
-    """Up to what excess a box is good enough, in each part of the domain: a little above the greatest that was ever met there.
+    """The excess up to which a box is good enough, by part of the domain: a little above the greatest ever met there.
 
     Samples miss the greatest excess of a part, and a search that asks for less than there is halves boxes around it for
     nothing. So where a search gets stuck, F and the distance themselves are asked in the middles of its boxes, and the
@@ -87,7 +87,7 @@ class Bars:
         owner: np.ndarray,
         excess: np.ndarray,
     ) -> None:
-        """Ask F where bounds ``excess`` of boxes are farthest above their bars, and raise these where it is greater than what was met."""
+        """Evaluate F where bounds ``excess`` are farthest above their bars, and raise bars that F exceeds there."""
         if self.fixed or not len(low):
             return
         over = excess - self.of(owner)
@@ -110,7 +110,10 @@ TELLING = (
 
 
 class Boxes(NamedTuple):
-    """Boxes that wait: ``(N, n)`` lower and upper corners, ``(N,)`` the number of the box that each is a part of, and how often all of them were halved."""
+    """Waiting boxes: ``(N, n)`` lower and upper corners, ``(N,)`` numbers of the boxes that they are parts of.
+
+    And how often all of them were halved.
+    """
 
     lower: np.ndarray
     upper: np.ndarray
@@ -135,7 +138,7 @@ class Left(NamedTuple):
 
 
 class Checkpoint:
-    """What a search has still to do, in a file, which is read at the beginning, written now and then, and removed at the end.
+    """What a search has still to do, in a file: read at the beginning, written now and then, removed at the end.
 
     Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be
     proven. It names the bounder's numbers, the shape with its margin, some of its distances and the library's version,
@@ -358,7 +361,7 @@ def _volume(lower: np.ndarray, upper: np.ndarray) -> float:
 def worst_points(
     bounder: DistanceBounder, shape: Shape, met: np.ndarray, eps: float, *, boxes: float, seconds: float
 ) -> np.ndarray:
-    """Where F exceeds the distance by more than was met in some part, as a proof's search finds: what random points do not find.
+    """Where F exceeds the distance by more than any sample of a part: what a proof's search finds and points miss.
 
     Args:
         bounder: Its F.
@@ -427,7 +430,10 @@ def excess_within(
 
 
 def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of the domain, half of them uniform, in local coordinates; by how much F exceeds the distance there; and those in object space where that is most."""
+    """Points of the domain, half of them uniform, in local coordinates, and F less the distance there.
+
+    And those points, in object space, where that is most.
+    """
     limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
     near = _near(bounder, shape, SAMPLES // 2, rng)
     v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
@@ -441,7 +447,9 @@ def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.nda
 def _refined(
     bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, int, bool]:
-    """The least excesses of the parts that searches prove in some time; ``met`` is what samples have, ``weight`` what a part counts.
+    """The least excesses of the parts that searches prove in a given time.
+
+    ``met`` holds those of samples, ``weight`` what a part counts.
 
     What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end.
     Boxes are in number as ``eps^(-n/2)``, with eps what is proven above ``met``, since a linear function's error goes
@@ -485,7 +493,9 @@ def _searched(
     again: bool = False,
     **told,
 ) -> tuple[np.ndarray, int, bool]:
-    """The largest excesses ``(parts,)``, one up to ``eps`` above the part's ``met`` as this; how many boxes were looked at, and whether there was time.
+    """The largest excesses ``(parts,)``, where one up to ``eps`` above its part's ``met`` counts as that.
+
+    And the number of boxes, and whether the time was enough.
 
     ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found:
     by other boxes, which begin with thirds; its bars do not rise. The rest is for ``excesses``.
@@ -539,7 +549,7 @@ def _between(lower: np.ndarray, upper: np.ndarray, knots: np.ndarray) -> tuple[n
 
 
 def _near(bounder: DistanceBounder, shape: Shape, count: int, rng: np.random.Generator) -> np.ndarray:
-    """``(count, n)`` local coordinates of points of the domain near the object's border, and near what the shape names."""
+    """``(count, n)`` local points of the domain near the object's border, and near what the shape names."""
     x, marks = border_points(shape, count, rng), shape.landmarks()
     if len(marks):
         x[::2] = marks[rng.integers(len(marks), size=len(x[::2]))]

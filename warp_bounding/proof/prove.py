@@ -148,7 +148,9 @@ def prove_or_attest(
     attested: bool = False,
     **limits,
 ) -> Search | None:
-    """``prove``, with its limits; where the shape certifies nothing, or no proof is wanted, lower the threshold by a search and attest it.
+    """``prove``, with its limits.
+
+    Where the shape certifies nothing, or no proof is wanted, a search lowers the threshold and samples attest it.
 
     Returns:
         What ``prove`` does, or ``None``.
@@ -213,7 +215,9 @@ def coarse_cells(shape: Shape, share: float = 1.0) -> IndicatorGrid:
 
 
 class ShapeRegions:
-    """P_delta of a shape for rays or boxes of a network, as boxes of a chart's numbers z: coarse cells first, the shape itself where they fail.
+    """P_delta of a shape for rays or boxes of a network, as boxes of chart numbers z.
+
+    Coarse cells come first, and the shape itself where they fail.
 
     Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is
     too low in a box, the shape is asked whether the regions in it can meet it at all (``Cover.reach``), and the box is
@@ -250,7 +254,7 @@ class ShapeRegions:
         return self.cover.bound(lower, upper)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``ShapePositives``: no positive of the shape lies in the closed box, but for those that others have, too."""
+        """See ``ShapePositives``: the closed box holds no positive of the shape, except those in other boxes."""
         vacant = np.zeros(len(lower), dtype=bool)
         for pieces in self.kind.pieces:
             left = np.flatnonzero(~vacant)
@@ -351,7 +355,7 @@ def prove_local(
     boxes: float = float("inf"),
     progress: Callable[[int, float, float], None] | None = None,
 ) -> tuple[Local, Search]:
-    """A network of points at proven thresholds of the parts of its domain, all found in one search, with its certificate.
+    """A network of points at proven thresholds of its domain's parts, found in one search, with its certificate.
 
     Args:
         member: The network, of points; its own threshold is not used.
@@ -393,7 +397,7 @@ def prove_local(
 
 
 class Lost:
-    """What it costs that the least f in a part is known to be no less than a bound: how many negatives are let through that need not be.
+    """The cost of a bound below the least f in a part: how many negatives pass that need not.
 
     Args:
         values: f of negatives ``(N,)``.
@@ -447,7 +451,7 @@ def needless(least: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.nda
 
 
 def worthwhile(lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray, eps: float) -> np.ndarray:
-    """``(parts,)``, the gap in each part that would make about ``TOLERATED`` more negatives a false positive, at least ``eps``.
+    """``(parts,)``, each part's gap that makes some ``TOLERATED`` more negatives false positives; at least ``eps``.
 
     Arguments as of ``at_least``; ``eps`` where no positive is known.
     """

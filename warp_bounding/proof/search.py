@@ -153,7 +153,7 @@ def minimum(
     eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
 
     def goals() -> np.ndarray:
-        """For each group f that is of no interest any more: near its least value found, or no less than what has been closed."""
+        """Which groups f are decided: near the least value found, or no less than what has been closed."""
         return np.minimum(best - eps, closed)
 
     def prices(bound: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -256,7 +256,7 @@ def _chunks(*columns: np.ndarray) -> list[_Chunk]:
 
 
 def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk], list[_Chunk]]:
-    """The boxes of a price above a level, those of the highest prices where there would be more than ``most``, and the others."""
+    """The boxes of prices above a level, the ``most`` highest if there are more, and the others."""
     price = np.concatenate([chunk.price for chunk in chunks])
     dear = price > level
     if dear.sum() > most:
@@ -372,7 +372,7 @@ def bound_in_half_spaces(
 
 
 def _cut(low: np.ndarray, high: np.ndarray, rest: np.ndarray, line: np.ndarray) -> None:
-    """Narrow the ranges of zeta in place to where ``line . zeta <= rest`` can hold for some zeta with ``|zeta| <= 1``."""
+    """Narrow the ranges of zeta in place to where ``line . zeta <= rest`` can hold for a zeta with ``|zeta| <= 1``."""
     size = np.abs(line)
     whole = size.sum(axis=1)
     rest = rest + whole + ROUNDINGS * UNIT64 * (np.abs(rest) + whole)
@@ -393,7 +393,7 @@ LONGEST_TO_SPLIT = 8.0
 
 
 class ShapePositives:
-    """Boxes that hold all positives of a shape of points, and what the shape knows of these: P_delta, by what it certifies to be absent.
+    """Boxes that hold P_delta of a shape of points, and what the shape certifies to be absent there.
 
     ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` is the same of regions, in other numbers of which v
     follows.
@@ -409,7 +409,7 @@ class ShapePositives:
         self.domain = bounder.domain
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(N, n)`` corners of boxes that hold everything which can come from a positive: what is not answered without f, one box or ``cut``."""
+        """``(N, n)`` corners of boxes, one or ``cut``, that hold all that a positive can give and f must decide."""
         limit = self.domain.limit.astype(np.float64)[None]
         return self.bounder.cut(-limit, limit)[:2]
 
@@ -447,7 +447,7 @@ class ShapePositives:
         return ((upper - lower) <= self.narrowest).all(axis=1)
 
     def holds(self, v: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: whether these are positives of the shape, for all that is known: whether the exact v of a point of the object lies here."""
+        """``(N,)`` bool: whether these are certainly positives: the exact v of a point of the object lies here."""
         return self.shape.contains(self.domain.to_object(v))
 
 
@@ -867,7 +867,7 @@ def charted_minimum(
 
 
 def divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositives:
-    """The same positives in at least ``count`` boxes, where halving them makes so many; halves without one are left out."""
+    """The same positives in at least ``count`` boxes, where halving makes so many; without halves that hold none."""
     lower, upper = cover.lower, cover.upper
     for _ in range(2 * MOST_INITIAL.bit_length()):  # halves without positives do not count
         if len(lower) >= count:

@@ -88,7 +88,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
 
 
 def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Which segments ``(N,)`` lie within the limits; and of these the pieces: of which segment each is, and its ends, turned back."""
+    """Which segments ``(N,)`` lie within the limits, and their pieces: segment numbers, and ends, turned back."""
     period = np.array(joints.period)
     inside = joints.within(starts) & joints.within(ends)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -271,7 +271,7 @@ class _Part:
 
 
 class _LocalPart(_Part):
-    """A network at thresholds of the parts of its domain: a piece is cleared by the least threshold of those that it meets."""
+    """A network at thresholds of the domain's parts: the least threshold of its parts clears a piece."""
 
     def __init__(self, part: Local, ndim: int):
         self._bound(part.member, ndim)

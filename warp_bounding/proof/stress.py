@@ -256,7 +256,7 @@ def queries_at(bounder: Bounder, grid: Shape, v: np.ndarray) -> np.ndarray:
 
 
 class Missed(NamedTuple):
-    """A positive that was answered with no: its numbers as given to the bounder, their form, and where the shape was placed."""
+    """A positive that was denied: its numbers as given to the bounder, their form, and the shape's placement."""
 
     query: list[float]
     form: str
@@ -264,7 +264,7 @@ class Missed(NamedTuple):
 
 
 class HardStream:
-    """Hard positives of points or regions, put to a bounder: in float32, in float64, and in the world where its certificate covers that.
+    """Hard positives put to a bounder: in float32, in float64, and in the world where its certificate covers that.
 
     Args:
         bounder: Who is asked.
@@ -311,7 +311,9 @@ class HardStream:
 
 
 def random_world(shape: Shape, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:
-    """A random placement of a shape, whose time is not moved; ``gentle``: how often the ranges of translations and of the scale's exponent are halved.
+    """A random placement of a shape, without a move in time.
+
+    ``gentle``: how often the ranges of translations and of the scale's exponent are halved.
 
     Returns:
         The map, and the ``xform`` and ``scale`` that bounders take for it.

@@ -1,4 +1,4 @@
-"""What a kind of query is: one object that knows its numbers, sampler, exact truth, hard positives, and the map to what a bounder computes with.
+"""A kind of query as one object: numbers, sampler, exact truth, hard positives, and the map to a bounder's v.
 
 A kind is written in a file of its own and put into ``queries.QUERIES`` under its name; everybody else finds it there,
 and higher floors keep what they know of it under the same name. Nobody compares the name itself.
@@ -200,15 +200,15 @@ class Query(ABC):
         return False
 
     def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        """``(N,)`` uint8, the truth of such a shape for float32 queries ``(N, m)``: ``OUT``, ``IN`` or ``UNDECIDED``."""
+        """``(N,)`` uint8, the truth of such a shape for float32 ``(N, m)``: ``OUT``, ``IN`` or ``UNDECIDED``."""
         raise QueryError(f"{shape.name}: cannot tell the truth for {self.name} queries; give a resolution")
 
     @abstractmethod
     def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
-        """Queries ``(N, m)`` float64 near ``x``: points move in the domain by shares ``move`` of it, directions turn."""
+        """Queries ``(N, m)`` float64 near ``x``: points move by shares ``move`` of the domain, directions turn."""
 
     def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
-        """Of each component ``(V, 2 n)`` hull corners and a cell at each, for ``hard_draw``; zeros where it needs none."""
+        """Hull corners of each component ``(V, 2 n)``, with a cell, for ``hard_draw``; zeros where it needs none."""
         return [np.zeros((1, 2 * grid.ndim))]
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------

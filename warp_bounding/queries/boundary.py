@@ -136,7 +136,10 @@ def border_points(
 
 
 def _to_ends(shape: Shape, inner: np.ndarray, outer: np.ndarray, rng: np.random.Generator) -> None:
-    """Move ``ENDS_SHARE`` of pairs, in place, to where the object is cut off, if it is: a network may be low there, and random points never are."""
+    """Move ``ENDS_SHARE`` of pairs, in place, to where the object is cut off.
+
+    A network may be low there, where random points never are.
+    """
     ends = [(axis, end[axis]) for axis in range(shape.ndim) for end in (shape.lower, shape.upper)]
     few = inner[:ASKED]
     ends = [(axis, at) for axis, at in ends if shape.contains(_at_end(few, axis, at)).mean() > CUT]

@@ -150,7 +150,7 @@ class DistanceDomain:
 
     @classmethod
     def around(cls, lower: np.ndarray, upper: np.ndarray, room: float = 0.0, name: str = "box") -> "DistanceDomain":
-        """The domain of whatever lies in a box ``(n,)``, ``(n,)`` float64; ``name`` is for messages, the rest as for ``of``."""
+        """The domain of all in a box ``(n,)``, ``(n,)`` float64; ``name`` is for messages, the rest as for ``of``."""
         longest = float((upper - lower).max())
         if not EXTENTS[0] <= longest <= EXTENTS[1]:
             raise IndicatorError(
@@ -241,7 +241,10 @@ class DistanceDomain:
         return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
 
     def sample_at(self, v: np.ndarray) -> np.ndarray:
-        """``to_object`` of samples ``(N, n)``, within the range of time: ``limit`` is that rounded up, and outside it nothing is known to compare with."""
+        """``to_object`` of samples ``(N, n)`` within the range of time.
+
+        ``limit`` is that rounded up, and beyond it nothing is known to compare with.
+        """
         x = self.to_object(v)
         if self.time:
             x[:, 0] = np.clip(x[:, 0], self.lower[0], self.upper[0])

@@ -251,7 +251,7 @@ def rounding_of_map(extent: np.ndarray) -> np.ndarray:
 
 
 def input_rounding(center, scale, extent, lower, upper, joints: Joints | None = None) -> np.ndarray:
-    """Largest error of ``v`` for a point of the domain given in float64: its own rounding, that of turning it back, then the map's."""
+    """Largest error of ``v`` of a float64 point of the domain: its rounding, that of turning it back, and the map's."""
     reach = np.maximum(np.abs(lower), np.abs(upper))
     reach = reach if joints is None else np.maximum(reach, joints.reach)
     flushed = 2 * TINY * scale.astype(np.float64) + TINY  # the input or the difference set to zero; the product

@@ -45,7 +45,7 @@ def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator
 def decision(
     query: str, shape: Shape, device: str | None = None, length: float = 1.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """``oracle``, but of a shape without cells ``(N,)`` uint8: ``OUT``, ``IN`` or ``UNDECIDED`` (``indicators.shape``)."""
+    """``oracle`` of a shape without cells, ``(N,)`` uint8: ``OUT``, ``IN`` or ``UNDECIDED`` (``indicators.shape``)."""
     if isinstance(shape, IndicatorGrid):
         return oracle(query, shape, device, length)
     return lambda q: QUERIES[query].decide(shape, q, length)

@@ -1,4 +1,4 @@
-"""Arrays: queries as they come, new outputs, compaction of masks on the device, and objects with arrays that can be copied."""
+"""Arrays: queries as they come, new outputs, compaction of masks on the device, and objects that can be copied."""
 
 import sys
 from collections.abc import Callable
@@ -243,7 +243,7 @@ class Compaction:
         return self.indices, self.count
 
     def launch_recorded(self) -> tuple[wp.array, wp.array]:
-        """As ``launch``, by nothing but launches of Warp's, for a graph that is being captured; on one core of a CPU."""
+        """As ``launch``, by launches of Warp's only, for a graph that is being captured; on one core of a CPU."""
         for step in self._recorded:
             step()
         return self.indices, self.count
@@ -273,7 +273,7 @@ def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
 
 
 class Picklable:
-    """Pickles, and copies by ``copy.deepcopy``, without what it caches (``functools.cached_property``), which is made anew when it is needed.
+    """Pickles and copies without its caches (``functools.cached_property``), which are made anew when needed.
 
     A copy has arrays of its own, read-only, because a proof is about their numbers. ``copy.copy`` shares arrays and
     caches.

@@ -95,7 +95,7 @@ def working_seconds() -> float:
 
 @contextlib.contextmanager
 def limited(seconds: float) -> Iterator[None]:
-    """Work of this thread that may take so many ``working_seconds``, for what has no limit of its own, such as proofs of closed forms.
+    """Work of this thread that may take so many ``working_seconds``, for proofs that have no limit of their own.
 
     It ends at its first look at that clock, or its first launch of a kernel for one use, after this time. A limit
     within another one ends no later than that.
@@ -225,7 +225,7 @@ _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
 
 
 def ready(kernel: wp.Kernel, device: wp.Device) -> None:
-    """Compile and load a kernel's module, if that is not done yet; what takes more than a second is told on standard error."""
+    """Compile and load a kernel's module, once; reports on standard error what takes more than a second."""
     if (kernel, device.alias) not in _ready:
         slow = Timer(TOLD_AFTER, _tell, [kernel.module.name])
         slow.daemon = True

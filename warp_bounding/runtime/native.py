@@ -20,7 +20,10 @@ Numbers = wp.array(dtype=wp.float32)
 
 @cache
 def native_text(name: str) -> SimpleNamespace:
-    """The parts of a file of ``warp_bounding/native``, by name: a part begins behind a line ``/// NAME`` and lines ``///`` that explain it."""
+    """The parts of a file of ``warp_bounding/native``, by name.
+
+    A part begins behind a line ``/// NAME`` and lines ``///`` that explain it.
+    """
     whole = files("warp_bounding").joinpath("native", name).read_text(encoding="utf-8")
     found = re.split(r"^/// ([A-Z0-9_]+):?\n((?:///.*\n)*)", whole + "\n", flags=re.MULTILINE)
     return SimpleNamespace(
@@ -46,7 +49,9 @@ INLINING = "-mllvm=-inline-threshold=225 -mllvm=-inline-cold-callsite-threshold=
 
 
 def module_options(inlining: str = INLINING) -> dict[str, str]:
-    """Options of a module: 512-bit registers where there are any (on some processors the compiler prefers 256 bits), and what is inlined.
+    """Options of a module: what is inlined, and 512-bit registers where there are any.
+
+    On some processors the compiler prefers 256 bits.
 
     Modules that are used together have the same: for other flags Warp parses its own header anew, which takes seconds.
     """

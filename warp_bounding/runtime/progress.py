@@ -56,7 +56,7 @@ def reported(progress: Progress | bool | None, description: str) -> Iterator[Pro
 
 
 def quiet_warp() -> None:
-    """Start Warp, if it has not been started, and keep its messages off standard output and standard error from here on."""
+    """Start Warp once, and from then on divert its messages from standard output and standard error."""
     wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
     wp.config.quiet = True
     with _silent_errors():  # a machine without a GPU is no news

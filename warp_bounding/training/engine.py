@@ -1,4 +1,4 @@
-"""What trains networks in short steps on a CPU: threads, the clock, an optimiser, networks with hand-written gradients, and an adversary."""
+"""Trains networks in short steps on a CPU: threads, clock, optimiser, hand-written gradients, and an adversary."""
 
 from __future__ import annotations
 
@@ -290,7 +290,7 @@ def initial_layers(widths: list[int], gains: tuple[float, float], generator: tor
 
 
 class RowNetwork:
-    """Hidden layers and linear outputs: ``fixed`` hidden layers, which stay as they are, and layers that are trained."""
+    """Hidden layers and linear outputs: ``fixed`` hidden layers are not trained."""
 
     def __init__(self, layers: list[torch.Tensor], activation: Activation, fixed: tuple[torch.Tensor, ...] = ()):
         self.layers, self.activation, self.fixed = [layer.requires_grad_(True) for layer in layers], activation, fixed
@@ -569,7 +569,7 @@ class _Search:
 
 
 def _spread(v: torch.Tensor, order: torch.Tensor) -> torch.Tensor:
-    """The first ``KEPT`` of an order ``(N,)`` of which no more than ``CROWD`` are in one small box of ``v`` ``(ndim, N)``.
+    """The first ``KEPT`` of an order ``(N,)``, with at most ``CROWD`` in any small box of ``v`` ``(ndim, N)``.
 
     Without it, a pool of the worst positives ends as copies of the very worst one.
     """

@@ -1,4 +1,7 @@
-"""``fit``: from a shape to a bounder, in a given time. ``METHODS`` has the methods, ``TRAINERS`` how each is made; distances are below."""
+"""``fit``: from a shape to a bounder, in a given time.
+
+``METHODS`` has the methods, ``TRAINERS`` how each is made; distances are below.
+"""
 
 import math
 import sys
@@ -404,7 +407,7 @@ def _excess_of_cells(bounder: DistanceBounder, shape: Shape, seconds: float) -> 
 
 
 def _sampled_excess(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """By how much F exceeds the distance at some points of boxes, at least 0: halving a box cannot make a bound smaller than that."""
+    """F less the distance at some points of boxes, at least 0: halving a box cannot make a bound less than that."""
     most = np.zeros(len(lower))
     for share in [np.full(bounder.ndim, 0.5), *(np.array(s) for s in product((0.25, 0.75), repeat=bounder.ndim))]:
         v = lower + share * (upper - lower)

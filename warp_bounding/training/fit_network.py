@@ -108,7 +108,7 @@ def final_proof_seconds(search: Search, used: float, of_cells: bool = True, unto
 
 
 def decay_for(expected: float, budget: float) -> float:
-    """The rate at which the weights of a network of regions decay, where its proof is expected to take so many seconds."""
+    """Weight decay of a network of regions whose proof is expected to take so many seconds."""
     longer = expected / (DECAY_ABOVE * budget)
     return min(DECAY * longer, MOST_DECAY) if longer > 1 else 0.0
 

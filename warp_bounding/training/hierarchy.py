@@ -84,7 +84,7 @@ def hierarchy(
     progress: Progress | bool | None = None,
     **options,
 ) -> Union:
-    """Fit bounders to the parts of a shape, prove each of them, and put them together: *maybe* where one of them says so.
+    """Fit bounders to the parts of a shape and prove each: *maybe* where one of them says so.
 
     The union of k-DOPs with learned half-spaces, each around its part of the object, is made by
     ``method="learned-kdop"``.
@@ -150,7 +150,7 @@ def hierarchy(
 
 
 def _shared_out(shape: Shape, leaves: int, convex: bool, seed: int) -> list[_Leaf]:
-    """Regions that share the border out, evenly or if the leaves are convex about evenly, each cut where it costs least.
+    """Regions that divide the border evenly, or about so if leaves are convex, cut where it costs least.
 
     Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in
     them. Both sides of a cut are closed: the border between them is in both.

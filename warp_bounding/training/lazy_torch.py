@@ -1,4 +1,7 @@
-"""torch, imported at its first use: bounders that are not learned are fitted without it. No budget counts its import."""
+"""torch, imported at its first use: bounders that are not learned are fitted without it.
+
+No budget counts its import.
+"""
 
 from importlib import import_module
 from time import perf_counter

@@ -1,4 +1,4 @@
-"""Labelled queries for training: what is to be bounded (``Problem``), random queries with their truth, and positives that can be moved.
+"""Labelled queries for training: ``Problem``, random queries with their truth, and positives that can be moved.
 
 A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from
 which its coordinates ``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can walk
@@ -301,7 +301,7 @@ class CallersQueries:
         self._free = np.ascontiguousarray(v[(np.abs(v) <= domain.limit).all(axis=1)].T, dtype=np.float32)
 
     def negatives(self, count: int, generator: torch.Generator) -> torch.Tensor:
-        """``v`` of those among ``count`` random ones of them that are negatives, and can be anything else for a network."""
+        """``v`` of the negatives of ``count`` random queries that can be anything else for a network."""
         free = torch.from_numpy(self._free)
         if not free.shape[1]:
             return free
@@ -372,7 +372,10 @@ class Samples:
         raise NotImplementedError
 
     def negatives(self, count: int) -> torch.Tensor:
-        """``v`` of the negatives among ``count`` samples: of the protocol, and of the caller's own where there are such; of a few other queries where none is."""
+        """``v`` of the negatives among ``count`` samples, of the protocol and of the caller's own.
+
+        Of a few other queries where none is.
+        """
         if self.callers is None:
             return self.usual_negatives(count)
         own = round(CALLERS_SHARE * count)
@@ -401,11 +404,11 @@ class Samples:
         raise NotImplementedError
 
     def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
-        """States after several moves, as positives: those that have left the object are taken back towards ``before``."""
+        """States after several moves, as positives: those that left the object are taken back towards ``before``."""
         return after
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
-        """States of positives ``(N, ndim)`` float64 found elsewhere, but for those that rounding moved off the object."""
+        """States of positives ``(N, ndim)`` float64 found elsewhere, but those that rounding moved off the object."""
         raise NotImplementedError(f"{self.query}: counterexamples come as states")
 
     def at(self, z: np.ndarray) -> torch.Tensor:
@@ -414,7 +417,10 @@ class Samples:
 
 
 class LabelledRegions(Samples):
-    """Random regions of 2n numbers, labelled by the exact oracle of a grid, or of a shape without cells, where they are kept."""
+    """Random regions of 2n numbers, labelled by the exact oracle of a grid, or of a shape without cells.
+
+    They are retained.
+    """
 
     def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
         self.grid, self.domain, self.generator, self.ndim = grid, domain, generator, 2 * grid.ndim
@@ -484,7 +490,7 @@ class RegionSamples(LabelledRegions):
 
 
 def first_ones(state: torch.Tensor, place: torch.Tensor, most: int) -> torch.Tensor:
-    """Of states ``(S, N)`` the first one at each place ``(K, N)``, and no more than ``most``: searches crowd around minima."""
+    """The first of states ``(S, N)`` at each place ``(K, N)``, ``most`` in all: searches crowd around minima."""
     first = np.unique(place.numpy(), axis=1, return_index=True)[1]
     return state[:, torch.from_numpy(np.sort(first)[:most])]
 
@@ -572,7 +578,7 @@ class ShapePointSamples(Samples):
         self.vertices = torch.cat([landmarks, self._border[:, :FEW]], 1)
 
     def grow(self) -> None:
-        """Once a refresh: label more random points and find more of the border, until there are as many as training can use."""
+        """Once a refresh: label more random points and find more of the border, up to what training can use."""
         if len(self._truth) >= POINTS:
             return
         shape, local = self.shape, self.domain.to_local
@@ -1001,7 +1007,7 @@ class Problem:
     repeatable: bool = False  # whether the result is to be the same on every run, so that no clock may enter
 
     def sample(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """``(count, m)`` float32, random queries that stand for what will be asked: of the protocol, or for the greater part the caller's own."""
+        """``(count, m)`` float32, random queries like those to come: the protocol's, or mostly the caller's own."""
         if self.callers is None:
             return sample(self.query, self.grid, count, rng)
         own = round(CALLERS_SHARE * count)

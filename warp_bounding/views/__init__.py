@@ -1,4 +1,4 @@
-"""What a bound looks like: level sets of its answers around the object, points that it was asked, and how these are shown.
+"""Pictures of a bound: level sets of its answers around the object, queried points, and how they are shown.
 
 ``view_of`` computes what is seen, with nothing but the bounder's own answers and the shape's own truth.
 ``draw.picture`` draws it off-screen, ``draw.Window`` opens it, and ``draw.page`` writes it as one self-contained web

@@ -150,7 +150,7 @@ class Scene:
             plotter.enable_depth_peeling(8)
 
     def place(self, points: np.ndarray) -> np.ndarray:
-        """Where points ``(N, k)`` of the view are put, ``(N, 3)``: turned so that ``up`` is z; those of a plane at z = 0."""
+        """Places ``(N, 3)`` of points ``(N, k)`` of the view, turned so that ``up`` is z; those of a plane at z = 0."""
         points = np.asarray(points, dtype=np.float64)
         if self.view.solid:
             x, y, z = points.T
@@ -291,7 +291,9 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
 
 
 class Window(Scene):
-    """A window on a view, not yet open: turn it with the mouse, slide through radii or times, tick what is shown, drag a plane that cuts the bound.
+    """A window on a view, not yet open.
+
+    Turn it with the mouse, slide through radii or times, tick what is shown, drag a plane that cuts the bound.
 
     Args:
         view: What is seen.
@@ -367,7 +369,10 @@ class Window(Scene):
 
 
 def check_display() -> None:
-    """Refuse where there is no display to open a window on, rather than let VTK crash; raises ``BoundingError`` with what works without one."""
+    """Refuse to open a window without a display, where VTK would crash.
+
+    Raises ``BoundingError`` with what works without one.
+    """
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise BoundingError("there is no display for a window: expected --screenshot FILE.png or --html FILE.html")
 

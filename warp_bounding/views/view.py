@@ -1,4 +1,4 @@
-"""What is seen of a bounder: level sets of its deployed answers, the object, and random points that it was asked, for each radius or time.
+"""What is seen of a bounder: level sets of answers, the object, and queried points, by radius or time.
 
 A level set is found from answers alone: marching cubes over answers at the nodes of a grid say between which two nodes
 the answer changes, and halving that way again and again says where. What is thinner than the grid's cells can be
@@ -130,7 +130,10 @@ def _sides(lower: np.ndarray, upper: np.ndarray, cells: int) -> np.ndarray:
 
 
 def _running(ndim: int, held: Mapping[int, float]) -> list[int]:
-    """The coordinates that run, ascending; raises ``QueryError`` where a picture has not as many, or one that is held does not exist."""
+    """The coordinates that run, ascending.
+
+    Raises ``QueryError`` for a wrong number of them, or for a fixed one that does not exist.
+    """
     for axis, value in held.items():
         if not 0 <= axis < ndim:
             raise QueryError(f"slice: expected coordinates 0 to {ndim - 1}, got {axis}")
@@ -181,7 +184,7 @@ class State:
     )
 
     def missed(self, within: bool) -> np.ndarray:
-        """Of a plane, the pixels ``(X, Y)`` whose answer is wrong: the object's that are denied, or, from the inside, others that are held."""
+        """The wrong pixels ``(X, Y)`` of a plane: the object's that are denied, or, from the inside, others held."""
         return self.bound & ~self.object if within else self.object & ~self.bound
 
     @property
@@ -338,7 +341,10 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
 
 
 def _asked(bounder: Bounder, shape: Shape, radius: float) -> tuple[Test, Test, Shape, Shape]:
-    """Where a bounder says *maybe* of points ``(N, n)`` float32; their truth, as of ``Shape.decide``; around which shape they are drawn; what the fit bounded."""
+    """A bounder's *maybe* of points ``(N, n)`` float32, and their truth, as of ``Shape.decide``.
+
+    Also the shape they are drawn around, and what the fit bounded.
+    """
     bounder, shape = in_local(bounder, shape)
     fitted, ask = as_fitted(bounder, shape), ASKED[bounder.query_kind]
     if bounder.of_distances:

@@ -104,7 +104,7 @@ class Placement:
     corner: bool = False
 
     def map_of(self, shape: tuple[int, ...], time: bool, name: str) -> tuple[dict[str, np.ndarray], Frame | None]:
-        """``cells_per_unit`` and ``offset`` of a grid, empty for the unit cube; and the origin of its coordinates, if they have one.
+        """``cells_per_unit`` and ``offset`` of a grid, empty for the unit cube; the origin of its coordinates, if any.
 
         The scale is rounded to float32, so without an origin a cell is as large as asked for to seven digits. With one,
         cells lie where they were asked for, but for what float64 rounds: on the lattice of multiples of half a cell, or

@@ -1,4 +1,4 @@
-"""glTF 2.0, as ``.glb`` or as ``.gltf`` with its buffers: the triangles of the scene that the file shows, in metres, y up as they stand.
+"""glTF 2.0 (``.glb``, or ``.gltf`` with buffers): triangles of the scene that is shown, in metres, y up.
 
 A mesh is bounded as the file leaves it: morph targets with the weights that are stored, skins in the pose of their
 joints' nodes; the notes say so. Extensions that the file requires and that are not in ``READ`` or ``HARMLESS`` are

@@ -65,7 +65,7 @@ def read_png(path: Path, *, grey: bool) -> np.ndarray:
 
 
 def alpha_of(image, name) -> np.ndarray | None:
-    """From 0 to 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparent pixels.
+    """0 to 255, 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparency.
 
     A PNG file may name one colour that is transparent, in its own bits. PIL keeps that number as it stands, and gives
     grey of 2 and 4 bits and colours of 16 as 8 bits.

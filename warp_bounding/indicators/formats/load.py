@@ -73,7 +73,10 @@ def read_mesh_data(path: Path) -> MeshData:
 
 
 def read_mesh(path: Path) -> IndicatorMesh | Recentred:
-    """Read a mesh file, as ``read_mesh_data`` does (``mesh_of``); raises ``IndicatorError`` as well for what ``IndicatorMesh`` refuses."""
+    """Read a mesh file as ``read_mesh_data`` does.
+
+    Raises ``IndicatorError`` also for what ``IndicatorMesh`` refuses.
+    """
     vertices, faces, notes = read_mesh_data(path)
     return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))
 
@@ -143,7 +146,7 @@ class _Kind(NamedTuple):
 
 
 def _from_trimesh(source: Any) -> IndicatorMesh | Recentred:
-    """One mesh of all the meshes of a scene, their transforms applied; raises ``IndicatorError`` for a scene without a mesh."""
+    """One mesh of all meshes of a scene, transforms applied; raises ``IndicatorError`` for a scene without a mesh."""
     trimesh, name = sys.modules["trimesh"], "trimesh"
     with reading(name, "a scene of meshes"):
         parts = [source] if isinstance(source, trimesh.Trimesh) else source.dump()
@@ -202,7 +205,7 @@ ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.
 
 
 def mesh_from(source: object) -> IndicatorMesh | Recentred | None:
-    """The indicator of another library's mesh, or of a pair ``(vertices, faces)`` of arrays; ``None`` for anything else.
+    """The indicator of another library's mesh, or of arrays ``(vertices, faces)``; ``None`` for anything else.
 
     Raises:
         IndicatorError: For a mesh that cannot be bounded.
@@ -277,7 +280,7 @@ class Indicator(Protocol):
     extent: np.ndarray
 
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> IndicatorGrid:
-        """Closed cells that hold every point within ``margin`` of the shape, ``resolution`` of them along the longest axis."""
+        """Closed cells with all points within ``margin`` of the shape; ``resolution`` of them on the longest axis."""
 
 
 def load_indicator(

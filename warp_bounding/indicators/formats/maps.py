@@ -33,7 +33,7 @@ _LINE = re.compile(r"([A-Za-z_][\w-]*)\s*:(?:\s+(.*))?$")
 
 
 def read_pgm(path: Path) -> tuple[np.ndarray, int]:
-    """Grey values of a PGM file, plain (P2) or binary (P5), ``(height, width)``, the first row at the top, and its white.
+    """Grey values ``(height, width)`` of a PGM file, plain (P2) or binary (P5), top row first, and its white.
 
     Raises:
         IndicatorError: For a file that is not one picture, whole.
@@ -139,7 +139,10 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
 
 
 def _shades(path: Path, *, trinary: bool) -> tuple[np.ndarray, np.ndarray]:
-    """From 0, black, to 1; and where pixels are opaque. The alpha channel counts as a colour where a map is trinary, as in ROS."""
+    """From 0, black, to 1; and where pixels are opaque.
+
+    The alpha channel counts as a colour where a map is trinary, as in ROS.
+    """
     if not path.is_file():
         raise IndicatorError(f"{path}: no such file, which the map names as its image")
     if path.suffix.lower() == ".pgm":

@@ -1,4 +1,6 @@
-"""OBJ (Wavefront's): vertices and polygons of all objects and groups. Materials, normals and texture coordinates do not count.
+"""OBJ (Wavefront's): vertices and polygons of all objects and groups.
+
+Materials, normals and texture coordinates do not count.
 
 Points and lines are noted; free-form curves and surfaces, and what calls other files, are refused, as is every
 statement that is not known. An OBJ file does not say how much it holds: of one that was cut off between two lines
@@ -63,7 +65,7 @@ def read_obj(path: Path) -> MeshData:
 
 
 def _lines(content: bytes) -> Iterator[bytes]:
-    """Lines, those that go on behind a backslash as one; raises ``ValueError`` where programs disagree whether one does."""
+    """Lines, joined where they end in a backslash; raises ``ValueError`` where programs disagree about that."""
     begun: list[bytes] = []
     for line in content.splitlines():
         if begun and line.lstrip()[:1].isalpha():
@@ -81,7 +83,7 @@ def _lines(content: bytes) -> Iterator[bytes]:
 
 
 def _indices(words: list[bytes], before: np.ndarray) -> np.ndarray:
-    """Vertices, counted from 0, of words such as ``7/1/3``; negative ones count back from the vertices ``before`` each."""
+    """Vertices, counted from 0, of words such as ``7/1/3``; negative ones count back from the vertices ``before``."""
     if odd := set(b"".join(words).translate(None, b"0123456789-/")):
         raise ValueError(f"expected corners such as 7 or 7/1/3, got {_shown(next(w for w in words if odd & set(w)))}")
     numbers = as_numbers([word.split(b"/")[0] for word in words])

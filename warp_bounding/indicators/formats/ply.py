@@ -188,7 +188,7 @@ def _size(number: np.generic, most: int) -> int:
 
 
 def _text(elements: list[_Element], content: bytes) -> tuple[Columns, int]:
-    """Read a text as if it were binary and all its numbers were doubles; integers must be whole, and a line is a row."""
+    """Read a text as if it were binary doubles; integers must be whole, and a line is a row."""
     whole = [
         e._replace(properties=[_Property(p.name, "f8", p.counts and "f8") for p in e.properties]) for e in elements
     ]

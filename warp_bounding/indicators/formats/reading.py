@@ -1,4 +1,4 @@
-"""What all readers of files share: one clear error for whatever goes wrong inside, and what every reader of a mesh makes."""
+"""What all readers share: one clear error for whatever goes wrong inside, and what each makes of a mesh."""
 
 import contextlib
 import importlib
@@ -43,7 +43,7 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C until the end: packages that look for optional parts of their own swallow whatever is raised meanwhile."""
+    """Delay Ctrl-C until the end: packages that look for optional parts swallow whatever is raised meanwhile."""
     handler, held = signal.getsignal(signal.SIGINT), []
     if threading.current_thread() is not threading.main_thread() or not callable(handler):
         yield
@@ -119,7 +119,10 @@ def as_faces(indices: np.ndarray, vertices: int) -> np.ndarray:
 
 
 def joined(parts: Iterable[tuple[np.ndarray, np.ndarray]], notes: Iterable[str] = ()) -> MeshData:
-    """One mesh of several parts, each ``(vertices, faces)``; raises ``ValueError`` if no part has a face, or a vertex is not finite."""
+    """One mesh of parts ``(vertices, faces)``.
+
+    Raises ``ValueError`` if no part has a face, or a vertex is not finite.
+    """
     parts = [(np.asarray(vertices, np.float64), faces) for vertices, faces in parts]
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
     notes = tuple(dict.fromkeys(notes))
@@ -168,7 +171,7 @@ def triangulated(vertices: np.ndarray, counts: np.ndarray, indices: np.ndarray, 
 
 
 def _folded(vertices: np.ndarray, faces: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Numbers of the polygons with a triangle that is turned against the others; ``polygon`` ``(F,)`` is that of each."""
+    """Numbers of polygons with a triangle that is turned against the others; ``polygon`` ``(F,)`` maps triangles."""
     a, b, c = vertices[faces].transpose(1, 0, 2)
     normals = np.cross(b - a, c - a)
     sums = np.stack([np.bincount(polygon, column) for column in normals.T], axis=1)

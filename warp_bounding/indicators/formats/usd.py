@@ -1,4 +1,4 @@
-"""Shapes of a USD stage, read with usd-core: all meshes, cubes and planes in world space, polygons cut into fans as USD's renderers do.
+"""Shapes of a USD stage, with usd-core: meshes, cubes and planes in world space, polygons cut into fans.
 
 Coordinates are the stage's own, in its units. An animation is read at its first time code, and skins and blend shapes
 in the pose that they have then; of a subdivision surface the control cage is read. Notes say so, and name whatever else

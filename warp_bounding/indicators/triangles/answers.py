@@ -1,4 +1,4 @@
-"""What a dilated mesh answers, in kernels: about points, boxes, segments and planes, distances, and functions that may exceed them."""
+"""What a dilated mesh answers, in kernels: points, boxes, segments, planes, distances, and excess over these."""
 
 from functools import cached_property
 from typing import Any, ClassVar
@@ -221,7 +221,7 @@ def _laps(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, ro
 
 @wp.func
 def _axis_laps(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, room: wp.float64) -> bool:
-    """``_laps`` for the product of an edge and an axis, each number of which is rounded once: zeros are exact, no axis."""
+    """``_laps`` for the product of an edge and an axis: each number is rounded once, zeros are exact, no axis."""
     return largest(d) == wp.float64(0.0) or _laps(d, a, b, c, half, room)
 
 
@@ -876,7 +876,7 @@ def _excess(
     least: wp.float64,
     enough: wp.float64,
 ) -> wp.float64:
-    """The largest number of all pieces, or ``least`` where none is larger; never above ``highest``, and this where it is above ``enough``."""
+    """The largest number of all pieces, from ``least`` to ``highest``; the latter where it is above ``enough``."""
     known = wp.min(least, highest)
     stack, depth, node = Stack(), wp.int32(0), wp.int32(0)
     if t.count == 0:
@@ -920,7 +920,10 @@ def find_excesses(
     # outputs
     excesses: wp.array(dtype=wp.float64),
 ):
-    """Upper bound of a function's excess over the distance, in a box; ``least`` where it is less, any bound where it is above ``enough``."""
+    """Upper bound of a function's excess over the distance in a box.
+
+    It is ``least`` where it is less, and any bound where it is above ``enough``.
+    """
     i, _ = wp.tid()
     i += first
     low, high, f = lower[i], upper[i], values[i]
@@ -984,7 +987,7 @@ class AskedSolid:
     def _excess(
         self, kernel: wp.Kernel, corners: type, lower, upper, values, least, enough, *more: wp.array
     ) -> np.ndarray:
-        """``Shape.excess`` by a kernel that takes numbers at ``corners``; ``more`` of what it takes comes before the boxes."""
+        """``Shape.excess`` by a kernel of numbers at ``corners``; its arguments ``more`` come before the boxes."""
         boxes = [
             wp.array(np.ascontiguousarray(side, np.float64), dtype=self.point, device="cpu") for side in (lower, upper)
         ]
@@ -1038,7 +1041,7 @@ class Solid:
 
     @property
     def hollows(self) -> int:
-        """Parts of space, wider than a cell of ``triangles/cells.py``, that nothing leads out of and no surface goes around."""
+        """Parts of space, wider than a cell of ``triangles/cells.py``, without a way out or a surface around them."""
         return self._sides_grid.hollows
 
     @property
@@ -1047,7 +1050,7 @@ class Solid:
         return self._sides_grid.both
 
     def depth(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray, margin: float) -> np.ndarray:
-        """About how deep points lie in the object dilated by a margin; ``lower`` and ``upper`` as for ``dilated``, without the margin."""
+        """Approximate depth of points in the object dilated by a margin; ``lower``, ``upper`` are without it."""
         faces = Solid(self.vertices, self.faces, np.zeros(len(self.faces), dtype=bool))
         away = faces.dilated(lower, upper, 0.0).distances(x)[:, 0]
         enclosed = self.dilated(lower, upper, 0.0).decide(x) == IN
@@ -1072,7 +1075,7 @@ class DilatedSolid(AskedSolid):
         return self._answer(find_clearances, lower, upper, dtype=wp.float64)
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        """``(N, 2)`` float64, lower and upper bounds of the distance from points to the object; see ``Shape.distances``."""
+        """``(N, 2)`` float64, bounds of the distance from points to the object; see ``Shape.distances``."""
         return self._answer(find_distances, x, dtype=wp.vec2d)
 
     def excess(

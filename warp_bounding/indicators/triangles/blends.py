@@ -111,7 +111,7 @@ def functions_of(n: int) -> Functions:
 
     @named(f"blend_gap_{n}").func
     def gap(b: Blends, face: wp.vec3i, p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, half: values) -> wp.float64:
-        """How far a triangle stays from the place all over a box, at least; p, q and r are its corners less the place."""
+        """Least distance of a triangle from the place over a box; p, q and r are its corners less the place."""
         near = closest_on_triangle(wp.vec3d(), p, q, r)
         length = wp.length(near)
         if not length > b.allowance:
@@ -125,7 +125,10 @@ def functions_of(n: int) -> Functions:
 
     @named(f"blend_angle_{n}").func
     def angle(p: wp.vec3d, q: wp.vec3d, r: wp.vec3d) -> wp.float64:
-        """The angle under which a triangle is seen from 0 (Van Oosterom and Strackee 1983); NaN where rounding could change it by more than 2^-20, or its sign."""
+        """The solid angle of a triangle seen from 0 (Van Oosterom and Strackee 1983).
+
+        NaN where rounding could change it by more than 2^-20, or its sign.
+        """
         a, b, c = wp.length(p), wp.length(q), wp.length(r)
         size = a * b * c
         across = wp.dot(p, wp.cross(q, r))
@@ -157,7 +160,10 @@ def functions_of(n: int) -> Functions:
 
     @named(f"blend_passed_{n}").func
     def passed(p: wp.vec3d, q: wp.vec3d, r: wp.vec3d, off: wp.float64) -> wp.float64:
-        """Whether a triangle passes the ray from 0 along x: 1 one way, -1 the other, else 0; NaN where corners that are off by so much could change it."""
+        """1 or -1 if a triangle passes the ray from 0 along x, by its way, else 0.
+
+        NaN where corners that are off by so much could change it.
+        """
         a, b, c = p[1] * q[2] - p[2] * q[1], q[1] * r[2] - q[2] * r[1], r[1] * p[2] - r[2] * p[1]
         reach = wp.max(wp.abs(p[1]), wp.max(wp.abs(q[1]), wp.abs(r[1])))
         reach += wp.max(wp.abs(p[2]), wp.max(wp.abs(q[2]), wp.abs(r[2]))) + off
@@ -319,7 +325,10 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
 
     @named(f"blend_passes_{n}").func
     def passes(b: Blends, i: int, along: wp.vec3d, at: wp.vec3d, rates: values, half: values) -> wp.float64:
-        """The largest ``along . (vertex - place of the centre) - rates . pose`` of vertex i over a box, ``at`` the vertex less the place at its centre."""
+        """The largest ``along . (vertex - place of the centre) - rates . pose`` of vertex i over a box.
+
+        ``at`` is the vertex less the place at its centre.
+        """
         most = wp.dot(along, at)
         for k in range(poses):
             most += wp.abs(wp.dot(along, b.deltas[k, i]) - rates[3 + k]) * half[3 + k]
@@ -367,7 +376,7 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
         axis: wp.array(dtype=wp.int32),
         loss: wp.array(dtype=wp.float64),
     ):
-        """Is a closed box certain to be empty? Else a half-space of the object's points in it, around its centre; what is there stays where none is found."""
+        """Is a closed box certain to be empty? Else a half-space of its points, around its centre, if one is found."""
         t, _ = wp.tid()
         t += first
         low, high = lower[t], upper[t]

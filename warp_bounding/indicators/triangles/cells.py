@@ -124,7 +124,7 @@ def solid_cells(
     margin: float | np.ndarray,
     air: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Occupy every closed cell that comes within the margin of a triangle, or that may meet the inside of the closed parts.
+    """Occupy every closed cell within the margin of a triangle, or that may meet the inside of the closed parts.
 
     Args:
         vertices: See ``surface_cells``.
@@ -197,7 +197,8 @@ TURNED = 3  # of ``_wind`` alone: enclosed by faces that go around the other way
 FREE = 4  # added for a cell that meets no face
 RESOLUTIONS = ((20_000, 128), (200_000, 192), (2**31, 256))  # cells along the longest side for up to so many faces
 BORDER = 1.3718281  # cells before the surface: no round number, so that centres seldom lie in planes of faces
-MODULE = "warp_bounding.indicators.triangles"  # of the kernels here and the first ones of ``answers``: whoever needs these needs those
+# of the kernels here and the first ones of ``answers``: whoever needs these needs those
+MODULE = "warp_bounding.indicators.triangles"
 INNER = 0.49  # of a free cell, the part that segments end in: rounding is far less than the rest
 
 _UNKNOWN, _OUTSIDE, _ENCLOSED = wp.constant(UNKNOWN), wp.constant(OUTSIDE), wp.constant(ENCLOSED)
@@ -346,7 +347,7 @@ def _wind(
 
 @dataclass(frozen=True, eq=False)
 class SidesGrid:
-    """A grid that was built; ``cells`` is ``(X, Y, Z)`` uint8, a side and ``FREE`` or not; of ``hollows`` there are so many, if that is known.
+    """A grid: ``cells`` ``(X, Y, Z)`` uint8 hold a side and ``FREE``; ``hollows`` of them, if that is known.
 
     ``both``: faces go around some cells one way, and around others the other.
     """
@@ -400,7 +401,7 @@ def build_sides(
 def _sides(
     surface: np.ndarray, triangles: Triangles, sides: Sides, alike: bool, empty: bool
 ) -> tuple[np.ndarray, int, bool]:
-    """The side of each cell, and ``FREE`` where no face is; how many hollows have a free cell; whether faces go around both ways."""
+    """Each cell's side, and ``FREE`` without a face; the number of free hollows; whether faces go around both ways."""
     from scipy import ndimage
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components

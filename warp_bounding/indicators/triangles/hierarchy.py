@@ -1,4 +1,4 @@
-"""Triangles in float64 with error bounds: one of them against a box or a segment, a hierarchy of boxes over many, and walks over it."""
+"""Triangles in float64 with error bounds: one against a box or a segment, a hierarchy of many, and its walks."""
 
 from dataclasses import dataclass
 
@@ -211,7 +211,7 @@ def segment_free(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, s: wp.vec3d, margin: wp.
 
 @wp.func
 def distance_along(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, slack: wp.float64) -> wp.float64:
-    """Lower bound of the distance from the box |x_k| <= half_k to the triangle, as axis d can tell; 0 where it cannot."""
+    """Lower bound of the distance from the box |x_k| <= half_k to the triangle by axis d; 0 where it cannot tell."""
     size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
     if not size > _SHORTEST:
         return wp.float64(0.0)
@@ -402,7 +402,7 @@ def _edges(count: int, level: int) -> np.ndarray:
 
 
 def sorted_order(centres: np.ndarray) -> np.ndarray:
-    """``(F,)`` int64: level by level, each node's stretch is sorted along the longest side of the box of its centres ``(F, n)``."""
+    """``(F,)`` int64: by levels, each node's range is sorted by centres ``(F, n)`` along its box's longest side."""
     order = np.arange(len(centres))
     for level in range(_depth(len(centres))):
         first = _edges(len(order), level)
@@ -415,7 +415,7 @@ def sorted_order(centres: np.ndarray) -> np.ndarray:
 
 
 def nodes_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Boxes and links of all nodes, in the order of a walk, for the float32 boxes ``(F, n)`` of sorted triangles, or of other things."""
+    """Boxes and links of all nodes, in the order of a walk, for float32 boxes ``(F, n)`` of sorted triangles."""
     depth = _depth(len(low))
     total = 2 ** (depth + 1) - 1
     lower, upper = (np.zeros((total, low.shape[1]), dtype=np.float32) for _ in "lu")
@@ -500,7 +500,7 @@ def _leaf_nearness(t: Triangles, leaf: int, x: wp.vec3d, margin: wp.float64) -> 
 
 @wp.func
 def nearness(t: Triangles, x: wp.vec3d, margin: wp.float64) -> int:
-    """Is a triangle within the margin of x for certain (NEAR), is each of them proven to be further (FAR), or neither?"""
+    """Is a triangle certainly within the margin of x (NEAR), is each one certainly beyond (FAR), or neither?"""
     lower, upper, reach = floats_below(x), floats_above(x), squared_reach(margin)
     answer = wp.int32(FAR)
     leaf = next_leaf(t, 0, lower, upper, reach)
@@ -561,7 +561,7 @@ def _turn(ax: wp.float64, ay: wp.float64, bx: wp.float64, by: wp.float64, loose:
 
 @wp.func
 def _above(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, turn: int, loose: wp.float64) -> int:
-    """Where a line through 0 along an axis crosses a triangle of this turn: above 0 (1), below it (-1), or unknown (0)?"""
+    """Does a line through 0 along an axis cross a triangle of this turn: above 0 (1), below (-1), or unknown (0)?"""
     if wp.min(a[axis], wp.min(b[axis], c[axis])) > loose:
         return 1
     if wp.max(a[axis], wp.max(b[axis], c[axis])) < -loose:
@@ -606,7 +606,7 @@ def crossing(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, loose: wp.float64
 
 @wp.func
 def _crossed_cycles(t: Triangles, x: wp.vec3d, axis: int) -> wp.uint64:
-    """The exclusive or of the numbers of triangles that a ray from x along an axis crosses; 0 where that is not certain."""
+    """The exclusive or of the numbers of triangles that an axis ray from x crosses; 0 where that is uncertain."""
     lower, upper, reach = floats_below(x), floats_above(x), squared_reach(wp.float64(0.0))
     upper[axis] = _INFINITY
     crossed = wp.uint64(0)

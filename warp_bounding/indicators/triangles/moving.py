@@ -1,4 +1,4 @@
-"""Triangles that move on straight ways from keyframe to keyframe: one of them against a box, a hierarchy over many, walks, and the sides of a surface."""
+"""Triangles that move linearly between keyframes: one against a box, a hierarchy, walks, and a surface's sides."""
 
 import math
 from itertools import pairwise
@@ -169,7 +169,7 @@ def _segment_separated(d: wp.vec3d, t: Moving, s: wp.vec3d, margin: wp.float64, 
 
 @wp.func
 def moving_segment_free(t: Moving, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    """Is it proven, by axes of the triangle in the middle, that it is far from the segment from 0 to s on all its way?"""
+    """Do axes of the triangle at mid time prove it far from the segment from 0 to s on all its way?"""
     zero, one = wp.float64(0.0), wp.float64(1.0)
     if _segment_separated(wp.cross(t.b - t.a, t.c - t.a), t, s, margin, slack):
         return True
@@ -395,7 +395,7 @@ def _leaf_is_free(ways: Ways, span: Span, leaf: int, centre: wp.vec3d, half: wp.
 
 @wp.func
 def moving_box_is_free(ways: Ways, span: Span, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
-    """Is every triangle proven to be further than the margin from the closed box around the centre, in all of the span?"""
+    """Is every triangle proven to be beyond the margin from the closed box around the centre, in all of the span?"""
     lower, upper, reach = floats_below(centre - half), floats_above(centre + half), squared_reach(margin)
     leaf = next_moving_leaf(ways, span, 0, lower, upper, reach)
     if leaf < ways.count:  # noqa: SIM102 (a near triangle tells most boxes that are not free; ``and`` would not wait)

@@ -1,4 +1,4 @@
-"""What a dilated motion answers, in kernels: about points and boxes of time and space, distances, and half-spaces that hold it."""
+"""What a dilated motion answers, in kernels: points and boxes of time and space, distances, and half-spaces."""
 
 from functools import cached_property
 
@@ -347,7 +347,10 @@ def _along(half: wp.vec3d, n: wp.vec3d, corner: int) -> wp.float64:
 
 @wp.func
 def _number(box: AskedFunction, n: wp.vec3d, begin: wp.float64, end: wp.float64) -> wp.float64:
-    """The largest value less the plane under the distance, whole or as steep as the function; supports at both times, from the centre."""
+    """The largest value less the plane under the distance, whole or as steep as the function.
+
+    Supports are at both times, from the centre.
+    """
     rise, run = _ZERO, _ZERO
     for i in range(16):
         along = _along(box.half, n, i)
@@ -461,7 +464,7 @@ def find_excesses_then(
     # outputs
     excesses: wp.array(dtype=wp.float64),
 ):
-    """Upper bound of a function's excess over the distance, in a box that lies between two keyframes but for what ``beyond`` allows for."""
+    """Upper bound of a function's excess over the distance, in a box between two keyframes, up to ``beyond``."""
     i, _ = wp.tid()
     i += first
     low, high = (
@@ -563,7 +566,10 @@ def _ends(t: Moving, d: wp.vec3d) -> wp.vec4d:
 
 @wp.func
 def _face_supports(t: Moving, n: wp.vec3d, grown: wp.vec3d) -> wp.vec4d:
-    """Along -n and n, at the begin and at the end: largest products of the points of a face that lie in a box around 0; all -infinite where there are none."""
+    """Along -n and n, at begin and end: largest products of a face's points in a box around 0.
+
+    All are -infinite where there are none.
+    """
     m = wp.cross(t.b - t.a, t.c - t.a)
     size = wp.length(m)
     own = _ends(t, n)
@@ -603,7 +609,7 @@ def _supports(
 
 @wp.struct
 class AskedBox:
-    """A box of time and space that is asked about: its middle and what is around it in space, and when it is looked at."""
+    """A queried box of time and space: its middle, its extent in space, and its times."""
 
     begin: wp.float64
     end: wp.float64
@@ -674,7 +680,10 @@ def find_half_spaces_then(
     axis: wp.array(dtype=wp.int32),
     loss: wp.array(dtype=wp.float64),
 ):
-    """Is a closed box of time and space certain to be empty? Else a half-space of the object's points in it, around its middle; what is there stays where none is found."""
+    """Is a closed box of time and space certain to be empty? Else a half-space of its points, where one is found.
+
+    The half-space is around the box's middle.
+    """
     i, _ = wp.tid()
     i += first
     if is_empty(m, lower[i], upper[i]):
@@ -815,7 +824,7 @@ class DilatedMovingSolid(AskedSolid):
         super().__init__(motion)
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        """``(N, 2)`` float64, lower and upper bounds of the distance in space from points to the object at their time."""
+        """``(N, 2)`` float64, bounds of the distance in space from points to the object at their time."""
         x = np.ascontiguousarray(x, dtype=np.float64)
         low, high = np.array(self._struct.lower), np.array(self._struct.upper)
         known = (x[:, 0] >= low[0]) & (x[:, 0] <= high[0])  # not so for NaN
@@ -851,7 +860,10 @@ class DilatedMovingSolid(AskedSolid):
         enough: np.ndarray | float,
         speed: float,
     ) -> np.ndarray:
-        """See ``Shape.excess``: of boxes that lie between two keyframes, but for as little as rounding makes of their times; ``speed`` is the motion's."""
+        """See ``Shape.excess``: of boxes between two keyframes, up to the rounding of their times.
+
+        ``speed`` is the motion's.
+        """
         lower, upper = (np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper))
         if not len(lower):
             return np.empty(0)

@@ -277,7 +277,7 @@ class NetworkTrainer:
         self.hard = torch.cat([state, self.hard], 1)
 
     def finish(self) -> dict[str, np.ndarray]:
-        """Take the parameters with the fewest estimated false positives so far; returns them as a bounder stores them."""
+        """Store the parameters with the fewest estimated false positives so far; returns them in a bounder's form."""
         self.network.flat.copy_(self._best[1])
         return self.network.tensors()
 

@@ -141,7 +141,7 @@ class DistanceTrainer:
         return (max(GAINS[0], FINENESS / float(away.mean())) if len(away) else GAINS[0]), GAINS[1]
 
     def _labelled(self, v: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """Columns, and what F should be at points ``(N, n)``, local units: distances as known from above, else from below."""
+        """Columns and goals of F at points ``(N, n)``, local units: distances from above if known, else below."""
         v = np.clip(v, -self._limit, self._limit).astype(np.float32)
         x = self.domain.sample_at(v)
         low, high = self.shape.distances(x).T

@@ -56,7 +56,7 @@ class SupportTrainer:
         self._best = (math.inf, self.network.copy())
 
     def behind(self, layers: list[torch.Tensor]) -> SupportTrainer:
-        """A trainer of two supports behind finished layers, which stay as they are; all else is shared with this one."""
+        """A trainer of two supports behind finished layers, which do not change; all else is shared with this one."""
         own = copy.copy(self)  # __init__ would draw a whole network and look for the hull again
         head = initial(self.generator, 2, len(layers[-1]))
         own.network = RowNetwork([head], self.network.activation, tuple(layers))
