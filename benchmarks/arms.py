@@ -174,7 +174,12 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
     if label in BUILT:
         memory = nbytes_of(shape.ndim, specs["mlp"].options)
         ask = BUILT[label](shape, memory)
-        row |= {"bytes": memory, "certificate": "by construction", "missed": None, "fit_seconds": time.perf_counter() - started}  # fmt: skip
+        row |= {
+            "bytes": memory,
+            "certificate": "by construction",
+            "missed": None,
+            "fit_seconds": time.perf_counter() - started,
+        }
     else:
         spec = specs[label]
         if (file := stored(place.scene, label)).exists():
@@ -224,8 +229,12 @@ def page(kept: KeptRows, command: str) -> str:
         f"`{command}`",
         "",
         f"{kept.about}. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
-        "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
-        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a bounder, asked ten million hard configurations unless its row says less. *Proven*: where samples attest a threshold, the share of the volume of 20,000 random boxes, a 32nd of the domain wide, in which a minute's search proves it.",
+        "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a "
+        "planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
+        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a "
+        "bounder, asked ten million hard configurations unless its row says less. *Proven*: where samples attest a "
+        "threshold, the share of the volume of 20,000 random boxes, a 32nd of the domain wide, in which a minute's "
+        "search proves it.",
     ]
     for name, cell in CELLS.items():
         own = [row for row in rows if row["cell"] == name]
@@ -245,7 +254,8 @@ def page(kept: KeptRows, command: str) -> str:
             ns, proof = (f"{row[key]:.1f}" if key in row else DASH for key in ("nanoseconds", "proof_seconds"))
             share = f"{np.floor(1000 * row['proven_share'] + 1e-9) / 10:.1f}" if "proven_share" in row else DASH
             lines.append(
-                f"| {row['label']} | {row['bytes']:,} | {row['fp_rate']:.2f} | {row['fp_rate_along']:.2f} | {row['certificate']} | {missed} | {ns} | {row['fit_seconds']:.0f} | "
+                f"| {row['label']} | {row['bytes']:,} | {row['fp_rate']:.2f} | {row['fp_rate_along']:.2f} | "
+                f"{row['certificate']} | {missed} | {ns} | {row['fit_seconds']:.0f} | "
                 f"{proof} | {share} |"
             )
     return "\n".join(lines) + "\n"
@@ -274,7 +284,10 @@ def main() -> int:
                 continue
             row = measure(place, label, samples, options.effort, options.attacked)
             kept.add(row)
-            print({key: row[key] for key in ("cell", "label", "bytes", "fp_rate", "fp_rate_along", "certificate")}, flush=True)  # fmt: skip
+            print(
+                {key: row[key] for key in ("cell", "label", "bytes", "fp_rate", "fp_rate_along", "certificate")},
+                flush=True,
+            )
     if len(kept):
         kept.write(page(kept, "python benchmarks/arms.py --out results/arm"))
     return int(any(row["missed"] is not None for row in kept.rows))

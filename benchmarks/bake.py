@@ -274,12 +274,16 @@ def page(row: dict) -> str:
         "",
         f"`{row['command']}`",
         "",
-        f"{row['versions']}; {row['cores']} cores, {WORKERS} workers, load average {row['load']:.1f} (other work on the same cores, too). Random meshes (unions of perturbed balls, boxes, capsules and rings), each fitted by `{' '.join(row['fit'])}`.",
+        f"{row['versions']}; {row['cores']} cores, {WORKERS} workers, load average {row['load']:.1f} (other work on "
+        "the same cores, too). Random meshes (unions of perturbed balls, boxes, capsules and rings), each fitted by "
+        f"`{' '.join(row['fit'])}`.",
         "",
         "## Nothing lost, nothing twice",
         "",
-        f"{killed_['shapes']} shapes; deaths by SIGKILL: {deaths['worker']} of workers (one every {row['every']:g} s), {deaths['client']} of the client, "
-        f"{deaths['scheduler']} of the scheduler; the same command started again each time; {killed_['seconds']:.0f} s in all.",
+        f"{killed_['shapes']} shapes; deaths by SIGKILL: {deaths['worker']} of workers (one every {row['every']:g} s), "
+        f"{deaths['client']} of the client, "
+        f"{deaths['scheduler']} of the scheduler; the same command started again each time; {killed_['seconds']:.0f} s "
+        "in all.",
         "",
         "| | |",
         "|---|---|",
@@ -294,27 +298,36 @@ def page(row: dict) -> str:
         "",
         "## What the engine costs",
         "",
-        f"{calm['shapes']} shapes without deaths: tasks took {calm['task_seconds']:.1f} s, {calm['workers']} workers were there for {calm['running_seconds']:.1f} s: "
-        f"**{100 * calm['overhead']:.1f} % of the workers' time is not the tasks'** (handing out, and the last worker's wait for the other). Starting workers and listing what "
+        f"{calm['shapes']} shapes without deaths: tasks took {calm['task_seconds']:.1f} s, {calm['workers']} workers "
+        f"were there for {calm['running_seconds']:.1f} s: "
+        f"**{100 * calm['overhead']:.1f} % of the workers' time is not the tasks'** (handing out, and the last "
+        "worker's wait for the other). Starting workers and listing what "
         f"there is took {calm['startup_seconds']:.1f} s besides, once a bake.",
         "",
         "## 100,000 shapes on 1,000 cores, by paper and by simulation",
         "",
-        f"Measured here: {pace_['per_second']:,.0f} empty tasks a second ({pace_['tasks']:,} tasks, their client, scheduler and {WORKERS} workers on the same {row['cores']} cores), {pace_['bytes_there']:,} bytes to a "
-        f"worker and {pace_['bytes_back']:,} back for each task; shapes and bounders go over the shared folder, not over the scheduler. "
-        f"100,000 tasks move {moved * CLUSTER_SHAPES / 1e6:,.0f} MB through it. The simulation hands out one task after another at that pace to whichever core is free, with the measured tasks' times drawn at random.",
+        f"Measured here: {pace_['per_second']:,.0f} empty tasks a second ({pace_['tasks']:,} tasks, their client, "
+        f"scheduler and {WORKERS} workers on the same {row['cores']} cores), {pace_['bytes_there']:,} bytes to a "
+        f"worker and {pace_['bytes_back']:,} back for each task; shapes and bounders go over the shared folder, not "
+        "over the scheduler. "
+        f"100,000 tasks move {moved * CLUSTER_SHAPES / 1e6:,.0f} MB through it. The simulation hands out one task "
+        "after another at that pace to whichever core is free, with the measured tasks' times drawn at random.",
         "",
-        "| seconds a task | ideal | scheduler alone | simulated | overhead | cores at which the scheduler is the limit | shapes a task that would keep 1,000 cores busy |",
+        "| seconds a task | ideal | scheduler alone | simulated | overhead | cores at which the scheduler is the limit "
+        "| shapes a task that would keep 1,000 cores busy |",
         "|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for each in row["scaled"]:
         over = 100 * (each["simulated_seconds"] / each["ideal_seconds"] - 1)
         lines.append(
-            f"| {each['task_seconds']:.1f} | {each['ideal_seconds']:,.0f} s | {each['scheduler_seconds']:,.0f} s | {each['simulated_seconds']:,.0f} s | {over:.1f} % | {each['saturated_at_cores']:,.0f} | {each['shapes_a_task']:,} |"
+            f"| {each['task_seconds']:.1f} | {each['ideal_seconds']:,.0f} s | {each['scheduler_seconds']:,.0f} s | "
+            f"{each['simulated_seconds']:,.0f} s | {over:.1f} % | {each['saturated_at_cores']:,.0f} | "
+            f"{each['shapes_a_task']:,} |"
         )
     lines += [
         "",
-        "A task is one shape, however short it is: where the scheduler is the limit, its own time (third column) is the whole bake's, and several shapes a task would be needed "
+        "A task is one shape, however short it is: where the scheduler is the limit, its own time (third column) is "
+        "the whole bake's, and several shapes a task would be needed "
         "for less. The tasks' times are those of this run, scaled to the mean in the first column.",
     ]
     return "\n".join(lines) + "\n"

@@ -32,8 +32,10 @@ def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
     lines = ["# What `choose` takes in every column of Table 1", "", f"`{command}`", ""]
     lines += [
-        f"{kept.about}. The bunny's grids of 32 cells a side, queries as in Table 1; budgets of {', '.join(f'{s:g} s ({n}D)' for n, s in SECONDS.items())} for all fits and measurements of a column. "
-        "In each cell what costs the least where the narrow phase takes so many nanoseconds: its bytes, the ns that it takes itself, the share of all queries that it leaves (and that there must be), and how many "
+        f"{kept.about}. The bunny's grids of 32 cells a side, queries as in Table 1; budgets of "
+        f"{', '.join(f'{s:g} s ({n}D)' for n, s in SECONDS.items())} for all fits and measurements of a column. "
+        "In each cell what costs the least where the narrow phase takes so many nanoseconds: its bytes, the ns that it "
+        "takes itself, the share of all queries that it leaves (and that there must be), and how many "
         "times less a query costs so than without a broad phase. Everything chosen is proven.",
         "",
         f"| | {' | '.join(f'{price:,.0f} ns' for price in PRICES)} |",
@@ -47,7 +49,8 @@ def page(kept: KeptRows, command: str) -> str:
             cells.append(
                 "none"
                 if own["label"] == "none"
-                else f"`{own['label']}`, {own['nbytes']:,} B, {own['nanoseconds']:.1f} ns, {100 * own['share']:.1f} % ({100 * row['positives']:.1f}): {price / cost:.2f} times"
+                else f"`{own['label']}`, {own['nbytes']:,} B, {own['nanoseconds']:.1f} ns, {100 * own['share']:.1f} % "
+                f"({100 * row['positives']:.1f}): {price / cost:.2f} times"
             )
         lines.append(f"| {row['dimension']}D {row['query']} | {' | '.join(cells)} |")
     for row in kept.rows:
@@ -57,7 +60,8 @@ def page(kept: KeptRows, command: str) -> str:
         measured = [each for each in row["rows"] if each.get("share") is not None]
         for own in sorted(measured, key=lambda each: each["share"]):
             lines.append(
-                f"| {own['label']} | {own['nbytes']:,} | {own['nanoseconds']:.1f} | {100 * own['share']:.2f} | {own['certificate']} | {own['seconds']:.1f} |"
+                f"| {own['label']} | {own['nbytes']:,} | {own['nanoseconds']:.1f} | {100 * own['share']:.2f} | "
+                f"{own['certificate']} | {own['seconds']:.1f} |"
             )
         lines += ["", "</details>"]
     return "\n".join(lines) + "\n"

@@ -206,8 +206,10 @@ def page(kept: KeptRows, command: str) -> str:
         "",
         f"`{command}`",
         "",
-        f"{kept.about}. {PARTICLES:,} particles, {STEPS} steps with another pose each, medians. *Left*: of the particles, after the broad phase; *narrow*: Warp's hierarchy",
-        "refitted to the pose and asked about what is left. Bounders are of five coordinates, place and two pose numbers, and never refitted. *FP %*: of random places at random poses.",
+        f"{kept.about}. {PARTICLES:,} particles, {STEPS} steps with another pose each, medians. *Left*: of the "
+        "particles, after the broad phase; *narrow*: Warp's hierarchy",
+        "refitted to the pose and asked about what is left. Bounders are of five coordinates, place and two pose "
+        "numbers, and never refitted. *FP %*: of random places at random poses.",
     ]
     for body in dict.fromkeys(row["body"] for row in rows):
         own = [row for row in rows if row["body"] == body]
@@ -232,7 +234,8 @@ def page(kept: KeptRows, command: str) -> str:
                 else ("–", "–", "–", "–", f"–, {row['missed']}")
             )
             lines.append(
-                f"| {row['label']} | {' | '.join(told)} | {row['broad_ms']:.2f} | {row['left']:.1f} | {row['narrow_ms']:.2f} | {row['step_ms']:.2f} |"
+                f"| {row['label']} | {' | '.join(told)} | {row['broad_ms']:.2f} | {row['left']:.1f} | "
+                f"{row['narrow_ms']:.2f} | {row['step_ms']:.2f} |"
             )
     return "\n".join(lines) + "\n"
 

@@ -129,9 +129,12 @@ def page(kept: KeptRows, command: str) -> str:
     """The page, in Markdown."""
     lines = ["# Distances to a mesh that are never too large", "", f"`{command}`", "", f"{kept.about}.", ""]
     lines += [
-        "The bunny. *FP % at r*: of random points in and around its box, those that may be within r, a share of half its longest side, and are not. *Segments*: of random ones of that half length, those that",
-        f"are marched along in at most {STEPS} steps, not cleared, and meet nothing; *evaluations*: of the distance, a segment. Nanoseconds on all cores; *kernel*: a point in a kernel of one's own, one core.",
-        "The last rows are Warp's own exact queries of the mesh, bytes without their tree. No bound was above the distance, and no segment that meets the mesh was cleared.",
+        "The bunny. *FP % at r*: of random points in and around its box, those that may be within r, a share of half "
+        "its longest side, and are not. *Segments*: of random ones of that half length, those that",
+        f"are marched along in at most {STEPS} steps, not cleared, and meet nothing; *evaluations*: of the distance, a "
+        "segment. Nanoseconds on all cores; *kernel*: a point in a kernel of one's own, one core.",
+        "The last rows are Warp's own exact queries of the mesh, bytes without their tree. No bound was above the "
+        "distance, and no segment that meets the mesh was cleared.",
         "",
         "| | bytes | "
         + " | ".join(f"FP % at {r:g}" for r in RADII)

@@ -85,15 +85,21 @@ def main() -> int:
         "",
     ]
     lines += [
-        f"{kept.about}. {CELLS[CELL].title}; {EDGES:,} edges of a roadmap between free states, {rows[0]['length']:.2f} long on average, {rows[0]['free']:.0f} % of them free (checked at configurations 2 cm apart). *Evaluations*: of",
-        f"the distance, an edge, {STEPS} at most: until it is cleared or a step gains nothing. *Cleared*: of the free edges. No edge that collides is cleared.",
+        f"{kept.about}. {CELLS[CELL].title}; {EDGES:,} edges of a roadmap between free states, {rows[0]['length']:.2f} "
+        f"long on average, {rows[0]['free']:.0f} % of them free (checked at configurations 2 cm apart). *Evaluations*: "
+        "of",
+        f"the distance, an edge, {STEPS} at most: until it is cleared or a step gains nothing. *Cleared*: of the free "
+        "edges. No edge that collides is cleared.",
         "",
-        "| distance | bytes | slack | certificate | proof s | asked, missed | evaluations | of those that it clears | cleared % |",
+        "| distance | bytes | slack | certificate | proof s | asked, missed | evaluations | of those that it clears | "
+        "cleared % |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {row['label']} | {row['bytes']:,} | {row['slack']:.3f} | {row['certificate']} | {row['proof_seconds']:.0f} | {row['attacked'] / 1e6:.1f} million, {int(row['missed'])} | {row['evaluations']:.1f} | "
-        f"{'–' if row['evaluations_cleared'] is None else format(row['evaluations_cleared'], '.1f')} | {row['cleared']:.1f} |"
+        f"| {row['label']} | {row['bytes']:,} | {row['slack']:.3f} | {row['certificate']} | {row['proof_seconds']:.0f} "
+        f"| {row['attacked'] / 1e6:.1f} million, {int(row['missed'])} | {row['evaluations']:.1f} | "
+        f"{'–' if row['evaluations_cleared'] is None else format(row['evaluations_cleared'], '.1f')} | "
+        f"{row['cleared']:.1f} |"
         for row in rows
     ]
     kept.write("\n".join(lines) + "\n")

@@ -133,18 +133,23 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         "",
         f"`{command}`",
         "",
-        f"{'; '.join(dict.fromkeys(row['versions'] for row in rows))}; {rows[0]['threads']} threads of a CPU. Margin: {MARGIN:g} of the longest side. Rates are per cent",
-        f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every side;",
-        "the truth is the mesh's own (`IndicatorMesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
+        f"{'; '.join(dict.fromkeys(row['versions'] for row in rows))}; {rows[0]['threads']} threads of a CPU. Margin: "
+        f"{MARGIN:g} of the longest side. Rates are per cent",
+        f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every "
+        "side;",
+        "the truth is the mesh's own (`IndicatorMesh.decide`). Networks and volumes are fitted and proven without "
+        "cells; `bvh`,",
         "`voxels` and `relu-field` are made of cells at the resolution that stands beside them.",
         "",
         "![False positives against memory, by mesh](meshes.png)",
         "",
         "## At the memory of a network",
         "",
-        "The network 24-24 beside the tightest hierarchy of no more than its memory, and beside the smallest one that is as tight.",
+        "The network 24-24 beside the tightest hierarchy of no more than its memory, and beside the smallest one that "
+        "is as tight.",
         "",
-        "| mesh | network 24-24 | bytes | bvh of at most its memory | bytes | smallest bvh that is as tight | area across an axis |",
+        "| mesh | network 24-24 | bytes | bvh of at most its memory | bytes | smallest bvh that is as tight | area "
+        "across an axis |",
         "|---|---|---|---|---|---|---|",
     ]
     by_mesh = {name: [row for row in rows if row["mesh"] == name] for name in MESHES}
@@ -159,7 +164,8 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         beside = f"{level['fp_rate']:.2f} % | {level['bytes']:,}" if level else f"{DASH} | {DASH}"
         last = f"{small['bytes']:,} bytes, {small['fp_rate']:.2f} %" if small else "none measured"
         lines.append(
-            f"| {name} | {network['fp_rate']:.2f} % | {network['bytes']:,} | {beside} | {last} | {own[0]['aligned_area']:.0f} % |"
+            f"| {name} | {network['fp_rate']:.2f} % | {network['bytes']:,} | {beside} | {last} | "
+            f"{own[0]['aligned_area']:.0f} % |"
         )
         if level and level["fp_rate"] < network["fp_rate"]:
             behind.append((name, own[0]["aligned_area"]))
@@ -173,7 +179,8 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         positives = own[0]["positives"]
         lines += ["", f"## {name}", "", f"{own[0]['shape']}; {positives:.2f} % of the points are in the object.", ""]
         lines += [
-            "| method | bytes | FP % | FP % against its cells | FN | hard points asked, missed | proof | ns a point | fit s | proof s |",
+            "| method | bytes | FP % | FP % against its cells | FN | hard points asked, missed | proof | ns a point | "
+            "fit s | proof s |",
             "|---|---|---|---|---|---|---|---|---|---|",
         ]
         for row in sorted(own, key=lambda row: list(METHODS).index(row["label"])):
@@ -181,7 +188,8 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
             label = f"{row['label']}, {row['resolution']} cells" if row["resolution"] else row["label"]
             asked = f"{row['attacked'] / 1e6:.1f} million, {0 if row['missed'] is None else 1}"
             lines.append(
-                f"| {label} | {row['bytes']:,} | {row['fp_rate']:.2f} | {cells} | {row['fn']} | {asked} | {row['certificate']} | "
+                f"| {label} | {row['bytes']:,} | {row['fp_rate']:.2f} | {cells} | {row['fn']} | {asked} | "
+                f"{row['certificate']} | "
                 f"{row['nanoseconds']:.1f} | {row['fit_seconds']:.1f} | {row['proof_seconds']:.1f} |"
             )
     draw(by_mesh, folder / "meshes.png")

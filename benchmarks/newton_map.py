@@ -186,7 +186,8 @@ def page(kept: KeptRows, command: str) -> str:
         lines += ["![How many times as fast, by particles, meshes and contact gap](map.png)", ""]
     ways = [way for way in WAYS if any(way in row["share"] for row in kept.rows)]
     lines += [
-        "*Left*: the share of the pairs that Newton's pass still goes through. *Times as fast*: time without / time with, the cull's own time included; under 1 it loses.",
+        "*Left*: the share of the pairs that Newton's pass still goes through. *Times as fast*: time without / time "
+        "with, the cull's own time included; under 1 it loses.",
         "",
         "| particles | meshes | gap | contacts | pairs | left, boxes | left, bounders | ms, none | "
         + " | ".join(f"ms, {WAYS[way]}" for way in ways)

@@ -59,8 +59,11 @@ def page(kept: KeptRows, command: str) -> str:
     seconds = dict.fromkeys(f"{row['budget']:g}" for row in rows if "budget" in row)
     lines = ["# A fit to a simulation's own queries", "", f"`{command}`", ""]
     lines += [
-        f"{kept.about}. Rain on the moving bunny, {rows[0]['particles']:,} particles, {STEPS} steps, seed {RAINS[1]}; *calls*: particles a step that the narrow phase is",
-        f"asked about, of which {rows[0]['touching']:,.0f} touch. Networks {'-'.join(map(str, HIDDEN))}, {', '.join(seconds)} seconds each, fitted to random queries, or to {STEPS * KEPT:,} that the rain of seed {RAINS[0]} asks. No contact is missed; all runs end alike to the bit.",
+        f"{kept.about}. Rain on the moving bunny, {rows[0]['particles']:,} particles, {STEPS} steps, seed {RAINS[1]}; "
+        "*calls*: particles a step that the narrow phase is",
+        f"asked about, of which {rows[0]['touching']:,.0f} touch. Networks {'-'.join(map(str, HIDDEN))}, "
+        f"{', '.join(seconds)} seconds each, fitted to random queries, or to {STEPS * KEPT:,} that the rain of seed "
+        f"{RAINS[0]} asks. No contact is missed; all runs end alike to the bit.",
         "",
         "| fit | training's seed | bytes | calls | fewer than usual | FP % of random queries | certificate |",
         "|---|---|---|---|---|---|---|",
@@ -70,7 +73,8 @@ def page(kept: KeptRows, command: str) -> str:
         seed = row.get("seed")
         fewer = f"{usual[seed] / row['calls']:.2f} times" if seed in usual and row["label"] != "usual" else "–"
         lines.append(
-            f"| {row['label']} | {'–' if seed is None else seed} | {row['bytes']:,} | {row['calls']:,.0f} | {fewer} | {row['fp_rate']:.2f} | {row['certificate']} |"
+            f"| {row['label']} | {'–' if seed is None else seed} | {row['bytes']:,} | {row['calls']:,.0f} | {fewer} | "
+            f"{row['fp_rate']:.2f} | {row['certificate']} |"
         )
     own = [(usual[row["seed"]], row["calls"]) for row in rows if row.get("seed") in usual and row["label"] != "usual"]
     if own:
@@ -78,7 +82,8 @@ def page(kept: KeptRows, command: str) -> str:
         needless = [(a - touching) / (b - touching) for a, b in own]
         lines += [
             "",
-            f"Over {len(own)} pairs {_mean(times)} times fewer calls, and {_mean(needless)} times fewer of those that do not touch (geometric means).",
+            f"Over {len(own)} pairs {_mean(times)} times fewer calls, and {_mean(needless)} times fewer of those that "
+            "do not touch (geometric means).",
         ]
     return "\n".join(lines) + "\n"
 

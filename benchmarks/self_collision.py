@@ -77,16 +77,20 @@ def page(rows: list[dict], alone: dict, command: str) -> str:
     """The page, in Markdown."""
     lines = ["# One network of an arm with itself, in two cells", "", f"`{command}`", ""]
     lines += [
-        f"{versions()}; {cpu_threads()} threads of a CPU. The planar arm of four joints touches itself in {alone['positives']:.1f} % of its configurations. Its network: {alone['bytes']:,} bytes, {alone['certificate']} in {alone['proof_seconds']:.0f} s, {alone['fp_rate']:.2f} % false positives."
+        f"{versions()}; {cpu_threads()} threads of a CPU. The planar arm of four joints touches itself in "
+        f"{alone['positives']:.1f} % of its configurations. Its network: {alone['bytes']:,} bytes, "
+        f"{alone['certificate']} in {alone['proof_seconds']:.0f} s, {alone['fp_rate']:.2f} % false positives."
     ]
     lines += [
-        f"Roadmaps of {STATES:,} states, {PROBLEMS} problems; configurations are checked exactly against cell and arm. Medians of {REPEATS} runs, in turns.",
+        f"Roadmaps of {STATES:,} states, {PROBLEMS} problems; configurations are checked exactly against cell and arm. "
+        f"Medians of {REPEATS} runs, in turns.",
         "",
         "| cell | broad phase | exact checks | broad ms | narrow ms | all ms | solved | same paths |",
         "|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {row['cell']} | {row['label']} | {row['checks']:,} | {row['broad_ms']:.0f} | {row['narrow_ms']:.0f} | {row['step_ms']:.0f} | {row['solved']} | {'yes' if row['identical'] else 'NO'} |"
+        f"| {row['cell']} | {row['label']} | {row['checks']:,} | {row['broad_ms']:.0f} | {row['narrow_ms']:.0f} | "
+        f"{row['step_ms']:.0f} | {row['solved']} | {'yes' if row['identical'] else 'NO'} |"
         for row in rows
     ]
     return "\n".join(lines) + "\n"

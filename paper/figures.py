@@ -265,7 +265,10 @@ def page(folder: results.Folder, figures: tuple[Figure, ...]) -> str:
         with contextlib.suppress(KeyError):  # parts of a run that has not ended
             facts = figure.facts(found["parts"]) if found["parts"] else []
         seconds = sum(part.get("seconds", 0.0) for part in found["parts"].values())
-        made = f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: [{figure.name}.json]({figure.name}.json)."
+        made = (
+            f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: "
+            f"[{figure.name}.json]({figure.name}.json)."
+        )
         values[figure.name] = [f"- {fact}" for fact in [*facts, made]]
     forms = ["the quick forms (`--quick`)"] if s["quick"] else []
     forms += [f"every fit for {s['effort']:g} times its usual seconds"] if s["effort"] != 1 else []

@@ -613,8 +613,10 @@ class Distances(Figure):
                 f"{rate:.2f} % at {radius}" for radius, rate in zip(self.radii, own["rates"], strict=True)
             )
             told.append(
-                f"{label}: {own['nbytes']:,} bytes, {own['certificate']}, slack {own['slack']:.2g}; the gap of points outside "
-                f"is {own['mean']:.4f} on average, {own['least']:.4f} to {own['most']:.4f}; false positives {own['fp']:.2f} % "
+                f"{label}: {own['nbytes']:,} bytes, {own['certificate']}, slack {own['slack']:.2g}; the gap of points "
+                "outside "
+                f"is {own['mean']:.4f} on average, {own['least']:.4f} to {own['most']:.4f}; false positives "
+                f"{own['fp']:.2f} % "
                 f"at radius 0, {rates}; false negatives {own['fn']}."
             )
         return told
@@ -669,8 +671,10 @@ class Digits(Figure):
         for run in parts["digits"]["runs"]:
             if run["bounder"] == PROVEN:
                 lines.append(
-                    f"{run['section']}: {run['certificate']}, {run['fp_rate']:.1f} % false positives of the box of latent "
-                    f"numbers and pixels, the decoder is run for {run['asked']:.0f} % of the pixels, {run['faster']:.1f} times "
+                    f"{run['section']}: {run['certificate']}, {run['fp_rate']:.1f} % false positives of the box of "
+                    "latent "
+                    f"numbers and pixels, the decoder is run for {run['asked']:.0f} % of the pixels, "
+                    f"{run['faster']:.1f} times "
                     f"as fast, {run['missed']:,} pixels of ink missed"
                 )
             elif run["bounder"] == UNPROVEN:

@@ -237,10 +237,14 @@ def told(rows: Rows) -> str:
         return "No network has been measured yet."
     missed, zero = [r for r in rows if r["missed_sampled"]], [r["missed_zero"] for r in rows]
     return (
-        f"Of {len(rows)} networks thresholded at their minimum over at least {min(r['hard_positives'] for r in rows):,} hard "
-        f"positives, {len(missed)} had a false negative that the search found ({sum(r['found_by'] == 'prover' for r in missed)} "
-        f"from the prover's own lowest points); of the {sum(z is not None for z in zero)} with an output between 0 and 1, "
-        f"{sum(map(bool, zero))} had one when thresholded at 0.5; at the proven threshold, {sum(r['fn_proven'] > 0 for r in rows)}."
+        f"Of {len(rows)} networks thresholded at their minimum over at least "
+        f"{min(r['hard_positives'] for r in rows):,} hard "
+        f"positives, {len(missed)} had a false negative that the search found "
+        f"({sum(r['found_by'] == 'prover' for r in missed)} "
+        f"from the prover's own lowest points); of the {sum(z is not None for z in zero)} with an output between 0 and "
+        "1, "
+        f"{sum(map(bool, zero))} had one when thresholded at 0.5; at the proven threshold, "
+        f"{sum(r['fn_proven'] > 0 for r in rows)}."
     )
 
 

@@ -116,7 +116,8 @@ def section(table: Path) -> list[str]:
         return []
     order = list(WAYS)
     rows = sorted(rows, key=lambda r: (COLUMNS.index(column_of(r)), r["object"], order.index(r["way"])))
-    heads = """|object|training|steps|of at least|which take|FP %, threshold proven|FP % at 0.5|FN % at 0.5|paper's mean FP %"""
+    heads = "|object|training|steps|of at least|which take|FP %, threshold proven"
+    heads += "|FP % at 0.5|FN % at 0.5|paper's mean FP %"
     text = (Path(__file__).parent / "pages" / "recipes_section.md").read_text()
     for name in ("seconds", "threads"):
         text = text.replace(f"{{{name}}}", " or ".join(sorted({f"{r[name]:g}" for r in rows})))

@@ -158,7 +158,8 @@ GROUPS = (
 )
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",
-    "sampled": "Truth as the paper finds it: a query counts if one of some hundred random samples of it hits the object. "
+    "sampled": "Truth as the paper finds it: a query counts if one of some hundred random samples of it hits the "
+    "object. "
     "Thin hits are missed, so more queries count as *no*, and false positives are more.",
 }
 
@@ -249,7 +250,10 @@ class Means:
                 lower += rate < theirs
                 told = f"**{rate:.2f}**" if rate < theirs else f"{rate:.2f}"
                 parts.append(f"{column.title} {told} ({theirs}, {name})")
-        head = "Our best network against the paper's best network (in brackets, with the name of ours), mean false positives %: "
+        head = (
+            "Our best network against the paper's best network (in brackets, with the name of ours), mean false "
+            "positives %: "
+        )
         return f"{head}{'; '.join(parts)}. Lower in {lower} of {len(parts)} columns." if parts else ""
 
     def details(self, column: Column) -> list[str]:

@@ -25,16 +25,25 @@ CALLS = {
 }
 STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch", "arm": "cell"}
 ABOUT = {
-    "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others never. *Porous*: drops seep through it, and "
-    "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, of which it need not.",
-    "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull. `distance`: a network of the distance, one fit for every contact gap.",
-    "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly; `+inside`: or known to collide, by a second "
-    "network, from the inside. `distance` and `distance-grid`, a network and a grid of distances, march along edges; the other networks bound pieces of them.",
-    "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes. `distance` marches along rays, and is proven for the mesh "
+    "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others "
+    "never. *Porous*: drops seep through it, and "
+    "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, of which it need "
+    "not.",
+    "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull. `distance`: a "
+    "network of the distance, one fit for every contact gap.",
+    "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly; "
+    "`+inside`: or known to collide, by a second "
+    "network, from the inside. `distance` and `distance-grid`, a network and a grid of distances, march along edges; "
+    "the other networks bound pieces of them.",
+    "shadows": "The bunny and a chair in the sun: shadow rays of all pixels against both meshes. `distance` marches "
+    "along rays, and is proven for the mesh "
     "itself; the others are bounders of rays, proven for its cells.",
-    "digits": "Random digits of a generative model, an implicit decoder: it is run for the pixels that a bounder leaves. *FP %*: of the box of latent numbers and pixels.",
-    "arm": "Roadmaps of planar arms with three and four joints: configurations and whole edges, cleared by a bounder or checked one configuration after another, at "
-    "most 2 cm apart. *Meshes*: the same bounders, and triangle meshes as the narrow phase (Coal, Pinocchio, one core).",
+    "digits": "Random digits of a generative model, an implicit decoder: it is run for the pixels that a bounder "
+    "leaves. *FP %*: of the box of latent numbers and pixels.",
+    "arm": "Roadmaps of planar arms with three and four joints: configurations and whole edges, cleared by a bounder "
+    "or checked one configuration after another, at "
+    "most 2 cm apart. *Meshes*: the same bounders, and triangle meshes as the narrow phase (Coal, Pinocchio, one "
+    "core).",
 }
 
 
@@ -51,13 +60,18 @@ def page(folder: Path) -> str:
     machines = "; ".join(sorted({answer["machine"] for answer in answers}))
     parts = ["# What the demos measured", ""]
     parts += [
-        f"`python -m sims NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.",
+        "`python -m sims NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. "
+        f"{machines}.",
         "Milliseconds are medians, on a machine that had other work too: only compare them within a table.",
         "*Missed*: contacts, shadow pixels, colliding",
-        "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives among random",
-        "queries, against the shape itself, dilated by what the narrow phase needs: the mesh, the moving mesh, or the world's",
-        "grid. *Of cells*: the same against the cells of a mesh, for bounders that bound these. A `statistical` certificate is",
-        "no proof. `chosen`: what `wb.choose` takes of the table's proven bounders, told what is asked in a run without a broad phase",
+        "states and edges that the run without a broad phase has and this one lacks. *FP %*: false positives among "
+        "random",
+        "queries, against the shape itself, dilated by what the narrow phase needs: the mesh, the moving mesh, or the "
+        "world's",
+        "grid. *Of cells*: the same against the cells of a mesh, for bounders that bound these. A `statistical` "
+        "certificate is",
+        "no proof. `chosen`: what `wb.choose` takes of the table's proven bounders, told what is asked in a run "
+        "without a broad phase",
         "and what a call of the narrow phase takes in it (the planner's by `wb.choose_among`).",
     ]
     for answer in answers:
@@ -114,12 +128,17 @@ def _choice(chosen: dict, runs: list[dict]) -> str:
     own = cost.pop(CHOSEN)
     best = min(cost, key=cost.get)
     told = sorted({f"{each['label']} at {each['narrow_ns']:.3g} ns a call" for each in chosen.values()})
-    return f"`chosen`: {', '.join(told)}; broad and narrow phase together {own:.2f} ms, {own / cost[best]:.2f} times those of {best}, the best of the table."
+    return (
+        f"`chosen`: {', '.join(told)}; broad and narrow phase together {own:.2f} ms, {own / cost[best]:.2f} times "
+        ""
+        f"those of {best}, the best of the table."
+    )
 
 
 def _field(rows: list[dict]) -> list[str]:
     lines = [
-        "Many meshes among many particles: one contact pass of Newton, and how many times as fast it is with a cull (ratios in one run).",
+        "Many meshes among many particles: one contact pass of Newton, and how many times as fast it is with a cull "
+        "(ratios in one run).",
         "",
     ]
     names = [entry["bounder"] for entry in rows[0]["bounders"]]

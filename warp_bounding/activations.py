@@ -574,7 +574,7 @@ auto curve_sin = [&](V z, V near, V radius, V noise, V& slope, V& mean, V& lean,
     slope = flat ? zero : a; mean = flat ? zero : m; lean = flat ? zero : b; bend = flat ? zero : k; cross = bend + bend;
     cube = flat ? zero : t; spread = flat ? zero + 1.0 : e;
 }};
-"""
+"""  # noqa: E501
 
     def torch_value(self, z: "torch.Tensor", out: "torch.Tensor | None" = None) -> "torch.Tensor":
         import torch

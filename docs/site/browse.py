@@ -23,8 +23,10 @@ __all__ = ["Browser", "browse", "main", "served"]
 
 WIDE, NARROW = (1440, 1000), (390, 844)  # pixels: a desk, a telephone
 PHOTOGRAPHED = (
-    "index", "overview", "get-started", "which-bounder", "gallery", "guide", "guide/distances", "proofs", "claims", "simulations", "tables",
-    "architecture", "api/index", "api/bounders", "api/solids", "notebooks/05_proofs", "results/meshes/index", "changelog",
+    "index", "overview", "get-started", "which-bounder", "gallery", "guide", "guide/distances", "proofs", "claims",
+        "simulations", "tables",
+    "architecture", "api/index", "api/bounders", "api/solids", "notebooks/05_proofs", "results/meshes/index",
+        "changelog",
 )  # fmt: skip
 SEARCHES = {
     "candidates": "api/bounders.html",
@@ -32,7 +34,8 @@ SEARCHES = {
 }  # words, and a page that must be among the hits
 SECONDS = 20  # for a search to find something, and a page its formulae
 OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run", "--disable-component-update", "--disable-sync",
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run",
+        "--disable-component-update", "--disable-sync",
     "--hide-scrollbars", "--disable-dev-shm-usage",
 )  # fmt: skip
 

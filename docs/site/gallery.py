@@ -18,8 +18,8 @@ LONGEST = 150  # characters of a summary of several sentences
 WIDTH = 640  # pixels of a thumbnail, twice of what it is shown at
 HEAD = """# Gallery
 
-The notebooks, a course: each is shown with the outputs that it had when it was run last, from top to bottom. To run them yourself:
-`pip install '.[notebooks]'`, and open the folder `notebooks` in Jupyter.
+The notebooks, a course: each is shown with the outputs that it had when it was run last, from top to bottom.
+To run them yourself: `pip install '.[notebooks]'`, and open the folder `notebooks` in Jupyter.
 
 """
 

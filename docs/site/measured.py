@@ -138,7 +138,8 @@ def table1(results: Path) -> str:
     ]
     lines = []
     for protocol, heading, methods in (
-        ("exact", "exact truth", ("aabb", "kdop", "learned-kdop", "mlp", "monotone-mlp", "learned-kdop+mlp", "distance", "bvh")),
+        ("exact", "exact truth", ("aabb", "kdop", "learned-kdop", "mlp", "monotone-mlp", "learned-kdop+mlp", "distance",
+            "bvh")),
         ("sampled", "the paper's, sampled truth", ("mlp", "learned-kdop+mlp", "distance", "bvh")),
     ):  # fmt: skip
         own = [[found.get((method, protocol, *column)) for column in COLUMNS] for method in methods]

@@ -180,13 +180,17 @@ class Demo(PlanningDemo):
             price = 1e3 * none.milliseconds()[1] / max(none.checks, 1)
             unsolved = len(none.problems) - none.solved
             self.console.print(
-                f"{section}: {none.solved} of {len(none.problems)} problems solved, {none.mean_length:.2f} m on average, {unsolved} without a path; "
+                f"{section}: {none.solved} of {len(none.problems)} problems solved, {none.mean_length:.2f} m on "
+                f"average, {unsolved} without a path; "
                 f"an exact check takes {price:.2g} us.",
                 markup=False,
             )
         for run in runs:
             if not run.conservative and run.extra["collisions"]:
-                self.console.print(f"[red]{run.bounder}[/] in {run.section}: {run.extra['collisions']} of its {run.extra['solved']} paths collide.")  # fmt: skip
+                self.console.print(
+                    f"[red]{run.bounder}[/] in {run.section}: {run.extra['collisions']} of its "
+                    f"{run.extra['solved']} paths collide."
+                )
         if not any("meshes" in section for section in self.examples):
             self.console.print(
                 "Planning with meshes too needs Coal and Pinocchio: pip install 'warp-bounding[arms]'", markup=False

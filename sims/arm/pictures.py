@@ -146,7 +146,14 @@ def _path(ax, example: Roadmap, problem: int | None, colour: str) -> None:
         first, last = number == 0, number == len(poses) - 1
         face = "white" if first else INK if last else LINK
         style = {"alpha": 1.0, "zorder": 6} if first or last else {"alpha": 0.35, "zorder": 2}
-        _polygons(ax, shapes_at(place, pose), facecolors=face, edgecolors=INK if first or last else colour, linewidths=0.7, **style)  # fmt: skip
+        _polygons(
+            ax,
+            shapes_at(place, pose),
+            facecolors=face,
+            edgecolors=INK if first or last else colour,
+            linewidths=0.7,
+            **style,
+        )
     tips = np.array([shapes_at(place, pose)[-1].mean(axis=0) for pose in _along(example.paths[problem], APART / 10)])
     ax.plot(*tips.T, color=colour, linewidth=1.6, zorder=5)
     fine = _along(example.paths[problem], APART / SAMPLES)

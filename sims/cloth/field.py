@@ -246,7 +246,10 @@ def sentences(rows: list[dict]) -> str:
         slower = [entry["bounder"] for entry in single if entry["ratio"] < 1.0]
         line = f"Gap {row['gap']:g}: {best['bounder']} is {best['ratio']:.2f} times as fast as Newton's own pass"
         if best["ratio"] < 1.0:
-            line = f"Gap {row['gap']:g}: Newton's own early reject wins; {best['bounder']} comes closest, {best['ratio']:.2f} times as fast"
+            line = (
+                f"Gap {row['gap']:g}: Newton's own early reject wins; {best['bounder']} comes closest, "
+                f"{best['ratio']:.2f} times as fast"
+            )
         elif slower:
             line += f"; its early reject beats {', '.join(slower)}"
         more = [f"{e['bounder']}: {e['ratio']:.2f}" for e in row["bounders"] if e not in single]

@@ -175,7 +175,8 @@ def region(network: nn.Sequential, latent: int, *, largest: float = LARGEST, nam
     shape = wb.IndicatorNetwork(network, lower, upper, level=LEVEL, name=name)
     if ROUNDING_ROOM * shape.rounding > -LEVEL:
         raise wb.IndicatorError(
-            f"{name}: expected float32 to round the decoder by less than {-LEVEL / ROUNDING_ROOM:g}, got {shape.rounding:.3g}"
+            f"{name}: expected float32 to round the decoder by less than {-LEVEL / ROUNDING_ROOM:g}, got "
+            f"{shape.rounding:.3g}"
         )
     return shape
 

@@ -65,7 +65,8 @@ def body_kernel(source) -> wp.Kernel:
     @name.func_native(
         "#if !defined(__CUDA_ARCH__)\n#pragma clang fp contract(fast)\n#endif\n"
         f"{TOOLS}"
-        f"typedef float V; V f; const float* v = x.data + (long long)i * {source.coordinates}; const float* w = numbers.data;"
+        f"typedef float V; V f; const float* v = x.data + (long long)i * {source.coordinates}; const float* w = "
+        "numbers.data;"
         f"\n{text}\nout.data[i] = f;"
     )
     def native(

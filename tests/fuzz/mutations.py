@@ -134,7 +134,28 @@ def numbers(a: np.ndarray, rng: np.random.Generator) -> str:
 # --- the description: domain, sizes, threshold, kind
 
 SINGLE, DOUBLE = ("center", "scale", "limit"), ("delta", "lower", "upper")  # fields of a domain
-ODD = (True, False, None, 0, 0.0, -0.0, -1, 1, 1.5, 1e308, -1e308, 2**31, 2**63, "1", "", [], {}, [1], float("nan"), float("inf"))  # fmt: skip
+ODD = (
+    True,
+    False,
+    None,
+    0,
+    0.0,
+    -0.0,
+    -1,
+    1,
+    1.5,
+    1e308,
+    -1e308,
+    2**31,
+    2**63,
+    "1",
+    "",
+    [],
+    {},
+    [1],
+    float("nan"),
+    float("inf"),
+)
 SCALED_WITH_V = ("directions", "normals", "matrix", "factor", "layers.0.weight", "encoding.weight")
 
 

@@ -275,7 +275,10 @@ def test_pairs_that_are_none():
         refused(source, words)
 
 
-YAML = "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: {negate}\noccupied_thresh: 0.65\nfree_thresh: 0.196\n{more}"
+YAML = (
+    "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: {negate}\noccupied_thresh: "
+    "0.65\nfree_thresh: 0.196\n{more}"
+)
 GREY = np.array([[0, 50, 90], [128, 204, 205], [206, 254, 255], [0, 255, 254]], np.uint8)
 
 

@@ -11,14 +11,18 @@ pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install
 trimesh = pytest.importorskip("trimesh")
 
 BASE = '<link name="base"><collision><geometry><box size="0.2 0.2 0.1"/></geometry></collision></link>'
-CYLINDER = '<collision><origin xyz="0.25 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.05" length="0.5"/></geometry></collision>'
+CYLINDER = (
+    '<collision><origin xyz="0.25 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.05" '
+    'length="0.5"/></geometry></collision>'
+)
 LIMIT = '<limit lower="-2" upper="2.5" effort="1" velocity="1"/>'
 
 
 def joint(name, parent, child, kind="revolute", xyz="0 0 0", axis="0 0 1", limit=LIMIT, more=""):
     axis = f'<axis xyz="{axis}"/>' if axis else ""
     return (
-        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" rpy="0 0 0"/>'
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" '
+        'rpy="0 0 0"/>'
         f"{axis}{limit}{more}</joint>"
     )
 
@@ -42,7 +46,8 @@ ARM = (
     joint("shoulder", "base", "upper", xyz="0 0 0.1"),
     joint("elbow", "upper", "lower", xyz="0.5 0 0", axis="0 1 0"),
     joint("mount", "lower", "flange", "fixed", xyz="0.5 0 0", limit=""),
-    joint("grip", "flange", "finger", "prismatic", axis="1 0 0", limit='<limit lower="0" upper="0.1" effort="1" velocity="1"/>'),
+    joint("grip", "flange", "finger", "prismatic", axis="1 0 0", limit='<limit lower="0" upper="0.1" effort="1" '
+                                                                       'velocity="1"/>'),
 )  # fmt: skip
 
 
@@ -61,7 +66,10 @@ def test_a_chain_with_what_is_fixed_and_held(tmp_path):
     finger = held.bodies[-1].points[0]
     frame = held.frames(q[:, :2])[0, 1]
     assert np.allclose(frame[:3, :3] @ finger + frame[:3, 3], at)
-    assert np.allclose(at, [np.cos(0.3) * (0.5 + 0.55 * np.cos(0.7)), np.sin(0.3) * (0.5 + 0.55 * np.cos(0.7)), 0.1 + 0.55 * np.sin(0.7)])  # fmt: skip
+    assert np.allclose(
+        at,
+        [np.cos(0.3) * (0.5 + 0.55 * np.cos(0.7)), np.sin(0.3) * (0.5 + 0.55 * np.cos(0.7)), 0.1 + 0.55 * np.sin(0.7)],
+    )
 
 
 def test_bodies_hold_their_geometry(tmp_path, rng):
@@ -82,8 +90,15 @@ def test_meshes_are_those_of_the_file(tmp_path, monkeypatch):
         trimesh.creation.box(extents=[size] * 3).export(tmp_path / folder / "meshes" / "a.stl")
     (tmp_path / "ws/my/urdf").mkdir()
     monkeypatch.chdir(tmp_path / "here")
-    for name, size in (("meshes/a.stl", 1), ("package://other/meshes/a.stl", 5), ("package://my/meshes/a.stl", 1), ("file://meshes/a.stl", 1),
-                       ((tmp_path / "here/meshes/a.stl").as_uri(), 3), ("package://third/meshes/a.stl", None), ("http://my/meshes/a.stl", None)):  # fmt: skip
+    for name, size in (
+        ("meshes/a.stl", 1),
+        ("package://other/meshes/a.stl", 5),
+        ("package://my/meshes/a.stl", 1),
+        ("file://meshes/a.stl", 1),
+        ((tmp_path / "here/meshes/a.stl").as_uri(), 3),
+        ("package://third/meshes/a.stl", None),
+        ("http://my/meshes/a.stl", None),
+    ):
         shape = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
         file = written(tmp_path / "ws/my/urdf", BASE, link("a", shape), joint("one", "base", "a"))
         if size is None:
@@ -107,9 +122,12 @@ MISTAKES = (
     ((BASE, link("a"), joint("float", "base", "a", "floating", limit="")), "type of revolute.* got floating"),
     ((BASE, link("a"), joint("free", "base", "a", limit="")), "free has no limits"),
     ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "base", "b")), "one and two both move"),
-    ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "a", "b", more='<mimic joint="one"/>')), "two follows one"),
-    ((BASE, link("a"), joint("one", "base", "a", more='<mimic joint="one"/>')), "one mimics one, which is no joint of its own"),
-    ((BASE, link("a"), joint("one", "base", "a", axis="0 0 0")), "one: expected an axis of 3 numbers that are not all 0"),
+    ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "a", "b", more='<mimic joint="one"/>')),
+        "two follows one"),
+    ((BASE, link("a"), joint("one", "base", "a", more='<mimic joint="one"/>')), "one mimics one, which is no joint of "
+                                                                                "its own"),
+    ((BASE, link("a"), joint("one", "base", "a", axis="0 0 0")), "one: expected an axis of 3 numbers that are not all "
+                                                                 "0"),
     ((BASE, link("a"), joint("one", "base", "a", limit='<limit lower="1" upper="0"/>')), "one: expected limits"),
     ((BASE, link("a")), "expected one base, got a, base"),
     ((BASE,), "no joint moves"),

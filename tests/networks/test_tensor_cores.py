@@ -23,7 +23,9 @@ LOCKSTEP = """
 typedef int I __attribute__((vector_size(128)));
 struct U { V a, b; };
 I lane; for (int l = 0; l < 32; ++l) lane[l] = l;
-auto across = [](V x, int mask) __attribute__((noinline)) { V y; for (int l = 0; l < 32; ++l) y[l] = x[l ^ mask]; return y; };
+auto across = [](V x, int mask) __attribute__((noinline)) {
+    V y; for (int l = 0; l < 32; ++l) y[l] = x[l ^ mask]; return y;
+};
 auto half = [](V x) __attribute__((noinline)) {
     V y;
     for (int l = 0; l < 32; ++l) {
@@ -36,7 +38,9 @@ auto half = [](V x) __attribute__((noinline)) {
 auto pair = [&](V a, V b) { U u; u.a = half(a); u.b = half(b); return u; };
 auto first_of = [](U u) { return u.a; };
 auto second_of = [](U u) { return u.b; };
-auto sine = [](V z) __attribute__((noinline)) { V h; for (int l = 0; l < 32; ++l) h[l] = (float)__builtin_sin((double)z[l]); return h; };
+auto sine = [](V z) __attribute__((noinline)) {
+    V h; for (int l = 0; l < 32; ++l) h[l] = (float)__builtin_sin((double)z[l]); return h;
+};
 auto size_of = [](double x) { return x < 0 ? -x : x; };
 auto mma = [&](V* d, const U* a, const U* b, int ks, const V* c) __attribute__((noinline)) {
     V result[4];
@@ -66,7 +70,8 @@ struct Word {
         for (int l = 0; l < 32; ++l)
             for (int k = 0; k < 2; ++k) {
                 const unsigned int h = bits[l] >> 16 * k & 0xffffu, e = h >> 10 & 31;
-                const float size = e ? (1024 + (h & 1023)) * __builtin_ldexpf(1.0f, (int)e - 25) : (h & 1023) * 0x1p-24f;
+                const unsigned int low = h & 1023;
+                const float size = e ? (1024 + low) * __builtin_ldexpf(1.0f, (int)e - 25) : low * 0x1p-24f;
                 (k ? u.b : u.a)[l] = h >> 15 ? -size : size;
             }
         return u;

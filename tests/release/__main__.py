@@ -44,7 +44,9 @@ def check(*, full: bool) -> int:
         for extras, steps in EXTRAS:
             label, started = ", ".join(extras) or "core", time.perf_counter()
             where = place / f"env-{label}"
-            environment = installed(where, wheel, extras, ROOT / "constraints.txt") if full else linked(where, wheel, extras)  # fmt: skip
+            environment = (
+                installed(where, wheel, extras, ROOT / "constraints.txt") if full else linked(where, wheel, extras)
+            )
             print(f"{label}: installed in {time.perf_counter() - started:.1f} s", flush=True)
             for step in steps:
                 folder, started = place / f"{label}-{step.__name__}", time.perf_counter()

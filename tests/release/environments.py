@@ -49,7 +49,9 @@ class Environment:
     def call(self, words: Iterable[object], here: Path) -> int:
         """Run one of its commands as ``run`` does, for as long as it takes, and let it print; its exit status."""
         program, *arguments = map(str, words)
-        return subprocess.run([str(self.programs / program), *arguments], cwd=here, env=self._variables(), check=False).returncode  # fmt: skip
+        return subprocess.run(
+            [str(self.programs / program), *arguments], cwd=here, env=self._variables(), check=False
+        ).returncode
 
     def _variables(self) -> dict[str, str]:
         return _variables() | {"PATH": f"{self.programs}{os.pathsep}{os.environ.get('PATH', '')}", "COLUMNS": "120"}
@@ -114,7 +116,9 @@ def linked(folder: Path, wheel: Path, extras: Iterable[str] = ()) -> Environment
     return _with_wheel(environment, ["--no-deps", "--no-index", str(wheel)])
 
 
-def installed(folder: Path, wheel: Path, extras: Iterable[str], constraints: Path, more: Iterable[str] = ()) -> Environment:  # fmt: skip
+def installed(
+    folder: Path, wheel: Path, extras: Iterable[str], constraints: Path, more: Iterable[str] = ()
+) -> Environment:
     """An environment in which pip has installed a wheel, with its extras and all that they ask for, and more.
 
     Raises:

@@ -205,7 +205,8 @@ def mesh_case(name: str, rng) -> tuple[IndicatorMesh, list[np.ndarray]]:
 
 
 NAMES = (
-    "tetrahedron", "flipped", "doubled", "nested", "overlapping", "wall", "on round numbers", "far away", "open", "soup",
+    "tetrahedron", "flipped", "doubled", "nested", "overlapping", "wall", "on round numbers", "far away", "open",
+        "soup",
 )  # fmt: skip
 
 

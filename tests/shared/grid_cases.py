@@ -86,10 +86,13 @@ RGBA = np.stack([GREY, GREY, GREY, np.where(BITS, 128, 127).astype(np.uint8)], a
 PNG = {
     "png/alpha": case(png(RGBA), check=cells(BITS)),
     "png/transparent-colour": case(png(palette(), transparency=5), check=cells(BITS)),
-    "png/transparent-grey": case(file("a.png", clear_png(16, 0, [60001], [[60001, 60000]])), check=cells([[False, True]])),
+    "png/transparent-grey": case(file("a.png", clear_png(16, 0, [60001], [[60001, 60000]])),
+        check=cells([[False, True]])),
     "png/transparent-grey-of-2-bits": case(file("a.png", clear_png(2, 0, [3], b"\xe0")), check=cells([[False, True]])),
-    "png/transparent-colour-of-16-bits": case(file("a.png", clear_png(16, 2, [9, 9, 60001], [[9, 9, 60001] * 2])), "16 bits"),
-    "png/transparent-16-bits-with-threshold": case(file("a.png", clear_png(16, 0, [0], [[0, 1000]])), "1 that are not", threshold="<500"),
+    "png/transparent-colour-of-16-bits": case(file("a.png", clear_png(16, 2, [9, 9, 60001], [[9, 9, 60001] * 2])),
+        "16 bits"),
+    "png/transparent-16-bits-with-threshold": case(file("a.png", clear_png(16, 0, [0], [[0, 1000]])), "1 that are not",
+        threshold="<500"),
     "png/grey": case(png(GREY), check=cells(BITS), threshold="<128"),
     "png/colours": case(png(RGBA[..., :3]), check=cells(BITS), threshold="<128"),
     "png/palette": case(png(palette()), check=cells(BITS), threshold="<13"),
@@ -97,7 +100,8 @@ PNG = {
     "png/1-bit": case(png(Image.fromarray(BITS)), check=cells(BITS), threshold=">=128"),
     "png/no-threshold": case(png(GREY), "threshold='<128'"),
     "png/grey-of-transparent": case(png(RGBA), "opaque pixels", threshold="<128"),
-    "png/animation": case(png(Image.fromarray(GREY), save_all=True, append_images=[Image.fromarray(254 - GREY)]), "animation", threshold="<9"),
+    "png/animation": case(png(Image.fromarray(GREY), save_all=True, append_images=[Image.fromarray(254 - GREY)]),
+        "animation", threshold="<9"),
     "png/cut": case(png_cut, "cannot be read", threshold="<128"),
     "png/nothing": case(png(np.full((4, 4), 254, np.uint8)), "all 16 cells are empty", threshold="<128"),
 }  # fmt: skip
@@ -162,7 +166,16 @@ PERCENT = np.where(BITS, 65, 64).astype(np.uint8)
 BEYOND = np.where(BITS, 65, 64).astype(np.uint8)
 BEYOND[0, :2] = 101, 255
 CLEAR = Image.fromarray(np.stack([GREY, GREY, GREY, np.where(BITS, 128, 255).astype(np.uint8)], axis=2))
-BACK = 'image: "m.pgm" # here\nresolution: 5e-2\norigin:\n  - -2.03\n  - -3.11\n  - 0\nnegate: false\noccupied_thresh: .65\nfree_thresh: 0.196\n'
+BACK = """image: "m.pgm" # here
+resolution: 5e-2
+origin:
+  - -2.03
+  - -3.11
+  - 0
+negate: false
+occupied_thresh: .65
+free_thresh: 0.196
+"""
 
 
 def blocks(folder: Path) -> Path:
@@ -180,14 +193,17 @@ ROS = {
     "ros/negate": case(ros(254 - GREY, negate="1"), **told("metres")),
     "ros/pictures": case(ros(Image.fromarray(GREY), "m.png"), **told("metres")),
     "ros/alpha": case(ros(CLEAR, "m.png"), **told("metres")),
-    "ros/transparent-grey": case(ros(clear_png(16, 0, [65535], [[65535, 65534]]), "m.png"), **told("1 unknown cells count as occupied", [[1, 0]])),
+    "ros/transparent-grey": case(ros(clear_png(16, 0, [65535], [[65535, 65534]]), "m.png"),
+        **told("1 unknown cells count as occupied", [[1, 0]])),
     "ros/colours-of-16-bits": case(ros(clear_png(16, 2, [1, 2, 3], [[9] * 6]), "m.png"), "16 bits"),
     "ros/unknown": case(ros(UNSEEN), **told("unknown cells count as occupied", SEEN)),
     "ros/unknown-free": case(ros(UNSEEN), **told("unknown cells count as free"), unknown="free"),
     "ros/scale": case(ros(HALVES, more="mode: scale"), **told("scale", SEEN), unknown="free"),
     "ros/raw": case(ros(PERCENT, more="mode: raw"), **told("raw"), threshold=">=65"),
-    "ros/raw-unknown": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as occupied", BEYOND > 64), threshold=">=65"),
-    "ros/raw-unknown-free": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as free"), threshold=">=65", unknown="free"),
+    "ros/raw-unknown": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as occupied", BEYOND > 64),
+        threshold=">=65"),
+    "ros/raw-unknown-free": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as free"),
+        threshold=">=65", unknown="free"),
     "ros/raw-without-threshold": case(ros(PERCENT, more="mode: raw"), "threshold='>=65'"),
     "ros/raw-negated": case(ros(PERCENT, negate="1", more="mode: raw"), "negate in mode raw", threshold=">=65"),
     "ros/other-keys": case(ros(more="author: me"), **told("not read: author")),
@@ -202,8 +218,10 @@ ROS = {
 
 TILES = "type octile\nheight 2\nwidth 3\nmap\n{}"
 MOVINGAI = {
-    "map/place": case(file("a.map", TILES.format("..@\n@.O\n")), "y up", cells(np.array([[1, 0], [0, 0], [1, 1]], bool))),
-    "map/water-and-swamp": case(file("a.map", TILES.format(".SW\nGTW\n")), "water, counts as occupied", cells(np.array([[0, 0], [1, 0], [1, 1]], bool))),
+    "map/place": case(file("a.map", TILES.format("..@\n@.O\n")), "y up",
+        cells(np.array([[1, 0], [0, 0], [1, 1]], bool))),
+    "map/water-and-swamp": case(file("a.map", TILES.format(".SW\nGTW\n")), "water, counts as occupied",
+        cells(np.array([[0, 0], [1, 0], [1, 1]], bool))),
     "map/counts": case(file("a.map", TILES.format("..@\n")), "expected 2 rows of 3"),
     "map/other-characters": case(file("a.map", TILES.format("..@\n.x.\n")), "got 'x'"),
     "map/other-tiles": case(file("a.map", TILES.format("..@\n...\n").replace("octile", "hex")), "type octile"),
@@ -221,14 +239,18 @@ VOXELS = np.zeros((3, 3, 3), bool)
 VOXELS[1, 2, 0] = True
 BINVOX = {
     "binvox/runs": case(file("a.binvox", binvox(VOXELS)), check=cells(VOXELS, at([-0.25] * 3, [1.25] * 3))),
-    "binvox/translate-and-scale": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "spacing=2, origin=(2,3,4) place", cells(VOXELS)),
-    "binvox/spacing-alone": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "origin=(2,3,4) place", cells(VOXELS), spacing=2),
-    "binvox/placed": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), check=cells(VOXELS, at([1, 2, 3], [7, 8, 9])), spacing=2, origin=(2, 3, 4)),
+    "binvox/translate-and-scale": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")),
+        "spacing=2, origin=(2,3,4) place", cells(VOXELS)),
+    "binvox/spacing-alone": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "origin=(2,3,4) place",
+        cells(VOXELS), spacing=2),
+    "binvox/placed": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), check=cells(VOXELS,
+        at([1, 2, 3], [7, 8, 9])), spacing=2, origin=(2, 3, 4)),
     "binvox/counts": case(file("a.binvox", binvox(VOXELS)[:-2]), "27 voxels"),
     "binvox/trailing-bytes": case(file("a.binvox", binvox(VOXELS) + b"x"), "pairs of bytes"),
     "binvox/other-values": case(file("a.binvox", binvox(2 * VOXELS.astype(int))), "voxel values 0 and 1"),
     "binvox/two-sizes": case(file("a.binvox", binvox(VOXELS, "dim 3 3 3\n")), "one line 'dim'"),
-    "binvox/two-places": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\ntranslate 1 2 3\n")), "one line 'translate'"),
+    "binvox/two-places": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\ntranslate 1 2 3\n")),
+        "one line 'translate'"),
     "binvox/number-with-underscore": case(file("a.binvox", binvox(VOXELS, "scale 1_0\n")), "numbers after 'scale'"),
     "binvox/version": case(file("a.binvox", binvox(VOXELS, version=2)), "binvox version 1"),
 }  # fmt: skip
@@ -260,10 +282,14 @@ ARRAYS = {
     "npy/big-endian": case(file("a.npy", npy(SIGNED.astype(">f4"))), check=cells(BITS), threshold="<=0"),
     "npy/other-numbers": case(file("a.npy", npy(SIGNED)), "threshold='<=0'"),
     "npy/occupancy-grid": case(file("a.npy", npy(SEEN_BY_ROBOT)), "threshold='>=65'"),
-    "npy/occupancy-grid-unknown": case(file("a.npy", npy(SEEN_BY_ROBOT)), "1 unknown cells count as occupied", cells(WITH_UNKNOWN), threshold=">=65"),
-    "npy/unknown-and-other-numbers": case(file("a.npy", npy(np.where(WITH_UNKNOWN & ~BITS, -1, BITS * 0.7))), "1 unknown cells count as occupied", cells(WITH_UNKNOWN), threshold=">=0.65"),
-    "npy/unknown-and-0-and-1": case(file("a.npy", npy(np.where(WITH_UNKNOWN & ~BITS, -1, BITS))), "1 unknown cells count as free", cells(BITS), threshold=">0", unknown="free"),
-    "npy/unknown-of-other-numbers": case(file("a.npy", npy(SIGNED)), "unknown is for maps", threshold=">0", unknown="occupied"),
+    "npy/occupancy-grid-unknown": case(file("a.npy", npy(SEEN_BY_ROBOT)), "1 unknown cells count as occupied",
+        cells(WITH_UNKNOWN), threshold=">=65"),
+    "npy/unknown-and-other-numbers": case(file("a.npy", npy(np.where(WITH_UNKNOWN & ~BITS, -1, BITS * 0.7))),
+        "1 unknown cells count as occupied", cells(WITH_UNKNOWN), threshold=">=0.65"),
+    "npy/unknown-and-0-and-1": case(file("a.npy", npy(np.where(WITH_UNKNOWN & ~BITS, -1, BITS))),
+        "1 unknown cells count as free", cells(BITS), threshold=">0", unknown="free"),
+    "npy/unknown-of-other-numbers": case(file("a.npy", npy(SIGNED)), "unknown is for maps", threshold=">0",
+        unknown="occupied"),
     "npy/nan": case(file("a.npy", npy(np.where(BITS, np.nan, 1.0))), "NaN in 4 of 24", threshold=">0"),
     "npy/vertices": case(file("a.npy", npy(V)), "(vertices, faces)"),
     "npy/objects": case(file("a.npy", npy(np.array([{}], object), allow_pickle=True)), "cannot be read"),
@@ -300,13 +326,15 @@ def hollowness(inside: bool) -> Callable:
 
 
 PLACES = {
-    "place/cells-anywhere": case(file("a.npy", npy(BITS)), check=cells(BITS, at([7.0, -1.02], [11, 4.98])), spacing=1.0, origin=(7.5, -0.52)),
+    "place/cells-anywhere": case(file("a.npy", npy(BITS)), check=cells(BITS, at([7.0, -1.02], [11, 4.98])), spacing=1.0,
+        origin=(7.5, -0.52)),
     "place/cells-far": case(file("a.npy", npy(BITS)), check=cells(BITS), spacing=0.3, origin=(500000.13, 4649776.37)),
     "place/mesh-far": case(obj(4649776.37, 0.3), check=at([4649776.07] * 3, [4649776.67] * 3)),
     "place/hollow": case(obj(0, 1, hollow=True), "1 closed hollow filled", hollowness(True)),
     "place/hollow-empty": case(obj(0, 1, hollow=True), "1 closed hollow empty", hollowness(False), hollow="empty"),
     "place/inside-out": case(obj(0, 1, hollow=True, apart=0.75), "inside out", hollow="empty"),
-    "place/hollow-of-cells": case(file("a.npy", npy(~BITS)), "1 closed hollow filled", cells(np.pad(np.ones_like(BITS), 1)), hollow="filled"),
+    "place/hollow-of-cells": case(file("a.npy", npy(~BITS)), "1 closed hollow filled",
+        cells(np.pad(np.ones_like(BITS), 1)), hollow="filled"),
 }  # fmt: skip
 
 GRID_CASES: dict[str, Case] = PNG | PGM | ROS | MOVINGAI | BINVOX | ARRAYS | PLACES

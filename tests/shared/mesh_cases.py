@@ -49,7 +49,8 @@ STL = {
     "stl/text": Case(file("a.stl", solid().replace("\n", "\r\n").upper()), check=cubes()),
     "stl/binary": Case(file("a.stl", binary_stl(normal=(9, np.nan, 1), attribute=7)), check=cubes()),
     "stl/solid-in-binary-header": Case(file("a.stl", binary_stl(b"solid facet normal")), check=cubes()),
-    "stl/several-solids": Case(file("a.stl", solid() + "solid\nendsolid\n" + solid("b c", 5)), check=cubes((0, 0, 0), (5, 0, 0))),
+    "stl/several-solids": Case(file("a.stl", solid() + "solid\nendsolid\n" + solid("b c", 5)), check=cubes((0, 0, 0),
+        (5, 0, 0))),
     "stl/byte-order-mark": Case(file("a.stl", "\ufeff\n" + solid() + "\0\0"), check=cubes()),
     "stl/other-texts": Case(file("a.stl", solid().encode("utf-16")), "begins with 'solid'"),
     "stl/no-end": Case(file("a.stl", solid() + solid("b", 5, "")), "'endsolid' at the end"),
@@ -59,7 +60,8 @@ STL = {
     "stl/more-facets": Case(file("a.stl", binary_stl(count=11)), "may be more facets"),
     "stl/two-files": Case(file("a.stl", binary_stl() + binary_stl()), "may be more facets"),
     "stl/trailing-data": Case(file("a.stl", binary_stl(count=11)[:-10]), "may be more facets"),
-    "stl/trailing-bytes": Case(file("a.stl", binary_stl() + b"made by hand"), "12 bytes behind the last facet", cubes()),
+    "stl/trailing-bytes": Case(file("a.stl", binary_stl() + b"made by hand"), "12 bytes behind the last facet",
+        cubes()),
     "stl/bytes-behind-each-facet": Case(file("a.stl", binary_stl(attribute=2) + b"\7" * 24), "how many bytes follow"),
     "stl/not-finite": Case(file("a.stl", solid().replace("vertex 1", "vertex nan", 1)), "finite"),
 }  # fmt: skip
@@ -93,7 +95,8 @@ def ply(
         return header.encode() + before + "\n".join([*rows, ""]).encode() + rest
     order = "<" if "little" in kind else ">"
     body = b"".join(struct.pack(f"{order}3{code[real]}", *p) + b"\7" * bool(vertex) for p in points)
-    return header.encode() + before + body + b"".join(struct.pack(f"{order}B{len(f)}{code[index]}", len(f), *f) + more_bytes for f in faces) + rest  # fmt: skip
+    return header.encode() + before + body + b"".join(struct.pack(f"{order}B{len(f)}{code[index]}", len(f), *f)
+        + more_bytes for f in faces) + rest  # fmt: skip
 
 
 LITTLE, BIG = "binary_little_endian", "binary_big_endian"
@@ -108,9 +111,12 @@ PLY = {
     "ply/double": Case(file("a.ply", ply(BIG, real="double")), check=cubes()),
     "ply/mixed-polygons": Case(file("a.ply", ply(LITTLE, MIXED)), check=cubes()),
     "ply/concave-polygons": Case(file("a.ply", ply(BIG, (*U_CAPS, *WALLS), points=PRISM)), check=prism),
-    "ply/other-properties": Case(file("a.ply", ply(LITTLE, MIXED, "property uchar red\n", "property uchar flags\n")), check=cubes()),
-    "ply/several-lists": Case(file("a.ply", ply(LITTLE, MIXED, face="property list uchar uchar more\n")), check=cubes()),
-    "ply/strips": Case(file("a.ply", ply(LITTLE, (), after="element tristrips 1\nproperty list int int vertex_indices\n",
+    "ply/other-properties": Case(file("a.ply", ply(LITTLE, MIXED, "property uchar red\n", "property uchar flags\n")),
+        check=cubes()),
+    "ply/several-lists": Case(file("a.ply", ply(LITTLE, MIXED, face="property list uchar uchar more\n")),
+        check=cubes()),
+    "ply/strips": Case(file("a.ply", ply(LITTLE, (),
+        after="element tristrips 1\nproperty list int int vertex_indices\n",
                                          rest=struct.pack("<21i", 20, *STRIPS))), check=cubes()),
     "ply/other-elements": Case(file("a.ply", ply(LITTLE, more=CAMERA, before=b"\0\0\0\0")), "1 of camera", cubes()),
     "ply/other-lists": Case(file("a.ply", ply(more=GROUP, before=b"1 0\n")), "element group"),
@@ -211,7 +217,8 @@ class Gltf:
         if faces is not None:
             self.primitive["indices"] = self.add(faces.reshape(-1, 1), "SCALAR")
         self.primitive |= primitive or {}
-        self.document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [{"mesh": 0, **(node or {})}],
+        self.document = {"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, **(node or {})}],
                          "meshes": [{"primitives": [self.primitive]}]}  # fmt: skip
 
     def view(self, data: bytes, **more) -> int:
@@ -281,7 +288,8 @@ def instanced(made: Gltf) -> dict:
 
 
 def sparse(made: Gltf, base: bool = True) -> None:
-    moved = {"count": 8, "indices": {"bufferView": made.view(np.arange(8, dtype=np.uint8).tobytes()), "componentType": 5121},
+    moved = {"count": 8, "indices": {"bufferView": made.view(np.arange(8, dtype=np.uint8).tobytes()),
+        "componentType": 5121},
              "values": {"bufferView": made.view((V + np.float32([5, 0, 0])).tobytes())}}  # fmt: skip
     made.accessors[0]["sparse"] = moved
     if not base:
@@ -318,7 +326,8 @@ def morphed(made: Gltf) -> None:
 
 def animated(made: Gltf) -> dict:
     times, values = made.add(np.float32([[0], [1]]), "SCALAR"), made.add(np.float32([[0, 0, 0], [1, 0, 0]]), "VEC3")
-    return {"animations": [{"samplers": [{"input": times, "output": values}], "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]}]}  # fmt: skip
+    return {"animations": [{"samplers": [{"input": times, "output": values}],
+        "channels": [{"sampler": 0, "target": {"node": 0, "path": "translation"}}]}]}  # fmt: skip
 
 
 def beside(made: Gltf, **more) -> dict:
@@ -326,7 +335,8 @@ def beside(made: Gltf, **more) -> dict:
 
 
 def family(made: Gltf) -> dict:
-    nodes = [{"children": [1], "matrix": [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 6, 0, 0, 1]}, {"mesh": 0, "translation": [1, 0, 0], "rotation": QUARTER, "scale": [-0.5, 0.5, 0.5]}]  # fmt: skip
+    nodes = [{"children": [1], "matrix": [2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, 6, 0, 0, 1]}, {"mesh": 0,
+        "translation": [1, 0, 0], "rotation": QUARTER, "scale": [-0.5, 0.5, 0.5]}]  # fmt: skip
     return {"nodes": nodes}
 
 
@@ -335,7 +345,8 @@ def looks(made: Gltf) -> dict:
     made.document["scenes"][0]["nodes"].append(1)
     made.primitive["material"] = 0
     names = ["KHR_lights_punctual", "KHR_materials_unlit"]
-    return {"cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}], "materials": [{}], "extensionsUsed": names, "extensionsRequired": names}  # fmt: skip
+    return {"cameras": [{"type": "perspective", "perspective": {"yfov": 1, "znear": 1}}], "materials": [{}],
+        "extensionsUsed": names, "extensionsRequired": names}  # fmt: skip
 
 
 def strip(*order: int) -> np.ndarray:
@@ -390,15 +401,18 @@ GLTF = {
     "gltf/cut": Case(file("a.glb", Gltf().glb()[:-4]), "bytes of glTF 2, got"),
     "gltf/out-of-bounds": Case(glb(lambda made: made.accessors[0].update(count=9)), "in the 96 of buffer view 0"),
     "gltf/index-out-of-range": Case(glb(points=V[:7]), "got vertex 7"),
-    "gltf/primitive-restart": Case(glb(faces=strip(0, 1, 2, 65535, 3, 2, 1), primitive={"mode": 5}), "got vertex 65535"),
+    "gltf/primitive-restart": Case(glb(faces=strip(0, 1, 2, 65535, 3, 2, 1), primitive={"mode": 5}),
+        "got vertex 65535"),
     "gltf/strides": Case(glb(padded), check=cubes()),
     "gltf/sparse": Case(glb(sparse), check=cubes((5, 0, 0))),
     "gltf/sparse-from-zero": Case(glb(lambda made: sparse(made, False)), check=cubes((5, 0, 0))),
-    "gltf/quantized": Case(glb(quantized, points=(3 * V).astype(np.int16), node={"scale": [0.5] * 3}), check=cubes(half=1.5)),
+    "gltf/quantized": Case(glb(quantized, points=(3 * V).astype(np.int16), node={"scale": [0.5] * 3}),
+        check=cubes(half=1.5)),
     "gltf/normalized": Case(glb(quantized, points=TILED, normalized=True), check=cubes()),
     "gltf/instances": Case(glb(instanced), check=cubes((0, 0, 0), (10, 0, 0), (0, 10, 0))),
     "gltf/no-indices": Case(glb(points=V[T.ravel()], faces=None), check=cubes()),
-    "gltf/strips": Case(glb(faces=strip(0, 1, 2, 3, 6, 7, 4, 5, 5, 0, 0, 4, 1, 5, 3, 7, 7, 0, 0, 2, 4, 6), primitive={"mode": 5}), check=cubes()),
+    "gltf/strips": Case(glb(faces=strip(0, 1, 2, 3, 6, 7, 4, 5, 5, 0, 0, 4, 1, 5, 3, 7, 7, 0, 0, 2, 4, 6),
+        primitive={"mode": 5}), check=cubes()),
     "gltf/fans": Case(glb(fans), check=cubes()),
     "gltf/points-and-lines": Case(glb(thin), "points and lines", cubes()),
     "gltf/node-transforms": Case(glb(family), check=cubes((8, 0, 0))),
@@ -406,15 +420,21 @@ GLTF = {
     "gltf/skin": Case(glb(skinned), "skinned: only the pose", skinned_cube),
     "gltf/morph-targets": Case(glb(morphed), "morph targets", cubes((2, 0, 0))),
     "gltf/animation": Case(glb(animated), "animated: only the pose", cubes()),
-    "gltf/several-scenes": Case(glb(lambda made: beside(made, scene=1, scenes=[{"nodes": [0]}, {"nodes": [1]}])), "1 meshes outside the scene", cubes((7, 0, 0))),
-    "gltf/no-default-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made, scenes=[{"nodes": [0]}, {"nodes": [1]}])][1]), "got 2 scenes"),
-    "gltf/no-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made, scenes=[])][1]), check=cubes((0, 0, 0), (7, 0, 0))),
+    "gltf/several-scenes": Case(glb(lambda made: beside(made, scene=1, scenes=[{"nodes": [0]}, {"nodes": [1]}])),
+        "1 meshes outside the scene", cubes((7, 0, 0))),
+    "gltf/no-default-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made,
+        scenes=[{"nodes": [0]}, {"nodes": [1]}])][1]), "got 2 scenes"),
+    "gltf/no-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made, scenes=[])][1]),
+        check=cubes((0, 0, 0), (7, 0, 0))),
     "gltf/outside-the-scene": Case(glb(beside), "1 meshes outside the scene", cubes()),
     "gltf/shared-nodes": Case(glb(shared), "below two others"),
-    "gltf/required-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {})), "VENDOR_new_shapes"),
-    "gltf/used-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {}, False)), "VENDOR_new_shapes", cubes()),
+    "gltf/required-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {})),
+        "VENDOR_new_shapes"),
+    "gltf/used-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {}, False)),
+        "VENDOR_new_shapes", cubes()),
     "gltf/draco": Case(glb(draco), "KHR_draco_mesh_compression"),
-    "gltf/unlisted-extension": Case(glb(node={"extensions": {"KHR_node_visibility": {"visible": False}}}), "KHR_node_visibility", cubes()),
+    "gltf/unlisted-extension": Case(glb(node={"extensions": {"KHR_node_visibility": {"visible": False}}}),
+        "KHR_node_visibility", cubes()),
     "gltf/instances-without-mesh": Case(glb(copied), "without a mesh", cubes()),
     "gltf/other-positions": Case(glb(points=(V + 1).astype(np.uint32)), "float32, or integers"),
     "gltf/no-object": Case(file("a.gltf", "[]"), "an object in JSON"),
@@ -439,7 +459,8 @@ def mesh(polygons=TRIANGLES, points=V, ids="pavg", stride=3) -> str:
     p, a, v, g = ids
     params = "".join(f'<param name="{axis}" type="float"/>' for axis in "XYZ")
     rows = np.column_stack([points, np.full((len(points), stride - 3), 7)])
-    return f'''<geometry id="{g}"><mesh><source id="{p}"><float_array id="{a}" count="{rows.size}">{numbers(rows)}</float_array><technique_common>
+    return f'''<geometry id="{g}"><mesh><source id="{p}">
+<float_array id="{a}" count="{rows.size}">{numbers(rows)}</float_array><technique_common>
 <accessor source="#{a}" count="{len(points)}" stride="{stride}">{params}</accessor></technique_common></source>
 <vertices id="{v}"><input semantic="POSITION" source="#{p}"/></vertices>{polygons}</mesh></geometry>'''
 
@@ -452,9 +473,11 @@ def dae(
     scenes="",
     scene='<scene><instance_visual_scene url="#s"/></scene>',
 ) -> str:
-    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1"><asset>{asset}</asset>
+    return f"""<?xml version="1.0"?><COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema" version="1.4.1">
+<asset>{asset}</asset>
 <library_geometries>{mesh() if geometry is None else geometry}</library_geometries>{more}
-<library_visual_scenes><visual_scene id="s"><node id="n">{node}</node></visual_scene>{scenes}</library_visual_scenes>{scene}</COLLADA>"""
+<library_visual_scenes><visual_scene id="s"><node id="n">{node}</node></visual_scene>{scenes}</library_visual_scenes>
+{scene}</COLLADA>"""
 
 
 def polygons(tag: str, runs, more="", count=None) -> str:
@@ -465,26 +488,39 @@ def polygons(tag: str, runs, more="", count=None) -> str:
 
 
 FOUR = f"<vcount>{' 4' * 6}</vcount>"
-PLACED = f"""<translate>5 0 0</translate><rotate>0 0 1 90</rotate><scale>2 2 -2</scale><node><matrix>0.5 0 0 1 0 0.5 0 0 0 0 0.5 0 0 0 0 1</matrix>{SHOWN}</node>"""
-TWICE = '<node id="pair"><node><translate>3 0 0</translate><instance_geometry url="#g"/></node><instance_geometry url="#g"/></node>'
+PLACED = (
+    "<translate>5 0 0</translate><rotate>0 0 1 90</rotate><scale>2 2 -2</scale>"
+    f"<node><matrix>0.5 0 0 1 0 0.5 0 0 0 0 0.5 0 0 0 0 1</matrix>{SHOWN}</node>"
+)
+TWICE = (
+    '<node id="pair"><node><translate>3 0 0</translate><instance_geometry url="#g"/></node>'
+    '<instance_geometry url="#g"/></node>'
+)
 STRIP = [0, 1, 2, 3, 6, 7, 4, 5, 5, 0, 0, 4, 1, 5, 3, 7, 7, 0, 0, 2, 4, 6]
 SECOND = '<visual_scene id="t"><node><instance_geometry url="#g"/></node></visual_scene>'
 DAE = {
-    "dae/unit": Case(file("a.dae", dae(mesh(points=100 * V), asset='<unit meter="0.01" name="centimeter"/><up_axis>Z_UP</up_axis>')), check=cubes()),
-    "dae/several-units": Case(file("a.dae", dae(mesh().replace('<mesh>', '<asset><unit meter="2"/></asset><mesh>'))), "one unit"),
+    "dae/unit": Case(file("a.dae", dae(mesh(points=100 * V),
+        asset='<unit meter="0.01" name="centimeter"/><up_axis>Z_UP</up_axis>')), check=cubes()),
+    "dae/several-units": Case(file("a.dae", dae(mesh().replace('<mesh>', '<asset><unit meter="2"/></asset><mesh>'))),
+        "one unit"),
     "dae/two-units": Case(file("a.dae", dae(asset='<unit meter="1"/><unit meter="0.01"/>')), "one unit, got 2"),
-    "dae/two-scenes-shown": Case(file("a.dae", dae(scenes=SECOND, scene='<scene><instance_visual_scene url="#s"/><instance_visual_scene url="#t"/></scene>')), "got 2"),
-    "dae/elements-in-numbers": Case(file("a.dae", dae(node="<translate>5 0 0<foo/> 9</translate>" + SHOWN)), "the element foo"),
+    "dae/two-scenes-shown": Case(file("a.dae", dae(scenes=SECOND,
+        scene='<scene><instance_visual_scene url="#s"/><instance_visual_scene url="#t"/></scene>')), "got 2"),
+    "dae/elements-in-numbers": Case(file("a.dae", dae(node="<translate>5 0 0<foo/> 9</translate>" + SHOWN)),
+        "the element foo"),
     "dae/number-with-underscore": Case(file("a.dae", dae(asset='<unit meter="1_0"/>')), "got '1_0'"),
     "dae/other-up-axis": Case(file("a.dae", dae(asset="<up_axis>Y_UP</up_axis>")), "Y_UP"),
     "dae/no-up-axis": Case(file("a.dae", dae(asset="")), "taken as z up", cubes()),
     "dae/transforms": Case(file("a.dae", dae(node=PLACED)), check=cubes((5, 2, 0))),
     "dae/skew-and-lookat": Case(file("a.dae", dae(node="<skew>30 1 0 0 0 1 0</skew>" + SHOWN)), "got skew"),
-    "dae/instances-of-nodes": Case(file("a.dae", dae(node='<instance_node url="#pair"/>', more=f"<library_nodes>{TWICE}</library_nodes>")), check=cubes((0, 0, 0), (3, 0, 0))),
+    "dae/instances-of-nodes": Case(file("a.dae", dae(node='<instance_node url="#pair"/>',
+        more=f"<library_nodes>{TWICE}</library_nodes>")), check=cubes((0, 0, 0), (3, 0, 0))),
     "dae/polylists": Case(file("a.dae", dae(mesh(polygons("polylist", [np.ravel(QUADS)], FOUR, 6)))), check=cubes()),
     "dae/polygons": Case(file("a.dae", dae(mesh(polygons("polygons", (*U_CAPS, *WALLS)), PRISM))), check=prism),
-    "dae/holes": Case(file("a.dae", dae(mesh(polygons("polygons", QUADS, "<ph><p>0 0 0 1 0 2 0 3</p><h>0 0 0 1 0 2</h></ph>", 7)))), "got a hole"),
-    "dae/strips-and-fans": Case(file("a.dae", dae(mesh(polygons("tristrips", [STRIP[:12]]) + polygons("tristrips", [STRIP[10:18]]) + polygons("trifans", [(0, 2, 6, 4)])))), check=cubes()),
+    "dae/holes": Case(file("a.dae", dae(mesh(polygons("polygons", QUADS,
+        "<ph><p>0 0 0 1 0 2 0 3</p><h>0 0 0 1 0 2</h></ph>", 7)))), "got a hole"),
+    "dae/strips-and-fans": Case(file("a.dae", dae(mesh(polygons("tristrips", [STRIP[:12]]) + polygons("tristrips",
+        [STRIP[10:18]]) + polygons("trifans", [(0, 2, 6, 4)])))), check=cubes()),
     "dae/lines": Case(file("a.dae", dae(mesh(TRIANGLES + polygons("lines", [(0, 1)])))), "lines", cubes()),
     "dae/strided-sources": Case(file("a.dae", dae(mesh(stride=5))), check=cubes()),
     "dae/skins-and-morphs": Case(file("a.dae", dae(node='<instance_controller url="#c"/>')), "a skin or morph"),
@@ -493,9 +529,11 @@ DAE = {
     "dae/several-scenes": Case(file("a.dae", dae(scenes=SECOND)), "1 scenes that the file does not show", cubes()),
     "dae/no-scene": Case(file("a.dae", dae(scene="")), "expected a scene"),
     "dae/not-shown": Case(file("a.dae", dae(mesh() + mesh("", ids="PAVG"))), "1 geometries", cubes()),
-    "dae/animation": Case(file("a.dae", dae(more="<library_animations><animation/></library_animations>")), "animated", cubes()),
+    "dae/animation": Case(file("a.dae", dae(more="<library_animations><animation/></library_animations>")), "animated",
+        cubes()),
     "dae/counts": Case(file("a.dae", dae(mesh(TRIANGLES.replace('"12"', '"11"')))), "expected 11 triangles"),
-    "dae/no-count": Case(file("a.dae", dae(mesh(TRIANGLES.replace(' count="12"', "")))), "expected a count of triangles"),
+    "dae/no-count": Case(file("a.dae", dae(mesh(TRIANGLES.replace(' count="12"', "")))),
+        "expected a count of triangles"),
     "dae/index-out-of-range": Case(file("a.dae", dae(mesh(points=V[:7]))), "got vertex 7"),
     "dae/cut": Case(file("a.dae", dae()[:-20]), "expected XML"),
     "dae/not-finite": Case(file("a.dae", dae(mesh(points=np.where(V == 1, np.nan, V)))), "finite"),
@@ -504,11 +542,15 @@ DAE = {
 # --- URDF
 
 
-def arm(geometry: str = '<mesh filename="a.stl"/>', more="", more_collision="", files: tuple[tuple[str, str | bytes], ...] = (("a.stl", binary_stl()),), start="<robot name='r'>",
-        more_link="", end="</robot>", more_joint="", origin="xyz='1 0 0'", own=("", "", "")) -> Callable[[Path], Path]:  # fmt: skip
+def arm(geometry: str = '<mesh filename="a.stl"/>', more="", more_collision="",
+        files: tuple[tuple[str, str | bytes], ...] = (("a.stl", binary_stl()),), start="<robot name='r'>",
+        more_link="", end="</robot>", more_joint="", origin="xyz='1 0 0'",
+        own=("", "", "")) -> Callable[[Path], Path]:  # fmt: skip
     """An arm of one joint whose link is a cube of a file."""
-    moved = f"<link name='bar'{own[0]}>{more_link}<collision{own[1]}><origin {origin}/><geometry>{geometry}</geometry>{more_collision}</collision></link>"
-    joint = f"<joint name='j' type='revolute'{own[2]}><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/><limit lower='-1' upper='1' effort='1' velocity='1'/>" + more_joint + "</joint>"  # fmt: skip
+    collision = f"<origin {origin}/><geometry>{geometry}</geometry>{more_collision}"
+    moved = f"<link name='bar'{own[0]}>{more_link}<collision{own[1]}>{collision}</collision></link>"
+    joint = f"<joint name='j' type='revolute'{own[2]}><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/>"
+    joint += f"<limit lower='-1' upper='1' effort='1' velocity='1'/>{more_joint}</joint>"
     whole = f"{start}<link name='base'/>{moved}{joint}{more}{end}"
 
     def write(folder: Path) -> Path:
@@ -537,15 +579,21 @@ def urdf(words="", half=(1, 1, 1), **options) -> Case:
     return Case(arm(**options), words, bar(*half), load_arm)
 
 
-VISUAL = "<link name='extra'><visual><geometry><box size='1 1 1'/></geometry></visual></link><joint name='k' type='fixed'><parent link='bar'/><child link='extra'/></joint>"  # fmt: skip
+VISUAL = (
+    "<link name='extra'><visual><geometry><box size='1 1 1'/></geometry></visual></link>"
+    "<joint name='k' type='fixed'><parent link='bar'/><child link='extra'/></joint>"
+)
 CENTIMETRES = dae(mesh(points=100 * V), asset='<unit meter="0.01"/><up_axis>Z_UP</up_axis>')
 URDF = {
     "urdf/meshes": urdf(),
     "urdf/scale": urdf(geometry="<mesh filename='a.stl' scale='1 -2 3'/>", half=(1, 2, 3)),
     "urdf/scale-of-two": urdf("scale of 1 or 3 finite numbers", geometry="<mesh filename='a.stl' scale='1 2'/>"),
-    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("robot/meshes/a.stl", binary_stl()),)),
-    "urdf/package-xml": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("package.xml", "<package><name>robot</name></package>"), ("meshes/a.stl", binary_stl()))),
-    "urdf/other-packages": urdf("is missing", geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("meshes/a.stl", binary_stl()),)),
+    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>",
+        files=(("robot/meshes/a.stl", binary_stl()),)),
+    "urdf/package-xml": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>",
+        files=(("package.xml", "<package><name>robot</name></package>"), ("meshes/a.stl", binary_stl()))),
+    "urdf/other-packages": urdf("is missing", geometry="<mesh filename='package://robot/meshes/a.stl'/>",
+        files=(("meshes/a.stl", binary_stl()),)),
     "urdf/collada": urdf(geometry="<mesh filename='a.dae'/>", files=(("a.dae", CENTIMETRES),)),
     "urdf/missing-mesh": urdf("is missing", geometry="<mesh filename='gone.stl'/>"),
     "urdf/other-meshes": urdf("expected a mesh file", geometry="<mesh filename='a.3ds'/>", files=(("a.3ds", b"3ds"),)),
@@ -554,19 +602,24 @@ URDF = {
     "urdf/gltf": urdf("taken as it stands", geometry="<mesh filename='a.glb'/>", files=(("a.glb", Gltf().glb()),)),
     "urdf/visual-only": urdf("so not bounded: extra", more=VISUAL),
     "urdf/two-shapes": urdf("one geometry of one shape", geometry="<sphere radius='1'/><box size='1 1 1'/>"),
-    "urdf/two-geometries": urdf("one geometry of one shape", more_collision="<geometry><sphere radius='1'/></geometry>"),
+    "urdf/two-geometries": urdf("one geometry of one shape",
+        more_collision="<geometry><sphere radius='1'/></geometry>"),
     "urdf/doubled": urdf("joint j: expected one origin, got 2", more_joint="<origin/><origin xyz='5 0 0'/>"),
     "urdf/lacking": urdf("cylinder: expected length", geometry="<cylinder radius='1'/>"),
     "urdf/other-attributes": urdf("got quat_xyzw", origin="xyz='1 0 0' quat_xyzw='0 0 1 0'"),
-    "urdf/attributes-of-links": urdf("attributes color of joint, drake_ignore of link, margin of collision", own=(" drake_ignore='0'", " margin='0.1'", " color='red'")),
-    "urdf/negative-sizes": urdf("radius of 1 finite number from 0, got '-1'", geometry="<cylinder radius='-1' length='1'/>"),
+    "urdf/attributes-of-links": urdf("attributes color of joint, drake_ignore of link, margin of collision",
+        own=(" drake_ignore='0'", " margin='0.1'", " color='red'")),
+    "urdf/negative-sizes": urdf("radius of 1 finite number from 0, got '-1'",
+        geometry="<cylinder radius='-1' length='1'/>"),
     "urdf/counts": urdf("xyz of 3 finite numbers", origin="xyz='1 0 0 7'"),
     "urdf/not-numbers": urdf("radius of 1 finite number from 0, got '1_0'", geometry="<sphere radius='1_0'/>"),
     "urdf/comments": urdf(geometry="<!-- a cube --><mesh filename='a.stl'/>"),
     "urdf/other-shapes": urdf("cone", geometry="<cone radius='1' length='1'/>"),
     "urdf/double-names": urdf("two of base", more="<link name='base'/>"),
-    "urdf/other-elements": urdf("elements drake, foo, verbose", more="<drake/>", more_joint="<foo/>", more_collision="<verbose/>"),
-    "urdf/macros": urdf("macro include", start="<robot name='r' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='b'/>"),
+    "urdf/other-elements": urdf("elements drake, foo, verbose", more="<drake/>", more_joint="<foo/>",
+        more_collision="<verbose/>"),
+    "urdf/macros": urdf("macro include",
+        start="<robot name='r' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='b'/>"),
     "urdf/cut": urdf("no URDF that can be read", end=""),
 }  # fmt: skip
 
@@ -671,35 +724,45 @@ VARIANTS = f"""def Xform "v" (
 }}"""
 DEFAULT = 'defaultPrim = "m"\n'
 USD = {
-    "usd/meshes": usd(text=usd_mesh(name="a") + 'def Xform "x" {\n' + moved(5, 0, 0) + usd_mesh() + "}", check=cubes((0, 0, 0), (5, 0, 0))),
+    "usd/meshes": usd(text=usd_mesh(name="a") + 'def Xform "x" {\n' + moved(5, 0, 0) + usd_mesh() + "}",
+        check=cubes((0, 0, 0), (5, 0, 0))),
     "usd/usdz": usdz(),
     "usd/polygons": usd(text=usd_mesh(quads=(*QUADS[:5], QUADS[5][:3], (QUADS[5][0], *QUADS[5][2:])))),
     "usd/left-handed": usd(text=usd_mesh(PLAIN + 'uniform token orientation = "leftHanded"')),
     "usd/units-and-axes": usd(text=usd_mesh(), head='metersPerUnit = 0.01\nupAxis = "Z"\n'),
-    "usd/layers": usd(text='def "x" (\npayload = @b.usda@\n) {}\n', head="subLayers = [@c.usda@]", b=f"({DEFAULT})\n" + usd_mesh(), c=usd_mesh(PLAIN + moved(5, 0, 0)), check=cubes((0, 0, 0), (5, 0, 0))),
-    "usd/layers-of-other-units": usd("another metersPerUnit: b.usda", text='def "x" (\nreferences = @b.usda@\n) {}\n', b=f"({DEFAULT}metersPerUnit = 1)\n" + usd_mesh()),
+    "usd/layers": usd(text='def "x" (\npayload = @b.usda@\n) {}\n', head="subLayers = [@c.usda@]", b=f"({DEFAULT})\n"
+        + usd_mesh(), c=usd_mesh(PLAIN + moved(5, 0, 0)), check=cubes((0, 0, 0), (5, 0, 0))),
+    "usd/layers-of-other-units": usd("another metersPerUnit: b.usda", text='def "x" (\nreferences = @b.usda@\n) {}\n',
+        b=f"({DEFAULT}metersPerUnit = 1)\n" + usd_mesh()),
     "usd/missing-layers": usd("complete USD stage", text=usd_mesh(), head="subLayers = [@gone.usda@]"),
     "usd/missing-payloads": usd("complete USD stage", text=usd_mesh() + 'def "x" (\npayload = @gone.usda@\n) {}\n'),
-    "usd/missing-prims": usd("complete USD stage", text=usd_mesh() + 'def "x" (\nreferences = @b.usda@</gone>\n) {}\n', b=usd_mesh()),
+    "usd/missing-prims": usd("complete USD stage", text=usd_mesh() + 'def "x" (\nreferences = @b.usda@</gone>\n) {}\n',
+        b=usd_mesh()),
     "usd/instances": usd(text=CLASS + COPIES, check=cubes((0, 0, 0), (5, 0, 0))),
     "usd/point-instancers": usd("a point instancer at /p", text=usd_mesh() + 'def PointInstancer "p" {}'),
     "usd/cubes": usd(text='def Cube "c" { ' + moved(5, 0, 0) + "}", check=cubes((5, 0, 0))),
-    "usd/planes": usd(text='def Plane "p" {\ndouble width = 2\ndouble length = 6\nuniform token axis = "Z"\n}\n' + usd_mesh(),
-                      check=lambda shape: same(shape, np.concatenate([V, FLAT]), [*T.tolist(), [8, 9, 10], [8, 10, 11]]), words="surface only for 2 of 14"),
+    "usd/planes": usd(text='def Plane "p" {\ndouble width = 2\ndouble length = 6\nuniform token axis = "Z"\n}\n'
+        + usd_mesh(),
+                      check=lambda shape: same(shape, np.concatenate([V, FLAT]), [*T.tolist(), [8, 9, 10],
+                          [8, 10, 11]]), words="surface only for 2 of 14"),
     "usd/other-surfaces": usd("a Sphere at /s", text=usd_mesh() + 'def Sphere "s" {}'),
     "usd/points-and-curves": usd("no surface: /c, /p", text=usd_mesh() + 'def BasisCurves "c" {}\ndef Points "p" {}'),
     "usd/unknown-types": usd("/f (Foo)", text=usd_mesh() + 'def Foo "f" {}'),
     "usd/subdivision": usd("control cage is bounded: /m", text=usd_mesh("")),
     "usd/holes": usd("read as faces: /m", text=usd_mesh(PLAIN + "int[] holeIndices = [0]")),
-    "usd/skins-and-blend-shapes": usd("skinned: only the first pose", text=skeleton(BLEND, 'uniform token[] blendShapes = ["b"]\nfloat[] blendShapeWeights = [0.5]'), check=raised),
-    "usd/animation": usd("only its first pose is bounded: /m", text=usd_mesh(PLAIN + moved(0, 0, 0).replace("(0, 0, 0)", "{ 1: (5, 0, 0), 2: (9, 0, 0) }").replace("translate =", "translate.timeSamples =")), check=cubes((5, 0, 0))),
+    "usd/skins-and-blend-shapes": usd("skinned: only the first pose", text=skeleton(BLEND,
+        'uniform token[] blendShapes = ["b"]\nfloat[] blendShapeWeights = [0.5]'), check=raised),
+    "usd/animation": usd("only its first pose is bounded: /m", text=usd_mesh(PLAIN
+        + moved(0, 0, 0).replace("(0, 0, 0)", "{ 1: (5, 0, 0), 2: (9, 0, 0) }").replace("translate =",
+        "translate.timeSamples =")), check=cubes((5, 0, 0))),
     "usd/variants": usd("/v look=cube", text=VARIANTS),
     "usd/invisible": usd("although it is invisible: /m", text=usd_mesh(PLAIN + 'token visibility = "invisible"')),
     "usd/purposes": usd("of purpose guide: /m", text=usd_mesh(PLAIN + 'uniform token purpose = "guide"')),
     "usd/inactive": usd("inactive: /x", text=usd_mesh() + 'def "x" (\nactive = false\n) {}'),
     "usd/overs": usd("nothing defines it: /x", text=usd_mesh() + 'over "x" {}'),
     "usd/no-points": usd("vertices of the faces, got none", text=usd_mesh(points=())),
-    "usd/counts": usd("indices for 7 polygons", text=usd_mesh().replace("faceVertexCounts = [", "faceVertexCounts = [3, ")),
+    "usd/counts": usd("indices for 7 polygons", text=usd_mesh().replace("faceVertexCounts = [",
+        "faceVertexCounts = [3, ")),
     "usd/index-out-of-range": usd("got vertex 8", text=usd_mesh(quads=(*QUADS, (0, 1, 8)))),
     "usd/cut": usd("USD stage", text=usd_mesh()[:-20]),
     "usd/not-finite": usd("finite", text=usd_mesh().replace("(-1, -1, -1)", "(nan, -1, -1)")),

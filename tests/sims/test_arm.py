@@ -110,7 +110,9 @@ def test_edges_do_not_miss_a_collision_and_what_is_cleared_along_them_is_not_che
     assert not none.segments(a, b, lambda x: np.ones(len(x), bool)).any()
     assert none.checks == 0
     one = Hulls(place)
-    assert [bool(one.segments(p[None], q[None], cleared)[0]) for p, q in zip(a[:20], b[:20], strict=True)] == hit[:20].tolist()  # fmt: skip
+    assert [bool(one.segments(p[None], q[None], cleared)[0]) for p, q in zip(a[:20], b[:20], strict=True)] == hit[
+        :20
+    ].tolist()
 
 
 def test_mistakes(place):

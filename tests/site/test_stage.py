@@ -11,8 +11,15 @@ pytest.importorskip("PIL", reason="thumbnails need pillow: pip install '.[train]
 
 
 def test_links_are_turned_to_where_their_targets_are():
-    page = "[a](../README.md#how-tight) ![b](rain.png) [c](../results/meshes/README.md) [d](https://example.org/x.md) [e](#words)"
-    turned = "[a](overview.md#how-tight) ![b](rain.png) [c](results/meshes/index.md) [d](https://example.org/x.md) [e](#words)"
+    page = (
+        "[a](../README.md#how-tight) ![b](rain.png) [c](../results/meshes/README.md) [d](https://example.org/x.md) "
+        ""
+        "[e](#words)"
+    )
+    turned = (
+        "[a](overview.md#how-tight) ![b](rain.png) [c](results/meshes/index.md) [d](https://example.org/x.md) "
+        "[e](#words)"
+    )
     assert relinked(page, "docs/tables.md") == turned
     assert relinked("[a](../claims.md) [b](../../notebooks/10_arms.ipynb)", "docs/guide/arms.md") == (
         "[a](../claims.md) [b](../notebooks/10_arms.ipynb)"

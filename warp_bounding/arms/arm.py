@@ -174,7 +174,8 @@ class Joint(Picklable):
         farthest = 1e6 if self.slides else FARTHEST
         if not -farthest <= lower < upper <= farthest:
             raise IndicatorError(
-                f"{self.name}: expected limits from {-farthest:.4g} to {farthest:.4g}, the lower one first, got {lower} and {upper}"
+                f"{self.name}: expected limits from {-farthest:.4g} to {farthest:.4g}, the lower one first, got "
+                f"{lower} and {upper}"
             )
         if self.continuous and (self.slides or (lower, upper) != (-np.pi, np.pi)):
             raise IndicatorError(f"{self.name}: a continuous joint turns, and has no limits, got {lower} and {upper}")
@@ -255,7 +256,10 @@ class Arm:
         self.touching = frozenset((min(pair), max(pair)) for pair in touching)
 
     def __repr__(self) -> str:
-        return f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} bodies{', ' * bool(self.note)}{self.note}>"
+        return (
+            f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} "
+            f"bodies{', ' * bool(self.note)}{self.note}>"
+        )
 
     def first(self, count: int) -> "Arm":
         """The arm that ends behind its first ``count`` joints, with what these move.

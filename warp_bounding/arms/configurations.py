@@ -361,7 +361,8 @@ class ArmConfigurations(Formula):
         """
         if self._new_margin(margin) is not None:
             raise IndicatorError(
-                f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, in metres, "
+                f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, in "
+                "metres, "
                 "to ArmConfigurations"
             )
         return self

@@ -34,7 +34,8 @@ ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "child": {"+link": ()},
     "origin": {"xyz": (3,), "rpy": (3,)},
     "axis": {"+xyz": (3,)},
-    "limit": {"lower": (1,), "upper": (1,)} | dict.fromkeys(("effort", "velocity", "acceleration", "deceleration", "jerk"), ()),
+    "limit": {"lower": (1,), "upper": (1,)} | dict.fromkeys(("effort", "velocity", "acceleration", "deceleration",
+        "jerk"), ()),
     "mimic": {"+joint": (), "multiplier": (1,), "offset": (1,)},
     "geometry": {},
     "box": {"+size": (3,)},
@@ -107,12 +108,15 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
                 visit(joint.child, number, origin @ _moved(joint, value))
                 continue
             if joint.mimic is not None:
-                raise IndicatorError(f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}")  # fmt: skip
+                raise IndicatorError(
+                    f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}"
+                )
             onward.append(_Step(joint, origin))
         for step in onward:
             if len(steps) != number + 1:
                 raise IndicatorError(
-                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither moves the other; hold one, "
+                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither moves "
+                    "the other; hold one, "
                     f"held={{{step.joint.name!r}: value}}"
                 )
             steps.append(step)
@@ -190,7 +194,9 @@ def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = (
             continue
         names = {name.lstrip("+"): counts for name, counts in known.items()}
         if unknown := sorted(set(element.attrib) - set(names)):
-            raise ValueError(f"{where}: {element.tag}: expected {', '.join(names) or 'no attributes'}, got {', '.join(unknown)}")  # fmt: skip
+            raise ValueError(
+                f"{where}: {element.tag}: expected {', '.join(names) or 'no attributes'}, got {', '.join(unknown)}"
+            )
         if missing := [name[1:] for name in known if name[0] == "+" and name[1:] not in element.attrib]:
             raise ValueError(f"{where}: {element.tag}: expected {', '.join(missing)}, got none")
         for name, counts in names.items():
@@ -219,7 +225,10 @@ def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, fol
     value, limit = held.get(joint.name), joint.limit
     if joint.type not in (*TURNING, *SLIDING, *FIXED) and value != 0:
         known = ", ".join((*TURNING, *SLIDING, *FIXED))
-        raise IndicatorError(f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}; hold it at 0, held={{{joint.name!r}: 0}}")  # fmt: skip
+        raise IndicatorError(
+            f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}; "
+            f"hold it at 0, held={{{joint.name!r}: 0}}"
+        )
     limited = joint.type != "continuous" and limit is not None and None not in (limit.lower, limit.upper)
     if value is not None:
         if not np.isfinite(value) or (limited and joint.type not in FIXED and not limit.lower <= value <= limit.upper):
@@ -288,7 +297,10 @@ def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
     scale = np.asarray(1.0 if mesh.scale is None else mesh.scale, dtype=np.float64)
     found = _mesh_file(mesh.filename, path)
     if found is None:
-        raise IndicatorError(f"{path}: mesh {mesh.filename} is missing: not beside the file nor in the folders above it, or in no package of that name there")  # fmt: skip
+        raise IndicatorError(
+            f"{path}: mesh {mesh.filename} is missing: not beside the file nor in the folders above "
+            "it, or in no package of that name there"
+        )
     vertices, faces, told = read_mesh_data(found)
     told += ("glTF, whose y is up by its standard, is taken as it stands",) * (
         found.suffix.lower() in (".glb", ".gltf")

@@ -406,10 +406,12 @@ def write_manifest(out: Path, records: list[Record]) -> None:
 
 
 PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{head}</title><style>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{head}</title><style>
 body {{ font: 14px/1.4 system-ui, sans-serif; margin: 1.5rem; color-scheme: light dark }} h1 {{ font-size: 1.2rem }}
 main {{ display: grid; gap: .8rem; grid-template-columns: repeat(auto-fill, minmax(250px, 1fr)) }}
-article {{ border: 1px solid #8888; padding: .7rem; overflow-wrap: anywhere; content-visibility: auto; contain-intrinsic-size: 250px 190px }}
+article {{ border: 1px solid #8888; padding: .7rem; overflow-wrap: anywhere; content-visibility: auto;
+  contain-intrinsic-size: 250px 190px }}
 img {{ image-rendering: pixelated; max-width: 100% }} h2 {{ font-size: 1rem; margin: 0 }} .error {{ color: #c33 }}
 </style></head><body><h1>{head}</h1><p>Slices through each object: <b style="color:{object}">object</b>,
 <b style="color:{maybe}">maybe</b>, though no object is there, and certainly no.</p>

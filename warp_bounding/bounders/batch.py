@@ -71,7 +71,8 @@ class Framed:
         """Refuse, with ``QueryError``, a bounder with an origin where ``what`` takes local coordinates."""
         if self.frame is not None:
             raise QueryError(
-                f"{what} takes local coordinates, and of this bounder {self.frame.told}: subtract bounder.origin in float64, then ask "
+                f"{what} takes local coordinates, and of this bounder {self.frame.told}: subtract bounder.origin in "
+                "float64, then ask "
                 "bounder.local"
             )
 
@@ -102,7 +103,11 @@ def frame_fault(bounder, frame: Frame) -> str | None:
         [] if isinstance(bounder.domain, DistanceDomain) else [bounder.domain, *(part.domain for part in bounder.parts)]
     )
     if blur.any() and (fault := next(filter(None, (domain.fault(blur) for domain in domains)), None)):
-        return f"cells stand up to {blur.max():.3g} beside the ones asked for, as float32 holds the inverse of their size: {fault}"
+        return (
+            f"cells stand up to {blur.max():.3g} beside the ones asked for, as float32 holds the inverse of their "
+            ""
+            f"size: {fault}"
+        )
     return None
 
 
@@ -300,7 +305,8 @@ class Asking(Framed, PicklableBounder, ABC):
             ... def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=wp.bool)):
             ...     i = wp.tid()
             ...     answers[i] = wp.static(bounder.func)(data, q[i])
-            >>> q, answers = wp.array(points, dtype=wp.vec3, device="cpu"), wp.zeros(len(points), dtype=wp.bool, device="cpu")
+            >>> q = wp.array(points, dtype=wp.vec3, device="cpu")
+            >>> answers = wp.zeros(len(points), dtype=wp.bool, device="cpu")
             >>> wp.launch(ask, len(points), [bounder.data, q, answers], device="cpu")
             >>> bool((answers.numpy() == bounder.query(points).numpy()).all())
             True

@@ -477,7 +477,8 @@ class DistanceBounder(Bounder):
             QueryError: As of ``query``, and for ``steps`` that is no whole number of at least 1.
 
         Example:
-            >>> maybe, t = far.segments(np.array([[-9.0, 0.5, 0.5]], np.float32), np.array([[0.5, 0.5, 0.5]], np.float32))
+            >>> start, end = np.array([[[-9.0, 0.5, 0.5]], [[0.5, 0.5, 0.5]]], np.float32)
+            >>> maybe, t = far.segments(start, end)
             >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
             (1, True)
         """

@@ -47,7 +47,8 @@ _DECODE = {
         x.u = (h & 0x8000u) << 16 | (h & 0x7fffu ? ((h & 0x7fffu) << 13) + 0x38000000u : 0u);
         return x.f;
     }""",
-    "uint8": "[&](int i, float low, float step) { return low + step * (float)(words.data[i >> 2] >> (8 * (i & 3)) & 0xffu); }",
+    "uint8": "[&](int i, float low, float step) { return low + step * (float)(words.data[i >> 2] >> (8 * (i & 3)) & "
+    "0xffu); }",
 }
 STORAGES = tuple(_DECODE)
 
@@ -222,7 +223,8 @@ class DistanceGrid(DistanceBounder):
     options = (
         Option("nodes", NODES, "of a distance-grid, along the longest side", whole("nodes", 2, 1024), int),
         Option("storage", STORAGES[1], f"of a distance-grid: {', '.join(STORAGES)}", one_of("storage", STORAGES)),
-        Option("refine", 1, "of a distance-grid: how much finer it is at the border, a power of two up to 16", whole("refine", 1, REFINED[-1]), int),
+        Option("refine", 1, "of a distance-grid: how much finer it is at the border, a power of two up to 16",
+            whole("refine", 1, REFINED[-1]), int),
     )  # fmt: skip
 
     @classmethod
@@ -282,7 +284,9 @@ class DistanceGrid(DistanceBounder):
             middles = at[(slice(-1),) * len(counts)] + side / 2
             cells = np.argwhere(np.abs(signed(middles)) <= np.linalg.norm(side) / 2)
             if np.prod(counts.astype(float)) + len(cells) * (refine + 1.0) ** len(counts) > MOST_NODES:
-                raise BounderError(f"{cls.method}: nodes and those of {len(cells):,} refined cells are more than {MOST_NODES:,}")  # fmt: skip
+                raise BounderError(
+                    f"{cls.method}: nodes and those of {len(cells):,} refined cells are more than {MOST_NODES:,}"
+                )
             inside = np.stack(np.meshgrid(*[np.arange(refine + 1) / refine] * len(counts), indexing="ij"), -1)
             corner = (at[tuple(cells.T)]).reshape(-1, *[1] * len(counts), len(counts))
             blocks = signed(corner + inside * side)

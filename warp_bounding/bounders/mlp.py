@@ -397,7 +397,10 @@ class LocalSource(Source):
         if lanes.vector:  # ``early`` has denied the queries of parts without positives
             rest = f"f = level_ == {EVERYWHERE}.0f ? V{{}} + {literal(CERTAIN)} : f - {self._rest()};"
             return f"{{ {self.member.body(lanes)} }}\n{{ {self._level(vector=True)} {rest} }}"
-        return f"{{ {self._level(vector=False)} {self._given('f')} else {{ {self.member.body(lanes)} f -= {self._rest()}; }} }}"
+        return (
+            f"{{ {self._level(vector=False)} {self._given('f')} else {{ {self.member.body(lanes)} f -= "
+            f"{self._rest()}; }} }}"
+        )
 
     def _given(self, name: str) -> str:
         """C text of the answers that a level alone gives."""

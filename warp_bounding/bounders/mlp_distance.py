@@ -83,7 +83,10 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         network = super().function_body()
         if not self.shape:
             return network
-        return f"float relieved_;\n{{ {network}\n{self._relief(vector=False)} relieved_ = f; }}\nconst float f = relieved_;"
+        return (
+            f"float relieved_;\n{{ {network}\n{self._relief(vector=False)} relieved_ = f; }}\nconst float f = "
+            "relieved_;"
+        )
 
 
 PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own")

@@ -141,7 +141,7 @@ for (int p = 0; p < $parts && kept; ++p) {
     kept = stay_;
     end_of_held();
 }
-"""
+"""  # noqa: E501
 _ONE = """
 float whole_ = $denied;
 const float* const rows_ = w;

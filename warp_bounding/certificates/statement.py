@@ -27,7 +27,8 @@ AT_REST = (
 )
 MOVING = (
     "The distance is never above that to the object at its time, and so no ball at a time and no box of time and space "
-    "that meets the object is ever answered with no; nor is a segment of time and space or a swept ball that touches it "
+    "that meets the object is ever answered with no; nor is a segment of time and space or a swept ball that touches "
+    "it "
     "on its way (one that it encloses without touching may be)."
 )
 UNITS = "object units"  # those of the shape's own coordinates
@@ -90,7 +91,8 @@ def _input_error(bounder: Subject) -> str:
     space = covered[int(timed) :]
     of_time = f" and {covered[0]:.2g} in time" if timed else ""
     return (
-        f"a query may be off by up to {space.max(initial=0.0):.2g} ({UNITS}) on each axis{of_time}, for what float32 rounds of "
+        f"a query may be off by up to {space.max(initial=0.0):.2g} ({UNITS}) on each axis{of_time}, for what float32 "
+        "rounds of "
         "float64 queries, of xform= and scale=, and inside"
     )
 
@@ -103,9 +105,16 @@ def _without_cells(bounder: Subject) -> bool:
 def _not_proven(bounder: Subject) -> Iterable[str]:
     info = bounder.info
     if info.get("resolution"):
-        yield "anything of the shape but that it lies in these cells (every cell that the shape or its margin meets is one)"
+        yield (
+            "anything of the shape but that it lies in these cells (every cell that the shape or its margin meets "
+            "is "
+            "one)"
+        )
     elif _without_cells(bounder):
-        yield "that a shape made by a function is what its author says; of a mesh, the vertices count as they were read, in float32"
+        yield (
+            "that a shape made by a function is what its author says; of a mesh, the vertices count as they were "
+            "read, in float32"
+        )
     else:
         yield "anything of what the cells were made from"
     yield "other shapes, or this one dilated by more"
@@ -130,7 +139,8 @@ def statement(bounder: Subject) -> dict[str, str]:
         return {"certificate": text, **_note(bounder), "queries": _queries(bounder), "object": _object(bounder, None)}
     about = _note(bounder) | {"for": _queries(bounder), "object": _object(bounder, certificate)}
     placement = (
-        f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} ({UNITS}) on every axis; what would round "
+        f"xform= and scale= may round a query by up to {least_allowance(bounder):.2g} ({UNITS}) on every axis; what "
+        "would round "
         "it by more, such as a translation that is very large beside the object, is refused with an error"
         if bounder.domain.joints is None
         else "configurations have no place in the world: xform= and scale= are refused"
@@ -146,8 +156,10 @@ def statement(bounder: Subject) -> dict[str, str]:
         "input error": _input_error(bounder),
         "placement": placement,
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
-        "numbers": f"f, which the method computes, is at least {shown(certificate.lower_bound)} on all of these, and rounding changes it by at most "
-        f"E = {shown(certificate.rounding_bound, 2)}; the answer is no only where f < {shown(certificate.threshold, 9)}, the threshold",
+        "numbers": f"f, which the method computes, is at least {shown(certificate.lower_bound)} on all of these, and "
+        "rounding changes it by at most "
+        f"E = {shown(certificate.rounding_bound, 2)}; the answer is no only where f < "
+        f"{shown(certificate.threshold, 9)}, the threshold",
         "proof": _proof(certificate),
         "not proven": "; ".join(_not_proven(bounder)),
     }
@@ -169,7 +181,8 @@ def _of_distance(bounder: Subject, certificate: Certificate | None) -> dict[str,
         "what is proven": MOVING if domain.time else AT_REST,
         **about,
         "arithmetic": f"{certificate.arithmetic}; CPU or CUDA",
-        "numbers": f"the slack, {-certificate.threshold * unit:.6g} ({UNITS}), is taken off what the method computes, so that it is never too large; "
+        "numbers": f"the slack, {-certificate.threshold * unit:.6g} ({UNITS}), is taken off what the method computes, "
+        "so that it is never too large; "
         f"E = {certificate.rounding_bound * unit:.2g} of it is for rounding",
         "proof": _proof(certificate),
         "not proven": "; ".join(
@@ -193,14 +206,18 @@ def _statistical(bounder: Subject, certificate: Certificate, about: dict[str, st
         tried = f"; {certificate.restarts} thresholds before it missed one, each has spent its share of alpha"
     return {
         "certificate": f"{certificate.kind}, not proven",
-        "what is known": f"{certificate.samples:,} fresh positives in {certificate.seconds:.2f} s, none answered with no: fewer than "
-        f"{rate} of such queries are missed, wrong with probability alpha = {alpha:.2g} at most (Clopper-Pearson){tried}",
+        "what is known": f"{certificate.samples:,} fresh positives in {certificate.seconds:.2f} s, none answered with "
+        "no: fewer than "
+        f"{rate} of such queries are missed, wrong with probability alpha = {alpha:.2g} at most "
+        f"(Clopper-Pearson){tried}",
         "sampled": QUERIES[bounder.query_kind].distribution,
         **about,
         "placement": placement,
         "arithmetic": "float32, as this device computed it; CPU or CUDA",
-        "numbers": f"least f that a search found {shown(certificate.lower_bound)}; threshold {shown(certificate.threshold, 9)}; "
+        "numbers": f"least f that a search found {shown(certificate.lower_bound)}; threshold "
+        f"{shown(certificate.threshold, 9)}; "
         f"{closest}; rounding changes f by at most E = {shown(certificate.rounding_bound, 2)}",
-        "not proven": "that no query is missed: queries of another distribution, an adversary's above all, may be missed more "
+        "not proven": "that no query is missed: queries of another distribution, an adversary's above all, may be "
+        "missed more "
         "often; and " + "; ".join(_not_proven(bounder)),
     }

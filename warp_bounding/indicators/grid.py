@@ -197,7 +197,8 @@ class IndicatorGrid(Shape):
         given = np.asarray(self.occupancy)
         if given.dtype != bool and given.size and not ((given == 0) | (given == 1)).all():
             raise IndicatorError(
-                f"{self.name}: expected truth values, or 0 and 1, got {given.dtype} from {given.min()} to {given.max()}; write which are "
+                f"{self.name}: expected truth values, or 0 and 1, got {given.dtype} from {given.min()} to "
+                f"{given.max()}; write which are "
                 "occupied, such as (a >= 65) | (a < 0) of an OccupancyGrid, where what is unknown counts as occupied"
             )
         occupancy = np.array(given, dtype=bool, order="C")  # our own copy: a proof must not change under us

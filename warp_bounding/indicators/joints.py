@@ -33,8 +33,8 @@ TURNS64 = 2**20  # the same of float64, where only the truth is asked
 WIDER = 1 + 2.0**-10  # of one turn: what a query that is turned back may be; see above
 BEYOND = (
     2.0**-21
-    # of the largest coordinate within limits: how far the shape must be known beyond these, for queries that are rounded to
-    # them
+    # of the largest coordinate within limits: how far the shape must be known
+    # beyond these, for queries that are rounded to them
 )
 HEAD_BITS, HEAD_BITS64 = 12, 30  # times a number of turns exact in float32, in float64
 LARGEST_TURN = 2.0**60  # coordinates: of a period
@@ -51,7 +51,7 @@ for (int k = 0; k < AXES; ++k) {{
     const V about = q[k] * joint[2] + {MAGIC.hex()}f, turns = about - {MAGIC.hex()}f;
     turned[k] = (q[k] - turns * joint[3]) - turns * joint[4];
 }}
-"""
+"""  # noqa: E501
 
 
 @dataclass(frozen=True)

@@ -150,7 +150,8 @@ class IndicatorMesh(Faces):
             margin, or faces that are not turned alike where hollows are empty.
 
     Example:
-        >>> mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+        >>> faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+        >>> mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], faces)
         >>> mesh.watertight
         True
     """
@@ -182,12 +183,14 @@ class IndicatorMesh(Faces):
             raise IndicatorError(f"{self.name}: hollow must be {' or '.join(map(repr, HOLLOW))}, got {self.hollow!r}")
         if self._empty and (edges := self._turns[0]):
             raise IndicatorError(
-                f"{self.name}: hollow='empty' needs faces that are turned alike, with all normals outwards; at {edges:,} edges they are not "
+                f"{self.name}: hollow='empty' needs faces that are turned alike, with all normals outwards; at "
+                f"{edges:,} edges they are not "
                 "(trimesh's fix_normals turns them)"
             )
         if self._empty and self._solid.both:
             raise IndicatorError(
-                f"{self.name}: hollow='empty' needs all normals outwards; of one part they are, and another, which is not within it, is inside out"
+                f"{self.name}: hollow='empty' needs all normals outwards; of one part they are, and another, which is "
+                "not within it, is inside out"
             )
 
     def __repr__(self) -> str:

@@ -188,7 +188,8 @@ def own_coordinates(shape, what: str):
     """A shape whose coordinates are its own; raises ``IndicatorError`` for one with an origin."""
     if isinstance(shape, Recentred):
         raise IndicatorError(
-            f"{shape.name}: {what} takes local coordinates, and of this shape {shape.coordinates.told}: give shape.local"
+            f"{shape.name}: {what} takes local coordinates, and of this shape {shape.coordinates.told}: give "
+            "shape.local"
         )
     return shape
 
@@ -197,7 +198,8 @@ def expect_near(vertices: np.ndarray, name: str) -> None:
     """Raise ``IndicatorError`` for vertices that float32 would move by over ``ROUNDED`` of their extent."""
     if (frame := recentred(vertices)[1]) is not None:
         raise IndicatorError(
-            f"{name}: float32 is too coarse for vertices at {list(frame.origin)}; subtract an origin from them first, as load_indicator does for "
+            f"{name}: float32 is too coarse for vertices at {list(frame.origin)}; subtract an origin from them first, "
+            "as load_indicator does for "
             "a mesh at rest"
         )
 

@@ -125,7 +125,8 @@ def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) 
     last = np.floor(upper + reach).astype(np.int64) + 1
     if np.abs(first).max() >= MAX_OFFSET:
         raise IndicatorError(
-            f"{name}: expected a mesh within {MAX_OFFSET} cells of the origin, got {int(np.abs(first).max())} cells; move it there"
+            f"{name}: expected a mesh within {MAX_OFFSET} cells of the origin, got {int(np.abs(first).max())} cells; "
+            "move it there"
         )
     return first, last
 

@@ -67,12 +67,15 @@ class Surface:
             return ""
         if not self.closed.any():
             return (
-                "surface only: the mesh is open, so just the surface and the margin around it are bounded, and what lies "
+                "surface only: the mesh is open, so just the surface and the margin around it are bounded, and what "
+                "lies "
                 "deeper inside counts as outside"
             )
         return (
-            f"surface only for {int(self.loose.sum())} of {len(self.loose)} faces: there the mesh is open, so just the surface "
-            "and the margin around it are bounded, and what lies deeper inside counts as outside; closed parts are bounded whole"
+            f"surface only for {int(self.loose.sum())} of {len(self.loose)} faces: there the mesh is open, so just the "
+            "surface "
+            "and the margin around it are bounded, and what lies deeper inside counts as outside; closed parts are "
+            "bounded whole"
         )
 
 

@@ -1,9 +1,10 @@
-// Around a method: the batch kernel, and the function for other kernels. Names behind $ are filled in by kernels/functions.py.
-// A part begins behind a line with three slashes and its name.
+// Around a method: the batch kernel, and the function for other kernels. Names behind $ are filled in by
+// kernels/functions.py. A part begins behind a line with three slashes and its name.
 
 /// TOOLS:
-/// Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is up to the module:
-/// they are approximations under its option ``fast_math``, which leaves nothing else in a source to approximate.
+/// Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is
+/// up to the module: they are approximations under its option ``fast_math``, which leaves nothing else in a source to
+/// approximate.
 #if !defined(__CUDA_ARCH__)
 auto root = [](auto x) { return __builtin_elementwise_sqrt(x); };
 auto over = [](auto a, auto b) { return a / b; };
@@ -61,7 +62,8 @@ out.data[i] = $decision;
 #endif
 
 /// WARP:
-/// 32 queries and again 32, by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA, whole blocks of threads.
+/// 32 queries and again 32, by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA, whole blocks of
+/// threads.
 #if defined(__CUDA_ARCH__)
 typedef float V;
 constexpr int N = $columns, M = $coordinates;
@@ -104,8 +106,8 @@ for (int i = begin; i < end; i += L) {
     else for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l];
 
 /// GATHERED:
-/// Those inside the domain are held together first, ``held[k]`` their coordinates and ``where`` their places; early tests then take
-/// away what they decide, and the body is asked of the rest.
+/// Those inside the domain are held together first, ``held[k]`` their coordinates and ``where`` their places; early
+/// tests then take away what they decide, and the body is asked of the rest.
 float held[M][$block + L];
 int where[$block + L], kept = 0;
 for (int i = begin; i < end; i += L) {
@@ -189,8 +191,8 @@ for (int g = 0; g < kept; g += L) {
 }
 
 /// READ:
-/// Queries i .. i + L - 1, the last one again behind the end. Rows of N numbers become N vectors by shuffles: number k of query l
-/// stands at ``l N + k``, in the vector of that over L.
+/// Queries i .. i + L - 1, the last one again behind the end. Rows of N numbers become N vectors by shuffles: number k
+/// of query l stands at ``l N + k``, in the vector of that over L.
 V q[N], v[M];
 if (m == L) {
     const float* rows = x.data + (long long)i * N;

@@ -1,10 +1,11 @@
-// Bounds of a network over boxes, for networks/bounds.py: from V low[], high[], a box a lane, to its bound, layer by layer and back, and
-// then what becomes of the polynomial in zeta to which that leads: its least, or its corners. A part begins behind a line with three slashes.
+// Bounds of a network over boxes, for networks/bounds.py: from V low[], high[], a box a lane, to its bound, layer by
+// layer and back, and then what becomes of the polynomial in zeta to which that leads: its least, or its corners. A
+// part begins behind a line with three slashes.
 //
-// Names in capitals are constants that are written in front of a part, or other parts. The network's chart has K inputs and C columns, and
-// Z numbers a box. A layer has INPUTS and NEURONS, of which the LINEAR leading ones are passed through, and its numbers begin at the index
-// AT of w. The polynomial's constant is least, its other entries tilt, square and cubes (BACKWARDS); slopes of the inputs are gradient, and
-// of the columns, tilt included, slope.
+// Names in capitals are constants that are written in front of a part, or other parts. The network's chart has K inputs
+// and C columns, and Z numbers a box. A layer has INPUTS and NEURONS, of which the LINEAR leading ones are passed
+// through, and its numbers begin at the index AT of w. The polynomial's constant is least, its other entries tilt,
+// square and cubes (BACKWARDS); slopes of the inputs are gradient, and of the columns, tilt included, slope.
 
 /// CPU
 #pragma clang fp contract(fast)
@@ -22,15 +23,15 @@ const V zero = 0.0;
 auto root = [](V x) { return sqrt(x); };
 
 /// LAYER:
-/// What is known of a layer's neurons. The argument of each is a centre plus l + p + y: l = rate . zeta is linear, |l| <=
-/// near; p is the quadratic form in zeta that the parabolas of the layers below make together, within radius of 0, its
-/// middle being taken into the centre; y is all the rest, noise. |l + p + y| <= width, rounding included. The output is
-/// h = mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p
-/// to within spread. Behind these stands what a layer above reads, of h = mean + part . zeta + a quadratic form + y',
-/// |y'| at most noise: square are that form's entries (those off the diagonal count twice), and behind them the middle
-/// of its range; radius is half of it. They are sums of what the parabolas are one by one, while entries of square may
-/// cancel. form are the entries of p, before its middle was taken off, and total the sum of their sizes. The arrays are
-/// declared one by one, so that the compiler drops those that nobody reads.
+/// What is known of a layer's neurons. The argument of each is a centre plus l + p + y: l = rate . zeta is linear, |l|
+/// <= near; p is the quadratic form in zeta that the parabolas of the layers below make together, within radius of 0,
+/// its middle being taken into the centre; y is all the rest, noise. |l + p + y| <= width, rounding included. The
+/// output is h = mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p to within spread. Behind these
+/// stands what a layer above reads, of h = mean + part . zeta + a quadratic form + y', |y'| at most noise: square are
+/// that form's entries (those off the diagonal count twice), and behind them the middle of its range; radius is half of
+/// it. They are sums of what the parabolas are one by one, while entries of square may cancel. form are the entries of
+/// p, before its middle was taken off, and total the sum of their sizes. The arrays are declared one by one, so that
+/// the compiler drops those that nobody reads.
 V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
 V LAYER_near[NEURONS], LAYER_rate[C][NEURONS], LAYER_lean[NEURONS], LAYER_bend[NEURONS], LAYER_cube[NEURONS];
 V LAYER_cross[NEURONS], LAYER_form[SQUARES + 1][NEURONS], LAYER_total[NEURONS];
@@ -44,10 +45,11 @@ const struct {
 };
 
 /// NEURON:
-/// Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from, and, where layers below
-/// BEND, its quadratic form: entries and middle in own.form, radius in reach. The form's range is taken both from its
-/// entries and from the parabolas one by one. ROOM is the largest middle that an activation with a limit takes: beyond it
-/// the range is as wide, and nothing is lost. RELAX sets s, m, e and what else of lean, k2, k3 and k4 is not 0.
+/// Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from, and, where layers
+/// below BEND, its quadratic form: entries and middle in own.form, radius in reach. The form's range is taken both from
+/// its entries and from the parabolas one by one. ROOM is the largest middle that an activation with a limit takes:
+/// beyond it the range is as wide, and nothing is lost. RELAX sets s, m, e and what else of lean, k2, k3 and k4 is not
+/// 0.
 V near = zero, middle = zero, radius = zero;
 for (int k = 0; k < C; ++k) { own.rate[k][j] = g[k]; near += absolute(g[k]); }
 if (BENT) {
@@ -153,10 +155,11 @@ for (int t = 0; t < BLOCKS; ++t) {
 }
 
 /// BACKWARDS:
-/// Backwards through a layer: its curves are weighed by back, the output's coefficients of its neurons, and added to one
-/// polynomial in zeta, of which the entries are tilt, square and cubes (a <= b <= d of each, as of a symmetric tensor);
-/// what each neuron's spread costs is taken from least and charged to the columns that caused it (score); to receives the
-/// output's coefficients of what the layer computes with. bulk sums up the absolute terms of square and cubes.
+/// Backwards through a layer: its curves are weighed by back, the output's coefficients of its neurons, and added to
+/// one polynomial in zeta, of which the entries are tilt, square and cubes (a <= b <= d of each, as of a symmetric
+/// tensor); what each neuron's spread costs is taken from least and charged to the columns that caused it (score); to
+/// receives the output's coefficients of what the layer computes with. bulk sums up the absolute terms of square and
+/// cubes.
 for (int i = 0; i < INPUTS; ++i) to[i] = zero;
 for (int j = 0; j < NEURONS; ++j) {
     V c = back[j];
@@ -234,9 +237,9 @@ for (int k = 0; k < K; ++k) gradient_out.data[o * K + k] = LANE(gradient[k]);
 for (int k = 0; k < Z; ++k) { rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); }
 
 /// STRAIGHTEN:
-/// The cubic part of the polynomial, by entries: zeta^3 is within 1/4 of 3/4 zeta, and zeta_k^2 zeta_m within 1/2 |zeta_m|
-/// of 1/2 zeta_m; the lines go to tilt. Of three different ones the product counts in absolute value, or stays where the
-/// bound may be MULTILINEAR. Losses are shared among the columns of an entry.
+/// The cubic part of the polynomial, by entries: zeta^3 is within 1/4 of 3/4 zeta, and zeta_k^2 zeta_m within 1/2
+/// |zeta_m| of 1/2 zeta_m; the lines go to tilt. Of three different ones the product counts in absolute value, or stays
+/// where the bound may be MULTILINEAR. Losses are shared among the columns of an entry.
 int cube = 0;
 const auto lose = [&](V loss, int a, int b, int d) {
     least -= loss; loss *= THIRD; score[a] += loss; score[b] += loss; score[d] += loss;
@@ -255,9 +258,9 @@ for (int a = 0; a < C; ++a)
 
 /// CONSTRAIN:
 /// A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
-/// serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that obey
-/// the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to the sum
-/// of the absolute terms, 1e-14 is above the rounding of the few operations here.
+/// serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that
+/// obey the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to
+/// the sum of the absolute terms, 1e-14 is above the rounding of the few operations here.
 V best = zero, gain = zero, before = absolute(slope[OF[0]]);
 for (int j = 1; j < M; ++j) before += absolute(slope[OF[j]]);
 #pragma unroll
@@ -278,8 +281,9 @@ least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
 /// -|q| is sure; but where it is +|q| in the corner where slope . zeta is least, it is above the planes
 /// -|q| + d (a zeta_k + b zeta_m) for all 0 <= d <= |q|, a and b being the signs that lower both slopes (McCormick), so
 /// that d is gained from either slope, until one is 0. An entry q >= 0 of the diagonal goes with what is left of its
-/// slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is less than 1, else at the end; a negative
-/// one is least at the end. Where the bound may be MULTILINEAR, entries off the diagonal stay. level is the bound's constant.
+/// slope, the least of -s |zeta| + q zeta^2 being at zeta = s / (2 q) if that is less than 1, else at the end; a
+/// negative one is least at the end. Where the bound may be MULTILINEAR, entries off the diagonal stay. level is the
+/// bound's constant.
 V steep[C];
 for (int k = 0; k < C; ++k) steep[k] = absolute(slope[k]);
 int entry = 0;
@@ -307,8 +311,8 @@ for (int k = 0; k < C; entry += C - k, ++k) {
 }
 
 /// CORNERS:
-/// The values at the corners of what is left where the bound may be MULTILINEAR: place i is at the upper end of column k
-/// where bit k of i is set. 1e-13 of all terms is more than float64 rounds here, and in where the corners lie.
+/// The values at the corners of what is left where the bound may be MULTILINEAR: place i is at the upper end of column
+/// k where bit k of i is set. 1e-13 of all terms is more than float64 rounds here, and in where the corners lie.
 V corner[1 << C], size = absolute(level);
 for (int k = 0; k < C; ++k) {
     size += absolute(slope[k]) + absolute(gradient[k]) * (absolute(low[k]) + absolute(high[k]));

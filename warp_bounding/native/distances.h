@@ -1,4 +1,5 @@
-// Around a distance: the batch kernel, and the function for other kernels. Names behind $ are filled in by kernels/distances.py.
+// Around a distance: the batch kernel, and the function for other kernels. Names behind $ are filled in by
+// kernels/distances.py.
 
 /// PARTS
 const float* center = parameters.data + $label;
@@ -87,7 +88,8 @@ $store_one
 #endif
 
 /// WARP:
-/// 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of threads.
+/// 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of
+/// threads.
 #if defined(__CUDA_ARCH__)
 typedef float V;
 constexpr int N = $n, M = N;

@@ -84,7 +84,8 @@ times.data[i] = clear ? 1.0f : t;
 #endif
 
 /// TOGETHER:
-/// The same by the lanes of a warp together, each with a march of its own, and the next one when that has ended. CUDA only.
+/// The same by the lanes of a warp together, each with a march of its own, and the next one when that has ended. CUDA
+/// only.
 #if defined(__CUDA_ARCH__)
 typedef float V;
 constexpr int N = $n, ROW = 2 * N + 4;

@@ -1,10 +1,9 @@
 // A network in float32, for networks/inference.py.
 
 /// ENCODE:
-/// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V or
-/// float.
-/// From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding; its biases
-/// stand first, then N weights of each feature.
+/// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V
+/// or float. From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding;
+/// its biases stand first, then N weights of each feature.
 for (int k = 0; k < N; ++k) h0[k] = v[k];
 for (int j = 0; j < FEATURES; ++j) {
     const float* c = w + FEATURES + j * N;
@@ -14,9 +13,9 @@ for (int j = 0; j < FEATURES; ++j) {
 }
 
 /// QUERIES_IN_LANES:
-/// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so that
-/// each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand at
-/// OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
+/// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
+/// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
+/// at OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
     V s[J];
@@ -40,7 +39,8 @@ for (int b = 0; b < BLOCKS; ++b) {
 }
 
 /// LANES:
-/// Lanes of neurons: as many as a register has. Behind the last of NEURONS a row has zeros, so that no register is loaded from two lines of cache.
+/// Lanes of neurons: as many as a register has. Behind the last of NEURONS a row has zeros, so that no register is
+/// loaded from two lines of cache.
 #if defined(__AVX512F__)
 constexpr int L = 16;
 #else
@@ -51,8 +51,8 @@ typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
 
 /// NEURONS_IN_LANES:
-/// One layer of one query: from K inputs x to NEURONS y; a row of biases, then one of weights an input, ROW floats each.
-/// Every WAYS-th input is summed apart, so that there are sums enough that need not wait for each other.
+/// One layer of one query: from K inputs x to NEURONS y; a row of biases, then one of weights an input, ROW floats
+/// each. Every WAYS-th input is summed apart, so that there are sums enough that need not wait for each other.
 constexpr int WAYS = REGISTERS > 3 ? 2 : 4;
 V a[WAYS][REGISTERS];
 const float* p = w + AT;
@@ -81,8 +81,8 @@ for (int q = 0; q < REGISTERS; ++q) {
 }
 
 /// SUM:
-/// One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The lanes are eight here, and
-/// added by halves; the rounding bound holds for every order.
+/// One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The
+/// lanes are eight here, and added by halves; the rounding bound holds for every order.
 typedef float V __attribute__((vector_size(32), aligned(4), may_alias));
 V sum = *(const V*)x * *(const V*)(w + AT + 1);
 for (int q = 1; q < ROW / 8; ++q) sum += *(const V*)(x + q * 8) * *(const V*)(w + AT + 1 + q * 8);

@@ -33,8 +33,8 @@ auto words_of = [&](const float* at, int index, U* to) {  // four words of each 
 auto number = [](U word) { return __uint_as_float(word); };
 
 /// BEGIN:
-/// From the coordinates v of a lane's own query, ``8 t + g`` of 32, to f of that query. ``y[c]`` are four coordinates, the
-/// last of all being 1, which the first layer's biases are weights of.
+/// From the coordinates v of a lane's own query, ``8 t + g`` of 32, to f of that query. ``y[c]`` are four coordinates,
+/// the last of all being 1, which the first layer's biases are weights of.
 V y[$groups][4]; U p[$groups][4];
 #pragma unroll
 for (int c = 0; c < $groups; ++c) {

@@ -284,7 +284,7 @@ if ({tried}) {{
     value = zero + w[{at}];
     for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
 }} else {{ valid = zero; }}
-"""
+"""  # noqa: E501
 
 
 def _product(chart: Chart, column: int, of: str) -> str:

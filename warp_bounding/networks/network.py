@@ -117,7 +117,8 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
         if not argument <= activation.limit:
             where = "encoding" if layer.linear else f"hidden layer {index}"
             raise BounderError(
-                f"{where}: arguments of {activation.name} reach {argument:.3g}, it is certified up to {activation.limit}"
+                f"{where}: arguments of {activation.name} reach {argument:.3g}, it is certified up to "
+                f"{activation.limit}"
             )
         error = rounding + activation.error(argument)
         size = largest if activation.largest is None else np.full_like(largest, activation.largest)

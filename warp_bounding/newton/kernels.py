@@ -295,7 +295,7 @@ for (; i + L <= end; i += L) {
 #endif
 for (; i < end; ++i) ask_one(i);
 left.data[block] = found;
-"""
+"""  # noqa: E501
 
 
 @named("wb_ask_hulls").block_kernel(_TEXT.replace("LANES", str(PAIRS_AT_ONCE)))
@@ -382,7 +382,7 @@ for (int b = block * $blocks; b < last; ++b) {
 }
 if (m > 0) ask();
 #endif
-"""
+"""  # noqa: E501
 
 
 @cache

@@ -512,7 +512,7 @@ while (held > 0 && (last || (done < most && held + L <= STACK && !refuted))) {
     }
 }
 heights.data[block] = held; initials.data[block] = initial; done_out.data[block] = done; closed_out.data[block] = closed;
-"""
+"""  # noqa: E501
 
 
 def _snippet(shape: NetworkShape) -> str:

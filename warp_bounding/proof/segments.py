@@ -72,7 +72,8 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
 
     Example:
         >>> network = wb.fit(ball, method="mlp", hidden=(8,), steps=3, device="cpu")
-        >>> wb.clear_segments(network, np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]]), np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
+        >>> starts = np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]])
+        >>> wb.clear_segments(network, starts, np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
     if isinstance(bounder, Framed):

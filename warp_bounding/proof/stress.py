@@ -165,7 +165,8 @@ def attest(
     message = (
         f"Statistical, not proven: {done:,} fresh positives ({QUERIES[bounder.query_kind].distribution}), "
         f"none answered with no; at {CONFIDENCE:.0%} confidence fewer than {rate:.2g} of such queries are missed "
-        f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to {CONFIDENCE:.0%})."
+        f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to "
+        f"{CONFIDENCE:.0%})."
     )
     tried = "No proof was tried."
     if search is not None:

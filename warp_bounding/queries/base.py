@@ -60,7 +60,10 @@ class WorldMap(NamedTuple):
 
 
 # of ``distribution``, before the words of the kind
-UNIFORM = "half uniform queries that meet the object (or as many as an equal number of draws gives, where they are rare), half "
+UNIFORM = (
+    "half uniform queries that meet the object (or as many as an equal number of draws gives, where they are "
+    "rare), half "
+)
 
 
 class Query(ABC):

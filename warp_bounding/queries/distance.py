@@ -154,7 +154,8 @@ class DistanceDomain:
         longest = float((upper - lower).max())
         if not EXTENTS[0] <= longest <= EXTENTS[1]:
             raise IndicatorError(
-                f"{name}: expected an extent from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {longest:.3g}; choose other units"
+                f"{name}: expected an extent from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {longest:.3g}; choose "
+                "other units"
             )
         lower, upper = lower - room * longest, upper + room * longest
         center = ((lower + upper) / 2).astype(np.float32)
@@ -162,7 +163,8 @@ class DistanceDomain:
         if not UNIT32 * max(np.abs(lower).max(), np.abs(upper).max()) <= COARSEST * longest:
             far = max(np.abs(lower).max(), np.abs(upper).max())
             raise IndicatorError(
-                f"{name}: float32 tells points too coarsely apart at coordinates up to {far:.3g} for an extent of {longest:.3g}; "
+                f"{name}: float32 tells points too coarsely apart at coordinates up to {far:.3g} for an extent of "
+                f"{longest:.3g}; "
                 "move the shape to its origin"
             )
         scale = np.full(len(center), 2.0 ** -np.ceil(np.log2(reach)), dtype=np.float32)

@@ -91,7 +91,8 @@ class Domain:
         if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():
             found = ", ".join(f"{e:.3g}" for e in upper - lower)
             raise IndicatorError(
-                f"{shape.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other units"
+                f"{shape.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other "
+                "units"
             )
         center = ((lower + upper) / 2).astype(np.float32)
         scale = (2 / (upper - lower)).astype(np.float32)
@@ -104,8 +105,10 @@ class Domain:
         if (delta > shape.largest_delta * detail).any():
             axis = int(np.argmax(delta / detail))
             raise IndicatorError(
-                f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at coordinates up to "
-                f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a lower resolution"
+                f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at "
+                "coordinates up to "
+                f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a "
+                "lower resolution"
             )
         limit = round_up(extent + delta * (1 + 1e-6))
         if shape.time:

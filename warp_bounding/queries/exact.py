@@ -39,7 +39,7 @@ struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi:
     }
     double to(double face) const { return (face - t) - rest; }  // sign exact, a few roundings
 };
-"""
+"""  # noqa: E501
 
 
 def loop_snippet(ndim: int, body: str, columns: int) -> str:

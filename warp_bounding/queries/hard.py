@@ -61,7 +61,7 @@ auto power = [&](int most) {  // 2^0 to 2^-most
     for (int left = (int)(u() * (most + 1)); left > 0; --left) value *= 0.5;
     return value;
 };
-"""
+"""  # noqa: E501
 
 _POINT = """
 const int among = u() < 0.9 ? boundary : occupied;

@@ -109,8 +109,10 @@ class Placement:
         if not (needed <= covered).all() or not (_farthest(domain, self.world) < LARGEST).all():
             axis = int(np.argmax(needed - covered))
             raise QueryError(
-                f"xform and scale move a {domain.query} by a rounding error of up to {needed[axis]:.2g} along axis {axis}, the "
-                f"certificate covers {covered[axis]:.2g}: give queries in object space, or a shape nearer to its own origin"
+                f"xform and scale move a {domain.query} by a rounding error of up to {needed[axis]:.2g} along axis "
+                f"{axis}, the "
+                f"certificate covers {covered[axis]:.2g}: give queries in object space, or a shape nearer to its own "
+                "origin"
             )
 
 
@@ -193,7 +195,8 @@ def _orthogonal(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
         if (last != np.eye(spatial + 1)[-1]).any():
             row = f"({', '.join(['0'] * spatial)}, 1)"
             raise QueryError(
-                f"xform must have {row} as its last row (the translation stands in the last column), got {last.tolist()}"
+                f"xform must have {row} as its last row (the translation stands in the last column), got "
+                f"{last.tolist()}"
             )
         if np.abs(rotation @ rotation.T - np.eye(spatial)).max() > ORTHOGONAL_TOLERANCE:
             raise QueryError("xform must be a rotation or reflection, and a translation (the scale goes into scale=)")

@@ -136,7 +136,8 @@ class PlaneQuery(Query):
     name = "plane"
     every = "every plane: any normal, given by any of its points"
     hard_positives = (
-        "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one as far "
+        "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one "
+        "as far "
         "as several domains away"
     )
     oracle_body = _BODY
@@ -201,7 +202,7 @@ for (int corner = 0; corner < (1 << N); ++corner) {
     below |= height <= -bound, above |= height >= bound;
 }
 sure &= below && above;
-"""
+"""  # noqa: E501
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)

@@ -161,7 +161,7 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
     }
     left -= 1; slab += sign;
 }
-"""
+"""  # noqa: E501
 
 
 # what the texts of ``directions`` read
@@ -177,7 +177,8 @@ class RayQuery(Query):
         "every segment o + t d/|d|, 0 <= t <= {length} (object units): any origin o, inside or outside, any direction d"
     )
     hard_positives = (
-        "rays that pass, begin or end at such points, mostly on faces, edges and corners of boundary cells, many of them "
+        "rays that pass, begin or end at such points, mostly on faces, edges and corners of boundary cells, many of "
+        "them "
         "from outside the domain"
     )
     oracle_body = _BODY

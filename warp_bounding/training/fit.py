@@ -360,11 +360,15 @@ def _fit_distance(
     shape = in_metric(shape, metric)
     cls = method_class(method, DISTANCE.name, shape.ndim)
     if shape.joints is not None:
-        raise BounderError(f"{method}: {shape.name}: distances of configurations are not bounded, points are; clear_segments clears whole motions")  # fmt: skip
+        raise BounderError(
+            f"{method}: {shape.name}: distances of configurations are not bounded, points are; "
+            "clear_segments clears whole motions"
+        )
     if shape.time and not (cls.moving and shape.speed is not None):
         able = ", ".join(name for name, each in DISTANCES.items() if each.moving)
         raise BounderError(
-            f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids take metric={METRICS[1]!r}, where "
+            f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids "
+            f"take metric={METRICS[1]!r}, where "
             "time is one more coordinate"
         )
     own = {"margin": margin, "resolution": resolution}
@@ -499,7 +503,8 @@ def check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin:
     extent = float(shape.extent.max())
     if margin > extent and not force:
         raise BounderError(
-            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it all "
+            f"margin must be at most the object's extent, {extent:.4g}, got {margin:g}; force=True (--force) takes it "
+            "all "
             "the same"
         )
 

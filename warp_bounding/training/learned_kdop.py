@@ -194,7 +194,8 @@ def _classic(domain: AnyDomain, k: int | None) -> np.ndarray:
         usual = classic_normals(domain)
         if not isinstance(k, int) or not len(usual) < k <= MOST:
             raise BounderError(
-                f"k of learned-kdop must be {len(usual)}, as many half-spaces as kdop has, or more, up to {MOST}, got {k!r}"
+                f"k of learned-kdop must be {len(usual)}, as many half-spaces as kdop has, or more, up to {MOST}, got "
+                f"{k!r}"
             ) from None
         return usual
 

@@ -237,17 +237,20 @@ def _what_to_say(array: np.ndarray) -> str:
     got = f"got {array.dtype} from {low:g} to {high:g}"
     if _may_be_vertices(array):
         return (
-            f"expected truth values, {got} of shape {array.shape}; write load_indicator((vertices, faces)) if these are a "
+            f"expected truth values, {got} of shape {array.shape}; write load_indicator((vertices, faces)) if these "
+            "are a "
             "mesh's vertices, load_indicator(a >= 0.5) if they are cells, occupied from 0.5 on"
         )
     if _is_map(array) and not _may_be_vertices(array) and (array.dtype.kind == "i" or high > 1):
         return (
-            f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give threshold='>=65', and unknown='free' if cells "
+            f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give threshold='>=65', and "
+            "unknown='free' if cells "
             "of -1 are free, else they count as occupied"
         )
     if low < 0:
         return (
-            f"expected truth values, or 0 and 1, {got}; write load_indicator(a <= 0) for signed distances, negative inside, "
+            f"expected truth values, or 0 and 1, {got}; write load_indicator(a <= 0) for signed distances, negative "
+            "inside, "
             "load_indicator(a > 0) if the object is where they are positive; for a file threshold='<=0' or '>0'"
         )
     top = high if np.isfinite(high) else array[np.isfinite(array)].max(initial=0)
@@ -255,7 +258,8 @@ def _what_to_say(array: np.ndarray) -> str:
     grey = ", a being the grey of a picture, such as rgb.mean(axis=2)" * (array.ndim == 3 and array.shape[2] in (3, 4))
     return (
         f"expected truth values, or 0 and 1, {got}; write load_indicator(a < {middle:g}) if low values, the dark of a "
-        f"map, are occupied, load_indicator(a >= {middle:g}) if high ones are{grey}; for a file threshold='<{middle:g}' "
+        f"map, are occupied, load_indicator(a >= {middle:g}) if high ones are{grey}; for a file "
+        f"threshold='<{middle:g}' "
         f"or '>={middle:g}'"
     )
 

@@ -59,7 +59,8 @@ class _File:
         axis = axes[0].text.strip() if axes and axes[0].text else ""
         if axis not in ("Z_UP", ""):
             raise ValueError(
-                f"expected up_axis Z_UP, got {axis[:20]}: programs disagree whether it is to be turned, so write it with z up"
+                f"expected up_axis Z_UP, got {axis[:20]}: programs disagree whether it is to be turned, so write it "
+                "with z up"
             )
         self.notes += ["no up_axis: taken as z up"] * (not axis)
         meter = as_numbers([units[0].get("meter", "1").encode()])[0] if units else 1.0
@@ -173,7 +174,8 @@ class _File:
             faces = as_faces(np.concatenate(strips), len(vertices))
         if len(sizes) != count:
             raise ValueError(
-                f"expected {'a count of' if count < 0 else count} {part.tag}, got {len(sizes)}{' without one' * (count < 0)}"
+                f"expected {'a count of' if count < 0 else count} {part.tag}, got "
+                f"{len(sizes)}{' without one' * (count < 0)}"
             )
         return vertices, faces
 

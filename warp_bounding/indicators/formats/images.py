@@ -98,7 +98,8 @@ def _pixels(image, name, *, grey: bool) -> np.ndarray:
         raise IndicatorError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
     if grey and alpha is not None and alpha.min() < 255:
         raise IndicatorError(
-            f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are not; "
+            f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are "
+            "not; "
             "without threshold what is opaque is occupied"
         )
     if grey:

@@ -107,7 +107,8 @@ def with_hollow(shape, hollow: str):
         return replace(shape, hollow=hollow)
     if not isinstance(shape, IndicatorGrid):
         raise IndicatorError(
-            f"{shape.name}: hollow is for grids and for meshes at rest, got hollow={hollow!r} for {type(shape).__name__}"
+            f"{shape.name}: hollow is for grids and for meshes at rest, got hollow={hollow!r} for "
+            f"{type(shape).__name__}"
         )
     return shape if hollow == HOLLOW[1] else _filled(shape)
 
@@ -201,7 +202,11 @@ _ARRAYS = (
     _Kind("warp", ("array",), lambda source: source.numpy()),
 )
 _QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of a shape of one's own
-ACCEPTED = "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an indicator"
+ACCEPTED = (
+    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or "
+    "an "
+    "indicator"
+)
 
 
 def mesh_from(source: object) -> IndicatorMesh | Recentred | None:

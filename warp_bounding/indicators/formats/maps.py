@@ -98,7 +98,8 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
     )
     if not resolution > 0 or not 0 <= free <= occupied <= 1:
         raise IndicatorError(
-            f"{path}: expected resolution > 0 and 0 <= free_thresh <= occupied_thresh <= 1, got {resolution}, {free}, {occupied}"
+            f"{path}: expected resolution > 0 and 0 <= free_thresh <= occupied_thresh <= 1, got {resolution}, {free}, "
+            f"{occupied}"
         )
     negate = {"0": False, "false": False, "1": True, "true": True}.get(str(fields["negate"]).lower())
     if negate is None:
@@ -109,7 +110,8 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
     x, y, yaw = (_number(path, "origin", word) for word in origin)
     if yaw:
         raise IndicatorError(
-            f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; set yaw to 0, and place the bounder with xform="
+            f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; set yaw to 0, and place the bounder with "
+            "xform="
         )
     if (mode == MODES[2]) != (wanted.threshold is not None):
         raise IndicatorError(

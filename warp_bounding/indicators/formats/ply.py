@@ -14,7 +14,8 @@ from warp_bounding.indicators.formats.reading import MeshData, as_faces, as_numb
 __all__ = ["read_ply"]
 
 TYPES = {
-    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1",
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+        "double": "f8", "int8": "i1", "uint8": "u1",
     "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 FORMATS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
@@ -59,7 +60,8 @@ def read_ply(path: Path) -> MeshData:
         elif element.name != "vertex" and element.count:
             if lists:
                 raise ValueError(
-                    f"expected lists for face and tristrips only, got the element {element.name} with {', '.join(lists)}"
+                    f"expected lists for face and tristrips only, got the element {element.name} with "
+                    f"{', '.join(lists)}"
                 )
             notes.append(f"not read: {element.count} of {element.name}")
         elif element.name == "vertex" and corners:
@@ -147,7 +149,10 @@ def _body(elements: list[_Element], content: bytes, order: str) -> tuple[Columns
         if row is not None and position + row.itemsize * element.count <= len(content):
             table = np.frombuffer(content, row, element.count, position) if row.itemsize else np.zeros(0, row)
             if not lists or (table["#"] == size).all():
-                found[element.name] = {p.name: table[p.name] if not p.counts else (np.full(len(table), size), table[p.name].ravel()) for p in element.properties}  # fmt: skip
+                found[element.name] = {
+                    p.name: table[p.name] if not p.counts else (np.full(len(table), size), table[p.name].ravel())
+                    for p in element.properties
+                }
                 position += table.nbytes
                 continue
         if element.count * max(1, len(element.properties)) > len(content) - position:
@@ -208,6 +213,7 @@ def _text(elements: list[_Element], content: bytes) -> tuple[Columns, int]:
     wanted = np.concatenate(widths)
     if not np.array_equal(wanted[wanted > 0], found):
         raise ValueError(
-            f"expected {(wanted > 0).sum()} lines, one for each vertex, face or other element, got {len(found)} of other lengths"
+            f"expected {(wanted > 0).sum()} lines, one for each vertex, face or other element, got {len(found)} of "
+            "other lengths"
         )
     return columns, rest

@@ -52,7 +52,8 @@ def _text(content: bytes) -> np.ndarray:
         for place, word in enumerate(TEXT):
             if word != b"." and any(other != word for other in words[place :: len(TEXT)]):
                 raise ValueError(
-                    "expected 'facet normal', 'outer loop', three vertices, 'endloop', 'endfacet'; got a facet of another kind"
+                    "expected 'facet normal', 'outer loop', three vertices, 'endloop', 'endfacet'; got a facet of "
+                    "another kind"
                 )
         if len(words) % len(TEXT):
             raise ValueError(f"expected whole facets of {len(TEXT)} words, got {len(words)} words in a solid")

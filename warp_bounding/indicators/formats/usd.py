@@ -123,7 +123,14 @@ class _Stage:
         for prim in self.stage.Traverse(self.proxies):
             if prim.IsA(geom.Xformable) and geom.Xformable(prim).TransformMightBeTimeVarying():
                 self.note("animated: only its first pose is bounded", prim)
-            read = next((getattr(self, f"_{kind.lower()}") for kind in ("Mesh", "Cube", "Plane") if prim.IsA(getattr(geom, kind))), None)  # fmt: skip
+            read = next(
+                (
+                    getattr(self, f"_{kind.lower()}")
+                    for kind in ("Mesh", "Cube", "Plane")
+                    if prim.IsA(getattr(geom, kind))
+                ),
+                None,
+            )
             if read is not None:
                 try:
                     vertices, faces = read(prim)

@@ -483,7 +483,8 @@ def find_excesses_then(
         box.centre = low * _HALF + high * _HALF
         box.half = half_of(low, high, box.centre)
         box.span = span_between(m.faces.times, keys[i], lower[i][0], upper[i][0])
-        if moving_box_is_free(m.faces, box.span, box.centre, box.half, m.rounding + beyond[i]):  # noqa: SIM102 (a kernel's ``and`` would not wait)
+        if moving_box_is_free(m.faces, box.span, box.centre, box.half, m.rounding + beyond[i]):  # noqa: SIM102
+            # a kernel's ``and`` would not wait
             if outside_in(m.closed, m.pieces, box.span, box.centre):
                 for k in range(4):
                     size += wp.abs(m.lower[k]) + wp.abs(m.upper[k])
