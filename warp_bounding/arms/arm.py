@@ -18,8 +18,8 @@ from warp_bounding.runtime.arrays import Picklable
 # Rounded hulls: what the links of an arm and the things around it are made of.
 #
 # A body is the convex hull of a few points and everything within a radius of it: a point with a radius is a ball, two
-# are a capsule,
-# eight without a radius are a box. One test tells all of them apart from each other (``kernels.separation``).
+# are a capsule, eight without a radius are a box. One test tells all of them apart from each other
+# (``kernels.separation``).
 
 WORLD = -1  # the link that does not move
 MOST_POINTS = 512  # of a body

@@ -15,17 +15,14 @@ from warp_bounding.runtime.native import named
 #
 # How far two hulls of points are apart, in float64: a direction that proves it, and two points that are so near.
 #
-# For any vector n, however it was found, every point b of one hull and every point a of the other have ``n . (b - a)
-# >= gap``, where the gap
-# is the least of ``n . b`` less the largest of ``n . a`` over the corners. So the gap over the length of n is a lower
-# bound of the
-# distance that rests on nothing but two sums over corners. The search for a good n may be as careless as it likes. It
-# is the algorithm
-# of Gilbert, Johnson and Keerthi: of the differences ``b - a`` it keeps up to four whose hull comes ever nearer to 0.
+# For any vector n, however it was found, every point b of one hull and every point a of the other have ``n . (b - a) >=
+# gap``, where the gap is the least of ``n . b`` less the largest of ``n . a`` over the corners. So the gap over the
+# length of n is a lower bound of the distance that rests on nothing but two sums over corners. The search for a good n
+# may be as careless as it likes. It is the algorithm of Gilbert, Johnson and Keerthi: of the differences ``b - a`` it
+# keeps up to four whose hull comes ever nearer to 0.
 #
-# Where 0 lies inside of four differences, the hulls meet, and ``depth`` tells how far 0 is from their faces: by so
-# much the corners may
-# be off and the hulls still meet.
+# Where 0 lies inside of four differences, the hulls meet, and ``depth`` tells how far 0 is from their faces: by so much
+# the corners may be off and the hulls still meet.
 #
 # Source: Gilbert, Johnson, Keerthi, "A fast procedure for computing the distance between complex objects in three-
 # dimensional space" (1988).
@@ -222,16 +219,12 @@ def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Pl
 # Where the links of an arm are, in float64 kernels, and what that rounds.
 #
 # With u = 2^-53, n joints, and S the size of all (how far from the origin any corner, joint or obstacle can be): sine
-# and cosine err by
-# 4 u, say, a product of two rotations by 3 u an entry, so that a rotation is off by 32 u for each joint before it, in
-# the operator norm, and a place by
-# 40 n u S. The first derivatives of a corner are cross products of such numbers, off by 100 n u S at most. A linear
-# bound over a box takes
-# each of them times half the box's side, at most 1, and twice n of them. With n up to 16 all that is under 2^13 u S. A
-# configuration
-# that is computed from weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by
-# no more than 16 times 2^-46 S. What is
-# allowed is far more than all of it, and far less than anything that matters.
+# and cosine err by 4 u, say, a product of two rotations by 3 u an entry, so that a rotation is off by 32 u for each
+# joint before it, in the operator norm, and a place by 40 n u S. The first derivatives of a corner are cross products
+# of such numbers, off by 100 n u S at most. A linear bound over a box takes each of them times half the box's side, at
+# most 1, and twice n of them. With n up to 16 all that is under 2^13 u S. A configuration that is computed from
+# weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by no more than 16 times
+# 2^-46 S. What is allowed is far more than all of it, and far less than anything that matters.
 
 ALLOWANCE = 2.0**-36  # of the size of all: by how much a gap may be off; see above
 
@@ -320,35 +313,27 @@ def kinematics_of(n: int) -> Any:
 # What is known of a pair of bodies of an arm, at a configuration and over boxes of them, in float64.
 #
 # A *pair* is two bodies that may touch, and the joints ``first .. last`` that move one against the other: those behind
-# the link of the one
-# (the world or a link before) up to that of the other. Seen from the one's link, corner p of the other is a function
-# of these joint
-# values alone.
+# the link of the one (the world or a link before) up to that of the other. Seen from the one's link, corner p of the
+# other is a function of these joint values alone.
 #
 # *First order.* Where each joint value differs by ``h_i`` at most from the centre's, p has moved by no more than
-# ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being
-# how far the body is from the axis of joint i at most (``Arm.reach``).
+# ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being how far the body is from the axis of joint i at most (``Arm.reach``).
 #
 # *Second order.* With n the direction that tells the hulls apart at the centre, ``n . p`` is there ``n . p_c + sum_i
-# c_i d_i``, ``c_i = n . dp/dq_i``, up to
-# ``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``, and the second derivative is at most rho of the later of the two joints,
-# since
-# ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j. So the gap is above a linear function for each corner. A
-# box over which all of them stay above
-# the radii is free of the pair.
+# c_i d_i``, ``c_i = n . dp/dq_i``, up to ``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``, and the second derivative is at
+# most rho of the later of the two joints, since ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j. So the gap
+# is above a linear function for each corner. A box over which all of them stay above the radii is free of the pair.
 #
 # A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for
 # values within the limits, where what collides is.
 #
 # *Half-spaces.* Where they do not, a configuration of the box that collides has a corner whose linear function is no
-# more than 0. One linear
-# function that lies under all of them in the box, over all pairs that are left, gives a half-space.
+# more than 0. One linear function that lies under all of them in the box, over all pairs that are left, gives a
+# half-space.
 #
 # *Distance.* In coordinates ``x_i = w_i q_i``, a ball of radius r around a configuration moves the other body by at
-# most
-# ``r |(rho_i / w_i)_i|``; and along n by at most ``r |(c_i / w_i)_i| + r^2 / 2 |(rho_max(i, j) / (w_i w_j))_ij|``, the
-# last a Frobenius norm. The larger of the two radii
-# that follow is a distance which the pair cannot undercut.
+# most ``r |(rho_i / w_i)_i|``; and along n by at most ``r |(c_i / w_i)_i| + r^2 / 2 |(rho_max(i, j) / (w_i w_j))_ij|``,
+# the last a Frobenius norm. The larger of the two radii that follow is a distance which the pair cannot undercut.
 
 OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
 

@@ -153,12 +153,10 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
 # argument this is, in any dimension.
 #
 # Here the pieces are solid, so that there is no side to ask for. The distance to a piece is at least ``m (n . x - h)``
-# for any unit vector n,
-# with h the piece's support along n, and any m from 0 to 1, since it is at least 0: so a box may reach into the piece,
-# where the
-# distance has a bend and a smooth function goes through with a slope between both. Taken are m = 1 and the function's
-# own slope along n; n leads from the
-# piece's nearest point to the centre of the box, or out of the piece's nearest face where the centre lies in it.
+# for any unit vector n, with h the piece's support along n, and any m from 0 to 1, since it is at least 0: so a box may
+# reach into the piece, where the distance has a bend and a smooth function goes through with a slope between both.
+# Taken are m = 1 and the function's own slope along n; n leads from the piece's nearest point to the centre of the box,
+# or out of the piece's nearest face where the centre lies in it.
 
 ROOM = (
     2.0**-44

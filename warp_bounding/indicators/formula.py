@@ -171,8 +171,7 @@ def columns(lower: np.ndarray, upper: np.ndarray) -> list[Interval]:
 #
 # Closed cells that hold a shape, found by dividing blocks of cells until the shape certifies them empty.
 #
-# A block that the shape certifies to lie in it whole is not divided either, so the work goes to the shape's border.
-# The
+# A block that the shape certifies to lie in it whole is not divided either, so the work goes to the shape's border. The
 # corners of each block are rounded outwards, so a block that is left out holds no point of the object, its border
 # included.
 

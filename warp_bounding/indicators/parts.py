@@ -114,10 +114,8 @@ def part_of(shape: Shape, box: tuple[np.ndarray, np.ndarray]) -> Shape:
 # Everything outside a shape: what a bounder holds that says where a point is certainly *inside* it.
 #
 # A bounder of the complement answers *no* only where no point of the complement is, that is, in the object. It has no
-# end:
-# beyond the box of the shape a query is *maybe* in it. The complement of a motion is its complement at each of its
-# times;
-# beyond these there is nothing, and every bounder answers *maybe*.
+# end: beyond the box of the shape a query is *maybe* in it. The complement of a motion is its complement at each of its
+# times; beyond these there is nothing, and every bounder answers *maybe*.
 
 SIDES = ("outside", "inside")  # from which a bounder may hold a shape: where "no" is certain to be
 

@@ -208,10 +208,8 @@ def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, f
 # What a shape may know of its part in a box beyond whether there is any: a half-space that holds it.
 #
 # Where f falls towards the object and the object ends before f has fallen far, a box may meet both: neither the bound
-# of
-# f nor ``Shape.empty`` closes it. The least f over the part of the box in the half-space is what counts, and two
-# linear
-# bounds tell it together.
+# of f nor ``Shape.empty`` closes it. The least f over the part of the box in the half-space is what counts, and two
+# linear bounds tell it together.
 
 
 class HalfSpaces(NamedTuple):
@@ -269,8 +267,7 @@ class HalfSpaces(NamedTuple):
 # union of them is called.
 #
 # Pieces have numbers. A digest follows from that of the whole and the numbers alone, so that bounders of pieces can be
-# put
-# together without the shape, and nobody can take one piece for another.
+# put together without the shape, and nobody can take one piece for another.
 
 MOST = 4096
 

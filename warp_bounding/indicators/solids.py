@@ -14,8 +14,7 @@ from warp_bounding.indicators.shape import Shape, checked_corners, checked_margi
 # The algebra: unions, intersections, differences and dilations of shapes, and the operators that make them.
 #
 # Minimum and maximum, a change of sign and of level keep the properties of a gap (``formula``): that of a union is the
-# least gap of its parts, that of an intersection the largest, that of a difference ``max(a, -b)``. Every shape can be
-# a
+# least gap of its parts, that of an intersection the largest, that of a difference ``max(a, -b)``. Every shape can be a
 # part: one that is no solid counts with its own answers about points and boxes (``Foreign``).
 
 
@@ -228,8 +227,7 @@ def _corners(parts: tuple[Shape, ...], name: str) -> tuple[np.ndarray, np.ndarra
 # The solids that others are made of: sphere, box, capsule, half-space and torus, in any number of dimensions.
 #
 # Their numbers are float64 and mean exactly what they are; what is computed with them is enclosed in intervals. Of a
-# sphere, box or torus the gap over a box is exact but for rounding, because it depends on each coordinate on its own
-# or
+# sphere, box or torus the gap over a box is exact but for rounding, because it depends on each coordinate on its own or
 # through sums of squares.
 
 TINY_LENGTH = 1e-150  # object units; a shorter vector has no direction, because its square has lost its digits

@@ -29,13 +29,11 @@ def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 # Which faces of a triangle mesh enclose an inside: those that are left when all with a free edge are taken away.
 #
 # Vertices at equal places are one vertex, faces with the same three vertices one face. A face with an edge that no
-# other
-# face has is taken away, and again, until there is none: the rest is closed, whatever way its faces are turned,
-# however
-# many of them meet in an edge (a wall between two chambers), and however shells lie in or through one another. Its
-# inside is what a flood from outside does not reach (``triangles.cells.fill_inside``), so a choice that is made here
-# never
-# takes anything from the object: every face stays on the surface, and a closed part only adds the inside to it.
+# other face has is taken away, and again, until there is none: the rest is closed, whatever way its faces are turned,
+# however many of them meet in an edge (a wall between two chambers), and however shells lie in or through one another.
+# Its inside is what a flood from outside does not reach (``triangles.cells.fill_inside``), so a choice that is made
+# here never takes anything from the object: every face stays on the surface, and a closed part only adds the inside to
+# it.
 #
 # A face without area stays as long as its edges do: it may be what fills a crack where a vertex lies on another face's
 # edge. One that hangs loose is taken away like any other, and does not make a mesh an open one.
@@ -167,15 +165,11 @@ def _has_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 # number of times only if the cycle keeps the point from infinity, whatever way faces are turned and however they run
 # through one another. So an odd number is a proof that the point is enclosed; even numbers prove nothing.
 #
-# Faces that meet two by two at their edges form a patch. Where three or more meet, as at the wall between two
-# chambers,
+# Faces that meet two by two at their edges form a patch. Where three or more meet, as at the wall between two chambers,
 # a cycle holds an even number of them: one linear equation modulo 2 between patches. The solutions have a basis, and
-# each
-# element of it gets a random number of 64 bits; a face carries the exclusive or of the numbers of those elements that
-# it
-# is in. Then the exclusive or over the faces that a ray crosses is 0 if it crosses all of them evenly. (It is 0 for
-# one
-# odd sum in 2^64, too, and then the point is not known to be enclosed.)
+# each element of it gets a random number of 64 bits; a face carries the exclusive or of the numbers of those elements
+# that it is in. Then the exclusive or over the faces that a ray crosses is 0 if it crosses all of them evenly. (It is 0
+# for one odd sum in 2^64, too, and then the point is not known to be enclosed.)
 
 MOST_JOINED = 4096  # patches that meet three or more at an edge: for more of them no cycle is looked for
 SEED = 0  # of the random numbers

@@ -223,9 +223,8 @@ def ask_distances(source: DistanceSource) -> wp.Kernel:
 # Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Hull``).
 #
 # Newton lists its pairs shape by shape, and of each shape particle by particle. So on a CPU ``LANES`` pairs in a row
-# are nearly always one shape and
-# particles that follow each other, and are decided together; where they are not, and on CUDA, it is one pair at a
-# time, by the same operations.
+# are nearly always one shape and particles that follow each other, and are decided together; where they are not, and on
+# CUDA, it is one pair at a time, by the same operations.
 
 PAIRS_AT_ONCE = 16  # pairs that are decided together; divides ``kernels.CPU_BLOCK``
 
@@ -334,8 +333,7 @@ def runs_of(pairs: np.ndarray) -> np.ndarray:
 # vector.
 #
 # Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
-# What it asks, and how that
-# rounds, is what ``kernels.ask_distances`` does for one pair, on CUDA.
+# What it asks, and how that rounds, is what ``kernels.ask_distances`` does for one pair, on CUDA.
 
 BLOCKS = 16  # blocks of pairs that a thread of the kernel goes through
 

@@ -20,10 +20,9 @@ from warp_bounding.arithmetic import UNIT32
 # Newton's primitive shapes in closed form: where the signed distance that its pass computes may be small.
 #
 # The pass makes a contact where a signed distance d of the particle, computed in float32 in the shape's own axes, is
-# under ``gap + margin + radius``, which is
-# at most a ``way`` that is at least 0. ``extent_of`` tells a box around each primitive, how fast it must grow for d to
-# be at least ``way`` outside, and a ball
-# likewise. On axis k, with half width h_k and growth g_k: ``|x_k| > h_k + g_k way`` implies ``d >= way``:
+# under ``gap + margin + radius``, which is at most a ``way`` that is at least 0. ``extent_of`` tells a box around each
+# primitive, how fast it must grow for d to be at least ``way`` outside, and a ball likewise. On axis k, with half width
+# h_k and growth g_k: ``|x_k| > h_k + g_k way`` implies ``d >= way``:
 #
 # * sphere, box, capsule, cylinder, cone: d is a distance to points of the shape, or less inside, and never under
 #   ``|x_k| - h_k``; so g is 1. A box with half diagonal

@@ -21,9 +21,8 @@ from warp_bounding.queries import QUERIES
 #
 # The triangles of a model's meshes as Newton's pass reads them: on the device, by ``shape_source_ptr``.
 #
-# ``shape_source`` holds objects of the host, whose points may have been changed, or which may have been replaced,
-# since the model was finalised. What the
-# cull says of a mesh must be true of the one that is asked.
+# ``shape_source`` holds objects of the host, whose points may have been changed, or which may have been replaced, since
+# the model was finalised. What the cull says of a mesh must be true of the one that is asked.
 
 
 @wp.kernel(enable_backward=False)

@@ -87,7 +87,7 @@ class Bars:
         owner: np.ndarray,
         excess: np.ndarray,
     ) -> None:
-        """Evaluate F where bounds ``excess`` are farthest above their bars, and raise bars that F exceeds there."""
+        """Evaluate F where bounds ``excess`` exceed their bars the most, and raise those that F exceeds."""
         if self.fixed or not len(low):
             return
         over = excess - self.of(owner)

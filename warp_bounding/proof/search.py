@@ -657,7 +657,7 @@ STATE = 3  # arrays of the blocks' state: stacks, heights, and how many boxes of
 
 @dataclass(frozen=True)
 class ChartedPositives:
-    """The positives of an object as boxes of a chart's numbers z, and the network whose f is bounded over them."""
+    """An object's positives as boxes of a chart's numbers z, and the network whose f is bounded there."""
 
     network: Network  # of f
     chart: Chart  # how numbers z become a query

@@ -86,8 +86,7 @@ def read_mesh(path: Path) -> IndicatorMesh | Recentred:
 # Air that an object encloses: whether it counts as inside, one word for meshes and grids.
 #
 # A hollow is a part of space that nothing leads out of, and that no surface goes around: the air of a tank, of a room
-# without a door. Cells
-# that touch in an edge or a corner only are closed there, as they are closed sets.
+# without a door. Cells that touch in an edge or a corner only are closed there, as they are closed sets.
 
 
 def with_hollow(shape, hollow: str):

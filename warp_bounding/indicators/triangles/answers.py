@@ -625,11 +625,9 @@ def find_clearances(
 # How far are points from a dilated mesh? Certified bounds from both sides, within a few roundings of each other.
 #
 # The lower bound of each triangle is what the direction from the point to its nearest point proves
-# (``distance_along``), the
-# upper one is the distance to that point, which lies in the triangle. A walk goes to the nearer child first and keeps
-# the other
-# one on a stack, so that it soon knows how near the nearest triangle is; what is farther than that, box or triangle,
-# is left out.
+# (``distance_along``), the upper one is the distance to that point, which lies in the triangle. A walk goes to the
+# nearer child first and keeps the other one on a stack, so that it soon knows how near the nearest triangle is; what is
+# farther than that, box or triangle, is left out.
 
 LONGER = 1.0 + 2.0**-50  # outweighs the rounding of a length and of a sum
 GOOD = 1.0 - 2.0**-40  # a bound that is this share of the distance found is good enough
@@ -791,13 +789,11 @@ def find_distances(
 # are bounded by their corners.
 #
 # The function is known by numbers at the box's corners, so that what is multilinear in between, less anything linear,
-# is largest at a corner. The distance to
-# a convex piece (a triangle, or a node's box with all that is in it) is at least ``n . x - h`` for any unit vector n,
-# with h the piece's support along n. With n the direction from the
-# piece's nearest point to the box's centre that is its tangent, so that slopes cancel. The function less this is
-# largest at a corner; the largest of these numbers over all pieces bounds the excess
-# over the distance to all of them. A node whose number is not above what is known already is left out, with all pieces
-# below it.
+# is largest at a corner. The distance to a convex piece (a triangle, or a node's box with all that is in it) is at
+# least ``n . x - h`` for any unit vector n, with h the piece's support along n. With n the direction from the piece's
+# nearest point to the box's centre that is its tangent, so that slopes cancel. The function less this is largest at a
+# corner; the largest of these numbers over all pieces bounds the excess over the distance to all of them. A node whose
+# number is not above what is known already is left out, with all pieces below it.
 #
 # Where a box may hold enclosed points, whose distance is 0, all that is known is the function's largest value.
 

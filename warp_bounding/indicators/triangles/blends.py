@@ -299,19 +299,15 @@ def kernels_of(n: int) -> Kernels:
 #
 # Half-spaces that hold a mesh of blend shapes in boxes of place and pose, where a box is not certified to be empty.
 #
-# With n of length 1 and rates ``r``, ``n . (vertex - place) - r . pose`` is linear in place and pose. Its largest
-# value over the box and over all
-# vertices of a triangle near it is a level that no point of the triangle passes in the box, and that and the margin
-# none that no point within the
-# margin passes. Beyond it lies a convex part of the box, in place and pose together, that meets no triangle: the
-# surface winds around all of it
-# as often as around its farthest corner. Where that is outside, all of it is.
+# With n of length 1 and rates ``r``, ``n . (vertex - place) - r . pose`` is linear in place and pose. Its largest value
+# over the box and over all vertices of a triangle near it is a level that no point of the triangle passes in the box,
+# and that and the margin none that no point within the margin passes. Beyond it lies a convex part of the box, in place
+# and pose together, that meets no triangle: the surface winds around all of it as often as around its farthest corner.
+# Where that is outside, all of it is.
 #
-# Of a triangle with the normal m only what is near the box counts: there ``n . p = (n - s m) . p + s m . p`` for any
-# s, of which the first is
-# bounded by the box and the second is linear in place and pose again. n is the way from the nearest triangle to the
-# place at the box's centre, or
-# the other way, and r is how that triangle moves along it.
+# Of a triangle with the normal m only what is near the box counts: there ``n . p = (n - s m) . p + s m . p`` for any s,
+# of which the first is bounded by the box and the second is linear in place and pose again. n is the way from the
+# nearest triangle to the place at the box's centre, or the other way, and r is how that triangle moves along it.
 
 _THIRD, _FOUR = wp.constant(wp.float64(1.0 / 3.0)), wp.constant(wp.float64(4.0))
 _SHORTEST = wp.constant(wp.float64(SHORTEST))

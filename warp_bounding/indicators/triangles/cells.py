@@ -181,13 +181,11 @@ def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | N
 # A cell that meets no face has one side: it is free. Of a cell that meets faces, only the centre has a side. Two free
 # cells with a common face are on the same side, and so are two neighbouring centres if the segment between them is
 # proven to cross no face. What is connected in this way with the border of the grid is outside, for certain. The rest
-# is
-# inside where a ray proves one of its points to be enclosed (``triangles/hierarchy.py``), and unknown elsewhere: a
+# is inside where a ray proves one of its points to be enclosed (``triangles/hierarchy.py``), and unknown elsewhere: a
 # hollow between several parts, or behind a neck that is much narrower than a cell.
 #
 # A point is on the side of its own cell, if that is free, or of a centre or a free cell near it to which a short
-# segment
-# is proven to cross no face. Nothing is ever assumed: where all segments fail the side is unknown.
+# segment is proven to cross no face. Nothing is ever assumed: where all segments fail the side is unknown.
 #
 # Where hollows are empty, the winding number decides instead of the flood: what faces go around 0 times, for certain,
 # is outside.

@@ -13,12 +13,11 @@ from warp_bounding.runtime.native import STRICT
 #
 # A box is certified to be free of a triangle for one reason only: there is an axis on which the triangle and the box,
 # grown by a ball of the margin's radius, do not overlap. That is a proof for *any* axis, however it was computed, so
-# the
-# search for one may be as careless as it likes and only ``separated`` has to be right. The axes tried are those of the
-# separating axis theorem for a box and a triangle (three face normals, the triangle's normal, nine products of edges;
-# complete for a margin of 0) and, for a margin, the directions between the closest points of box and triangle that
-# alternating projections find (they are missing from the 13 where a corner is closest). A degenerate triangle needs no
-# case of its own: its null axes separate nothing.
+# the search for one may be as careless as it likes and only ``separated`` has to be right. The axes tried are those of
+# the separating axis theorem for a box and a triangle (three face normals, the triangle's normal, nine products of
+# edges; complete for a margin of 0) and, for a margin, the directions between the closest points of box and triangle
+# that alternating projections find (they are missing from the 13 where a corner is closest). A degenerate triangle
+# needs no case of its own: its null axes separate nothing.
 #
 # The box is always |x_k| <= half_k, and the corners a, b, c are relative to its centre. Who asks knows how large they
 # are, and gives the ``slack``: a length that outweighs all rounding (``triangles.cells.SLACK`` for cells,
@@ -226,11 +225,9 @@ def distance_along(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.
 # A hierarchy of boxes over triangles: a balanced binary tree, walked in one direction and without a stack.
 #
 # Triangles are sorted so that every node of level l holds a stretch of them, halved at the median along the longest
-# side
-# of the box around its triangles' centres. Nodes lie in the order in which a walk meets them: a node's first child
-# comes
-# right after it, and each node tells where a walk goes on that leaves its children out. So a walk is a loop over one
-# number, the same on a CPU and on CUDA. Boxes are those of float32 vertices, so they are exact.
+# side of the box around its triangles' centres. Nodes lie in the order in which a walk meets them: a node's first child
+# comes right after it, and each node tells where a walk goes on that leaves its children out. So a walk is a loop over
+# one number, the same on a CPU and on CUDA. Boxes are those of float32 vertices, so they are exact.
 
 LEAF = 4  # triangles of a leaf at most; 2 and 8 were slower for boxes near a bunny
 STEP = 2.0**-22  # relative: twice what rounding a float64 number to float32 may change
@@ -521,9 +518,8 @@ def nearness(t: Triangles, x: wp.vec3d, margin: wp.float64) -> int:
 #
 # Is a point enclosed by triangles for certain? Rays along the axes count what they cross (``surfaces.py``).
 #
-# Where faces are turned alike, so that each edge is run through as often one way as the other, the crossings with
-# their signs add up to the
-# winding number of the surface around the point, the same along every ray.
+# Where faces are turned alike, so that each edge is run through as often one way as the other, the crossings with their
+# signs add up to the winding number of the surface around the point, the same along every ray.
 #
 # Every sign is that of the exact number, or it is unknown, and then so is the answer of the ray.
 

@@ -26,12 +26,10 @@ from warp_bounding.runtime.launch import launch_on_cores
 # One triangle that moves against one box or segment, in float64: axes that prove them apart for a whole span of time.
 #
 # Each corner goes straight from ``a - u`` to ``a + u``. So all that the triangle is in between lies in the convex hull
-# of
-# the six ends, and an axis on which these do not overlap the box, grown by the margin, is a proof for the whole span,
-# for
-# *any* axis, however it was computed. The first axes that are tried are directions between closest points of the box
-# and the triangle in the middle of its way; the next ones come from the hull, step by step (Frank and Wolfe's method);
-# the last ones are the 13 axes of ``triangles/hierarchy.py``, of the triangle in the middle.
+# of the six ends, and an axis on which these do not overlap the box, grown by the margin, is a proof for the whole
+# span, for *any* axis, however it was computed. The first axes that are tried are directions between closest points of
+# the box and the triangle in the middle of its way; the next ones come from the hull, step by step (Frank and Wolfe's
+# method); the last ones are the 13 axes of ``triangles/hierarchy.py``, of the triangle in the middle.
 #
 # The box is |x_k| <= half_k, and corners are relative to its centre. The slack outweighs all rounding that begins with
 # the corners and ways as they are given; how well these are known themselves is for the margin to cover.
@@ -498,8 +496,7 @@ def moving_encloses(ways: Ways, span: Span, x: wp.vec3d) -> bool:
 # number of faces that a way to infinity crosses, modulo 2, changes only where a face passes.
 #
 # A point is outside in a span if it is so in each piece: by its own cell, or by a cell nearby that is outside and to
-# which
-# a short segment is proven to meet no face at any time of the span in the piece.
+# which a short segment is proven to meet no face at any time of the span in the piece.
 #
 # Grids are made when they are first asked for. All of a motion's together are small (``MOST_BYTES``).
 

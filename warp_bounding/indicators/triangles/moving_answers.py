@@ -216,8 +216,7 @@ def find_inside_spans(
 # How far in space are points from a dilated motion at their time? Certified bounds from both sides.
 #
 # At a single time a triangle that moves stands still, so the walk and the proofs are those of ``triangles/answers.py``.
-# Vertices may be
-# elsewhere by the motion's rounding, which widens what is known of them.
+# Vertices may be elsewhere by the motion's rounding, which widens what is known of them.
 
 _SHORTER, _LONGER = wp.constant(wp.float64(SHORTER)), wp.constant(wp.float64(LONGER))
 _INFINITY = wp.constant(wp.float64(float("inf")))
@@ -309,12 +308,11 @@ def find_distances_then(
 # bounds, as of ``triangles/answers.py``.
 #
 # Between two keyframes corners go straight. For a unit vector n, the support of a triangle along n at a time is the
-# largest of three linear functions of it, and that
-# of a node's box is linear: convex in time, both. So the function, which is multilinear between the numbers at the
-# box's corners, less ``n . x`` and plus the support is largest at
-# a corner of the box of time and space, and the supports at its first and its last time are enough. As any multiple of
-# the plane, from 0 to 1, is under the distance, too, the
-# function's own slope is taken as well as 1 (``box_distances.py``).
+# largest of three linear functions of it, and that of a node's box is linear: convex in time, both. So the function,
+# which is multilinear between the numbers at the box's corners, less ``n . x`` and plus the support is largest at a
+# corner of the box of time and space, and the supports at its first and its last time are enough. As any multiple of
+# the plane, from 0 to 1, is under the distance, too, the function's own slope is taken as well as 1
+# (``box_distances.py``).
 #
 # Where the box may hold a point of a face, or an enclosed one, all that is known is the function's largest value.
 
@@ -499,21 +497,18 @@ def find_excesses_then(
 # A half-space that holds a dilated motion's points in a box of time and space, where the box is not certified to be
 # empty.
 #
-# Along a unit vector n, no point of a face near the box lies beyond the largest support of these faces, and no point
-# of the object within the margin
-# of one lies beyond that and the margin. Between two keyframes corners go straight, so supports are convex in time,
-# and a linear function of time that is
-# above them at both ends of each span is above them in between. What lies beyond it in the box is convex at each time
-# and meets no face: it is outside, or all of it is enclosed,
-# and a single point of it that is outside at all times tells (``sides.outside_in``). That is the corner of the box
-# that lies farthest along n. In a span where
-# it is not outside, the linear function must be so high that nothing of the box lies beyond.
+# Along a unit vector n, no point of a face near the box lies beyond the largest support of these faces, and no point of
+# the object within the margin of one lies beyond that and the margin. Between two keyframes corners go straight, so
+# supports are convex in time, and a linear function of time that is above them at both ends of each span is above them
+# in between. What lies beyond it in the box is convex at each time and meets no face: it is outside, or all of it is
+# enclosed, and a single point of it that is outside at all times tells (``sides.outside_in``). That is the corner of
+# the box that lies farthest along n. In a span where it is not outside, the linear function must be so high that
+# nothing of the box lies beyond.
 #
-# The support of a face is that of its corners, or of its part near the box: with m the face's normal, a point of it
-# has ``n . p = (n - s m) . p + s m . p``, of which
-# the first is bounded by the box for any s, and the second by the corners. The vector n is the direction from the
-# nearest point of a face to the box's middle, or the
-# other way, where that is enclosed.
+# The support of a face is that of its corners, or of its part near the box: with m the face's normal, a point of it has
+# ``n . p = (n - s m) . p + s m . p``, of which the first is bounded by the box for any s, and the second by the
+# corners. The vector n is the direction from the nearest point of a face to the box's middle, or the other way, where
+# that is enclosed.
 
 MOST_FACES = 96  # near a box in one span: where there are more, no half-space is looked for
 MOST_SPANS = 8  # that a box reaches into: likewise
