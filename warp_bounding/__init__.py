@@ -10,7 +10,7 @@ is *yes*:
     print(bounder.certificate.message)
     mask = bounder.query(points)  # uint8, 1 = maybe
 
-In a kernel of your own, ``wp.static(bounder.func)(data, q[i])`` asks one query; ``bounder.data`` is the argument
+In a kernel of your own, ``wp.static(bounder.func)(data, q[i])`` answers one query; ``bounder.data`` is the argument
 ``data: wb.Data``.
 
 Importing this module imports neither torch nor trimesh nor pyvista; each is imported where it is needed.

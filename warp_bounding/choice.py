@@ -5,7 +5,7 @@ A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of t
 
 1. Closed forms have a third of the time, the quickest to fit first; one that takes longer than what is left is stopped.
 2. Networks share the rest equally. Each is trained at least until its false positives say something about its size: the
-   steps that others have made in their time tell how long that is. Where there is no time for it, it is not begun.
+   steps that others have made in their time show how long that is. Where there is no time for it, it is not begun.
 3. The best network is trained again with what is left.
 """
 
@@ -295,7 +295,7 @@ TIMED, TURNS = 200_000, 9  # queries of a timed launch, at least, and launches o
 MOST_SECONDS = 0.3  # of one candidate's launches, after which no more are timed
 CLOSED_SHARE, PART = 1 / 3, 1 / 20  # of the time, for closed forms; of the budget, for one of them that learns
 OVERDRAWN = 0.12  # of the budget, by which a network's fit may exceed it before it is stopped
-LAST = 3  # shares that are kept for training the best network again
+LAST = 3  # shares that are reserved for training the best network again
 LEAST_SECONDS, LONGER = 3.0, 1.5  # of a network's fit; and times the seconds before, to train it again
 DOUBT = 0.8  # of the seconds that a fit needs: with less it is not begun
 # Steps after which a network can be judged. Those of 24-24 neurons had 7.5 % false positives after 500 steps and 2.6 %
@@ -461,7 +461,7 @@ class Search:
         self.tell(each.label)
         try:
             with limited(limit), warnings.catch_warnings():
-                warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row tells what they cost
+                warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row shows what they cost
                 bounder = fit(self.shape, each.query, each.method, **options)
         except OutOfTimeError:
             self.no_time(each, 2 * limit, limit)
@@ -604,7 +604,7 @@ def choose(
         memory: Most bytes that a query may read (``Bounder.nbytes``).
         device: Warp device where it is measured, and of the bounder; the default device if ``None``.
         budget: Seconds that fits and measurements take together, up to an eighth more; what ``folder`` holds is charged
-            with what it took. What there is no time for is not begun, or stopped, and its row tells the budget that it
+            with what it took. What there is no time for is not begun, or stopped, and its row shows the budget that it
             needs. Compiling kernels, once for each size of network, is not counted.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
@@ -614,10 +614,10 @@ def choose(
         networks: Hidden widths of the networks that are tried, in this order; none of them for ``()``.
         bounders: Bounders of this very shape that you have already, by name; they are measured with the others.
             Distances answer points, rays and boxes.
-        overhead_ns: What your step takes for a query if there is any bounder, beside the bounder itself, such as for
+        overhead_ns: What your step takes for a query if there is any bounder, without the bounder itself, such as for
             lists of what is left.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
-        folder: Where candidates are kept as they are fitted; a call with the same settings goes on there. ``None``
+        folder: Where candidates are stored as they are fitted; a call with the same settings goes on there. ``None``
             keeps nothing.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends fitting; what was fitted is then compared.

@@ -382,7 +382,7 @@ def fit(
 
 
 def _options_by_method() -> dict[str, list]:
-    """The options of each method, those of its distance included, which the command line does not tell apart."""
+    """The options of each method, those of its distance included, which the command line does not distinguish."""
     from warp_bounding.bounders import DISTANCES, METHODS
 
     found = {name: list(cls.options) for name, cls in METHODS.items()}
@@ -579,7 +579,7 @@ def bake(
     """Fit a bounder to each shape of FOLDER, with the options of fit, or with --narrow-ns choose one for each.
 
     Results are named by a hash of shape, settings and version, and written whole: the same command goes on where one
-    that was stopped or killed has ended. What is wrong with a shape is told and listed, and the others go on; exit
+    that was stopped or killed has ended. What is wrong with a shape is reported and listed, and the others go on; exit
     status 1 where there was any. Ctrl-C keeps what is there.
     """
     from warp_bounding.baking.bake import LARGEST, SHEET, SchedulerError, bake_with

@@ -25,7 +25,7 @@ from warp_bounding.queries.region_domain import domain_of
 
 # --- report ----------------------------------------------------------------------------------------------------------
 #
-# What an evaluation tells.
+# What an evaluation reports.
 
 QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: how many, and their seed
 
@@ -47,8 +47,8 @@ class Rates:
         indicator: SHA-256 of the shape or the cells that the fit bounded; equal to ``bounder.info["indicator"]``.
         undecided: Samples whose truth could not be decided, per cent; they count as positives, but not as ``fn``.
         fp_rate_cells: Where the fit bounded cells of a shape: the same against these cells, per cent; else ``None``.
-        radius: Of a distance that is asked points: those within it are positive, object units; else ``None``.
-        query: Of a distance: the kind of query that it was asked; else ``None``.
+        radius: For points and a distance: those within it are positive, object units; else ``None``.
+        query: For a distance: the kind of query; else ``None``.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
@@ -71,7 +71,7 @@ class Rates:
 
     @property
     def truth_told(self) -> str:
-        """Whose truth it is, and what stands beside the rate: that against cells, and what could not be decided."""
+        """Whose truth it is, and what accompanies the rate: that against cells, and what could not be decided."""
         told = [self.truth]
         if self.fp_rate_cells is not None:
             told.append(f"{self.fp_rate_cells:.2f} % against the cells that are bounded")
@@ -106,7 +106,7 @@ PROTOCOLS = ("exact", "sampled")
 
 
 def judge_of(shape, fitted: Shape, query: str, protocol: str) -> Shape:
-    """Whose truth counts: that of the shape itself where it can tell, and else of the cells that the fit bounded."""
+    """Whose truth counts: that of the shape itself where it can decide, and else of the cells that the fit bounded."""
     known = isinstance(shape, Shape) and not isinstance(shape, IndicatorGrid) and protocol == PROTOCOLS[0]
     return shape.dilated(fitted.margin) if known and QUERIES[query].decides(shape) else fitted
 
@@ -124,7 +124,7 @@ def truth_by(
 #
 # Asking random queries, and counting what is wrong about the answers.
 
-CHUNK = 1_000_000  # queries that are asked at a time
+CHUNK = 1_000_000  # queries at a time
 
 
 def counted(
@@ -193,7 +193,7 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
     """Which points lie within a radius of the object: called with ``(N, n)`` it answers as ``Shape.decide``.
 
     Raises:
-        IndicatorError: For a radius above 0, if the shape cannot tell distances.
+        IndicatorError: For a radius above 0, if the shape has no distances.
     """
     if radius == 0:
         return shape.decide
@@ -211,7 +211,7 @@ def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol
     """What is evaluated of a distance bounder: the truth, its shape, the shape to sample around, and its statistics.
 
     Raises:
-        QueryError: For a query that a distance is not asked, or a value that makes no sense for it.
+        QueryError: For a kind of query that distances do not answer, or a value that makes no sense for it.
     """
     query = POINT.name if told["query"] is None else told["query"]
     if query not in ASKED:
@@ -273,11 +273,11 @@ def evaluate(
         protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
             region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
-        radius: Of a distance that is asked points: those within it count as positive; 0 if ``None``. Other bounders
+        radius: For points and a distance: those within it count as positive; 0 if ``None``. Other bounders
             have none.
-        query: Of a distance: what it is asked, ``"point"``, ``"ray"`` or ``"box"``; points if ``None``. Other bounders
+        query: For a distance: its queries, ``"point"``, ``"ray"`` or ``"box"``; points if ``None``. Other bounders
             have one kind.
-        length: Of the rays that a distance is asked, object units; 1 if ``None``.
+        length: Of the rays for a distance, object units; 1 if ``None``.
         steps: Evaluations that a distance may spend on a ray or a box; its own default if ``None``.
         progress: Called with samples done and samples in all.
 
@@ -286,7 +286,7 @@ def evaluate(
 
     Raises:
         QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, an impossible radius,
-            or what only a distance is told.
+            or options of distances only.
 
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)

@@ -1,4 +1,4 @@
-"""What a bounder is asked, and how: in batches, again and again, and in kernels of the user's own.
+"""How a bounder is queried: in batches, repeatedly, and in users' kernels.
 
 A call of ``query`` checks and views its input, makes memory for the answers, checks a placement and packs a kernel's
 arguments, which takes longer than the answers to a thousand queries. ``prepare`` does so once; ``Prepared.launch`` only
@@ -30,8 +30,8 @@ from warp_bounding.runtime.launch import BlockLaunch
 # kernels.
 #
 # One rule: ``query`` and its like take world coordinates, float32 or float64, as exactly the numbers that they are, and
-# take the origin off in float64. Whatever reads float32 where it lies takes local coordinates: kernels' functions,
-# ``prepare``, placements. They are asked of ``bounder.local``, which has no origin, so that nobody gives them world
+# subtract the origin in float64. Whatever reads float32 in place takes local coordinates: kernels' functions,
+# ``prepare``, placements. They belong to ``bounder.local``, which has no origin, so that nobody gives them world
 # coordinates unawares.
 
 
@@ -94,7 +94,7 @@ def in_frame(bounder, frame: Frame | None):
 def frame_fault(bounder, frame: Frame) -> str | None:
     """Why a bounder's claim does not hold in a frame, in a few words; ``None`` if it does.
 
-    A distance takes the blur off its answers.
+    A distance subtracts the blur from its answers.
     """
     if len(frame.origin) != bounder.ndim:
         return f"an origin of {len(frame.origin)} numbers for {bounder.ndim} coordinates"
@@ -139,7 +139,7 @@ def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificat
 
 
 class Prepared:
-    """Some queries of one bounder, ready to be asked; made by ``Bounder.prepare``.
+    """Queries of one bounder, prepared for repeated launches; made by ``Bounder.prepare``.
 
     It keeps the memory of the queries and of the answers. The queries are read anew in every launch: write the next
     ones to the same memory. Answers are written to the same memory in every launch; nothing is allocated, and nothing
@@ -148,8 +148,8 @@ class Prepared:
 
     Attributes:
         out: ``(N,)`` uint8, 1 = maybe, 0 = certainly not.
-        indices: ``(N,)`` int32, ascending indices of the candidates; ``None`` unless they are asked for.
-        count: How many candidates there are, a 1-element int32 array; ``None`` unless they are asked for.
+        indices: ``(N,)`` int32, ascending indices of the candidates; ``None`` unless they are requested.
+        count: How many candidates there are, a 1-element int32 array; ``None`` unless they are requested.
 
     Example:
         >>> prepared = bounder.prepare(points, candidates=True)
@@ -180,7 +180,7 @@ class Prepared:
         """Ask.
 
         Returns:
-            ``out``; where candidates are asked for, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is
+            ``out``; where candidates are requested, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is
             filled, too.
 
         Raises:
@@ -207,7 +207,7 @@ class Prepared:
 
         Raises:
             QueryError: If neither is given, or ``prepare`` was given neither, or for a placement that the certificate
-                does not cover; the old one is kept.
+                does not cover; the old one stays.
 
         Example:
             >>> prepared = bounder.prepare(points, scale=1.0)
@@ -255,7 +255,7 @@ class Asking(Framed, PicklableBounder, ABC):
         """The native code of ``f``; equal for bounders of equal sizes."""
 
     def source_of(self, kind: type[Source], *sizes: Any) -> Any:
-        """A source for this bounder's queries, with the sizes that its class has besides."""
+        """A source for this bounder's queries, with the sizes that its class adds."""
         domain = self.domain
         named = {"query": domain.query, "unbounded": domain.unbounded, "joints": domain.joints is not None}
         return kind(self.ndim, domain.time, *sizes, **named)
@@ -320,7 +320,7 @@ class Asking(Framed, PicklableBounder, ABC):
 
     @property
     def data(self) -> Data:
-        """What ``func`` reads besides the query, on this bounder's device: your kernel's argument of type ``wb.Data``.
+        """What ``func`` reads in addition to the query, on this bounder's device: an argument of type ``wb.Data``.
 
         After a new threshold (``freeze``) it is another object.
 
@@ -418,18 +418,18 @@ class Asking(Framed, PicklableBounder, ABC):
         return compact(self.query(x, xform=xform, scale=scale))
 
     def prepare(self, x, *, out: wp.array | None = None, xform=None, scale=None, candidates: bool = False) -> Prepared:
-        """Set up queries that are asked often, such as in every step of a simulation.
+        """Set up queries that are repeated often, such as in every step of a simulation.
 
         Args:
-            x: As for ``query``, but float32, on this device and in one piece: it is kept, and read at every launch, so
-                what is written there is asked next.
+            x: As for ``query``, but float32, on this device and contiguous: it is stored, and read at every launch, so
+                what is written there is queried next.
             out: As for ``query``.
             xform: As for ``query``; ``Prepared.move`` changes it.
             scale: As for ``query``; ``Prepared.move`` changes it.
             candidates: Compact the answers, as ``candidates`` does.
 
         Returns:
-            An object whose ``launch()`` asks.
+            An object whose ``launch()`` answers them.
 
         Raises:
             QueryError: As for ``query``, and for ``x`` that would have to be copied.

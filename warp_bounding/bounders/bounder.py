@@ -8,7 +8,7 @@ A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 n
 * ``reference(v)``: the same ``f`` in plain NumPy float64, which tests and proofs evaluate;
 * ``bound(lower, upper)``: a certified lower bound of the exact ``f`` over boxes of ``v``;
 * ``rounding_bound()``: ``E >= |f as any device computes it - exact f|`` wherever the domain test lets a query through;
-* ``options``, what users can tell it, and ``supports``, what it bounds;
+* ``options``, which users can set, and ``supports``, what it bounds;
 * ``fit(grid, domain, ...)``, where the volume is computed in closed form; where it is learned, an entry in
   ``training.trainers.TRAINERS``.
 
@@ -43,7 +43,7 @@ from warp_bounding.runtime.launch import device_of
 
 # --- options ---------------------------------------------------------------------------------------------------------
 #
-# What a method can be told besides its shape and query: each class of bounders lists its ``options``.
+# What users can set in addition to shape and query: each class of bounders lists its ``options``.
 #
 # ``fit`` and the command line read them there. An option that no part of a method takes is refused, never ignored.
 
@@ -52,7 +52,7 @@ ALIKE = 0.7  # least similarity, as ``difflib`` has it, of a name and the one th
 
 @dataclass(frozen=True)
 class Option:
-    """One thing that a method can be told.
+    """One option of a method.
 
     Attributes:
         name: As ``fit`` takes it, and the command line after two dashes.
@@ -121,7 +121,7 @@ def unknown_option(name: str, method: str, known: Iterable[str], asked: str, cal
         name: As it was given.
         method: Who does not take it.
         known: Names of the options that the method takes.
-        asked: What it bounds then, such as ``"point queries"``.
+        asked: What it bounds, such as ``"point queries"``.
         callers: Functions that hand options on to the method: their own arguments may have been meant.
     """
     callers, known = list(callers), list(known)
@@ -170,7 +170,7 @@ class Bounder(Asking):
 
     Attributes:
         method: The name that ``method=`` takes.
-        query_kind: What is asked: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
+        query_kind: The kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
         certificate: What is proven of it, or ``None``.
@@ -195,10 +195,10 @@ class Bounder(Asking):
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
     delta_share: "np.ndarray | None" = None  # of a union whose parts have domains of their own, see there
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
-    conservative: ClassVar[bool] = True  # false: kept to show what goes wrong; it never holds a certificate
+    conservative: ClassVar[bool] = True  # false: there to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names
     takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser
-    options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can tell the method
+    options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can set
 
     def __init__(
         self,
@@ -213,7 +213,7 @@ class Bounder(Asking):
             domain: See class.
             tensors: Arrays by role, float32 or of the method's ``tensor_types``; copied, so that nothing can change
                 them later.
-            sizes: JSON-ready structure that the tensors do not tell.
+            sizes: JSON-ready structure that does not follow from the tensors.
             device: Warp device; the default device if ``None``.
 
         Raises:
@@ -458,7 +458,7 @@ class Bounder(Asking):
             path: File to write. An existing file is replaced only if it is a bounder's, by its name or its content.
 
         Raises:
-            FileFormatError: If it cannot be written, or if another kind of file is there, which is kept.
+            FileFormatError: If it cannot be written, or if another kind of file is there, which stays.
 
         Example:
             >>> bounder.save("ball.safetensors")

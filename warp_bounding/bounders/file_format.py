@@ -2,7 +2,7 @@
 
 The metadata holds one entry, ``warp_bounding``: a JSON object ``{"sha256": ..., "bounder": {...}}`` whose digest covers
 the tensors (names, types, shapes, bytes) and every other field. The digest detects damage; an author who computes it
-anew can still lie, and only ``certify`` finds that out. Files are written whole or not at all (``write_whole``).
+anew can still make an invalid claim, and only ``certify`` finds that out. Files are written whole or not at all.
 """
 
 import hashlib

@@ -163,7 +163,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
         It is not proven: its threshold is this one's, and it has no certificate.
 
         Args:
-            domain: The domain that the new network is asked in.
+            domain: The domain of the new network.
 
         Raises:
             BounderError: For networks of regions, and those with an encoding of this domain's coordinates.
@@ -230,7 +230,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 #
 # The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
 # threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the
-# network is not even asked. f less the threshold of v's part is the f of this class; it jumps at the edges, and so
+# network is not even evaluated. f less the threshold of v's part is the f of this class; it jumps at the edges, and so
 # proofs cut their boxes there (``cut``); those of rays and boxes, whose boxes are not of v, search each part by itself
 # (``proof.prove``).
 
@@ -455,7 +455,7 @@ class Local(Bounder):
             step: Between two levels, a power of two. The highest level stands for all thresholds above it.
 
         Raises:
-            BounderError: If the thresholds cannot be told apart by float32 in such steps.
+            BounderError: If float32 cannot distinguish the thresholds in such steps.
         """
         some = np.isfinite(thresholds)
         least = float(thresholds[some].min()) if some.any() else 0.0

@@ -48,12 +48,12 @@ class Certificate:
         counterexample: A positive query, in object space, that the bounder denies, or ``None``.
         message: A few sentences for people.
         arithmetic: What ``rounding_bound`` covers.
-        samples: Statistical: fresh positives that were asked, none of them missed.
+        samples: Statistical: fresh positives that were queried, none of them missed.
         fn_rate_bound: Statistical: upper confidence bound of the rate of false negatives among such positives.
         confidence: Confidence of that bound; all restarts are counted, each has spent its share of the risk.
         worst_margin: Statistical: how far the least f of these positives lies above the threshold.
         restarts: Statistical: thresholds before this one that missed a positive.
-        object: Name of the object. This and what follows is ``None`` in files made by versions that did not tell it
+        object: Name of the object. This and what follows is ``None`` in files of versions that did not store it
             here.
         margin: The length by which the object was dilated, object units.
         length: The length of rays, object units; ``None`` for other queries.

@@ -1,6 +1,6 @@
 """Whether a shape or another bounder's claim is what a bounder claims, and whether a certificate can be true.
 
-Whatever proves, certifies, goes on from a checkpoint or puts bounders together asks here (``mismatch``, ``differing``),
+Whatever proves, certifies, resumes from a checkpoint or composes bounders checks here (``mismatch``, ``differing``),
 so that no claim is taken for another one. A claim is about a kind of query, coordinates with or without a time, a side,
 a margin, the length of rays, cells, and times; its domain must hold the shape. What a file says of these is compared
 with the shape that is given. The digest of the object is compared between bounders only: where there is a shape, its
@@ -71,7 +71,7 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
     """Why a bounder's claim cannot be about a shape, in a few words; ``None`` if it can.
 
     Args:
-        bounder: Or a part of one. What ``info`` does not tell is not compared; it is what a fit fills in at last.
+        bounder: Or a part of one. What ``info`` does not hold is not compared; a fit fills it in at last.
         shape: As it is to be bounded: of the bounder's side, dilated, divided into cells (``as_fitted``).
 
     Returns:
@@ -116,7 +116,7 @@ def _other_dimension(bounder: Subject, shape: Shape) -> str | None:
 def _other_times(bounder: Subject, shape: Shape) -> str | None:
     """Times are denied only where the object is known, and a distance knows how fast that moves.
 
-    Which times these are its domain's corners tell: ``fault`` holds its ``limit`` to them.
+    Its domain's corners are these times: ``fault`` checks its ``limit`` against them.
     """
     base, known = bounder.domain.base, shape.known_times
     if base.lower[0] < known[0] or base.upper[0] > known[1]:
@@ -179,7 +179,7 @@ def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", 
     Args:
         one: A bounder.
         other: Another one; or one of the complement, which is the same object from inside.
-        names: What of the claims must be equal besides.
+        names: Fields of the claims that must be equal, too.
     """
     for name in names:
         told = [_told(bounder, name) for bounder in (one, other)]
@@ -288,7 +288,7 @@ def _check_subject(bounder: Subject, certificate: Certificate, threshold: float)
 
 
 def _check_about(certificate: Certificate, document: dict[str, Any]) -> None:
-    """What the claim is about stands in the certificate and beside it; older files have it beside it only."""
+    """What the claim is about is stored in the certificate and next to it; older files store it next to it only."""
     if certificate.placement is None:
         return
     beside = {name: document[name] for name in ("margin", "length", "resolution")} | {"object": document["name"]}

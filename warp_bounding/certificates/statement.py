@@ -19,7 +19,7 @@ __all__ = ["NOT_CONSERVATIVE", "statement"]
 NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
 
 
-DIGITS = 4  # of the size of a box, to which its corners are told
+DIGITS = 4  # of the size of a box, to which its corners are printed
 
 AT_REST = (
     "The distance is never above that to the object, and so no ball, segment, swept ball or box that meets the object "
@@ -35,7 +35,7 @@ UNITS = "object units"  # those of the shape's own coordinates
 
 
 def _corners(domain: Subject) -> str:
-    """Both corners of a domain, as finely as its sides are long: what is nothing beside a side is 0."""
+    """Both corners of a domain, as finely as its sides are long: what is negligible next to a side is 0."""
     lower, upper = np.asarray(domain.lower, dtype=np.float64), np.asarray(domain.upper, dtype=np.float64)
     places = [DIGITS - 1 - floor(log10(side)) if side > 0 else DIGITS for side in (upper - lower).tolist()]
 

@@ -2,7 +2,7 @@
 
 The object is every point within the margin of a face, and what a flood from outside does not reach through the faces
 of closed parts; air that it encloses counts as inside, or with ``hollow="empty"`` what faces go around 0 times counts
-as outside. Points and boxes are asked of the triangles themselves (``triangles/``), in float64 with error bounds;
+as outside. The triangles themselves answer about points and boxes (``triangles/``), in float64 with error bounds;
 ``to_grid`` makes cells that hold the object, conservatively too (``triangles/cells.py``). The mesh that counts is the
 one with these float32 vertices: what a file held in float64 is rounded once, when it is read.
 """
@@ -139,7 +139,7 @@ class IndicatorMesh(Faces):
 
     Attributes:
         vertices: ``(V, 3)`` float32, read-only, object units.
-        faces: ``(F, 3)`` int32, read-only, indices of vertices; faces without area are kept, and bounded.
+        faces: ``(F, 3)`` int32, read-only, indices of vertices; faces without area are retained, and bounded.
         name: What it was read from, for messages.
         note: A restriction that a user should know, such as parts of a file that were not read.
         margin: By how much the mesh is dilated, object units.

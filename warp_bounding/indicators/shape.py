@@ -1,9 +1,9 @@
-"""What every shape is: a closed set of points in a box, asked about points and about whole boxes.
+"""What every shape is: a closed set of points in a box, queried at points and over whole boxes.
 
 Two questions carry everything else. ``contains`` is the truth for points. ``empty`` is a certificate: it is True only
 where no point of a closed box is in the object, and False proves nothing. A proof divides the boxes of queries that a
-bounder would deny until the shape certifies each of them empty, so it needs no grid, and no cell limits how tight it
-is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only attested by
+bounder would deny until the shape certifies each of them empty; it needs no grid, and no cell limits how tight it
+is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only tested by
 samples.
 
 Whatever a shape cannot decide it counts as object; ``decide`` tells these cases apart, so that they can be counted.
@@ -24,9 +24,9 @@ from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.joints import Joints
 from warp_bounding.runtime.arrays import Picklable
 
-# --- What may be asked for --------------------------------------------------------------------------------------------
+# --- Limits of requests -----------------------------------------------------------------------------------------------
 #
-# What may be asked for: resolutions, margins, cells that float32 can divide an object into, and steps that this
+# Limits: resolutions, margins, cells that float32 can divide an object into, and steps that this
 # machine can hold.
 #
 # An error before a step is begun is better than a process that is killed in it.
@@ -56,7 +56,7 @@ def check_memory(needed: float, what: str, advice: str) -> None:
 
 
 def _memory() -> int | None:
-    """Bytes of memory of this machine; ``None`` where it does not tell."""
+    """Bytes of memory of this machine; ``None`` where that is unknown."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, OSError, ValueError):
@@ -88,7 +88,7 @@ def checked_margin(margin: float) -> float:
 
 
 def cells_per_unit(extent: float, resolution: int, name: str) -> float:
-    """Cubic cells along an extent, rounded to few significant bits: they are never smaller than asked for.
+    """Cubic cells along an extent, rounded to few significant bits: they are never smaller than requested.
 
     Args:
         extent: Object units.
@@ -163,7 +163,7 @@ def checked_corners(lower, upper, name: str) -> tuple[np.ndarray, np.ndarray]:
     return lower, upper
 
 
-SPARE = 4  # so many more cells of time than asked for are made where these fit the range better
+SPARE = 4  # up to so many more cells of time than requested are made where these fit the range better
 LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the range before other cells are tried
 
 
@@ -178,7 +178,7 @@ def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, f
     Args:
         start: Unit of time, float32.
         end: Unit of time, float32.
-        count: Cells that are asked for.
+        count: Number of cells that is requested.
         name: For messages.
 
     Returns:
@@ -353,8 +353,8 @@ class Shape(Picklable, ABC):
         remark: What a user may want to know and what restricts nothing, such as what counts as unknown in a map; may be
             empty.
         time: Coordinate 0 is time; a query outside its range has no certain answer.
-        margin: How far the object was dilated (Euclidean, in space); what is asked is the dilated object.
-        resolution: Of cells that were laid over a shape; ``None`` where the shape itself is asked.
+        margin: How far the object was dilated (Euclidean, in space); queries are about the dilated object.
+        resolution: Of cells that were laid over a shape; ``None`` where the shape itself is queried.
         certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
         unbounded: The object is all that lies beyond the box, too (``complement``); a query there is *maybe* in it.
         joints: Where the coordinates are values of joints, their limits, beyond which nothing is known, and their
@@ -371,7 +371,7 @@ class Shape(Picklable, ABC):
     unbounded: ClassVar[bool] = False
     joints: Joints | None = None
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
-    # Truth of regions, where a shape can tell it: called with what is said in ``IndicatorMesh``, they answer as
+    # Truth of regions, where a shape can decide it: called as described in ``IndicatorMesh``, they answer as
     # ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
@@ -517,7 +517,7 @@ class Shape(Picklable, ABC):
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces | None:
         """Half-spaces that hold the object's points in closed boxes of finite corners ``(N, n)``; ``None`` if unknown.
 
-        Points that are ``UNDECIDED`` by themselves may lie beyond: of the box more is known than of them.
+        Points that are ``UNDECIDED`` by themselves may lie beyond: more is known about the box than about them.
         """
         return None
 
@@ -531,7 +531,7 @@ class Shape(Picklable, ABC):
     def distances(self, x: np.ndarray) -> np.ndarray | None:
         """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` if unknown.
 
-        An upper bound is infinite where nothing is known of it. In the object both are 0, if the shape can tell.
+        An upper bound is infinite where nothing is known. In the object both are 0, if the shape can decide that.
         """
         low = self.distance(x)
         if low is None:
@@ -566,7 +566,7 @@ class Shape(Picklable, ABC):
             upper: ``(N, n)`` float64, upper corners.
             values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis
                 k where bit k of i is set. In between, the function is at most what is multilinear between the corners.
-            least: Excesses under it need not be told apart.
+            least: Excesses below it need not be distinguished.
             enough: Of each box, or of all: no more need be known of an excess than that it is above this, which takes
                 less time.
 
@@ -611,7 +611,7 @@ class Shape(Picklable, ABC):
         """
 
     def check_contents(self) -> None:
-        """Refuse a shape that holds nothing, or everything, as far as a search tells.
+        """Refuse a shape that a search finds to hold nothing, or everything.
 
         Raises:
             IndicatorError: If no point was found in the object, or none outside.

@@ -71,7 +71,7 @@ def _shuffles(columns: int, lanes: int) -> str:
 
 
 def _early(test: Early, values: bool) -> str:
-    """The C text of an early test; a denied query's answer is there already, unless its value is asked for."""
+    """The C text of an early test; a denied query's answer is written already, unless its value is wanted."""
     grants = test.sure_bar is not None
     grant = answer = ""
     if grants:
@@ -138,7 +138,7 @@ Words = wp.array(dtype=wp.uint32)
 
 @wp.struct
 class Data:
-    """What a bounder's function needs besides the query; pass it to your kernel as an argument.
+    """What a bounder's function needs in addition to the query; pass it to your kernel as an argument.
 
     A function answers *maybe* to data that were made for the function of another source, to a part of its own, and to
     empty ones.
@@ -223,7 +223,7 @@ def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
 def warp_kernel(source: Source, placed: bool, values: bool, body: str) -> wp.Kernel:
     """A ``batch_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
 
-    Besides it takes ``numbers``, which the body reads, the threshold first. It is launched with whole blocks of
+    In addition it takes ``numbers``, which the body reads, the threshold first. It is launched with whole blocks of
     threads.
     """
     name, snippet = f"warp{'_placed' * placed}{'_values' * values}", warp_snippet(source, placed, values, body)

@@ -1,6 +1,6 @@
 """Points tested by ``mlp`` and ``kdop`` as plain Warp kernels: a readable form of the native text, and its oracle.
 
-They are slow, a query a thread and without lanes (a network takes some 50 times as long), and nothing is claimed of
+They are slow, a query a thread and without lanes (a network takes some 50 times as long), and nothing is claimed about
 their rounding.
 """
 

@@ -51,8 +51,8 @@ class Early(NamedTuple):
 class Source:
     """What a method's native code depends on: sizes, never values. Equal sources share one compiled function.
 
-    ``parameters`` begin with what tells whose they are (``label``), ``center[n] scale[n] limit[n] threshold`` and what
-    ``locate`` needs besides; the method's numbers follow from ``start`` on.
+    ``parameters`` begin with what identifies them (``label``), ``center[n] scale[n] limit[n] threshold`` and what
+    ``locate`` needs in addition; the method's numbers follow from ``start`` on.
 
     Attributes:
         ndim: Dimension n of the indicator.
@@ -60,7 +60,7 @@ class Source:
         query: Kind of query.
         unbounded: Outside the domain the answer is *maybe*, as it is outside a range of time.
         space: Always the same; part of the names and tags of functions, which stay what they were.
-        joints: The coordinates are values of joints; told apart by ``identity``, which is what it was for all others.
+        joints: The coordinates are values of joints; ``identity`` distinguishes these, and is unchanged for all others.
     """
 
     ndim: int

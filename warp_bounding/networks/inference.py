@@ -1,7 +1,7 @@
 """A network's native code of inference, and its numbers in the order in which that reads them.
 
 In the batch path and on CUDA each lane is a query (``V`` a vector of lanes, or a float), and each weight that is
-loaded serves all of them. The function for other kernels asks one query on a CPU: there the lanes are neurons,
+loaded serves all of them. The function for other kernels evaluates one query on a CPU: there the lanes are neurons,
 so that one query is fast by itself. Every text below is C as it stands; what it calls by capitals are constants of
 the layer, written in front of it.
 """

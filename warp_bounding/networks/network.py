@@ -9,7 +9,7 @@ coordinates, p is the quadratic form that the parabolas of the layers below make
 line or a cubic in l, whose coefficients are the same above and below, and a band (``Activation.relax``,
 ``Activation.curve``). So layers compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective
 Robustness Certification*, 2018), and Taylor models (Makino and Berz, *Taylor Models and Other Validated Functional
-Inclusion Methods*, 2003). Forwards, centres, linear parts and quadratic forms are kept, in which those of many neurons
+Inclusion Methods*, 2003). Forwards, centres, linear parts and quadratic forms stay, in which those of many neurons
 cancel, and half-widths of the rest. Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al.
 2018): the curves of all neurons are added to one cubic polynomial, in which they cancel again, and only bands are added
 in absolute value, so that on small boxes the bound is off by the third power of their width, times what of the cubes
@@ -129,13 +129,13 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
 
 
 class Network:
-    """Exact twin of a stored network; weights are float32 numbers held in float64.
+    """The exact function of a stored network; weights are float32 numbers, stored in float64.
 
     Args:
         layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output.
         activation: A name in ``ACTIVATIONS``, of the hidden layers.
         encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
-        limit: ``(n,)``, largest ``|v|`` that is ever asked for.
+        limit: ``(n,)``, largest ``|v|`` that is ever evaluated.
 
     Attributes:
         padding: Bounds of what each layer's float64 arithmetic in ``bound`` rounds, the output's last.

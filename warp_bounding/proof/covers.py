@@ -77,7 +77,7 @@ class Cover:
         f = of_points(bounder)
         return f, *f.cut(*positive_boxes(f, grid))[:2]
 
-    # In how many boxes ``reach`` is asked for the points of regions, fewest first; none where shapes need no cells.
+    # In how many boxes ``reach`` looks for the points of regions, fewest first; none where shapes need no cells.
     pieces: tuple[int, ...] = ()
 
     def reach(
@@ -246,7 +246,7 @@ class RayCover(Cover):
                 first, last = blocks_of(_exposed(grid.occupancy, axis, sign), flat=axis)
                 # From cells to corners: cell i is [i - 1/2, i + 1/2], and ``last`` is one past the last cell.
                 first, last = first - 0.5, last - 0.5
-                # Each block is one cell thick on the axis; only its exposed face is kept, the upper one for sign > 0.
+                # Each block is one cell thick on the axis; only its exposed face stays, the upper one for sign > 0.
                 (first if sign > 0 else last)[:, axis] = (last if sign > 0 else first)[:, axis]
                 boxes.append(_boxes(domain, grid, first, last, 1.0, _directions(n, axis, -sign)))
         lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))

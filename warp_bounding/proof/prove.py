@@ -220,7 +220,7 @@ class ShapeRegions:
     Coarse cells come first, and the shape itself where they fail.
 
     Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is
-    too low in a box, the shape is asked whether the regions in it can meet it at all (``Cover.reach``), and the box is
+    too low in a box, the shape decides whether the regions in it can meet it at all (``Cover.reach``), and the box is
     dropped where it certifies that they cannot. So cells are refined, without being laid, where the network would fail
     on them and only there.
 
@@ -361,7 +361,7 @@ def prove_local(
         member: The network, of points; its own threshold is not used.
         lattice: The parts.
         shape: The object.
-        negatives: ``(N, n)`` coordinates v that are no positives: they tell which step between levels denies most.
+        negatives: ``(N, n)`` coordinates v that are no positives: they show which step between levels denies most.
         points: As of ``prove``.
         eps: Largest gap, in f, of a part where a larger one would deny fewer of the negatives.
         seconds: As of ``prove``; parts whose search has not ended are looser, the others are not.
@@ -369,7 +369,7 @@ def prove_local(
         progress: As of ``prove``.
 
     Raises:
-        BounderError: If the thresholds are beyond what levels can tell.
+        BounderError: If the thresholds are beyond what levels can express.
     """
     values, place = member.reference(negatives), lattice.place(negatives)
     found = np.full(lattice.count, np.inf)
@@ -436,7 +436,7 @@ def at_least(
         place: Their parts.
 
     Raises:
-        BounderError: If the thresholds are beyond what levels can tell.
+        BounderError: If the thresholds are beyond what levels can express.
     """
     bounder, some = _finest(member, lattice, least, values, place), np.isfinite(least)
     # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no

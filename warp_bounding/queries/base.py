@@ -199,7 +199,7 @@ class Query(ABC):
         """
 
     def decides(self, shape: Shape) -> bool:
-        """Whether a shape without cells can tell the truth for queries of this kind."""
+        """Whether a shape without cells can decide queries of this kind."""
         return False
 
     def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
@@ -234,7 +234,7 @@ class Query(ABC):
         return np.zeros(0, np.float32)
 
     def limit(self, domain) -> np.ndarray:
-        """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""
+        """``(ndim,)`` float32, largest ``|v|`` that a bounder is queried at."""
         return self._by_part(domain.base.limit, round_up(domain.stretch * UNIT_LIMIT))
 
     def delta(self, domain) -> np.ndarray:
@@ -266,7 +266,7 @@ class Query(ABC):
         """``(n,)``: how far, per axis of local space, the computed query may pass a point of the exact one."""
 
     def placed_values(self, domain, world: WorldMap) -> list[np.ndarray]:
-        """What the kernels read of a placement besides translation and matrix."""
+        """What the kernels read of a placement in addition to translation and matrix."""
         return []
 
     @abstractmethod

@@ -7,7 +7,7 @@ given in float64 is rounded to float32 first. Every ``v`` that the pipeline can 
 of this map needs (a 4096th of a cell), so that the rounding of a placement, given at query time, fits in as well;
 ``Placement`` checks that it does.
 
-``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is asked about it. On
+``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is queried there. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
 Where the object is unbounded (``Complement``) the answer outside is *maybe* on every axis, and proofs run over
 all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is

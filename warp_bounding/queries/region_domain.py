@@ -89,7 +89,7 @@ class RegionDomain:
             raise BounderError(
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
-        # What the map needs, as ``fault`` checks it again; and besides room for a placement, unless that would cost too
+        # What the map needs, as ``fault`` checks it again; and also room for a placement, unless that would cost too
         # much.
         with_placement = np.minimum(needed + PLACED, PLACED_SHARE * cell)
         least_delta = np.maximum(needed * POSITIONS_ROUNDING * GROWTH, with_placement)
@@ -153,7 +153,7 @@ class RegionDomain:
 
     @cached_property
     def limit(self) -> np.ndarray:
-        """``(ndim,)`` float32, largest ``|v|`` that a bounder is asked about."""
+        """``(ndim,)`` float32, largest ``|v|`` that a bounder is queried at."""
         return self.kind.limit(self)
 
     @cached_property

@@ -3,7 +3,7 @@
 Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread,
 where launches are recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch
 never waits for a thread that has not woken: the caller then does everything itself. What a kernel's block took the last
-time tells whether waking anybody pays. (A ``ThreadPoolExecutor`` in their place makes batches of 0.3 ms a tenth
+time shows whether waking threads pays. (A ``ThreadPoolExecutor`` in their place makes batches of 0.3 ms a tenth
 slower.)
 
 A *block* is what one item of a CPU launch (one ``wp.tid()``) handles; *threads* are those of the operating system.
@@ -115,8 +115,8 @@ BLOCK = 512  # queries of a block of a batch kernel; on CUDA one
 SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves
 WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
 
-TOLD_AFTER = 1.0  # seconds of compiling after which it is told
-_told: list[str] = []  # the module that was told of
+TOLD_AFTER = 1.0  # seconds of compiling after which it is reported
+_told: list[str] = []  # the module that was reported
 
 _pace: dict[wp.Kernel, float] = {}  # seconds that a block of a kernel took the last time, on one thread
 

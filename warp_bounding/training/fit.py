@@ -50,7 +50,7 @@ COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and 
 PROOF_SECONDS = 8e-6  # per occupied cell, measured: what training leaves for a proof that is one pass over the cells
 # Of a proof without cells where nothing was trained: the gap of f, in local units, and the boxes after which it ends.
 SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
-# Cells along the longest side of a 3D shape for rays, planes and boxes, where none are asked for. Networks of the bunny
+# Cells along the longest side of a 3D shape for rays, planes and boxes, by default. Networks of the bunny
 # fitted in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
 REGION_NDIM, REGION_RESOLUTION = 3, 128
 PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
@@ -85,7 +85,7 @@ def fit(
             is bounded, and its margin, which raises a ``BoundingWarning``.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder``
             of the shape, whose distances are never too large.
-        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, asked in this order.
+        method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
             the time is over; other closed forms are found at once, up to millions of cells.
@@ -116,13 +116,13 @@ def fit(
             ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``. ``thresholds``: of an mlp of points, rays or
             boxes: about how many parts of the domain, each with a threshold. ``certificate``: of an mlp of points,
             ``"statistical"`` for a threshold that samples attest, where a proof in many dimensions leaves nothing;
-            ``proven_share`` then tells how much of it is proven all the same. ``metric``: of a distance, where
+            ``proven_share`` then reports how much of it is proven all the same. ``metric``: of a distance, where
             coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
             kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the
             result is then repeatable to the bit on the same machine.
 
     Returns:
-        The bounder, with ``certificate`` and ``info``. ``info["training"]`` tells how training went, with ``seconds``
+        The bounder, with ``certificate`` and ``info``. ``info["training"]`` reports how training went, with ``seconds``
         in all and, among them, ``compile_seconds`` for kernels, which no budget counts; for ``rates`` see
         ``quick_rates``.
 
@@ -267,7 +267,7 @@ def pieces_told(shape: Shape) -> dict[str, Any] | None:
 
 
 def _bounded(shape, query: str, method: str, resolution: int | None, margin: float, one_threshold: bool) -> Shape:
-    """What is bounded: the dilated shape itself, or its cells where a resolution or a method asks for them."""
+    """What is bounded: the dilated shape itself, or its cells where a resolution or a method requires them."""
     own = isinstance(shape, IndicatorGrid)
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
     if isinstance(shape, Shape) and not own and resolution is None:
@@ -348,7 +348,7 @@ def _fit_distance(
         budget: Seconds.
         seed: Of everything random.
         margin: By how much the object is dilated.
-        resolution: Of cells, where they are asked for.
+        resolution: Of cells, where they are wanted.
         device: Warp device.
         progress: As of ``fit``.
         force: Accept a margin that is larger than the object.
@@ -421,7 +421,7 @@ def _sampled_excess(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, u
 
 
 def as_fitted_to(shape: Shape, margin: float, resolution: int | None) -> Shape:
-    """The dilated shape, or its cells where a resolution asks for them."""
+    """The dilated shape, or its cells where there is a resolution."""
     shape.check()
     return shape.dilated(margin) if resolution is None else shape.to_grid(resolution=resolution, margin=margin)
 

@@ -36,7 +36,7 @@ from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import Problem, Samples, Trained, least_boxes, samples_of
 
-# What a network is told besides its problem.
+# Options of a network's training, in addition to its problem.
 
 
 @dataclass(frozen=True)
@@ -77,8 +77,8 @@ SHAPE_TIMES = 30.0
 # The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in
 # between a number linear in the used fraction: f gets steeper while it trains. Both are empirical.
 PROOF_GROWTH = (4.2, 1.35)
-# A search that did not end tells too little of what it has left, by about this factor: of the boxes of a 4D teapot it
-# told 14 s of a proof that did not end in 21 s, with 21 % false positives then; taken at its word times 5, weights
+# A search that did not end underestimates what it has left, by about this factor: of the boxes of a 4D teapot it
+# estimated 14 s for a proof that did not end in 21 s, with 21 % false positives then; with it times 5, weights
 # decayed, and the proof ended in 2.3 s, with 16.7 %.
 UNTOLD = 5.0
 # Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY,
@@ -99,7 +99,7 @@ def final_proof_seconds(search: Search, used: float, of_cells: bool = True, unto
     Args:
         search: Of the network at a used fraction of its training time.
         used: That fraction.
-        of_cells: Whether the object is a grid; of regions of other shapes ``search`` tells of coarse cells.
+        of_cells: Whether the object is a grid; of regions of other shapes ``search`` is about coarse cells.
         untold: Factor of what a search that did not end says of the rest: ``UNTOLD`` of rays and boxes.
     """
     begin, end = PROOF_GROWTH
@@ -128,13 +128,13 @@ def attest_seconds(budget: float, little: bool) -> float:
 PROOF_COST = {"point": 1e-4, "ray": 1e-3, "plane": 1e-4, "box": 1e-3}
 LARGEST_COST = 2e-2  # the same share where the search of rays or boxes ran out of time; above it the proof is not used
 SAMPLES = 200_000  # random queries by which costs are estimated
-FINEST = 1e-6  # least gap that is asked for, in f
+FINEST = 1e-6  # least gap that is required, in f
 POSITIVES = 300_000  # random positives from which the parts' least f is first taken
-USUAL = 1e-3  # gap in f that is asked for where too few negatives lie below to measure its cost
+USUAL = 1e-3  # gap in f that is required where too few negatives lie below to measure its cost
 
 
 class Costs:
-    """Values of f at negatives, as a device computes them, which tell what a threshold costs."""
+    """Values of f at negatives, as a device computes them, which determine what a threshold costs."""
 
     def __init__(self, bounder: Mlp, problem: Problem):
         x = problem.sample(SAMPLES, np.random.default_rng(0))
@@ -309,10 +309,10 @@ MOST_ADDED = 256  # most rays or boxes that the prover finds each time and that 
 # boxes; such a search takes a few hundred.
 MONOTONE_START, MONOTONE_EPS, MONOTONE_BOXES = 0.2, 0.1, 20_000
 
-# Share that is reserved for setting the threshold before a search has told what that takes: for points; for regions;
+# Share that is reserved for setting the threshold before a search has measured that: for points; for regions;
 # and for rays and boxes that are searched during training, where it is more, because it is easier to give time back.
 POINT_RESERVE, REGION_RESERVE, MINED_REGION_RESERVE = 0.03, 0.15, 0.4
-# Once a search has told what the proof of points takes, its reserve is kept between these shares.
+# Once a search has measured what the proof of points takes, its reserve stays between these shares.
 LEAST_RESERVED, MOST_RESERVED = 0.01, 0.2
 MORE_FOR_EXITS = 0.4  # mlp-early: a reserve for proofs is larger by this share of itself
 GRANT_SECONDS = 1.0  # mlp-early: about what fitting a grant takes
@@ -344,7 +344,7 @@ class _Fit:
         of_planes: Whether the network is a plane's two supports (``Head``).
         proof_worthwhile: Of rays and boxes: whether a proof is expected to be worth its time.
         final_search_limit: Seconds that the adversary may take once training has ended, before a proof.
-        first_reserve: Share of the budget that is kept for setting the threshold until a search has told what that
+        first_reserve: Share of the budget reserved for setting the threshold until a search has measured what that
             takes, and again where a proof is given up. The user's progress counts the rest as training, whatever is
             kept later.
         boxes: Number of boxes that searches during training have bounded.
@@ -448,14 +448,14 @@ class _Fit:
     def _mine_regions(self, trainer: NetworkTrainer, used: float) -> None:
         """Let adversary and prover search the network as it is; the lowest positives that they find become samples.
 
-        The prover's search tells how long a proof of the final network would take, and whether it would be worth it.
+        The prover's search estimates how long a proof of the final network would take, and whether that would pay.
         """
         budget, clock, problem, samples = self.options.budget, self.clock, self.problem, trainer.samples
         seconds = ADVERSARY_SHARE * budget if clock.timed else float("inf")
         found = adversarial_minimum(samples, trainer.network, seconds, trainer.hard, rounds=ADVERSARY_ROUNDS)
         trainer.add_states(found.states)
         bounder = self._bounder(Mlp, trainer.network.tensors())
-        # Of cells the prover's positives are samples, too; those of a shape do not tell which of its points they hold.
+        # The prover's positives of cells are samples, too; those of a shape do not say which of its points they hold.
         of_cells = isinstance(problem.grid, IndicatorGrid)
         most = (MOST_REGION_PROOF if of_cells else MOST_SHAPE_PROOF) * budget
         expected, tried = 0.0, bounder.provable and (of_cells or self.proof_worthwhile)

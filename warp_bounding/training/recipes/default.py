@@ -42,7 +42,7 @@ class Recipe:
     refresh: int = 100  # steps between two refreshes of the samples, and batches that are planned at each
     pool: int = 32768  # fresh negatives, and fresh positives, at a refresh
     vertices: int = 131072  # corners of boundary cells at a refresh, all of them where possible
-    hard: int = 4096  # the worst positives, kept from refresh to refresh
+    hard: int = 4096  # the worst positives, retained from refresh to refresh
     moves: int = 2  # steps down f that these take at a refresh
     explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
     explore_moves: int = 4  # the number of these steps
@@ -315,7 +315,7 @@ class NetworkTrainer:
         self._batches = tuple(replace(batches, offset=self.offset(batches.x)) for batches in planned)
 
     def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
-        """Learn from f of encoded positives what samples are judged by, beside f itself; here nothing."""
+        """Learn from f of encoded positives what samples are judged by, in addition to f itself; here nothing."""
 
     def offset(self, x: torch.Tensor) -> torch.Tensor | None:
         """``(N,)``, what f of encoded samples is taken relative to; ``None`` for 0."""
@@ -364,7 +364,7 @@ class NetworkTrainer:
 # Training for local thresholds: each part of the domain is judged by the worst positive in it, not by the worst of all.
 #
 # Towards the end f is taken relative to its part: less the least f of the positives known there, and more the least of
-# all. A part where the network fails then asks nothing of the others.
+# all. A part where the network fails then demands nothing of the others.
 
 # Used fractions between which the parts come in, linearly. Earlier they do harm: a part in which the network fails is
 # let go before it has been learned.
