@@ -1,7 +1,6 @@
 """A bake of a folder: what a task does, what is not done again, and that nothing is lost whatever is killed."""
 
 import errno
-import io
 import json
 import os
 from dataclasses import replace
@@ -13,7 +12,7 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.baking import bake as module
-from warp_bounding.baking.bake import SHEET, Job, Record, Settings, all_records, bake_shape, bake_with, jobs_of, picture
+from warp_bounding.baking.bake import SHEET, Job, Record, Settings, all_records, bake_shape, bake_with, jobs_of
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, IndicatorError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
@@ -160,15 +159,6 @@ def test_folders_are_looked_through(folder):
         jobs_of(folder / "none", folder, KDOP, 1.0)
 
 
-@pytest.mark.parametrize("query", ["point", "ray", "plane", "box", "distance"])
-def test_pictures_of_every_kind_of_query_show_the_object_in_its_bound(query):
-    bounder = wb.fit(shape("star"), query, "sphere" if query == "distance" else "aabb", device="cpu")
-    drawn = np.asarray(Image.open(io.BytesIO(picture(bounder, shape("star")))))
-    assert drawn.shape == (72, 222)
-    assert {1, 2} <= set(np.unique(drawn))  # a box around a star is loose
-    assert picture(wb.fit(shape("line"), method="aabb", device="cpu"), shape("line")) == b""
-
-
 def test_only_one_bake_at_a_time_and_only_in_a_folder_of_its_own(folder):
     out = folder.parent / "out"
     module.prepare(out)
@@ -206,18 +196,3 @@ def test_a_worker_that_is_killed_loses_nothing(folder):
     library = wb.BounderLibrary(folder.parent / "out", device="cpu")
     assert library.names == ["blob", "star"]
     assert all(bounder.certificate.proven for bounder in library.values())
-
-
-@pytest.mark.slow
-def test_a_shape_that_kills_every_worker_is_given_up(folder, monkeypatch):
-    monkeypatch.setattr(module, "DEATHS", 1)
-    np.save(folder / "deadly.npy", shape("half").occupancy)
-    done = bake_dying(folder, lines := [])
-    assert {record.name for record in done.records if record.error} == {"broken", "deadly"}
-    assert "deadly.npy: every worker that fitted it died (killed, out of memory, or a crash)" in lines
-
-
-def test_a_scheduler_that_does_not_answer(folder, monkeypatch):
-    monkeypatch.setattr(module, "CONNECT_SECONDS", 0.2)
-    with pytest.raises(BoundingError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"):
-        wb.bake(folder, folder.parent / "out", scheduler="tcp://127.0.0.1:1", method="kdop", progress=False)

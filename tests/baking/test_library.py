@@ -18,13 +18,6 @@ def library(tmp_path):
     return wb.BounderLibrary(tmp_path, device="cpu")
 
 
-def test_names_that_several_have_get_their_hash(tmp_path):
-    bounder = fitted("aabb", "blob")
-    for name in ("a-0123456789ab", "a-ba9876543210", "b-0123456789ab", "c"):
-        bounder.save(tmp_path / f"{name}.safetensors")
-    assert wb.BounderLibrary(tmp_path).names == ["a-0123456789ab", "a-ba9876543210", "b", "c"]
-
-
 def test_nothing_is_loaded_before_it_is_asked(tmp_path):
     (tmp_path / "bad.safetensors").write_bytes(b"bad")
     library = wb.BounderLibrary(tmp_path)

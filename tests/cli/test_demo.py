@@ -1,8 +1,6 @@
 """``python -m sims``: options, exit status, JSON, and what is said where a package is missing."""
 
-import errno
 import json
-import os
 import sys
 from pathlib import Path
 
@@ -39,13 +37,6 @@ def test_options_reach_the_demo(asked, capsys, tmp_path):
     assert (asked["steps"], asked["bounder_file"], asked["budget"]) == (7, "f.st", None)
 
 
-def test_json_is_alone_on_standard_output(asked, capsys, tmp_path):
-    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path, "--json")
-    assert status == 0
-    assert json.loads(out)["demo"] == "particles"
-    assert err.strip() == "a table"
-
-
 def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
     asked["identical"] = False
     assert run(capsys, "demo", "particles", "--out", tmp_path)[0] == 1
@@ -55,12 +46,8 @@ def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
     ("arguments", "message"),
     [
         (["dancing"], "demo must be one of particles, cloth, path, shadows, digits, arm, got dancing"),
-        ([], "demo must be one of particles, cloth, path, shadows, digits, arm, got none"),
         (["cloth", "--assets", "folder"], "--assets writes meshes and runs no demo, got 'cloth' too"),
         (["particles", "--world", "maze.png"], "demo particles has no option --world"),
-        (["path", "--steps", "3"], "demo path has no option --steps"),
-        (["shadows", "--particles", "3"], "demo shadows has no option --particles"),
-        (["particles", "--steps", "0"], "steps must be at least 1, got 0"),
         (["particles", "--budget", "5"], "budget is for --refit or --world"),
     ],
 )
@@ -90,34 +77,6 @@ def test_without_newton_one_line_names_the_extra(capsys, monkeypatch):
     assert (status, out) == (2, "")
     assert "the demo needs newton: pip install 'warp-bounding[sims]'" in err
     assert len(err.strip().splitlines()) == 1
-
-
-def test_where_a_part_of_the_library_names_its_own_extra_the_demo_names_its(capsys, monkeypatch):
-    def without(name):
-        def stand_in(out, **options):
-            try:
-                raise ImportError("no such module", name=name)
-            except ImportError as error:
-                raise wb.BoundingError("fitting needs it: pip install 'warp-bounding[train]'") from error
-
-        return stand_in
-
-    monkeypatch.setattr(sims.particles, "run", without("torch.nn"))
-    status, out, err = run(capsys, "demo", "particles", "--quick")
-    assert (status, out) == (2, "")
-    assert err == "sims: the demo needs torch.nn: pip install 'warp-bounding[sims]'\n"
-    monkeypatch.setattr(sims.particles, "run", without("else"))
-    assert "warp-bounding[train]" in run(capsys, "demo", "particles", "--quick")[2]
-
-
-def test_a_full_disk_is_one_line(asked, capsys, tmp_path, monkeypatch):
-    def full(out, *, quick, refit, budget, seed, device, console):
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(out / "rain.png"))
-
-    monkeypatch.setattr(sims.particles, "run", full)
-    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path)
-    assert (status, out) == (2, "")
-    assert err == f"sims: {tmp_path / 'rain.png'}: {os.strerror(errno.ENOSPC)}\n"
 
 
 def test_assets_are_the_meshes_of_installed_packages(capsys, tmp_path):

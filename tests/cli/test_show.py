@@ -18,26 +18,16 @@ PAGE = "--html {dir}/p.html"
 BAD = [
     f"{{dir}}/none.safetensors {{c}} {PAGE}",
     f"{{c}} {{out}} {PAGE}",
-    f"{{out}} {{blob}} {PAGE}",
     "{out} {c} --html {dir}/p.txt",
-    "{out} {c} --screenshot {dir}/p.jpg",
     "{out} {c} --html {dir}/folder.html",
     f"{{out}} {{c}} {PAGE} --radius 0.1",
-    f"{{far}} {{blob}} {PAGE} --radius 0,-1",
     f"{{far}} {{blob}} {PAGE} --radius wide",
-    f"{{out}} {{c}} {PAGE} --time 0",
     f"{{out}} {{c}} {PAGE} --slice x=0",
-    f"{{out}} {{c}} {PAGE} --slice 0=0.5",
     f"{{far}} {{blob}} {PAGE} --slice 7=0.5",
-    f"{{out}} {{c}} {PAGE} --resolution 1",
     f"{{out}} {{c}} {PAGE} --samples 0",
-    f"{{out}} {{c}} {PAGE} --seed -1",
     f"{{out}} {{c}} {PAGE} --up w",
-    "{far} {blob} --screenshot {dir}/p.png --cut w",
-    f"{{far}} {{blob}} {PAGE} --cut x",
     f"{{rays}} {{c}} {PAGE}",
     "{out} {c} --json",
-    f"{{out}} {{c}} {PAGE} --device cuda:99",
 ]
 
 

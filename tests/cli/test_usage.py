@@ -19,51 +19,29 @@ BAD = {
     "fit": "Missing",
     "fit {c}": "--output",
     "fit {c} --speed 9 " + NEW: "--speed",
-    "fit {c} --method magic " + NEW: "magic",
     "fit {c} --query cone " + NEW: "point, ray, plane, box",
     "fit {dir}/none.npy " + NEW: "none.npy",
-    "fit {c} --query box --method voxels " + NEW: "voxels",
-    "fit {c} --hidden 0 " + NEW: "hidden",
     "fit {c} --hidden wide " + NEW: "hidden",
-    "fit {c} --budget 0 " + NEW: "budget",
     "fit {c} --budget 1m " + NEW: "--budget",
-    "fit {c} --budget nan " + NEW: "budget",
-    "fit {c} --seed -1 " + NEW: "seed",
-    "fit {c} --seed 1.5 " + NEW: "--seed",
-    "fit {c} --steps 0 " + NEW: "steps",
     "fit {c} --method kdop --leaves 7 " + NEW: "kdop takes no option 'leaves'",
-    "fit {c} --method aabb --length 2 " + NEW: "length",
-    "fit {c} --query ray --length nan " + NEW: "length",
-    "fit {c} --query ray --length 1e6 " + NEW: "length",
     "fit {c} --method aabb --samples 0 " + NEW: "samples",
-    "fit {c} --method aabb --margin -1 " + NEW: "margin",
-    "fit {c} --activation steps " + NEW: "activation",
-    "fit {c} --method aabb --device cuda:99 " + NEW: "cuda:99",
     "fit {c} --method aabb --spacing a " + NEW: "spacing must be numbers such as 0.05",
-    "fit {c} --method aabb --origin 1 " + NEW: "origin must be 2 numbers",
     "fit {empty} --method aabb " + NEW: "empty.npy",
     "fit {c} --method aabb -o {dir}": "is a folder",
     "fit {c} --method aabb -o {c}": "is read here",
     "fit {c} --method aabb -o {blob}": "blob.npy",
     "fit {c} --method aabb -o {notes}": "notes.txt",
     "fit {c} --method aabb -o {c}/b.safetensors": "not a folder",
-    "fit {blob} --query distance --method voxels " + NEW: "voxels",
-    "fit {blob} --query distance --method sphere --side inside " + NEW: "side",
     "certify {dir}/none.safetensors {c}": "none.safetensors",
     "certify {c} {out}": "the bounder comes first, then the shape",
     "certify {out} {dir}/none.npy": "none.npy",
     "certify {out} {c} --margin nan": "margin",
-    "certify {out} {c} --length 0": "length",
-    "certify {out} {c} --resolution 0": "resolution",
     "certify {out} {c} --query cone": "cone",
-    "certify {out} {c} --budget 0": "budget",
     "certify {out} {c} --checkpoint {out}": "checkpoint",
     "evaluate {c} {out}": "the bounder comes first, then the shape",
     "evaluate {out} {blob}": "3D",
     "evaluate {out} {c} --samples 1e20": "samples",
-    "evaluate {out} {c} --samples 1.5": "samples",
     "evaluate {out} {c} --protocol guess": "guess",
-    "evaluate {out} {c} --radius 1": "radius",
     "info {dir}": "a folder",
     "info {c}": "got an array, image or voxel file",
     "query {out} {dir}/none.npy -o {dir}/m.npy": "no such file",
@@ -72,14 +50,10 @@ BAD = {
     "query {out} {q} -o {notes}": "notes.txt",
     "query {out} {q} -o {dir}/./out.safetensors": "is read here",
     "soak {out} {c} --count many": "count",
-    "soak {out} {c} --seed -1": "seed",
-    "soak {out} {blob}": "3D",
     "soak {out} {c} --count 9 --resume {c}": "c.npy",
     "choose {c} --narrow-ns 1 --memory much " + NEW: "memory must be a number of bytes such as 16k or 4000, got 'much'",
-    "choose {c} --narrow-ns 1 --memory 0 " + NEW: "memory",
     "choose {c} --narrow-ns 1 --queries {dir}/none.npy " + NEW: "no such file",
     "choose {c} --narrow-ns 1 --networks 24x24 " + NEW: "networks must be widths such as 24-24,50-50, or none",
-    "choose {c} --narrow-ns 1 --networks 0-5 " + NEW: "hidden must be",
     "choose {c} --narrow-ns 1 -o {notes}": "notes.txt",
     "choose {c} --narrow-ns 1 --folder {dir} " + NEW: "holds other files",
 }
@@ -106,7 +80,7 @@ def test_names_that_no_file_can_have(files, capsys, output):
 
 
 @pytest.mark.parametrize("name", ["fit", "certify", "evaluate", "show"])
-@pytest.mark.parametrize("key", ["stl/no-end", "gltf/required-extension", "ply/missing-bytes"])
+@pytest.mark.parametrize("key", ["stl/no-end", "ply/missing-bytes"])
 def test_a_shape_that_cannot_be_read(tmp_path, capsys, name, key):
     shape, bounder = MESH_CASES[key].write(tmp_path), tmp_path / "b.safetensors"
     wb.fit(np.eye(4, dtype=bool), method="aabb", device="cpu").save(bounder)
@@ -118,16 +92,6 @@ def test_a_shape_that_cannot_be_read(tmp_path, capsys, name, key):
     assert shape.name in err
     assert MESH_CASES[key].words in err
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-
-def test_help_has_all_options_of_methods(capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "240")
-    for name in ("fit", "bake"):
-        status, out, err = run(capsys, name, "--help")
-        assert (status, err) == (0, "")
-        assert all(f"--{option.name} " in out for kind in wb.METHODS.values() for option in kind.options)
-    assert "--narrow-ns" in out
-    assert run(capsys, "--version") == (0, f"warp-bounding {wb.__version__}\n", "")
 
 
 def test_help_is_quick_and_imports_no_library():
@@ -158,14 +122,12 @@ def test_paths_are_no_markup(files, capsys):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a shell that closes a stream")
-@pytest.mark.parametrize("stream", [1, 2])
-def test_a_closed_stream_is_nobody_listening(files, capsys, stream):
+def test_a_closed_stream_is_nobody_listening(files, capsys):
     path, _ = fit(capsys, files)
-    line = f'"{sys.executable}" -m warp_bounding info "{path}" {stream}>&-'
+    line = f'"{sys.executable}" -m warp_bounding info "{path}" 1>&-'
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(line, shell=True, capture_output=True, text=True, env=environment, check=False)
     assert (done.returncode, done.stderr) == (0, "")
-    assert ("proven" in done.stdout) == (stream == 2)
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")

@@ -1,7 +1,5 @@
 """Shapes that the indicator tests share."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -15,10 +13,3 @@ def rng() -> np.random.Generator:
 def blob(rng: np.random.Generator) -> np.ndarray:
     """An asymmetric 3-D occupancy: no two axes can be swapped unnoticed."""
     return rng.random((4, 5, 6)) < 0.4
-
-
-@pytest.fixture(scope="session")
-def bunny_path() -> Path:
-    warp = pytest.importorskip("warp")
-    pytest.importorskip("pxr", reason="usd-core is not installed")
-    return Path(warp.__file__).parent / "examples" / "assets" / "bunny.usd"

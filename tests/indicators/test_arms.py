@@ -267,21 +267,3 @@ def test_what_is_no_arm_and_no_cell_is_refused_in_one_line(rng):
             make()
         assert "\n" not in str(caught.value)
     assert shape.dilated(0.0) is shape
-
-
-def test_reaches_are_upper_bounds(rng):
-    for slides in (False, True):
-        arm, _ = random_arm(rng, 5, slides)
-        reach = arm.reach()
-        frames = arm.frames(rng.uniform(arm.lower, arm.upper, (400, 5)))
-        for body, far in zip(arm.bodies, reach, strict=True):
-            for i in range(body.link + 1):
-                if arm.joints[i].slides:
-                    assert far[i] == 1.0
-                    continue
-                points = np.einsum("nij,pj->npi", frames[:, body.link, :3, :3], body.points)
-                points = points + frames[:, body.link, None, :3, 3] - frames[:, i, None, :3, 3]
-                axis = frames[:, i, :3, :3] @ arm.joints[i].axis
-                along = np.einsum("npi,ni->np", points, axis)
-                assert (np.linalg.norm(points - along[..., None] * axis[:, None], axis=2) <= far[i]).all()
-            assert (far[body.link + 1 :] == 0).all()

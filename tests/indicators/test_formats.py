@@ -91,8 +91,7 @@ def test_what_is_cut_off_is_refused_or_whole(tmp_path, key):
 BOX = trimesh.creation.box(extents=(1, 2, 3))
 
 
-@pytest.mark.parametrize("ndim", [1, 3, 4, 6])
-@pytest.mark.parametrize("dtype", [bool, np.int64, np.float16])
+@pytest.mark.parametrize(("ndim", "dtype"), [(1, bool), (3, np.int64), (4, np.float16), (6, bool)])
 def test_arrays_and_npy_of_any_dimension(tmp_path, rng, ndim, dtype):
     occupancy = rng.random((4,) * ndim) < 0.5
     occupancy.flat[:2] = False, True
@@ -153,39 +152,7 @@ def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob):
     assert b"somebody" not in (tmp_path / "b.safetensors").read_bytes()
 
 
-def test_the_bunny_that_ships_with_warp(bunny_path):
-    mesh = load_indicator(bunny_path)
-    assert (mesh.vertices.shape, mesh.faces.shape, mesh.watertight, mesh.note) == ((6102, 3), (12200, 3), True, "")
-    grid = mesh.to_grid()
-    assert (grid.resolution, max(grid.shape) in range(65, 69)) == (64, True)
-    corners = mesh.vertices[mesh.faces].astype(np.float64)
-    volume = abs(np.linalg.det(corners).sum() / 6)  # of the solid, by the divergence theorem
-    assert volume < grid.occupancy.sum() / np.prod(grid.cells_per_unit) < 1.15 * volume
-    assert grid.contains(mesh.vertices).all()
-    assert grid.contains(corners.mean(axis=1)).all()
-
-
 MAP = np.array([[0, 254, 205], [127, 128, 255]], dtype=np.uint8)  # a map of a robot: dark is a wall, white is free
-
-
-@pytest.mark.parametrize("threshold", ["<128", " <= 127 ", ">=128", "> 127", "128", 127.5, np.float32(128)])
-def test_a_threshold_says_which_values_are_occupied(tmp_path, threshold):
-    expected = MAP < 128 if "<" in str(threshold) else MAP >= 128
-    np.save(tmp_path / "a.npy", MAP)
-    Image.fromarray(MAP).save(tmp_path / "a.png")
-    Image.fromarray(MAP.astype(np.uint16)).save(tmp_path / "deep.png")
-    Image.fromarray(np.stack([MAP] * 3 + [np.full_like(MAP, 255)], axis=2)).save(tmp_path / "opaque.png")
-    for source in (
-        MAP,
-        MAP.astype(np.float32),
-        *(tmp_path / name for name in ("a.npy", "a.png", "deep.png", "opaque.png")),
-    ):
-        assert np.array_equal(load_indicator(source, threshold=threshold).occupancy, expected), source
-
-
-@pytest.mark.parametrize("threshold", ["", "<x", "==3", True, np.nan, "<inf", [3]])
-def test_a_threshold_that_is_none(threshold):
-    refused(MAP, "threshold must be a number or a text such as '<128'", threshold=threshold)
 
 
 @pytest.mark.parametrize(
@@ -211,27 +178,6 @@ def test_spacing_and_origin_place_the_centres_of_cells(tmp_path, spacing, origin
     inside = centre + size * np.array([[0, 0], [0.49, 0.49], [-0.49, 0.49], [0.49, -0.49]])
     assert grid.contains(inside).all()
     assert not grid.contains(centre + size * np.array([[0.51, 0], [0, -0.51]])).any()
-
-
-def test_places_that_are_none():
-    for options, words in (
-        ({"spacing": 0}, "spacing must be positive"),
-        ({"spacing": (1, 2, 3)}, "spacing must be 2 numbers or one for all"),
-        ({"spacing": np.nan}, "spacing must be 2 numbers"),
-        ({"spacing": "wide"}, "spacing must be 2 numbers"),
-        ({"spacing": 1e-60}, "cells_per_unit must be positive float32"),
-        ({"origin": 1.0}, "origin must be 2 numbers, one for each axis"),
-        ({"origin": (0, np.inf)}, "origin must be 2 numbers"),
-    ):
-        refused(MAP < 128, words, **options)
-    array = np.arange(2 * 3 * 4 * 5).reshape(2, 3, 4, 5) % 3 == 0
-    refused(array, "spacing must be 4 numbers", spacing=0.1)
-    np.testing.assert_allclose(
-        load_indicator(array, spacing=(0.5, 0.1, 0.1, 0.1)).sample_upper, [0.5, 0.2, 0.3, 0.4], rtol=1e-6
-    )
-    for options in ({"threshold": 1}, {"spacing": 0.1}, {"origin": (0, 0, 0)}):
-        refused((VERTICES, FACES), f"{next(iter(options))} is for arrays and images", "IndicatorMesh", **options)
-        refused(load_indicator(MAP < 128), "is for arrays and images", "IndicatorGrid", **options)
 
 
 VERTICES, FACES = np.asarray(BOX.vertices, dtype=np.float32), np.asarray(BOX.faces, dtype=np.int32)
@@ -263,54 +209,21 @@ def test_meshes_and_arrays_of_other_libraries(device):
     refused(signed, "load_indicator(a <= 0)")
 
 
-def test_pairs_that_are_none():
-    for source, words in (
-        ((VERTICES,), "a pair (vertices, faces), got a tuple of 1"),
-        ((FACES, VERTICES), "faces as integers"),
-        (([[0, 1], [2]], FACES), "expected vertices"),
-        ((VERTICES, [[0, 1, 99]]), "got vertex 99"),
-        ((None, None), "expected vertices as numbers"),
-        ([VERTICES, FACES], "expected a path, an array (NumPy, torch, Warp), (vertices, faces)"),
-    ):
-        refused(source, words)
-
-
-YAML = (
-    "image: {image}\nresolution: {resolution}\norigin: {origin}\nnegate: {negate}\noccupied_thresh: "
-    "0.65\nfree_thresh: 0.196\n{more}"
-)
+YAML = "image: m.pgm\nresolution: {}\norigin: {}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 GREY = np.array([[0, 50, 90], [128, 204, 205], [206, 254, 255], [0, 255, 254]], np.uint8)
 
 
-def ros(folder, values=GREY, *, resolution=0.05, origin="[-2.03, -3.11, 0.0]", negate=0, more="", unknown=None):
+def ros(folder, values=GREY, *, resolution=0.05, origin="[-2.03, -3.11, 0.0]"):
     head = f"P5\n{values.shape[1]} {values.shape[0]}\n255\n".encode()
     (folder / "m.pgm").write_bytes(head + values.tobytes())
-    text = YAML.format(image="m.pgm", resolution=resolution, origin=origin, negate=negate, more=more)
-    (folder / "m.yaml").write_text(text)
-    return load_indicator(folder / "m.yaml", unknown=unknown)
-
-
-def state(values: np.ndarray, negate: int = 0) -> np.ndarray:
-    """1 occupied, 0 free, -1 unknown; as map_server has it for a picture without alpha."""
-    occ = (values if negate else 255.0 - values) / 255.0
-    return np.where(occ > 0.65, 1, np.where(occ < 0.196, 0, -1))
+    (folder / "m.yaml").write_text(YAML.format(resolution, origin))
+    return load_indicator(folder / "m.yaml")
 
 
 def corners(shape: tuple[int, int], resolution: float, origin: tuple[float, float]):
     """Rows, columns, and lower corners in the world, of a picture's cells."""
     row, column = np.indices(shape).reshape(2, -1)
     return row, column, np.stack([column, shape[0] - 1 - row], axis=1) * resolution + np.array(origin)
-
-
-@pytest.mark.parametrize("negate", [0, 1])
-@pytest.mark.parametrize(("unknown", "left"), [(None, True), ("occupied", True), ("free", False)])
-def test_cells_of_a_ros_map_are_where_they_are_and_what_they_are(tmp_path, negate, unknown, left):
-    shape = ros(tmp_path, negate=negate, unknown=unknown)
-    row, column, corner = corners(GREY.shape, 0.05, (-2.03, -3.11))
-    full = {1: True, 0: False, -1: left}
-    wanted = np.array([full[int(s)] for s in state(GREY, negate)[row, column]])
-    np.testing.assert_array_equal(shape.contains(corner + 0.025), wanted)
-    assert "unknown cells count as" in shape.remark
 
 
 @pytest.mark.parametrize(
@@ -347,19 +260,6 @@ def test_regions_of_a_map_at_any_origin(tmp_path, query):
     away = {"ray": [middle + 9, [1, 0]], "plane": [[1, 0], middle + 9], "box": [middle + 9, middle + 10]}[query]
     assert bounder.query(np.concatenate(away)[None]).numpy()[0] == 0
     assert wb.certify(bounder, shape).proven
-
-
-def test_an_occupancy_grid_is_never_taken_for_truth_values():
-    cells = np.array([[-1, 0, 100], [64, 65, 0]], np.int8)
-    for make in (load_indicator, wb.IndicatorGrid):
-        with pytest.raises(wb.BoundingError, match="65"):
-            make(cells)
-    assert load_indicator(cells, threshold=">=65").occupancy.tolist() == [[True, False, True], [False, True, False]]
-    free = load_indicator(cells, threshold=">=65", unknown="free")
-    assert free.occupancy.tolist() == [[False, False, True], [False, True, False]]
-    assert "1 unknown" in free.remark
-    with pytest.raises(wb.BoundingError, match="unknown is for maps"):
-        load_indicator(np.eye(4), unknown="free")
 
 
 def test_pictures_as_objects():
@@ -452,14 +352,30 @@ def test_what_is_no_file_of_a_format(tmp_path, suffix, rng):
         refused(path, path.name, word)
 
 
-@pytest.mark.parametrize(
-    "source", [None, 3, [[0, 1]], b"\0", object(), "a\0b.png", "", "a" * 300 + ".png", np.ma.array([0, 1], mask=[0, 1])]
+CELLS = MAP < 128
+NO_SHAPES = (
+    *((MAP, "threshold must be a number or a text such as", {"threshold": t}) for t in ("", "<x", True, np.nan, [3])),
+    (CELLS, "spacing must be positive", {"spacing": 0}),
+    (CELLS, "spacing must be 2 numbers or one for all", {"spacing": (1, 2, 3)}),
+    *((CELLS, "spacing must be 2 numbers", {"spacing": spacing}) for spacing in (np.nan, "wide")),
+    (CELLS, "cells_per_unit must be positive float32", {"spacing": 1e-60}),
+    *((CELLS, "origin must be 2 numbers", {"origin": origin}) for origin in (1.0, (0, np.inf))),
+    (np.arange(120).reshape(2, 3, 4, 5) % 3 == 0, "spacing must be 4 numbers", {"spacing": 0.1}),
+    *(((VERTICES, FACES), "is for arrays and images", {name: 1.0}) for name in ("threshold", "spacing", "origin")),
+    ((VERTICES,), "a pair (vertices, faces), got a tuple of 1", {}),
+    ((FACES, VERTICES), "faces as integers", {}),
+    (([[0, 1], [2]], FACES), "expected vertices", {}),
+    ((VERTICES, [[0, 1, 99]]), "got vertex 99", {}),
+    ((None, None), "expected vertices as numbers", {}),
+    *((source, "", {}) for source in ([VERTICES, FACES], None, 3, [[0, 1]], b"\0", object(), "a\0b.png", "")),
+    *((source, "", {}) for source in ("a" * 300 + ".png", np.ma.array([0, 1], mask=[0, 1]))),
+    (CELLS, "time must be", {"time": "yes"}),
+    (np.array([0, 1]), "time", {"time": True}),
+    (BOX, "no time coordinate", {"time": True}),
 )
-def test_sources_of_another_kind(source):
-    refused(source)
 
 
-def test_time_is_a_truth_value_and_needs_a_second_coordinate():
-    refused(MAP < 128, "time must be", time="yes")
-    refused(np.array([0, 1]), "time", time=True)
-    refused(BOX, "no time coordinate", time=True)
+def test_what_is_no_shape():
+    for source, words, options in NO_SHAPES:
+        refused(source, words, **options)
+    refused(load_indicator(CELLS), "is for arrays and images", "IndicatorGrid", threshold=1)

@@ -132,17 +132,6 @@ def test_the_digest_knows_every_voxel_and_the_map(blob):
     assert replace(grid, name="other", note="other").digest == grid.digest == IndicatorGrid(blob.copy()).digest
 
 
-def test_boundary_against_brute_force(blob):
-    grid = IndicatorGrid(np.pad(blob, 1, mode="edge"))
-    expected = []
-    for index in grid.occupied:
-        around = [index + np.array(d) for d in product([-1, 0, 1], repeat=3)]
-        inside = [c for c in around if (c >= 0).all() and (c < grid.shape).all()]
-        if not all(grid.occupancy[tuple(c)] for c in inside):
-            expected.append(index.tolist())
-    assert grid.boundary.tolist() == expected
-
-
 def test_bad_maps():
     for options, words in (
         ({"cells_per_unit": [1.0]}, "2 scales"),
@@ -193,13 +182,6 @@ def test_dilation_against_brute_force(shape, radius, static, seed):
     radius, axes = np.array(radius[: len(shape)]), (0,) if static else ()
     result, pad = dilate(occupancy, radius, static_axes=axes)
     assert np.array_equal(result, brute_force(occupancy, radius, axes, pad, result.shape))
-
-
-@pytest.mark.parametrize(("radius", "cells"), [(0.0, 1), (1e-300, 3), (0.999, 3), (1.0, 5), (1.001, 5), (7.0, 17)])
-def test_reach_along_a_line(radius, cells):
-    result, pad = dilate(np.array([True]), np.array([radius]))
-    assert result.tolist() == [True] * cells
-    assert pad.tolist() == [cells // 2]
 
 
 def square(x: float) -> Fraction:

@@ -86,44 +86,6 @@ def test_rounding_never_decides(rng, margin, shift):
     )
 
 
-@pytest.mark.parametrize("shift", [0.0, 1e6])
-def test_against_trimesh(rng, shift):
-    solid = trimesh.creation.icosphere(subdivisions=2, radius=1000.0 if shift else 1.0)
-    solid.apply_translation([shift, -shift, shift])
-    mesh = load_indicator((np.float32(solid.vertices), solid.faces))  # float64 ones would be recentred
-    solid = trimesh.Trimesh(mesh.vertices.astype(np.float64) - [shift, -shift, shift], mesh.faces, process=False)
-    x = rng.uniform(mesh.sample_lower, mesh.sample_upper, (2000, 3))
-    signed = trimesh.proximity.signed_distance(solid, x - [shift, -shift, shift])
-    size = float(mesh.extent.max())
-    answer = mesh.decide(x)
-    clear = np.abs(signed) > 1e-6 * size
-    assert (answer[clear] == np.where(signed[clear] > 0, IN, OUT)).all()
-    dilated = mesh.dilated(0.1 * size)
-    clear = np.abs(signed + 0.1 * size) > 1e-6 * size
-    assert (dilated.decide(x)[clear] == np.where(signed[clear] > -0.1 * size, IN, OUT)).all()
-
-
-def _vase(neck: float) -> IndicatorMesh:
-    profile = [[0, 0], [1, 0.4], [1, 1.6], [neck + 0.2, 2], [neck, 2], [0.8, 1.5], [0.8, 0.5], [0, 0.2]]
-    return load_indicator(trimesh.creation.revolve(np.array(profile), sections=24))
-
-
-def test_the_hollow_of_a_vase_is_outside_and_that_of_a_ball_is_not():
-    middle = np.array([[0.01, 0.02, 1.0]])
-    vase = _vase(0.05)
-    assert vase.watertight
-    assert vase.decide(middle) == OUT
-    assert vase.empty(middle - 0.1, middle + 0.1)
-    assert not vase.empty(middle - 1, middle + 1)
-    narrow = _vase(0.0005)
-    assert narrow.decide(middle) != IN
-    shells = [trimesh.creation.icosphere(subdivisions=2, radius=radius) for radius in (1.0, 0.5)]
-    shells[1].invert()
-    ball = load_indicator(trimesh.util.concatenate(shells))
-    assert ball.decide(middle - [0, 0, 1]) == IN
-    assert ball.inside(middle - [0.1, 0.1, 1.1], middle - [-0.1, -0.1, 0.9])
-
-
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("margin", [0.0, 0.3])
 def test_distances_are_lower_bounds_and_good_ones(rng, name, margin):
@@ -157,45 +119,6 @@ def test_distances_are_lower_bounds_and_good_ones(rng, name, margin):
     assert (mesh.empty(low, high) | (clearance == 0)).all()
     far = np.array([[1e300, 0, 0], [np.nan, 0, 0], [-np.inf, 0, 0]])
     assert mesh.distances(far).tolist() == [[pytest.approx(1e300), np.inf], [0, np.inf], [np.inf, np.inf]]
-
-
-def _room(overlap: float) -> IndicatorMesh:
-    """Six solid plates around a hollow, each as large as its side of the room."""
-    plates = []
-    for axis in range(3):
-        for side in (-1, 1):
-            extents = np.full(3, 2.0 + overlap)
-            extents[axis] = 0.2
-            middle = np.zeros(3)
-            middle[axis] = side * 0.9
-            plates.append(trimesh.creation.box(extents=extents).apply_translation(middle))
-    return load_indicator(trimesh.util.concatenate(plates))
-
-
-def test_a_hollow_that_no_part_encloses_alone_belongs_to_the_object(rng):
-    mesh, x = _room(0.0), rng.uniform(-0.7, 0.7, (1000, 3))
-    assert mesh.contains(x).all()
-    assert not mesh.empty(x - 0.05, x + 0.05).any()
-    assert (mesh.decide(x + np.array([2, 0, 0])) == OUT).all()
-
-
-def test_a_surface_of_faces_that_are_crushed_doubled_and_turned(rng):
-    """A ball whose faces are split at their edges, where faces without area fill the cracks, and that is doubled in
-    part."""
-    ball = trimesh.creation.icosphere(subdivisions=2)
-    vertices, faces = ball.vertices.tolist(), []
-    for a, b, c in ball.faces[:40]:
-        middle = len(vertices)
-        vertices.append(((ball.vertices[a] + ball.vertices[b]) / 2).tolist())
-        faces += [[a, middle, c], [middle, b, c], [a, b, middle]]
-    faces += ball.faces[40:].tolist() + ball.faces[60:90, ::-1].tolist() + [[0, 0, 5], [7, 7, 7]]
-    mesh, plain = IndicatorMesh(vertices, faces), load_indicator(ball)
-    assert mesh.watertight
-    x = rng.uniform(-1.3, 1.3, (20_000, 3))
-    answer, expected = mesh.decide(x), plain.decide(x)
-    near = plain.distance(x) + (expected == IN) < 1e-6
-    assert (answer == expected)[~near].all()
-    assert (answer == UNDECIDED).mean() < 1e-3
 
 
 def _checked(answer: np.ndarray, truth: list[bool]) -> None:

@@ -83,31 +83,6 @@ def test_bodies_hold_their_geometry(tmp_path, rng):
     assert np.ptp(upper.points, axis=0) == pytest.approx([0.5, 0.1, 0.1], rel=0.03)
 
 
-def test_meshes_are_those_of_the_file(tmp_path, monkeypatch):
-    """Not those of the folder that the process is in, nor of another package; the nearest folder is first."""
-    for folder, size in (("here", 3), ("ws/my", 1), ("ws/other", 5), ("my", 7)):
-        (tmp_path / folder / "meshes").mkdir(parents=True)
-        trimesh.creation.box(extents=[size] * 3).export(tmp_path / folder / "meshes" / "a.stl")
-    (tmp_path / "ws/my/urdf").mkdir()
-    monkeypatch.chdir(tmp_path / "here")
-    for name, size in (
-        ("meshes/a.stl", 1),
-        ("package://other/meshes/a.stl", 5),
-        ("package://my/meshes/a.stl", 1),
-        ("file://meshes/a.stl", 1),
-        ((tmp_path / "here/meshes/a.stl").as_uri(), 3),
-        ("package://third/meshes/a.stl", None),
-        ("http://my/meshes/a.stl", None),
-    ):
-        shape = f'<collision><geometry><mesh filename="{name}"/></geometry></collision>'
-        file = written(tmp_path / "ws/my/urdf", BASE, link("a", shape), joint("one", "base", "a"))
-        if size is None:
-            with pytest.raises(IndicatorError, match="is missing"):
-                wb.arms.load_urdf(file)
-        else:
-            assert np.ptp(wb.arms.load_urdf(file).bodies[1].points, axis=0) == pytest.approx(size)
-
-
 def test_a_hull_of_too_many_points_is_held_by_fewer():
     points = trimesh.creation.icosphere(subdivisions=4).vertices * [0.3, 0.1, 0.05]
     body = hull_of(points)

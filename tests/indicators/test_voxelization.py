@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding.indicators import IndicatorMesh, load_indicator
-from warp_bounding.indicators.triangles.cells import fill_inside, surface_cells
+from warp_bounding.indicators.triangles.cells import surface_cells
 
 
 def turned(mesh):
@@ -50,7 +50,7 @@ def surface_points(mesh, rng, count):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-@pytest.mark.parametrize(("resolution", "margin"), [(24, 0.0), (3, 0.11), (24, 0.11), (24, 0.9)])
+@pytest.mark.parametrize(("resolution", "margin"), [(24, 0.0), (3, 0.11), (24, 0.11)])
 def test_every_point_of_the_dilated_object_lies_in_an_occupied_cell(rng, name, resolution, margin):
     mesh = load_indicator(SHAPES[name]())
     grid = mesh.to_grid(resolution=resolution, margin=margin)
@@ -63,27 +63,6 @@ def test_every_point_of_the_dilated_object_lies_in_an_occupied_cell(rng, name, r
         length = np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-9)
         distance = margin * np.where(rng.random(len(points)) < 0.5, 1, rng.random(len(points)))[:, None]
         assert grid.contains(points + direction / length * distance).all()
-
-
-@pytest.mark.parametrize("name", ["icosphere", "box", "turned box", "torus"])
-@pytest.mark.parametrize("margin", [0.0, 0.05])
-def test_the_inside_is_occupied(rng, name, margin):
-    solid = SHAPES[name]()
-    mesh = load_indicator(solid)
-    grid = mesh.to_grid(resolution=20, margin=margin)
-    points = rng.uniform(*mesh.bounds, (20_000, 3))
-    if name == "icosphere":
-        inside = (points @ solid.face_normals.T <= np.sum(
-            solid.triangles_center * solid.face_normals, axis=1
-        )).all(axis=1)  # fmt: skip
-    elif name == "torus":
-        ring = np.hypot(points[:, 0], points[:, 1]) - 1
-        inside = np.hypot(ring, points[:, 2]) < 0.3 * np.cos(np.pi / 8) ** 2 * 0.95
-    else:
-        planes = np.sum(solid.triangles_center * solid.face_normals, axis=1)
-        inside = (points @ solid.face_normals.T <= planes).all(axis=1)
-    assert inside.sum() > 1000
-    assert grid.contains(points[inside]).all()
 
 
 def lattice_of(triangle, steps):
@@ -126,25 +105,6 @@ def test_slack_outweighs_rounding(rng):
         triangle = np.array([start, end, rng.uniform(0, 9, 3)])
         occupied = surface_cells(triangle, np.array([[0, 1, 2]]), (10, 10, 10), 0.0)
         assert occupied[4:6, 4:6, 4:6].all()
-
-
-def test_a_box_on_cell_faces_takes_the_cells_on_both_sides():
-    """Closed cells that touch the object in a face meet it."""
-    corners = np.array(list(product([1.5, 3.5], repeat=3)))
-    hull = trimesh.convex.convex_hull(corners)
-    cells = fill_inside(surface_cells(np.asarray(hull.vertices), hull.faces, (6, 6, 6), 0.0))
-    assert np.argwhere(cells).tolist() == [list(i) for i in product([1, 2, 3, 4], repeat=3)]
-
-
-def test_degenerate_triangles_are_covered_as_what_they_are():
-    vertices = np.array([[1, 1, 1], [8, 1, 1], [4, 1, 1], [5, 6, 7]], dtype=float)
-    line = surface_cells(vertices, np.array([[0, 1, 2]]), (10, 10, 10), 0.0)
-    assert np.argwhere(line).tolist() == [[i, 1, 1] for i in range(1, 9)]
-    point = surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.0)
-    assert np.argwhere(point).tolist() == [[5, 6, 7]]
-    ball = surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.5)
-    assert ball.sum() == 7  # the cell and its six neighbours, touched at the middle of a face
-    assert surface_cells(vertices, np.array([[3, 3, 3]]), (10, 10, 10), 0.4999).sum() == 1
 
 
 @settings(deadline=None, max_examples=8)

@@ -16,7 +16,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import LABEL
 from warp_bounding.queries.region_domain import domain_of
-from warp_bounding.runtime.native import unique_name, vector_type
+from warp_bounding.runtime.native import vector_type
 
 
 @pytest.mark.parametrize("query", QUERIES)
@@ -56,16 +56,6 @@ def test_data_of_an_equal_source_are_taken(device):
     assert len(large.data.parameters) != len(small.data.parameters)
     assert (ask(small, large.data) == 0).all()
     assert (ask(large, small.data) == 0).all()
-
-
-def test_the_front_survives_every_copy_and_tells_sources_apart():
-    sources = [source for query in QUERIES for source in bounders(query, "cpu")]
-    assert len({source.tag for source in sources}) == len({unique_name(source, "test") for source in sources})
-    assert len({source.tag for source in sources}) == len(sources)
-    for source in sources:
-        label = source.label(10**6, 3)
-        assert np.isfinite(label).all()  # a float that is not may change in a copy
-        assert label.view(np.uint32).tolist() == [*source.tag, 10**6, 3]
 
 
 def test_a_kernel_keeps_its_function_when_the_module_gets_another(rng):

@@ -12,43 +12,22 @@ from region_cases import hard_regions, ray_length
 import warp_bounding as wb
 from warp_bounding.activations import ACTIVATIONS, SINE, SINE_LIMIT, TANH, TANH_DENOMINATOR, TANH_END, TANH_NUMERATOR
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.queries import QUERY_KINDS, oracle, sample
-from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.queries import oracle, sample
 from warp_bounding.training import fit_network as networks
-from warp_bounding.training.engine import Evaluator, single_threaded_torch
-from warp_bounding.training.recipes.default import NetworkTrainer
-from warp_bounding.training.recipes.early import _ExitTrainer
-from warp_bounding.training.recipes.plane import SupportTrainer
-from warp_bounding.training.samples import Problem, samples_of
 
 F32 = np.float32
-EXITS = (7, 6)
-SHAPES = ("c", "blob", "animated")  # 2D, 3D, 4D
+
+CASES = [  # each method with each query, with each activation, and in each dimension
+    *(("mlp", "point", name, act) for name, act in (("c", "sin"), ("animated", "relu"), ("blob", "tanh"))),
+    *(("mlp", "ray", "c", "tanh"), ("mlp", "plane", "c", "relu"), ("mlp", "box", "c", "sin")),
+    *(("mlp-early", "point", "animated", "tanh"), ("mlp-early", "ray", "c", "relu")),
+    *(("mlp-early", "plane", "c", "sin"), ("mlp-early", "box", "c", "tanh"), ("monotone-mlp", "box", "c", "relu")),
+    *(("occupancy", "point", "c", "relu"), ("occupancy", "ray", "c", "sin"), ("occupancy", "plane", "c", "tanh")),
+]
 
 
-def cases() -> list:
-    """All of them with ``--slow``; else each method with each query, with each activation, and in each dimension, in
-    turns.
-
-    ``mlp``, whose kernels other tests need as well, has points in every activation.
-    """
-    params = []
-    for i, method in enumerate(name for name, kind in METHODS.items() if issubclass(kind, Mlp)):
-        for j, query in enumerate(QUERY_KINDS):
-            for k, activation in enumerate(ACTIVATIONS):
-                for turn, name in enumerate(SHAPES):
-                    if METHODS[method].supports(query, shape(name).ndim):
-                        usual = turn == ((i + 2 * k) % len(SHAPES) if query == "point" else 0)
-                        if (method, query) != ("mlp", "point"):
-                            usual &= (i + j + k) % len(ACTIVATIONS) == 0
-                        marks = () if usual else pytest.mark.slow
-                        params.append(pytest.param(method, query, name, activation, marks=marks))
-    return params
-
-
-@pytest.mark.parametrize(("method", "query", "name", "activation"), cases())
+@pytest.mark.parametrize(("method", "query", "name", "activation"), CASES)
 def test_every_activation_in_every_network(method, query, name, activation, monkeypatch, tmp_path):
     monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)  # these are hardly trained: a proof holds wherever it ends
     monkeypatch.setattr(networks, "REGION_PROOF_BOXES", 100_000)
@@ -174,37 +153,3 @@ def test_values_are_those_of_the_bounder_and_slopes_are_autograds(name):
         act.torch_slope(z, value, out)
     assert torch.equal(value, h.detach())
     assert torch.allclose(out, slope, atol=1e-12)
-
-
-def bounder_of(domain, tensors, hidden, activation) -> Mlp:
-    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, "cpu")
-
-
-@pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_an_exit_sees_the_features_of_its_network(activation):
-    """What an exit's training takes for its output is what the exit will compute."""
-    domain = domain_of(shape("c"), "point")
-    with single_threaded_torch():
-        trainer = NetworkTrainer(samples_of(shape("c"), domain, 0), EXITS, activation)
-        trainer.network.initialise(3.0, 1.5, trainer.generator)
-        own = _ExitTrainer(trainer, [trainer.network.layers[0]])
-        x = own.network.encode(torch.rand(2, 300) * 2 - 1)
-        seen = own._activations(x) @ own.network.layers[-1][0]
-        assert torch.allclose(seen, Evaluator(own.network).forward(x), atol=1e-5)
-    computed = bounder_of(domain, own.network.tensors(), EXITS[:1], activation).reference(x[:2].T.numpy())
-    assert np.allclose(seen.numpy(), computed, atol=1e-5)
-
-
-@pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_an_exit_of_planes_sees_the_features_of_its_network(activation):
-    domain = domain_of(shape("c"), "plane")
-    trainer = SupportTrainer(Problem(shape("c"), domain, "plane", 0, "cpu"), EXITS, activation)
-    own = trainer.behind([layer.detach() for layer in trainer.network.layers[:1]])
-    m = torch.rand(300, 2) * 2 - 1
-    seen = own.network(m).detach().numpy()
-    tensors = trainer.finish()
-    first = {name: tensors[name] for name in ("layers.0.weight", "layers.0.bias")}
-    head = {name.replace("layers.0", "layers.1"): value for name, value in own.finish().items()}
-    parts = bounder_of(domain, first | head, EXITS[:1], activation).networks
-    computed = np.stack([part(m.double().numpy()) for part in parts], axis=1)
-    assert np.allclose(seen, computed, atol=1e-5)

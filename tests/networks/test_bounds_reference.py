@@ -1,21 +1,16 @@
-"""The fused bounds against a dense reference in extended precision, and against true minima, with zero slack."""
+"""Bounds against true minima, in extended precision and rational arithmetic, with zero slack."""
 
 from fractions import Fraction
+from itertools import pairwise, product
 
-import bounding_shapes
-import dense_reference as dense
 import numpy as np
 import pytest
-from bounding_shapes import random_mlp, shape
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from warp_bounding.activations import ACTIVATIONS, SINE_LIMIT
 from warp_bounding.networks.network import Network
 
-F32 = np.float32
-NETWORKS = [network for network in bounding_shapes.NETWORKS if network[1] != "tanh"]  # which ``dense`` has no bands of
-WIDTHS = {"point": 0.0, "dot": 1e-12, "small": 1e-3, "usual": 0.05, "large": 0.5, "all": 2.0}
+F32, REAL = np.float32, np.longdouble
+VALUES = {"sin": np.sin, "relu": lambda z: np.maximum(z, 0), "tanh": np.tanh}
 
 
 def lower_bounds(network, lower, upper):
@@ -28,13 +23,6 @@ def boxes(rng, count, limit, width):
     return np.maximum(center - radius, -limit), np.minimum(center + radius, limit)
 
 
-def samples(lower, upper, rng, count):
-    """``(count, N, n)`` points of boxes, half of them with most coordinates at an end."""
-    u = rng.random((count, *lower.shape))
-    u = np.where(rng.random((count, len(lower), 1)) * (rng.random(u.shape) < 0.8) > 0.5, np.round(u), u)
-    return np.clip(lower + u * (upper - lower), lower, upper)
-
-
 def one_input(rng, hidden, gain):
     """Layers of a random network of one number."""
     sizes = (1, *hidden, 1)
@@ -45,13 +33,50 @@ def one_input(rng, hidden, gain):
     ]
 
 
-def dense_layers(layers, activation):
-    named = {
-        f"layers.{i}.{part}": x
-        for i, pair in enumerate(layers)
-        for part, x in zip(("weight", "bias"), pair, strict=True)
-    }
-    return dense.stack(named, activation)
+def value(layers, activation, v):
+    """f of points ``(..., n)`` in extended precision, from the definition."""
+    h = np.asarray(v, dtype=REAL)
+    for index, (weight, bias) in enumerate(layers):
+        z = np.einsum("...i,ji->...j", h, weight.astype(REAL)) + bias.astype(REAL)
+        h = z if index + 1 == len(layers) else VALUES[activation](z)
+    return h[..., 0]
+
+
+def extremes(activation, low, high):
+    """Least and greatest value of an activation on intervals, exactly: at the ends, or where it is level."""
+    inner = [np.zeros_like(low)] if activation == "relu" else []
+    if activation == "sin":  # level at pi / 2 and at -pi / 2, and a turn further: the first and the last are extreme
+        turn = 8 * np.arctan(REAL(1))
+        ends = product((turn / 4, -turn / 4), ((np.ceil, low), (np.floor, high)))
+        inner = [a + turn * rounding((end - a) / turn) for a, (rounding, end) in ends]
+    values = VALUES[activation](np.stack([low, high, *(np.clip(x, low, high) for x in inner)]))
+    return values.min(axis=0), values.max(axis=0)
+
+
+def least_of_piecewise_linear(layers, low, high):
+    """Exact minimum, a fraction, of a ReLU network of one input on ``[low, high]``: between kinks it is linear."""
+    exact = [([[Fraction(float(x)) for x in row] for row in w], [Fraction(float(x)) for x in b]) for w, b in layers]
+    points = [Fraction(float(low)), Fraction(float(high))]
+    for depth in range(
+        1, len(exact)
+    ):  # the kinks of layer `depth` lie where its sums vanish, linear between those before
+        ends = [[sums(exact, depth, x)[j] for x in points] for j in range(len(exact[depth - 1][1]))]
+        kinks = set(points)
+        for sum_ in ends:
+            for (x0, y0), (x1, y1) in pairwise(zip(points, sum_, strict=True)):
+                if y0 * y1 < 0:
+                    kinks.add(x0 + (x1 - x0) * y0 / (y0 - y1))
+        points = sorted(kinks)
+    return min(sums(exact, len(exact), x)[0] for x in points)
+
+
+def sums(exact, depth, x):
+    """What layer ``depth`` (from 1) computes before its activation, in fractions."""
+    z = [x]
+    for index, (weight, bias) in enumerate(exact[:depth]):
+        h = [max(y, Fraction(0)) for y in z] if index else z
+        z = [sum(w * y for w, y in zip(row, h, strict=True)) + b for row, b in zip(weight, bias, strict=True)]
+    return z
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
@@ -64,52 +89,11 @@ def test_one_neuron_is_bounded_under_its_exact_minimum(activation, sign, scale, 
     z = np.where(rng.random(400) < 0.2, rng.choice([0.0, np.pi / 2, np.pi], 400), rng.normal(size=400) * 20)
     d = scale * rng.uniform(0.1, 1, 400)
     lower, upper = np.maximum(z - d, -200.0), np.minimum(z + d, 200.0)
-    lo, hi = lower.astype(dense.REAL), upper.astype(dense.REAL)
-    least, most = dense.extremes(activation, (lo + hi) / 2, (hi - lo) / 2, np.zeros(400))
+    least, most = extremes(activation, lower.astype(REAL), upper.astype(REAL))
     exact, ours = least if sign > 0 else -most, lower_bounds(network, lower[:, None], upper[:, None])
     assert (ours <= exact).all()
     if scale < 1e-9:
         assert (exact - ours).max() < 1e-9
-
-
-@settings(deadline=None, max_examples=40)
-@given(st.sampled_from(["sin", "relu"]), st.integers(0, 2**32 - 1), st.floats(-13, 3.5))
-def test_bands_of_the_reference_enclose_their_activation(activation, seed, exponent):
-    """No sampling: a function minus a line is extreme at an interval's ends or where its slope is the line's."""
-    rng = np.random.default_rng(seed)
-    z = np.where(rng.random(200) < 0.2, rng.choice([0.0, np.pi / 2, np.pi], 200), rng.normal(size=200) * 30)
-    d = 10.0**exponent * rng.uniform(0.1, 1, 200)
-    slope, mean, half = dense.BANDS[activation](z.astype(dense.REAL), d.astype(dense.REAL))
-    least, most = dense.extremes(activation, z, d, slope)
-    rounding = 1e-18 * (1 + np.abs(z) + d)
-    assert (most <= mean - slope * z + half + rounding).all()
-    assert (least >= mean - slope * z - half - rounding).all()
-
-
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-@pytest.mark.parametrize("width", WIDTHS)
-def test_kernel_against_the_dense_reference(hidden, activation, octaves, width, rng):
-    """ReLU: the same bounds.
-
-    Sine: the reference knows lines only, so the kernel may be tighter; looser here and there.
-    """
-    bounder = random_mlp(shape("blob"), hidden, activation, octaves)
-    layers = dense.stack(bounder.tensors, activation)
-    lower, upper = boxes(rng, 24, bounder.domain.limit.astype(np.float64), WIDTHS[width])
-    ours, reference = lower_bounds(bounder.network, lower, upper), dense.bound(layers, lower, upper, merged=True)
-    values, full = dense.value(layers, samples(lower, upper, rng, 100)), dense.bound(layers, lower, upper)
-    scale = 1 + np.abs(reference)
-    assert (values >= ours).all()
-    assert (values >= full - 1e-15 * scale).all()
-    if len(hidden) == 2 and not octaves:  # nothing is merged that early: the bound is CROWN's of these bands
-        assert (np.abs(full - reference) / scale).max() < 1e-15
-    if activation == "relu" or WIDTHS[width] < 1e-9:
-        assert (ours <= reference).all()  # rounding has been paid for
-        assert ((reference - ours) / scale).max() < (1e-9 if not octaves else 1e-8)
-    else:
-        loose, most = values.min(axis=0) - ours, values.min(axis=0) - reference
-        assert (loose <= 1.3 * most + 1e-8).all()
-        assert np.median(loose / most) < 1.05
 
 
 def test_bounds_are_under_exact_minima_of_relu_networks(rng):
@@ -122,7 +106,7 @@ def test_bounds_are_under_exact_minima_of_relu_networks(rng):
             lower, upper = boxes(rng, 3, np.full(1, 4.0), width)
             ours = lower_bounds(network, lower, upper)
             for bound, low, high in zip(ours, lower[:, 0], upper[:, 0], strict=True):
-                least = dense.least_of_piecewise_linear(dense_layers(layers, "relu"), low, high)
+                least = least_of_piecewise_linear(layers, low, high)
                 assert Fraction(float(bound)) <= least
                 if width < 1e-9:
                     assert float(least - Fraction(float(bound))) < 1e-9
@@ -142,7 +126,7 @@ def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     lower[1], upper[1] = -1.0, -1.0 + width
     ours = lower_bounds(network, lower, upper)
     points = np.clip(lower + np.linspace(0, 1, 2001)[:, None, None] * (upper - lower), lower, upper)
-    least = dense.value(dense_layers(layers, "sin"), points).min(axis=0)
+    least = value(layers, "sin", points).min(axis=0)
     assert (ours <= least).all()
     if width == 0.0:
         assert (least - ours).max() < 1e-6

@@ -1,35 +1,12 @@
 """What the tables are made of, what words select, and Eq. 6."""
 
-import math
-
 import pytest
 
-from paper import speed
 from paper.data import objects_in, select_objects
-from paper.table import COLUMNS, PAPER, VARIANTS, Column, Variant, budget_of, budgets_in, select_columns, select_methods
-from warp_bounding import bounders
+from paper.table import COLUMNS, VARIANTS, Column, Variant, budget_of, budgets_in, select_columns, select_methods
 from warp_bounding.errors import BoundingError
 
 POINT, RAY = Column(2, "point"), Column(3, "ray")
-
-
-def test_the_papers_numbers_stand_beside_what_the_paper_did():
-    assert Variant("aabb").paper(POINT) == 28.4
-    assert Variant("aabb").paper(RAY) is None
-    assert Variant("aabb", None, True).paper(RAY) == 69.3
-    assert Variant("aabb", None, True).paper(POINT) is None
-    assert Variant("relu-field").paper(RAY) is Variant("bvh", 64).paper(POINT) is Variant("voxels").paper(POINT) is None
-    assert Variant("bvh").paper(RAY) == 34.4  # there are no parametric ones
-    assert {len(own) for what in ("fp_rate", "ms") for m, own in PAPER[what].items() if m != "relu-field"} == {12}
-
-
-def test_spaces():
-    assert Variant("aabb").space_in(RAY) == "geometric"
-    assert Variant("aabb", None, True).space_in(RAY) == "parametric"
-    assert Variant("aabb", None, True).space_in(POINT) is None
-    assert Variant("relu-field").space_in(RAY) is None
-    assert Variant("distance").space_in(Column(3, "plane")) is None
-    assert Variant("hierarchy").space_in(RAY) is None
 
 
 def test_selections():
@@ -68,29 +45,3 @@ def test_of_all_budgets_the_last_that_fits_counts():
     for text in ("", "a", "0", "nan", "-1", "3,4", "5d=3", "aabb=3", "3d=", "=4", "3d=0", "3,,"):
         with pytest.raises(BoundingError, match="budget must"):
             budgets_in(text, 60.0)
-
-
-@pytest.mark.parametrize("method", PAPER["ratio"])
-def test_the_papers_table_2_follows_from_its_supplement_by_eq_6(method):
-    rates, times = PAPER["fp_rate"], PAPER["ms"]
-    rate = (
-        rates["kdop" if method == "aabb" else method][speed.TABLE_2] / 100
-    )  # the paper has the k-DOP's in the box's row
-    ours = times["mlp-early"][speed.TABLE_2], rates["mlp-early"][speed.TABLE_2] / 100
-    found = speed.break_even(*ours, times[method][speed.TABLE_2], rate)
-    assert found.least == pytest.approx(PAPER["ratio"][method][speed.TABLE_2], rel=5e-3)
-    assert found.most == math.inf
-
-
-@pytest.mark.parametrize("price", [0.0, 0.7, 3.0, 1e6])
-@pytest.mark.parametrize("rate", [0.0, 0.1, 0.3, 0.9])
-@pytest.mark.parametrize("time", [0.5, 1.0, 5.0])
-def test_break_even_is_where_the_costs_cross(time, rate, price):
-    found = speed.break_even(time, rate, 1.0, 0.3)
-    pays = time + rate * price < 1.0 + 0.3 * price
-    assert pays == (found.least < price < found.most or (price == found.least == 0 and time < 1.0))
-
-
-def test_a_cascade_is_a_method():
-    assert bounders.supports("kdop+mlp", "ray", 3)
-    assert not bounders.supports("voxels+mlp", "ray", 3)

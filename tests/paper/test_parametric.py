@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from paper.parametric import Patches, Support, fit, limit_of, rates, support_of, to_local
+from paper.parametric import Support, fit, limit_of, rates, support_of, to_local
 from warp_bounding.errors import BounderError
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
@@ -55,25 +55,6 @@ def test_no_false_negative(name, query):
         found = rates(volume, shape(name), 20_000, "exact", seed=3)
         assert found.fn == 0
         assert 0 < found.fp_rate + found.positives <= 100 + 1e-9
-
-
-@pytest.mark.parametrize("ndim", [1, 2, 3])
-def test_patches_cover_the_sphere(ndim, rng):
-    """Every unit vector is ``f y`` with y a mean of a patch's vertices: a convex function is largest at some vertex."""
-    patches = Patches.cover(ndim, 3)
-    u = rng.normal(size=(2000, ndim))
-    u /= np.linalg.norm(u, axis=1, keepdims=True)
-    axis = np.argmax(np.abs(u), axis=1)
-    face, sign = u / np.abs(u).max(axis=1, keepdims=True), np.sign(u[np.arange(len(u)), axis])
-    others = np.array([np.delete(row, k) for row, k in zip(face, axis, strict=True)]).reshape(len(u), ndim - 1)
-    for cover in (patches, patches.split() if ndim > 1 else patches):
-        held = (cover.axis == axis[:, None]) & (cover.sign == sign[:, None])
-        held &= ((others[:, None] >= cover.lower) & (others[:, None] <= cover.upper)).all(axis=2)
-        assert held.any(axis=1).all()
-        vertices, a = cover.hulls(1e-6)[held.argmax(axis=1)], rng.normal(size=ndim)
-        for convex in (lambda z, a: z @ a, lambda z, a: np.abs(z - a).sum(-1), lambda z, a: ((z + a) ** 2).sum(-1)):
-            for factor in (1 - 1e-6, 1, 1 + 1e-6):
-                assert (convex(u * factor, a) <= convex(vertices, a).max(axis=1) + 1e-12).all()
 
 
 def test_points_have_no_other_numbers():

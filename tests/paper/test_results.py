@@ -59,14 +59,6 @@ def test_a_torn_line_is_dropped(place, kept, capsys):
     assert (place / "t.csv").read_text() == HEADER + LINE
 
 
-@pytest.mark.parametrize("kept", [0, 1, len(HEADER) - 1])
-def test_a_torn_header_is_written_again(place, kept):
-    (place / "t.csv").write_text(HEADER[:kept])
-    with opened(place) as folder:
-        assert folder.rows == []
-    assert (place / "t.csv").read_text() == HEADER
-
-
 @pytest.mark.parametrize(
     "table",
     [
@@ -82,20 +74,6 @@ def test_damage_is_told_and_left_alone(place, table):
 @pytest.mark.parametrize(("name", "value"), [("budget", 30.0), ("samples", 10), ("seed", 1)])
 def test_settings_are_never_mixed(place, name, value):
     check_refused(place, f"made with other settings: {name} .* there, {value} now", **{name: value})
-
-
-def test_settings_of_the_folder_are_the_defaults(tmp_path):
-    with opened(tmp_path / "out", budget=5.0):
-        pass
-    with opened(tmp_path / "out", seed=0) as folder:
-        assert (folder.settings["budget"], folder.settings["samples"]) == (5.0, 100)
-
-
-@pytest.mark.parametrize("given", [{"budget": 0.0}, {"budget": float("nan")}, {"samples": 0}, {"seed": -1}])
-def test_settings_that_make_no_sense(tmp_path, given):
-    with pytest.raises(BoundingError, match="must be"), opened(tmp_path / "out", **given):
-        pass
-    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize("text", ["[]", "{", '{"format": 2, "settings": {}, "commands": []}'])

@@ -282,18 +282,6 @@ def test_a_plane_that_leans_in_time_is_answered_by_its_part_inside(device):
 # --- domains ---------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("name", ["c", "animated"])
-def test_domains_survive_the_trip(query, name):
-    domain = domain_of(shape(name), query, ray_length(shape(name)))
-    again = RegionDomain.from_dict(domain.to_dict())
-    assert again.fault() is None
-    assert again.to_dict() == domain.to_dict()
-    for a, b in ((again.header, domain.header), (again.extra, domain.extra), (again.limit, domain.limit)):
-        assert a.dtype == np.float32
-        assert (a == b).all()
-
-
 def test_rays_that_are_too_long_are_refused():
     for length in (1e4, 1e9, 1e300):
         with pytest.raises(BounderError, match="length"):

@@ -10,12 +10,15 @@ from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_
 from warp_bounding.errors import QueryError
 from warp_bounding.geometry import components
 from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.queries import QUERIES, check_query, oracle, sample
+from warp_bounding.queries import QUERIES, SampledOracle, check_query, oracle, sample
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.directions import sample_directions
+from warp_bounding.queries.hard import HardPositives, draw_positives
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import MOST_JUMP, RAY, empty_distance
+from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.queries.registry import locate
 
 LOW, HIGH = np.float32(0.375), np.float32(0.625)  # of one_cell
 
@@ -103,48 +106,40 @@ def test_distance_counts_cells_along_the_farthest_axis():
 # --- what only touches -----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("d", [(1, 0, 0), (0, 0, -1)])
-@pytest.mark.parametrize("side", [LOW, HIGH])
-def test_rays_along_faces_and_edges_touch(d, side, device):
-    exact = RAY.oracle(one_cell(), device, 2.0)
-    d, across = np.float32(d), np.abs(d) == 0
-    start = np.float32(0.5) - d
-    for axis in np.flatnonzero(across):
-        face = start.copy()
-        face[axis] = side
-        beside = face.copy()
-        beside[axis] = np.nextafter(side, np.float32(side * 4 - 1.5))  # outwards
-        np.testing.assert_array_equal(exact(np.float32([[*face, *d], [*beside, *d]])), [True, False])
-    edge = np.where(across, side, start)
-    assert exact(np.float32([[*edge, *d]]))[0]
-    assert exact.undecided == 0
+BELOW, ABOVE, HUGE = np.nextafter(LOW, np.float32(0)), np.nextafter(HIGH, np.float32(1)), np.float32(3e38)
+SHORT = np.nextafter(0.375, 0)  # of a ray's length
+TOUCHING = [  # of one cell: kind, numbers, the length of rays, whether they meet
+    *((RAY, [-0.5, side, 0.5, 1, 0, 0], 2.0, True) for side in (LOW, HIGH)),  # along a face
+    *((RAY, [-0.5, side, 0.5, 1, 0, 0], 2.0, False) for side in (BELOW, ABOVE)),
+    *((RAY, [side, 0.5, 1.5, 0, 0, -1], 2.0, True) for side in (LOW, HIGH)),
+    *((RAY, [side, 0.5, 1.5, 0, 0, -1], 2.0, False) for side in (BELOW, ABOVE)),
+    *((RAY, [side, side, 1.5, 0, 0, -1], 2.0, True) for side in (LOW, HIGH)),  # along an edge
+    (RAY, [0.125, 0.375, 0.5, 1, -1, 0], 1.0, False),  # the edge x = y = 3/8 is behind; passes (3/8, 1/8)
+    (RAY, [0.25, 0.5, 0.5, 1, -1, 0], 1.0, True),  # the edge at (3/8, 3/8)
+    (RAY, [0.25, 0.5, 0.25, 1, -1, 1], 1.0, True),  # the corner (3/8, 3/8, 3/8)
+    (RAY, [0.25, 0.5, 0.25, 1, -1, 1.0000002], 1.0, True),  # z is over 3/8 at that edge
+    (RAY, [0.25, 0.5, 0.25, 1, -1, 0.9999999], 1.0, False),  # z is under 3/8 at that edge
+    (RAY, [0.625, 0.625, 0.625, 1, 2, 3], 1.0, True),  # starts at a corner, goes away
+    (RAY, [0.625, 0.5, 0.5, 1, 0, 0], 1.0, True),  # starts on a face, goes away
+    (RAY, [ABOVE, 0.5, 0.5, 1, 0, 0], 1.0, False),
+    *((RAY, [0, 0.5, 1, 0], 0.375, True), (RAY, [0, 0.5, 1, 0], SHORT, False)),  # the end of the segment is closed
+    *((RAY, [0.1875, 0.125, 3, 4], length, length == 0.3125) for length in (0.3125, np.nextafter(0.3125, 0))),
+    *((RAY, [0.1875, 0.125, 3e-20, 4e-20], length, None) for length in (0.3125, np.nextafter(0.3125, 0))),
+    (BOX, [0.625, 0.625, 0.9, 0.9], 1.0, True),  # corner to corner
+    (BOX, [ABOVE, 0.625, 0.9, 0.9], 1.0, False),
+    (BOX, [0.1, 0.625, 0.9, 0.7], 1.0, True),  # edge to edge
+    (BOX, [0.4, 0.4, 0.5, 0.5], 1.0, True),  # inside
+    *((BOX, [-HUGE, -HUGE, HUGE, HUGE], 1.0, True), (BOX, [-HUGE, 0.7, HUGE, HUGE], 1.0, False)),
+    *((BOX, [1.2, 0.5, 2.0, 0.5], 1.0, False), (BOX, [-9, 0.5, 0.375, 0.5], 1.0, True)),  # outside the domain, partly
+]
 
 
-def test_rays_through_edges_and_corners_touch(device):
-    through = [
-        [0.125, 0.375, 0.5, 1, -1, 0],  # the edge x = y = 3/8 is behind; passes (3/8, 1/8): misses
-        [0.25, 0.5, 0.5, 1, -1, 0],  # the edge at (3/8, 3/8)
-        [0.25, 0.5, 0.25, 1, -1, 1],  # the corner (3/8, 3/8, 3/8)
-        [0.25, 0.5, 0.25, 1, -1, 1.0000002],  # z is over 3/8 at that edge
-        [0.25, 0.5, 0.25, 1, -1, 0.9999999],  # z is under 3/8 at that edge
-        [0.625, 0.625, 0.625, 1, 2, 3],  # starts at a corner, goes away
-        [0.625, 0.5, 0.5, 1, 0, 0],  # starts on a face, goes away
-        [np.nextafter(HIGH, np.float32(1)), 0.5, 0.5, 1, 0, 0],
-    ]
-    expected, q = [False, True, True, True, False, True, True, False], np.float32(through)
-    np.testing.assert_array_equal(RAY.truth(one_cell(), q), expected)
-    np.testing.assert_array_equal(RAY.oracle(one_cell(), device)(q), expected)
-
-
-def test_the_end_of_the_segment_is_closed(device):
-    grid = one_cell(2)
-    q = np.float32([[0.0, 0.5, 1, 0], [0.375 - 0.1875, 0.375 - 0.25, 3e-20, 4e-20], [0.375 - 0.1875, 0.125, 3, 4]])
-    for ray, length in zip(q, (0.375, 0.3125, 0.3125), strict=True):
-        for each in (length, np.nextafter(length, 0)):
-            assert RAY.oracle(grid, device, each)(ray[None])[0] == RAY.truth(grid, ray[None], each)[0]
-    assert RAY.oracle(grid, device, 0.375)(q[:1])[0]
-    assert RAY.oracle(grid, device, 0.3125)(q[2:])[0]
-    assert not RAY.oracle(grid, device, np.nextafter(0.3125, 0))(q[2:])[0]
+def test_what_only_touches_meets(device):
+    for kind, numbers, length, meets in TOUCHING:
+        q, grid = np.float32([numbers]), one_cell(len(numbers) // 2)
+        (truth,) = kind.truth(grid, q, length)
+        assert truth == meets or meets is None, (kind.name, numbers, length)
+        assert kind.oracle(grid, device, length)(q)[0] == truth, (kind.name, numbers, length)
 
 
 @pytest.mark.parametrize("n", [2, 3, 4])
@@ -171,22 +166,6 @@ def test_supporting_planes_of_a_shape_are_decided_by_the_kernel(device, rng):
     q = np.concatenate([normal, grid.position(extreme - 0.5).astype(np.float32)], axis=1)
     np.testing.assert_array_equal(exact(q)[:200], PLANE.truth(grid, q[:200]))
     assert exact.undecided < 20
-
-
-def test_boxes_touch_and_miss(device):
-    above, huge = np.nextafter(HIGH, np.float32(1)), np.float32(3e38)
-    q = [
-        [0.625, 0.625, 0.9, 0.9],  # corner to corner
-        [above, 0.625, 0.9, 0.9],
-        [0.1, 0.625, 0.9, 0.7],  # edge to edge
-        [0.4, 0.4, 0.5, 0.5],  # inside
-        [-huge, -huge, huge, huge],
-        [-huge, 0.7, huge, huge],
-        [1.2, 0.5, 2.0, 0.5],  # outside the domain
-        [-9, 0.5, 0.375, 0.5],  # partly
-    ]
-    expected = [True, False, True, True, True, False, False, True]
-    np.testing.assert_array_equal(BOX.oracle(one_cell(2), device)(np.float32(q)), expected)
 
 
 def test_rounding_onto_a_face_is_noticed(device):
@@ -227,6 +206,50 @@ def test_the_kernel_decides_nearly_all_rays(name, device, rng):
     axis = np.eye(grid.ndim, dtype=np.float32)[rng.integers(grid.ndim, size=2000)] * rng.choice([-1, 1], (2000, 1))
     exact(np.concatenate([lattice_points(grid, 2000, rng), axis], axis=1))
     assert exact.undecided <= 20  # those whose end is as near to a face as the length is exact
+
+
+# --- the paper's labels, and a kind of one's own ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+@pytest.mark.parametrize("name", ["c", "blob", "mesh", "animated"])
+def test_sampled_hits_are_hits(query, name, device, rng):
+    grid = shape(name)
+    n = grid.ndim
+    ends = np.sort(np.stack([lattice_points(grid, 1000, rng), lattice_points(grid, 1000, rng)]), axis=0)
+    snapped = {
+        "ray": np.concatenate([lattice_points(grid, 1000, rng), small_vectors(n, 1000, rng)], axis=1),
+        "plane": np.concatenate([small_vectors(n, 1000, rng), lattice_points(grid, 1000, rng)], axis=1),
+        "box": np.concatenate([*ends], axis=1),
+    }[query]
+    q = np.concatenate([sample(query, grid, 2000, rng), snapped])
+    exact, labels = oracle(query, grid, device)(q), SampledOracle(query, grid, device)(q)
+    assert not (labels & ~exact).any()
+    assert labels.any()
+    assert (labels[:2000] != exact[:2000]).mean() < {"ray": 0.1, "plane": 0.7, "box": 0.05}[query]
+
+
+class Cuboid(type(QUERIES["box"])):
+    """Boxes under another name."""
+
+    name = "cuboid"
+
+
+def test_a_kind_of_query_is_added_from_outside(monkeypatch, rng):
+    monkeypatch.setitem(QUERIES, "cuboid", Cuboid())
+    cuboid, grid = "cuboid", shape("blob")
+    q = sample(check_query(cuboid), grid, 2000, rng)
+    truth = oracle(cuboid, grid, "cpu")
+    np.testing.assert_array_equal(truth(q), oracle("box", grid, "cpu")(q))
+    np.testing.assert_array_equal(SampledOracle(cuboid, grid, "cpu")(q), SampledOracle("box", grid, "cpu")(q))
+    assert truth(next(draw_positives(cuboid, grid, 100, 1, "cpu"))).all()
+    hard, certain = HardPositives(cuboid, grid, device="cpu").draw(1, 0, 500)
+    assert truth(hard.numpy()[certain.numpy() != 0]).all()
+    domain, same = domain_of(grid, cuboid), domain_of(grid, "box")
+    np.testing.assert_array_equal(domain.to_local(q), same.to_local(q))
+    np.testing.assert_array_equal(domain.limit, same.limit)
+    assert locate(cuboid, 3, False) == locate("box", 3, False)
+    assert domain.tested_as_region
 
 
 # --- input -----------------------------------------------------------------------------------------------------------

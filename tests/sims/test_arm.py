@@ -5,15 +5,16 @@ import sys
 
 import numpy as np
 import pytest
+from broken import Everything
 
 import warp_bounding as wb
 from sims.arm.demo import SPECS, Example, Trees, phases, simulate
-from sims.arm.exact import STEP, Hulls, Meshes, Stepped
-from sims.arm.meshes import MeshModel, mesh_of
+from sims.arm.exact import STEP, Hulls, Meshes
+from sims.arm.meshes import MeshModel
 from sims.arm.pictures import draw
 from sims.arm.robots import CELLS, Cell, planar
 from sims.arm.workplace import Workplace
-from sims.planning.broad import BroadPhase, Every, Points, Samples, Segments
+from sims.planning.broad import Every, Points, Samples, Segments
 
 STATES, PROBLEMS = 150, 6
 PROVEN = ("aabb", "bvh", "learned-kdop", "mlp", "learned-kdop+mlp")
@@ -38,24 +39,6 @@ def bounders(place):
     return made
 
 
-class Everything(BroadPhase):
-    """A broad phase that clears whatever it is asked."""
-
-    def states(self, x):
-        return np.ones(len(x), dtype=bool)
-
-    def edges(self, starts, ends):
-        return np.ones(len(starts), dtype=bool)
-
-
-@pytest.mark.parametrize("name", CELLS)
-def test_a_cell_has_free_and_colliding_configurations(name, rng):
-    shape = CELLS[name].shape()
-    assert shape.ndim == len(CELLS[name].arm.joints)
-    held = shape.contains(rng.uniform(shape.lower, shape.upper, (5_000, shape.ndim)))
-    assert 0.05 < held.mean() < 0.95
-
-
 def test_roadmaps_are_the_same_with_proven_bounders_and_what_clears_everything_is_found_out(place, bounders, tmp_path):
     examples = simulate(place, Hulls(place), bounders, states=STATES, problems=PROBLEMS)
     none = examples["none"]
@@ -73,19 +56,6 @@ def test_roadmaps_are_the_same_with_proven_bounders_and_what_clears_everything_i
     assert list(phases(bounders))[-1] == "occupancy"  # what has no proof comes last
     file = draw(tmp_path, [(examples["mlp"], examples["occupancy"])], [bounders], ("mlp", "occupancy"))
     assert file.stat().st_size > 10_000
-
-
-def test_an_edge_is_checked_at_configurations_that_are_near_each_other(place, rng, monkeypatch):
-    exact, asked = Hulls(place), []
-    monkeypatch.setattr(Hulls, "hits", lambda self, x: (asked.append(x), np.zeros(len(x), bool))[1])
-    a, b = (place.draw(1, rng) for _ in range(2))
-    assert not exact.segments(a, b).any()
-    at = np.concatenate([a, *asked, b]).astype(np.float64)
-    way = (b - a)[0].astype(np.float64)
-    t = np.sort((at - a) @ way / (way @ way))
-    assert len(at) == exact.checks + 2
-    assert np.diff(t).max() * np.linalg.norm(way) <= STEP
-    assert np.allclose(at, a + ((at - a) @ way / (way @ way))[:, None] * way)
 
 
 def test_edges_do_not_miss_a_collision_and_what_is_cleared_along_them_is_not_checked(place, rng):
@@ -128,20 +98,6 @@ def test_mistakes(place):
 
 
 def test_meshes_lie_in_the_hulls_and_collide_where_these_do(place, bounders, rng, monkeypatch):
-    for body in (
-        wb.arms.Body.capsule([0, 0, 0], [0.5, 0.1, 0], 0.05),
-        wb.arms.Body.box([0, 0, 0], [1, 2, 3], radius=0.1),
-        wb.arms.Body.box([0, 0, 0], [1, 2, 3]),
-    ):
-        x = mesh_of(body).vertices
-        low, high = body.points.min(axis=0), body.points.max(axis=0)
-        if len(body.points) == 2:
-            way = high - low
-            t = np.clip((x - low) @ way / (way @ way), 0, 1)[:, None]
-            away = np.linalg.norm(x - low - t * way, axis=1)
-        else:
-            away = np.linalg.norm(np.maximum(np.maximum(low - x, x - high), 0), axis=1)
-        assert 0.9 * body.radius <= away.max() <= body.radius
     with monkeypatch.context() as patched:
         patched.setitem(sys.modules, "coal", None)
         with pytest.raises(wb.BoundingError, match=r"need.*pip install 'warp-bounding\[arms\]'"):
@@ -187,28 +143,6 @@ def test_trees_find_free_paths_and_the_same_with_proven_bounders(place, bounders
     example = Trees(place, Hulls(place), Samples(broken, [50.0, 50.0], 1.0), problems=PROBLEMS)
     example.step()
     assert example.missed(alone)
-
-
-def test_no_way_is_no_path(place):
-    class Walls(Stepped):
-        def hits(self, x):
-            return (np.abs(x) < 0.5).any(axis=1)
-
-    example = Trees(place, Walls(place), samples=60, problems=PROBLEMS)
-    example.step()
-    across = ~example.blocked & ((example.problems[:, 0] > 0) != (example.problems[:, 1] > 0)).any(axis=1)
-    assert across.any()
-    assert not np.isfinite(example.lengths[across]).any()
-    assert all(example.paths[number] is None for number in np.flatnonzero(across))
-
-
-def test_few_states_are_answered_as_by_a_query(place, bounders, rng):
-    phase, x = Points(bounders["learned-kdop"]), place.draw(300, rng)
-    truth = bounders["learned-kdop"].query(x).numpy() == 0
-    assert 0 < truth.sum() < len(x)
-    for first, last in ((0, 300), (0, 64), (64, 65), (100, 100), (120, 180)):
-        assert (phase.states(x[first:last]) == truth[first:last]).all()
-    assert not phase.edges(x, x).any()
 
 
 def test_a_cell_and_the_arm_itself():

@@ -10,6 +10,7 @@ import warp_bounding as wb
 from sims import DEMOS
 from sims.prefitted import FOLDER, bounder_from, stored
 from sims.refit import plan
+from sims.report import Run, kept, verdict
 
 KEYS = {
     "bounder",
@@ -25,7 +26,7 @@ KEYS = {
 }
 
 
-SLOW = ("cloth", "particles", "digits")  # up to half a minute each
+SLOW = set(DEMOS) - {"shadows"}  # up to a minute each; their parts have tests of their own
 
 
 @pytest.mark.parametrize("name", [pytest.param(n, marks=pytest.mark.slow if n in SLOW else ()) for n in DEMOS])
@@ -76,7 +77,22 @@ def test_what_is_proven_is_proven_anew(file):
         assert wb.certify(bounder, shape, seconds=math.inf).proven  # however fast the machine is
 
 
-def test_a_scene_that_there_is_not():
-    pytest.importorskip("newton")
-    with pytest.raises(wb.BoundingError, match=r"expected scenes or files of .*rain-mlp.*, got snow"):
-        plan(["snow"])
+NONE = Run("none", 100, 0.0, 2.0, 3.0, 0, True)
+
+
+def of(name, certificate, missed=0, identical=True, section="", cells=None):
+    return Run(name, 40, 0.5, 1.0, 2.0, missed, identical, 5.0, cells, certificate, section)
+
+
+def test_what_is_proven_must_be_kept():
+    good = [NONE, of("mlp", "proven"), of("occupancy", "", missed=7, identical=False)]
+    assert kept(good)
+    assert verdict(good).startswith("The 1 run with proven bounders missed none of the contacts")
+    assert "which has no proof, missed 7 contacts" in verdict(good)
+    for broken in (
+        of("mlp", "proven", missed=1),
+        of("mlp", "proven", identical=False),
+        of("box", "by construction", 1),
+    ):
+        assert not kept([*good, broken])
+        assert "Broken promise" in verdict([*good, broken])

@@ -27,12 +27,6 @@ def test_it_ends_in_the_state_of_the_run_without(monkeypatch, capsys):
     assert "the cull's own time included" in told
 
 
-def test_a_viewer_that_draws(monkeypatch, capsys, tmp_path):
-    file = tmp_path / "cull.usd"
-    run(monkeypatch, capsys, "--viewer", "usd", "--output-path", str(file), "--num-frames", "2", "--device", "cpu")
-    assert file.stat().st_size > 1000
-
-
 def test_a_state_that_differs_is_found():
     """The comparison that ends the run can fail."""
     args = Example.create_parser().parse_args([*SMALL, "--viewer", "null"])

@@ -4,16 +4,14 @@ hold."""
 import numpy as np
 import pytest
 import warp as wp
-from PIL import Image
+from broken import denying
 
 import warp_bounding as wb
-from sims import drawing
 from sims.base import compare
 from sims.particles import run
-from sims.particles.bounds import bounds_data
 from sims.particles.broad import MovingBox, OfMotion, OfSides
 from sims.particles.demo import MOVING_BOX, simulate
-from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
+from sims.particles.example import CONTACT, CONTAINMENT, Example
 from sims.particles.kernels import RADIUS, collide
 from sims.particles.scene import PERIOD, Scene
 from sims.prefitted import FOLDER, FitSpec, fit
@@ -39,12 +37,6 @@ def inner(scene):
     return wb.load(FOLDER / "rain-inside-mlp.safetensors", device=str(scene.device))
 
 
-def denying(bounder, point):
-    """The bounder with its threshold raised, so that it denies a part of the object."""
-    raised = bounder.to(str(bounder.device))
-    return raised.freeze(float(np.nextafter(raised.values(np.float32([point])).numpy()[0], np.float32(np.inf))), None)
-
-
 @pytest.mark.parametrize("reach", [CONTAINMENT, CONTACT])
 def test_proven_bounders_change_nothing_but_the_number_of_calls(scene, bounders, reach, monkeypatch):
     broad = {MOVING_BOX: MovingBox(scene)} | {name: OfMotion(b, scene) for name, b in bounders.items()}
@@ -67,7 +59,7 @@ def test_proven_bounders_change_nothing_but_the_number_of_calls(scene, bounders,
 @pytest.fixture(scope="module")
 def broken(scene, bounders):
     """A bounder, the same denying a part of the object, and a short run with each."""
-    shown = {"kdop": bounders["kdop"], "broken": denying(bounders["kdop"], [0.3, -0.2, 0.6, 0.1])}
+    shown = {"kdop": bounders["kdop"], "broken": denying(bounders["kdop"], [[0.3, -0.2, 0.6, 0.1]])}
     return shown, simulate(scene, {n: OfMotion(b, scene) for n, b in shown.items()}, particles=PARTICLES, steps=3)
 
 
@@ -80,27 +72,8 @@ def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(broken):
         runs["broken"].test_final(runs["none"])
 
 
-@pytest.mark.slow
-def test_pictures_show_what_a_run_lost(scene, broken, tmp_path):
-    shown, runs = broken
-    data = rain_data({name: runs[name] for name in shown}, shown, runs["none"])
-    assert not data["rain0_lost"].any()
-    assert data["rain1_lost"].any()
-    data |= bounds_data(scene, runs["none"].time, {"kdop": (shown["kdop"], 1.0)})
-    pytest.importorskip("pyvista")
-    drawn = drawing.draw_with("sims.particles.pictures", tmp_path, data)
-    if not drawn.paths:
-        pytest.skip(drawn.problem)
-    assert [path.name for path in drawn.paths] == ["bounds.png", "rain.png"]
-    colours = np.asarray(Image.open(tmp_path / "rain.png").convert("RGB")).astype(int)
-    red = (colours[:, :, 0] > 180) & (colours[:, :, 1:].max(axis=2) < 110)
-    kept, lost = np.split(red, 2, axis=1)
-    assert lost.sum() > 20
-    assert not kept.any()
-
-
 def test_what_certainly_is_in_a_porous_bunny_needs_no_narrow_phase(scene, bounders, inner):
-    outer, broken = bounders["voxels"], denying(inner, [0.3, -0.7, 1.5, 0.5])  # calls free space inside
+    outer, broken = bounders["voxels"], denying(inner, [[0.3, -0.7, 1.5, 0.5]])  # calls free space inside
     broad = {"voxels": OfMotion(outer, scene), "sided": OfSides(outer, inner, scene)}
     broad["broken"] = OfSides(outer, broken, scene)
     runs = simulate(scene, broad, porous=True, particles=PARTICLES, steps=STEPS)

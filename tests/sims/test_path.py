@@ -8,6 +8,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from bounding_shapes import told_of
+from broken import Everything, denying
 from rich.console import Console
 
 import warp_bounding as wb
@@ -16,7 +17,7 @@ from sims.path.demo import SPECS, phases, run, simulate
 from sims.path.exact import ExactWorld
 from sims.path.planner import Example
 from sims.path.worlds import World
-from sims.planning.broad import FREE, HIT, MAYBE, BroadPhase, TwoSided, _boxes, clear_by_boxes
+from sims.planning.broad import FREE, HIT, MAYBE, TwoSided, _boxes, clear_by_boxes
 from sims.prefitted import FitSpec
 
 STATES, PROBLEMS = 400, 12
@@ -59,22 +60,6 @@ def bounders(world):
 @pytest.fixture(scope="module")
 def examples(world, bounders):
     return simulate(world, bounders, states=STATES, problems=PROBLEMS)
-
-
-class Everything(BroadPhase):
-    """A broad phase that clears whatever it is asked."""
-
-    def states(self, x):
-        return np.ones(len(x), dtype=bool)
-
-    def edges(self, starts, ends):
-        return np.ones(len(starts), dtype=bool)
-
-
-def denying(bounder, points):
-    """The bounder with its threshold raised, so that it denies these points of the object."""
-    raised = bounder.to("cpu")
-    return raised.freeze(float(np.nextafter(raised.values(points).numpy().max(), np.float32(np.inf))), None)
 
 
 def test_the_reference_plans_without_a_collision(examples, world):
@@ -205,7 +190,7 @@ def test_the_boxes_of_pieces_hold_them(bounders, edges):
 
 
 def test_users_worlds_are_fitted_once(tmp_path):
-    specs, out, mine = {name: small(name) for name in SPECS}, tmp_path / "out", tmp_path / "mine"
+    specs, out, mine = {n: small(n) for n in ("aabb", "mlp", "occupancy")}, tmp_path / "out", tmp_path / "mine"
     mine.mkdir()
     np.save(mine / "a.npy", walls())
     rows = "@@@@@@@@@\n" + "@.......@\n" * 7 + "@@@@@@@@@\n"
@@ -220,15 +205,19 @@ def test_users_worlds_are_fitted_once(tmp_path):
     first, text = go()
     json.dumps(first)
     assert first["identical"]
-    assert "a.npy: fitted learned-kdop, mlp, mlp-early, distance, inside, occupancy for this world" in text
-    rows = [(world, name) for world in ("a.npy", "b.map") for name in ("none", *PROVEN, "chosen", "occupancy")]
+    assert "a.npy: fitted mlp, occupancy for this world" in text
+    rows = [
+        (world, name)
+        for world in ("a.npy", "b.map")
+        for name in ("none", "aabb", "mlp", "aabb+mlp", "chosen", "occupancy")
+    ]
     assert [(each["section"], each["bounder"]) for each in first["runs"]] == rows
     assert first["worlds"][1] | {"blocked": 1, "solved": 1, "problems": 2} == first["worlds"][1]
     assert first["pictures"] == [str(out / "path.png")]
     times = {file: file.stat().st_mtime_ns for file in out.glob("*.safetensors")}
-    assert len(times) == 12
+    assert len(times) == 4
     again, text = go(world=mine / "a.npy")
-    assert "took learned-kdop, mlp, mlp-early, distance, inside, occupancy from" in text
+    assert "took mlp, occupancy from" in text
     assert {file: file.stat().st_mtime_ns for file in times} == times
     for one, other in zip(first["runs"], again["runs"], strict=False):
         assert one["bounder"] == "chosen" or one["narrow_calls"] == other["narrow_calls"]  # chosen by the clock

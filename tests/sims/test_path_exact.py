@@ -54,24 +54,26 @@ def agree(grid, starts, ends):
 
 
 @pytest.mark.parametrize("name", WORLDS)
-def test_random_segments(name):
+def test_segments_and_states(name):
+    """At random, and between corners and one float beside them; a state is a segment of no length."""
     grid, rng = WORLDS[name], np.random.default_rng(4)
     size = grid.upper - grid.lower
     starts = (grid.lower + (rng.random((300, 2)) * 1.4 - 0.2) * size).astype(np.float32)
     ends = (starts + rng.normal(size=(300, 2)) * size * rng.choice([0.02, 0.2, 1.0], (300, 1))).astype(np.float32)
     _, found = agree(grid, starts, ends)
     assert 0 < found.sum() < len(found)
-
-
-@pytest.mark.parametrize("name", WORLDS)
-def test_segments_between_corners_and_one_float_beside_them(name):
-    grid, rng = WORLDS[name], np.random.default_rng(5)
     corners = [rng.integers(-1, cells + 2, (300, 2)) - 0.5 for cells in grid.shape]
     places = np.stack(corners, axis=-1)  # (300, 2 ends, 2 coordinates)
     x = ((places + grid.offset) / grid.cells_per_unit).astype(np.float32)
     step = rng.integers(-1, 2, x.shape).astype(np.float32)
     x = np.where(step == 0, x, np.nextafter(x, np.float32(np.inf) * np.where(step == 0, 1, step)))
-    agree(grid, x[:, 0].copy(), x[:, 1].copy())
+    world, _ = agree(grid, x[:, 0].copy(), x[:, 1].copy())
+    x = np.concatenate([starts, x[:, 0]])
+    found = world.states(x)
+    np.testing.assert_array_equal(found, world.segments(x, x))
+    np.testing.assert_array_equal(found, [meets_world(grid, p, p) for p in x])
+    if name != "odd":  # where the grid's own answer is exact
+        np.testing.assert_array_equal(found, grid.contains(x))
 
 
 def test_touching_counts_and_integers_decide_it():
@@ -116,24 +118,6 @@ def test_lines_through_a_corner_that_float64_cannot_tell():
     aside = np.nextafter(starts, np.float32(rng.choice([-1.0, 1.0], starts.shape) * np.inf))
     _, found = agree(grid, aside, ends)
     assert 0 < found.sum() < len(found)
-
-
-@pytest.mark.parametrize("name", WORLDS)
-def test_states_are_those_of_the_grid(name):
-    grid, rng = WORLDS[name], np.random.default_rng(7)
-    size = grid.upper - grid.lower
-    x = (grid.lower + (rng.random((5000, 2)) * 1.4 - 0.2) * size).astype(np.float32)
-    faces = ((rng.integers(-1, max(grid.shape) + 2, (2000, 2)) - 0.5 + grid.offset) / grid.cells_per_unit).astype(
-        np.float32
-    )
-    x = np.concatenate([x, faces])
-    world = ExactWorld(grid)
-    found = world.states(x)
-    np.testing.assert_array_equal(found, world.segments(x, x))  # a state is a segment of no length
-    exact = [meets_world(grid, p, p) for p in x[-500:]]
-    np.testing.assert_array_equal(found[-500:], exact)
-    if name != "odd":  # where the grid's own answer is exact
-        np.testing.assert_array_equal(found, grid.contains(x))
 
 
 def test_bad_input_is_refused():

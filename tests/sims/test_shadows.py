@@ -1,20 +1,17 @@
 """Shadows: the same pictures, bit by bit, with every proven bounder; broken ones are found out, and the scene is what
 it says."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import warp as wp
 
 import warp_bounding as wb
 from sims.base import compare
-from sims.report import kept, verdict
+from sims.report import kept
 from sims.shadows import Example, Scene
 from sims.shadows.demo import simulate
 from sims.shadows.example import check_rays
-from sims.shadows.kernels import stop
-from sims.shadows.scene import FARTHEST, LENGTH, LIFT, LOWEST, REACH, TOLERANCE, margin_of
+from sims.shadows.scene import LENGTH, LIFT, margin_of
 from warp_bounding.queries import oracle
 
 RESOLUTION, STEPS, SIZE = 32, 2, (120, 90)
@@ -125,43 +122,6 @@ def test_a_bounder_that_denies_a_part_of_the_object_is_found_out_and_drawn(scene
     assert runs["none"].missed(examples["none"]) == 0
     with pytest.raises(AssertionError, match="pictures differ"):
         runs["none"].test_final(examples["none"])
-
-
-def test_a_series_is_called_what_its_weakest_certificate_is(examples, bounders):
-    def certified(kind):
-        bounder = bounders["aabb"]["chair"].to("cpu")
-        certificate = replace(bounder.certificate, kind=kind) if kind else None
-        return {"aabb": bounders["aabb"] | {"chair": bounder.freeze(bounder.threshold, certificate)}}
-
-    two = {name: examples[name] for name in ("none", "aabb")}
-    for kind in ("proven", "statistical", ""):
-        assert compare(two, certified(kind))[1].certificate == kind
-    assert "whose certificate is statistical" in verdict(compare(two, certified("statistical")), "shadow pixels")
-
-
-def test_a_hit_counts_only_where_the_ray_passes_the_named_point(scene):
-    """With no tolerance at all hardly a hit is confirmed; with that of the demo every one is."""
-    rays, device = shadow_rays(scene, Example(scene, steps=STEPS)), scene.device
-    inputs = [wp.array(rays, dtype=float, device=device), REACH]
-    everyone = wp.array(np.arange(len(rays)), dtype=wp.int32, device=device)
-    count, stopped = wp.array([len(rays)], dtype=wp.int32, device=device), {}
-    for tolerance in (0.0, 1e-5, TOLERANCE, 1e6):
-        answers = wp.zeros(len(rays), dtype=wp.uint8, device=device)
-        given = [0, scene.meshes["bunny"].id, *inputs, tolerance, everyone, count]
-        wp.launch(stop, dim=len(rays), inputs=given, outputs=[answers], device=device)
-        stopped[tolerance] = int(answers.numpy().sum())
-    assert stopped[0.0] < stopped[1e-5] == stopped[TOLERANCE] == stopped[1e6]
-    assert all(TOLERANCE < scene.margin(name) < TOLERANCE * 1.2 for name in scene.shapes)
-
-
-def test_rays_are_long_enough_to_leave_the_objects(scene):
-    suns = scene.suns(np.linspace(0.0, 1.0, 101)).astype(np.float64)
-    assert np.allclose(np.linalg.norm(suns, axis=1), 1.0, atol=1e-6)
-    assert (suns[:, 1] > np.sin(LOWEST)).all()
-    top = max(float(shape.bounds[1, 1]) for shape in scene.shapes.values())
-    assert scene.floor + REACH * suns[:, 1].min() > top + TOLERANCE
-    with pytest.raises(wb.BoundingError, match="expected objects that need no more"):
-        Scene(scene.shapes, scene.floor - FARTHEST, scene.camera, scene.device)
 
 
 def test_bounders_of_other_rays_are_refused(scene, bounders, cells):

@@ -1,7 +1,5 @@
 """What trains: an optimiser whose steps have a bound, gradients, the clock, threads, and the adversary."""
 
-import math
-
 import numpy as np
 import pytest
 import torch
@@ -12,11 +10,7 @@ from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.training import engine
 from warp_bounding.training.engine import (
-    EIGEN_EVERY,
-    Clock,
     Evaluator,
-    Soap,
-    Team,
     TrainableNetwork,
     adversarial_minimum,
 )
@@ -79,34 +73,6 @@ def test_the_bounder_is_the_trained_network(sizes):
     assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4
 
 
-def test_clocks():
-    steps = Clock(1.0, 4)
-    assert not steps.timed
-    for expected in (0, 0.25, 0.5, 0.75, 1.0):
-        assert steps.fraction() == expected
-        steps.count += 1
-    timed = Clock(1e6)
-    assert timed.timed
-    assert timed.fraction() < 0.01
-    assert Clock(1e-9).fraction() >= 1
-
-
-@pytest.mark.parametrize("size", [1, 2, 4])
-def test_teams(size):
-    team, seen = Team(size), []
-    team.run(seen.append)
-    assert sorted(seen) == list(range(size))
-
-    def fail(index):
-        if index == size - 1:
-            raise RuntimeError("one of us")
-
-    with pytest.raises(RuntimeError, match="one of us"):
-        team.run(fail)
-    team.run(seen.append)
-    assert len(seen) == 2 * size
-
-
 @pytest.fixture(autouse=True)
 def _small(monkeypatch):
     for name, value in {"STARTS": 4096, "WALKED": 1024, "KEPT": 512}.items():
@@ -142,57 +108,5 @@ def test_it_beats_random_positives(name, query):
     assert (found.values.diff() >= 0).all()
 
 
-STEPS, CHANGE = 135, 95  # of a sequence of gradients; where it becomes another, in the middle between two refinements
-ROUNDING = 1e-5  # relative, of the products of a few dozen float32 numbers that these tests compute anew
-
-
 def generator(seed):
     return torch.Generator().manual_seed(seed)
-
-
-def sequences(rows, columns):
-    """Gradients that are hard on second moments, by name: functions of the step."""
-    rng = generator(5)
-    left, right = torch.randn(rows, 1, generator=rng), torch.randn(1, columns, generator=rng)
-    full = [torch.randn(rows, columns, generator=rng) for _ in range(STEPS)]
-    return {
-        "full rank": lambda k: full[k],
-        "rank 1": lambda k: left @ right * math.cos(0.1 * k),
-        "rank 1, then another": lambda k: left @ right if k < CHANGE else full[0][:, :1] @ full[1][:1],
-        "rank 1, then full": lambda k: left @ right if k < CHANGE else full[k],
-        "vanishing": lambda k: full[k] * 10.0 ** (-0.5 * k),
-        "nothing, then something": lambda k: torch.zeros(rows, columns) if k < CHANGE else full[k],
-        "denormal": lambda k: full[k] * 1e-41,
-        "one entry in a thousand": lambda k: full[k] * (torch.rand(rows, columns, generator=generator(k)) < 1e-3),
-        "a spike": lambda k: full[k] * (1e6 if k == CHANGE else 1e-3),
-    }
-
-
-@pytest.mark.parametrize("size", [(6, 9), (1, 7), (7, 1), (2, 30)])
-@torch.no_grad()
-def test_no_coordinate_moves_by_more_than_the_bound(size):
-    for name, gradient in sequences(*size).items():
-        weight = torch.zeros(size)
-        soap = Soap([weight], 0.95, 0.95)
-        state = soap._states[0]
-        for k in range(STEPS):
-            before = weight.clone()
-            bases = state.left_basis, state.right_basis
-            soap.step([gradient(k)], 0.5)
-            if k == 0:
-                bases = state.left_basis, state.right_basis  # found in the first step, used at once
-            change = weight - before
-            rotated = (bases[0].T @ change if size[0] > 1 else change) @ bases[1]
-            norm = max(1.0, float(weight.abs().max())) * math.sqrt(weight.numel())
-            assert torch.isfinite(weight).all(), (name, k)
-            assert float(rotated.abs().max()) <= 0.5 * soap.bound * (1 + 1e-3) + ROUNDING * norm, (name, k)
-            for basis in (state.left_basis, state.right_basis) if k % EIGEN_EVERY == EIGEN_EVERY - 1 else ():
-                assert float((basis.T @ basis - torch.eye(len(basis))).abs().max()) < 3e-4, (name, k)
-            assert (state.square >= 0).all(), (name, k)
-
-
-def test_decays_without_a_bound_are_refused():
-    for betas in ((0.98, 0.95), (0.9, 1.0), (0.9, 0.81)):
-        with pytest.raises(ValueError, match="beta2 must be under 1 and above the square of beta1"):
-            Soap([torch.zeros(2, 2)], *betas)
-    assert Soap([], 0.95, 0.95).bound == pytest.approx(1.0)

@@ -94,15 +94,6 @@ def test_an_interrupt_before_the_first_step():
         few(progress=interrupt)
 
 
-def test_almost_full_and_almost_empty_shapes():
-    full = np.ones((40, 40, 40), bool)
-    full[0, 0, 0] = False  # a sample hardly ever meets it
-    assert wb.fit(full, hidden=HIDDEN, steps=2).certificate.proven
-    empty = np.zeros((40, 40, 40), bool)
-    empty[5, 6, 7] = True
-    assert wb.fit(empty, hidden=HIDDEN, steps=2).certificate.proven
-
-
 def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(rng):
     grid = shape("blob")
     whole = build(grid, 16)
@@ -133,12 +124,6 @@ def test_a_cascade_is_fitted_and_says_what_its_parts_say(query, method, tmp_path
     assert wb.evaluate(bounder, grid, samples=50_000).fn == 0
     bounder.save(tmp_path / "a.safetensors")
     assert wb.load(tmp_path / "a.safetensors").certificate == bounder.certificate
-
-
-def test_boxes_behind_a_monotone_network():
-    bounder = parts_of("blob", "learned-kdop+monotone-mlp", query="box")
-    assert bounder.certificate.proven
-    assert wb.certify(bounder, shape("blob")).proven
 
 
 @pytest.mark.parametrize(

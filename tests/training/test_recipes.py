@@ -3,45 +3,16 @@ caller asks."""
 
 import numpy as np
 import pytest
-import torch
 from bounding_shapes import shape
 
 import warp_bounding as wb
 from sims.arm.robots import CELLS
-from warp_bounding.bounders.mlp import MonotoneMlp, Occupancy
-from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders.mlp import MonotoneMlp
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.solids import Sphere
-from warp_bounding.training.engine import Clock, single_threaded_torch
-from warp_bounding.training.recipes.early import COST, EarlyTrainer, train_exits
-from warp_bounding.training.recipes.occupancy import OccupancyTrainer
-from warp_bounding.training.samples import LeastBoxes, Problem, samples_of
-
-HIDDEN = (12, 10)
-
-
-def test_exits_deny_negatives():
-    domain = domain_of(shape("c"), "point")
-    with single_threaded_torch():
-        trainer = EarlyTrainer(samples_of(shape("c"), domain, 0), HIDDEN, "sin", 0)
-        trainer.run(Clock(1.0, 150))
-        tensors = trainer.finish()
-        exits, trainers = train_exits(trainer, tensors, 1.0, 24)
-    sizes = {"hidden": list(HIDDEN), "activation": "sin", "octaves": 0}
-    first = MlpEarly(domain, tensors | exits, sizes, "cpu").parts[0]
-    x = sample("point", shape("c"), 20_000, np.random.default_rng(1))
-    truth = oracle("point", shape("c"), "cpu")(x)
-    values = first.reference(domain.to_local(x))
-    least = min(values[truth].min(), first.reference(trainers[0].worst_points()).min())
-    denied = (values < least)[~truth].mean()
-    assert denied > 0.1
-    assert trainers[0].network.tensors()["layers.0.weight"].tobytes() == tensors["layers.0.weight"].tobytes()
-    assert trainers[0].network.tensors()["layers.1.weight"].tobytes() == exits["exits.0.weight"].tobytes()
-    assert trainers[0].hard.shape[1] > 0
-
+from warp_bounding.training.recipes.early import COST
 
 STEPS = {"point": 200, "plane": 300}
 
@@ -64,27 +35,6 @@ def test_a_fit_grants_much_and_costs_little(query):
     assert never.certificate == bounder.certificate
 
 
-def least_boxes_of(name, seed=0):
-    return LeastBoxes(shape(name), domain_of(shape(name), "box"), torch.Generator().manual_seed(seed))
-
-
-@pytest.mark.parametrize("name", ["c", "blob", "animated"])
-def test_positives_are_points_of_the_object_wherever_they_walk(name):
-    samples, n = least_boxes_of(name), shape(name).ndim
-    state = samples.positives(3000)
-    for _ in range(4):
-        v = samples.coordinates(state)
-        assert (v[:n] == v[n:]).all()
-        x = samples.domain.base.to_object(v[:n].T.numpy()).astype(np.float32)
-        centre = samples.domain.base.to_object(samples.cells.to_local(state[:n]).T.numpy())
-        inner = (x + 1e-4 * (centre - x)).astype(np.float32)  # off the faces, where float32 decides
-        assert shape(name).contains(inner).all()
-        state = samples.move(state, torch.randn(2 * n, 3000, generator=samples.generator), 0.3)
-    found = samples.locate(v[:n].T.double().numpy())
-    assert (samples.coordinates(found)[:n] - samples.coordinates(found)[n:] == 0).all()
-    assert samples.vertices.shape[0] == 2 * n
-
-
 @pytest.mark.parametrize(("name", "activation"), [("c", "sin"), ("animated", "relu")])
 def test_monotone_fits_are_proven(name, activation):
     grid = shape(name)
@@ -95,23 +45,6 @@ def test_monotone_fits_are_proven(name, activation):
     assert bounder.certificate.proven
     assert wb.certify(bounder, grid).proven
     assert wb.evaluate(bounder, grid, samples=20_000).fn == 0
-
-
-@pytest.mark.parametrize("query", ["point", "plane"])
-def test_an_occupancy_errs_both_ways_and_little(query):
-    notes, domain = [], domain_of(shape("c"), query)
-    with single_threaded_torch():
-        trainer = OccupancyTrainer(Problem(shape("c"), domain, query, 0, "cpu"), (16, 16), "sin", 0)
-        trainer.run(Clock(1.0, 250, lambda done, total, note: notes.append(note)))
-        tensors = trainer.finish()
-    bounder = Occupancy(domain, tensors, {"hidden": [16, 16], "activation": "sin", "octaves": 0}, "cpu")
-    x = sample(query, shape("c"), 20_000, np.random.default_rng(1))
-    truth = oracle(query, shape("c"), "cpu")(x)
-    answers = bounder.reference(domain.to_local(x)) >= float(bounder.threshold)
-    false_positives, false_negatives = (answers & ~truth).mean(), (~answers & truth).mean()
-    assert false_positives + false_negatives < 0.4 * min(truth.mean(), 1 - truth.mean())
-    assert 0 < false_negatives < 0.1
-    assert "FN" in notes[0]
 
 
 def test_a_network_of_waves_is_proven():
@@ -141,10 +74,10 @@ def test_false_positives_are_fewer_where_it_is_asked(rng):
     rates = []
     for queries in (None, asked):
         for seed in range(2):
-            own = {"k": 14, "steps": 300, "queries": queries, "seed": seed}
+            own = {"k": 14, "steps": 150, "queries": queries, "seed": seed}
             bounder = wb.fit(BALL, method="learned-kdop", device="cpu", progress=False, **own)
             assert bounder.certificate.proven
-            assert wb.evaluate(bounder, BALL, samples=50_000).fn == 0
+            assert wb.evaluate(bounder, BALL, samples=20_000).fn == 0
             rates.append(wrong(bounder, others))
     assert sum(rates[2:]) < 0.9 * sum(rates[:2])
 

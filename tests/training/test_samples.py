@@ -6,7 +6,6 @@ import pytest
 import torch
 from bounding_shapes import shape
 
-from warp_bounding.queries import oracle
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.training.samples import samples_of
 
@@ -61,31 +60,3 @@ def test_positives_stay_positives(name, query):
         check_positives(samples, domain, state)
     still = samples.move(state, torch.zeros(samples.ndim, COUNT), 1.0)
     assert torch.allclose(still, state, atol=1e-5)
-
-
-@pytest.mark.parametrize("query", KINDS)
-@pytest.mark.parametrize("name", ["c", "blob", "half", "mesh", "animated"])
-def test_uniform_samples_have_their_truth(name, query):
-    grid = shape(name)
-    domain = domain_of(grid, query, 0.7)
-    samples, truth_of = samples_of(grid, domain, 3), oracle(query, grid, "cpu", 0.7)
-    v, truth = samples.uniform(COUNT)
-    assert v.shape == (samples.ndim, COUNT)
-    again = truth_of(domain.to_object(v.numpy().T).astype(np.float32))
-    assert (again == truth.numpy()).mean() > 0.995  # but for rounding, on faces
-    v = samples.negatives(COUNT)
-    assert 0 < v.shape[1] <= COUNT
-    if not truth.all():
-        assert truth_of(domain.to_object(v.numpy().T).astype(np.float32)).mean() < 0.01
-
-
-@pytest.mark.parametrize("name", ["c", "anisotropic", "animated"])
-def test_points_are_located(name):
-    grid = shape(name)
-    samples = samples_of(grid, domain_of(grid), 0)
-    state = samples.positives(COUNT)
-    state[grid.ndim :] *= 0.9
-    back = samples.locate(samples.coordinates(state).T.double().numpy())
-    assert (back - state).abs().max() < 1e-3
-    assert (back[: grid.ndim] == state[: grid.ndim]).all()
-    assert samples.locate(np.full((3, grid.ndim), 5.0)).shape[1] == 0

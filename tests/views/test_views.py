@@ -4,13 +4,8 @@ import base64
 import io
 import itertools
 import json
-import os
 import re
-import shutil
-import subprocess
-import sys
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,8 +13,8 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.errors import BoundingError, QueryError
-from warp_bounding.views import draw_with, view_of
-from warp_bounding.views.draw import BOUND, STONE, WINDOWS, page, picture
+from warp_bounding.views import view_of
+from warp_bounding.views.draw import BOUND, STONE, page, picture
 from warp_bounding.views.view import level_surface, object_surface
 
 pytest.importorskip("pyvista")
@@ -172,65 +167,6 @@ def test_a_plane_stands_as_the_image_does():
     assert bound[middle[0], middle[1] + (high[1] - middle[1]) // 2]
 
 
-@pytest.mark.slow
-def test_a_panel_for_each_radius():
-    pixels = drawn(view_of(box("star", "distance"), shape("star"), radii=[0.0, 0.2], **FEW), cut="z")
-    assert pixels.shape == (760, 1520, 3)
-    blue = (pixels[..., 2] > pixels[..., 0] + 60).reshape(760, 2, 760).sum(axis=(0, 2))
-    assert 1000 < blue[0] < blue[1]  # the larger radius has the larger bound
-
-
-def test_without_opengl_there_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys, "executable", "/bin/false")
-    found = draw_with("warp_bounding.views.draw", tmp_path, {})
-    assert (found.paths, list(tmp_path.iterdir())) == ([], [])
-    assert found.lines() == "No pictures: drawing failed (status 1). Everything else is complete."
-    with pytest.raises(BoundingError, match="no picture: drawing failed"):
-        picture(view_of(box("c"), shape("c"), **FEW), "a test", "y")
-
-
-WINDOW = """
-import numpy as np
-from test_views import box, shape, view_of
-from warp_bounding.views.draw import Window
-
-for up in "xzy":
-    view = view_of(box("star", "distance"), shape("star"), radii=[0.0, 0.1], resolution=12, samples=500)
-    window = Window(view, "a test", up, off_screen=True)
-    turned = window.place(np.eye(3))
-    assert abs(np.linalg.det(turned) - 1) < 1e-9  # turned and not mirrored
-    assert (turned["xyz".index(up)] == [0, 0, 1]).all()
-actors = window.plotter.actors
-assert {"object", "bound"} <= set(actors)
-assert "false-positives" not in actors
-before = actors["bound"].bounds
-window.go(1.2)
-np.testing.assert_allclose(np.abs(np.subtract(actors["bound"].bounds, before)), 0.1, atol=2e-3)
-window.cut((0, 1, 0), actors["object"].center)
-assert window.plotter.actors["bound"].bounds[2] > before[2] + 0.2
-window.toggle("bound", False)
-window.toggle("false-positives", True)
-assert "bound" not in window.plotter.actors
-assert "false-positives" in window.plotter.actors
-print("done")
-"""
-
-
-@pytest.mark.slow
-def test_a_window_slides_cuts_and_hides():
-    """In a process of its own, since VTK does not raise an exception where there is no OpenGL, but crashes."""
-    root = Path(__file__).parents[2]
-    paths = os.pathsep.join(str(path) for path in (root, root / "tests" / "shared", Path(__file__).parent))
-    for kind in WINDOWS:
-        environment = os.environ | {"VTK_DEFAULT_OPENGL_WINDOW": kind, "DISPLAY": "", "PYTHONPATH": paths}
-        command = [sys.executable, "-c", WINDOW]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120, check=False)
-        assert "Traceback" not in done.stderr, done.stderr
-        if done.stdout.endswith("done\n"):
-            return
-    pytest.skip("this machine has no OpenGL for off-screen drawing")
-
-
 # --- pages -----------------------------------------------------------------------------------------------------------
 
 
@@ -252,64 +188,3 @@ def test_a_page_is_whole_in_itself_and_its_surfaces_come_back_as_they_were():
         bounds = np.stack([axes.min(axis=1), axes.max(axis=1)], axis=1).reshape(-1)
         np.testing.assert_allclose(bounds, seen.bound.bounds, atol=step.max())
         assert len(np.frombuffer(packed["faces"], "<u4")) == 3 * seen.bound.n_cells
-
-
-def test_another_shape_is_told():
-    bounder, other = box("c"), wb.load_indicator(~shape("c").occupancy)
-    assert "Another shape" in view_of(bounder, other, resolution=8, samples=100).facts
-    assert "Another shape" not in view_of(bounder, shape("c"), resolution=8, samples=100).facts
-
-
-@pytest.fixture(scope="module")
-def browser():
-    """Headless Chromium; tests of pages in it are skipped where there is none."""
-    webdriver = pytest.importorskip("selenium.webdriver")
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
-    if not chromium or not shutil.which("chromedriver"):
-        pytest.skip("there is no Chromium with its driver")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    for argument in ("--headless=new", "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    found = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
-    found.set_script_timeout(30)
-    yield found
-    found.quit()
-
-
-SLIDE = """
-const [name, value, done] = arguments, control = document.getElementById(name);
-if (control.type === "checkbox") control.click();
-else { control.value = value; control.dispatchEvent(new Event("input")); }
-setTimeout(done, 1500);
-"""
-PLOT = "return document.getElementById('plot')"
-
-
-@pytest.mark.slow
-def test_a_page_in_a_browser(browser, tmp_path):
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    def opened(view) -> None:
-        (tmp_path / "page.html").write_text(page(view, view.title, "y"), encoding="utf-8")
-        browser.get((tmp_path / "page.html").as_uri())
-        WebDriverWait(browser, 60).until(lambda b: b.execute_script(f"{PLOT}.dataset.state"))
-
-    opened(view_of(box("star", "distance"), shape("star"), radii=RADII, **FEW))
-    places = f"{PLOT}.data.find(t => t.name === 'bound')"
-    before = max(browser.execute_script(f"{places}.x"))
-    browser.execute_async_script(SLIDE, "state", 2)
-    assert max(browser.execute_script(f"{places}.x")) == pytest.approx(before + 0.3, abs=0.01)
-    browser.execute_async_script(SLIDE, "cut", 50)
-    found = "const t = document.getElementById('plot').data.find(t => t.name === 'bound');"
-    kept = browser.execute_script(f"{found} return Math.max(...[...t.i, ...t.j, ...t.k].map(v => t.z[v]))")
-    assert kept == pytest.approx(0.5, abs=0.05)
-    for name in ("object", "bound"):
-        browser.execute_async_script(SLIDE, f"show {name}", 0)
-    assert "mesh3d" not in browser.execute_script(f"{PLOT}.data.map(t => t.type)")
-    opened(view_of(box("c"), shape("c"), **FEW))
-    whole = browser.execute_script(f"{PLOT}.layout.images[0].source")
-    browser.execute_async_script(SLIDE, "show bound", 0)
-    assert browser.execute_script(f"{PLOT}.layout.images[0].source") != whole
-    assert [entry["message"] for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
