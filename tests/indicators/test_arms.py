@@ -246,20 +246,16 @@ def test_what_is_no_arm_and_no_cell_is_refused_in_one_line(rng):
     arm, obstacles, shape = cell(rng, 2)
     for make, message in (
         (lambda: Arm([Joint()], [Body.sphere([0, 0, 0], 1, link=1)]), "is of link 1"),
-        (lambda: Arm([], []), "1 to 16 joints, got 0"),
         (lambda: Arm([Joint()], [Body.sphere([0, 0, 0], 1)]), "at least one body that a joint moves"),
         (lambda: Joint(lower=1, upper=0), "the lower one first, got 1.0 and 0.0"),
         (lambda: Joint(lower=np.nan), "expected limits"),
-        (lambda: Joint(upper=100.0), "expected limits"),
         (lambda: Joint(axis=[0, 0, 0]), "an axis of 3 numbers that are not all 0"),
         (lambda: Joint(np.diag([1.0, 1, -1, 1])), "without a scale or a mirror"),
         (lambda: Body([[0, 0]]), "points of 3 numbers"),
-        (lambda: Body(np.zeros((0, 3))), "1 to 512 points"),
         (lambda: Body.sphere([0, 0, 0], -1), "a radius from 0"),
         (lambda: Body.box([1, 0, 0], [0, 1, 1]), "the lower one first"),
         (lambda: ArmConfigurations(arm, [Body.sphere([0, 0, 0], 1, link=0)]), "is an obstacle, and it is of link 0"),
         (lambda: ArmConfigurations(arm, obstacles, weights=[1.0]), "a weight for each of 2 joints"),
-        (lambda: ArmConfigurations(arm, obstacles, weights=[1.0, 1e-40]), "weights from 2"),
         (lambda: ArmConfigurations(arm, obstacles, safety=-1.0), "margin|safety"),
         (lambda: shape.dilated(0.1), r"no margin, got margin=0\.1; give a safety distance"),
     ):

@@ -69,44 +69,31 @@ OPEN = {
 }
 
 
-@pytest.mark.parametrize("name", CLOSED)
-def test_a_closed_mesh_is_bounded_with_its_inside(name):
-    mesh = CLOSED[name]()
-    grid = mesh.to_grid(resolution=12)
-    assert (mesh.watertight, grid.note) == (True, "")
-    assert (mesh.decide(WITHIN) != OUT).all()
-    assert grid.contains(WITHIN).all()
-    assert grid.contains(mesh.vertices[mesh.faces].reshape(-1, 3)).all()
-
-
-@pytest.mark.parametrize("name", OPEN_IN_PART)
-def test_closed_parts_are_bounded_whole_and_the_message_names_the_rest(name):
-    make, loose = OPEN_IN_PART[name]
+@pytest.mark.parametrize("name", [*CLOSED, *OPEN_IN_PART, *OPEN])
+def test_closed_parts_are_bounded_with_their_inside_and_open_ones_by_their_surface(name):
+    make, loose = OPEN_IN_PART[name] if name in OPEN_IN_PART else ((CLOSED | OPEN)[name], None)
     mesh = make()
-    grid = mesh.to_grid(resolution=40)
-    assert f"surface only for {loose} of {len(mesh.faces)} faces" in grid.note
-    assert grid.contains(WITHIN).all()
+    grid = mesh.to_grid(resolution=12 if loose is None else 40)
+    assert mesh.watertight == (name in CLOSED)
+    assert ("surface only" in grid.note) == (name not in CLOSED)
+    assert loose is None or f"surface only for {loose} of {len(mesh.faces)} faces" in grid.note
     assert grid.contains(mesh.vertices[mesh.faces].reshape(-1, 3)).all()
+    if name not in OPEN:
+        assert (mesh.decide(WITHIN) != OUT).all()
+        assert grid.contains(WITHIN).all()
+    elif name != "a triangle":
+        assert mesh.decide(np.zeros((1, 3))) == OUT
+        assert not grid.contains(np.zeros((1, 3))).any()
 
 
-@pytest.mark.parametrize("name", OPEN)
-def test_an_open_mesh_is_bounded_by_its_surface_only(name):
-    mesh = OPEN[name]()
-    grid = mesh.to_grid(resolution=12)
-    assert (mesh.watertight, "surface only" in grid.note) == (False, True)
-    assert mesh.decide(np.zeros((1, 3))) == OUT or name == "a triangle"
-    assert grid.contains(mesh.vertices[mesh.faces].reshape(-1, 3)).all()
-    assert not grid.contains(np.zeros((1, 3))).any() or name == "a triangle"
-
-
-@pytest.mark.parametrize("walls", [1, 2])
-def test_two_chambers_may_share_a_wall(walls):
+def test_two_chambers_may_share_a_wall():
     """Three or four faces meet in each of its edges."""
     vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 0, -1]])
     outer = [[a, b, tip] for tip in (3, 4) for a, b in ((0, 1), (1, 2), (2, 0))]
-    mesh = IndicatorMesh(vertices, outer + [[0, 1, 2]] * walls)
-    assert mesh.watertight
-    assert mesh.to_grid(resolution=20).contains(np.array([[0.2, 0.2, 0.3], [0.2, 0.2, -0.3]])).all()
+    for walls in (1, 2):
+        mesh = IndicatorMesh(vertices, outer + [[0, 1, 2]] * walls)
+        assert mesh.watertight
+        assert mesh.to_grid(resolution=20).contains(np.array([[0.2, 0.2, 0.3], [0.2, 0.2, -0.3]])).all()
 
 
 def test_a_face_without_area_may_close_a_crack():

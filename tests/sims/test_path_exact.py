@@ -73,7 +73,7 @@ def test_segments_and_states(name):
     np.testing.assert_array_equal(found, world.segments(x, x))
     np.testing.assert_array_equal(found, [meets_world(grid, p, p) for p in x])
     if name != "odd":  # where the grid's own answer is exact
-        np.testing.assert_array_equal(found, grid.contains(x))
+        np.testing.assert_array_equal(found[:300], grid.contains(starts))
 
 
 def test_touching_counts_and_integers_decide_it():
