@@ -218,28 +218,3 @@ def test_soak_finds_a_false_negative_where_there_is_one(rays, capsys):
     assert "--seed 7" in second
     missed = np.array([as_json(capsys, *words, status=1)["missed"]], np.float32)
     assert wb.load(rays / "raised.safetensors", device="cpu").query(missed).numpy()[0] == 0
-
-
-def test_soak_goes_on_after_an_interruption(rays, capsys, monkeypatch):
-    import warp_bounding.bounders.bounder as base
-
-    queries, real = [], base.Bounder.query
-    words = ("soak", rays / "good.safetensors", rays / "c.npy", "--resume", rays / "s.json")
-
-    def query(self, *args, **kwargs):
-        queries.append(1)
-        if len(queries) > 3:
-            raise KeyboardInterrupt
-        return real(self, *args, **kwargs)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(base.Bounder, "query", query)
-        status, out, err = run(capsys, *words)
-    assert (status, err) == (0, "")
-    assert out.startswith("interrupted: ")
-    assert "--resume" in out
-    state = json.loads((rays / "s.json").read_text())
-    assert state["chunks"] == 3
-    on = as_json(capsys, *words, "--count", 1000)
-    assert on["done"] >= 1000
-    assert on["chunks"] >= 3

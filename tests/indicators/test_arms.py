@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from arm_cases import random_arm
 from scipy.spatial import ConvexHull
 
 import warp_bounding as wb
@@ -11,47 +12,6 @@ from warp_bounding.indicators.shape import IN, OUT
 
 SLIDES = pytest.mark.parametrize("slides", [False, True])
 BLURRED = 1e-8  # metres: what the distances of the tests themselves may be off
-
-
-def turned(rng) -> np.ndarray:
-    """A random rotation."""
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    q[:, 0] *= np.linalg.det(q)
-    return q
-
-
-def posed(rng, size: float = 0.4) -> np.ndarray:
-    """A random pose."""
-    pose = np.eye(4)
-    pose[:3, :3], pose[:3, 3] = turned(rng), rng.normal(size=3) * size
-    return pose
-
-
-def random_body(rng, link: int, place=(0.0, 0.0, 0.0)) -> Body:
-    """A ball, a capsule, a box or a hull."""
-    kind, place = rng.integers(4), np.asarray(place)
-    if kind == 0:
-        return Body.sphere(place, rng.uniform(0.02, 0.15), link=link)
-    if kind == 1:
-        return Body.capsule(place, place + rng.normal(size=3) * 0.3, rng.uniform(0.01, 0.1), link=link)
-    if kind == 2:
-        half = rng.uniform(0.02, 0.2, 3)
-        pose = posed(rng, 0.0)
-        pose[:3, 3] = place
-        return Body.box(-half, half, pose=pose, radius=rng.choice([0.0, 0.02]), link=link)
-    return Body(place + rng.normal(size=(12, 3)) * 0.1, radius=0.0, link=link, name="hull")
-
-
-def random_arm(rng, n: int, slides: bool = False) -> tuple[Arm, list[Body]]:
-    """An arm with all kinds of bodies, and obstacles around it."""
-    joints, bodies = [], []
-    for i in range(n):
-        low, high = np.sort(rng.uniform(-np.pi, np.pi, 2))
-        joints.append(Joint(posed(rng), rng.normal(size=3), low - 0.1, high + 0.1, slides=slides and i % 2 == 1))
-        bodies += [random_body(rng, i, rng.normal(size=3) * 0.2) for _ in range(1 + i % 2)]
-    obstacles = [random_body(rng, WORLD, rng.normal(size=3) * 0.5) for _ in range(8)]
-    return Arm(joints, bodies), obstacles
 
 
 def segments_apart(a, b, c, d) -> float:
@@ -135,45 +95,6 @@ def test_truth_is_that_of_the_bodies(n, slides, safety, rng):
             assert (answers[gaps > BLURRED] == OUT).all()
             assert (answers[gaps < -BLURRED] != OUT).all()
             assert (answers[gaps < -1e-3] == IN).all()
-
-
-@SLIDES
-@pytest.mark.parametrize("n", [3, pytest.param(6, marks=pytest.mark.slow)])
-def test_boxes_and_distances_of_random_arms(n, slides, rng):
-    """Answers about boxes hold for their points, and no distance, from beyond the limits too, is above that to what
-    collides."""
-    seen = np.zeros(4, dtype=int)
-    for _ in range(4):
-        _, _, shape = cell(rng, n, slides, weights=rng.uniform(0.2, 3, n))
-        lower, upper = boxes(shape, rng, 4000)
-        empty, inside, known = shape.empty(lower, upper), shape.inside(lower, upper), shape.half_spaces(lower, upper)
-        assert not (empty & inside).any()
-        assert (known.empty == empty).all()
-        for _ in range(8):
-            x = within(lower, upper, rng)
-            answers = shape.decide(x)
-            assert (answers[empty] == OUT).all()
-            assert (answers[inside] != OUT).all()
-            value = known.level + (known.slope * (x - known.center)).sum(axis=1)
-            assert (value[(answers == IN) & ~known.empty] >= 0).all()
-        size = shape.upper - shape.lower
-        x = np.concatenate(
-            [configurations(shape, rng, 3000), rng.uniform(shape.lower - 4 * size, shape.upper + 4 * size, (1000, n))]
-        )
-        distance, hits = shape.distance(x), x[shape.decide(x) == IN]
-        assert (distance[shape.decide(x) == IN] == 0).all()
-        for some in np.array_split(np.arange(len(x)), 8 * bool(len(hits))) if len(hits) else ():
-            apart = np.linalg.norm(x[some, None] - hits[None], axis=2).min(axis=1)
-            assert (distance[some] <= apart).all()
-            assert (shape.clearance(x[some], x[some]) <= apart).all()
-        near = x + distance[:, None] * rng.random((len(x), 1)) * unit(rng.normal(size=x.shape))
-        assert (shape.decide(near)[distance > 0] == OUT).all()
-        seen += [empty.sum(), inside.sum(), known.slope.any(axis=1).sum(), (distance > 0.01).sum()]
-    assert (seen > [500, 5, 50, 500]).all()
-
-
-def unit(v):
-    return v / np.linalg.norm(v, axis=1, keepdims=True)
 
 
 def test_an_arm_that_touches_itself(rng):

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from arm_cases import random_arm
 from bounding_shapes import shape as grid
 
 import warp_bounding as wb
@@ -81,6 +82,10 @@ KINDS = {
     "blend": lambda: blend(1, 0),
     "blends": lambda: blend(2, 2),
     "arm": arm,
+    "arm in space": lambda: ArmConfigurations(*random_arm(np.random.default_rng(1), 3)),
+    "arm in space that slides": lambda: ArmConfigurations(
+        *random_arm(np.random.default_rng(5), 3, True), weights=[0.2, 3, 1]
+    ),
     "arm that slides": lambda: arm(slides=True, lower=-0.5, upper=0.4, axis=(1, 0, 0)),
     "arm that turns": lambda: arm(continuous=True),
     "function": lambda: wb.IndicatorFunction(None, [-1] * 3, [1] * 3, distance=distance),

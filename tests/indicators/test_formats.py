@@ -19,7 +19,7 @@ from PIL import Image
 
 import warp_bounding as wb
 from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, load_indicator
+from warp_bounding.indicators import IndicatorGrid, load_indicator
 from warp_bounding.indicators.formats.load import READERS
 
 PAGE = Path(__file__).parents[2] / "docs" / "guide" / "formats.md"
@@ -119,23 +119,12 @@ def test_arrays_are_copied_and_time_comes_first_in_4d(tmp_path, blob):
         assert load_indicator(array, time=time).time is expected
 
 
-@pytest.mark.parametrize("suffix", [".OBJ", ".ply", ".stl", ".glb", ".gltf", ".off"])
-def test_meshes_as_trimesh_writes_them(tmp_path, suffix):
-    scene = trimesh.Scene([BOX])
+def test_scenes_of_trimesh():
     ball = trimesh.creation.icosphere(subdivisions=1).apply_translation([10, 0, 0])
-    scene.add_geometry(ball)
-    path = tmp_path / f"model{suffix}"
-    if suffix == ".gltf":
-        for name, content in scene.export(file_type="gltf").items():
-            (tmp_path / name).write_bytes(content)
-    else:
-        made = scene if suffix == ".glb" else trimesh.util.concatenate([BOX, ball])
-        made.export(path, file_type=suffix[1:].lower())
-    for mesh in (load_indicator(path), load_indicator(scene)):
-        assert isinstance(mesh, IndicatorMesh)
-        assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float32, np.int32)
-        assert (len(mesh.faces), mesh.watertight) == (12 + 80, True)
-        assert np.allclose(mesh.bounds, [[-0.5, -1, -1.5], [11, 1, 1.5]])
+    mesh = load_indicator(trimesh.Scene([BOX, ball]))
+    assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float32, np.int32)
+    assert (len(mesh.faces), mesh.watertight) == (12 + 80, True)
+    assert np.allclose(mesh.bounds, [[-0.5, -1, -1.5], [11, 1, 1.5]])
     assert "PointCloud" in load_indicator(trimesh.Scene([BOX, trimesh.PointCloud([[0, 0, 0], [5, 5, 5]])])).note
 
 
@@ -153,31 +142,6 @@ def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob):
 
 
 MAP = np.array([[0, 254, 205], [127, 128, 255]], dtype=np.uint8)  # a map of a robot: dark is a wall, white is free
-
-
-@pytest.mark.parametrize(
-    ("spacing", "origin", "first", "last"),
-    [
-        (0.05, None, [0, 0], [99 * 0.05, 159 * 0.05]),
-        (0.05, (-12.2, 3.0), [-12.2, 3.0], [-12.2 + 99 * 0.05, 3 + 159 * 0.05]),
-        ((0.5, 0.25), (0.25, -0.125), [0.25, -0.125], [0.25 + 49.5, -0.125 + 159 * 0.25]),
-        (None, (1 / 99, -1.0), [1 / 99, -1], [100 / 99, 0]),
-    ],
-)
-def test_spacing_and_origin_place_the_centres_of_cells(tmp_path, spacing, origin, first, last):
-    array = np.zeros((100, 160), dtype=np.uint8)
-    array[3, 7] = 200
-    Image.fromarray(array).save(tmp_path / "map.png")
-    options = {"spacing": spacing, "origin": origin}
-    grid = load_indicator(tmp_path / "map.png", threshold=128, **options)
-    assert grid.digest == load_indicator(array > 0, **options).digest
-    np.testing.assert_allclose(grid.sample_lower, first, rtol=1e-6, atol=1e-12)
-    np.testing.assert_allclose(grid.sample_upper, last, rtol=1e-6)
-    size = (np.array(last) - first) / (99, 159)
-    centre = np.array(first) + size * (3, 7)
-    inside = centre + size * np.array([[0, 0], [0.49, 0.49], [-0.49, 0.49], [0.49, -0.49]])
-    assert grid.contains(inside).all()
-    assert not grid.contains(centre + size * np.array([[0.51, 0], [0, -0.51]])).any()
 
 
 VERTICES, FACES = np.asarray(BOX.vertices, dtype=np.float32), np.asarray(BOX.faces, dtype=np.int32)

@@ -175,29 +175,6 @@ def test_planes(rng, name, margin):
         assert (answer[:10] != UNDECIDED).all()
 
 
-@pytest.mark.parametrize("margin", [0.0, 0.03])
-def test_regions_of_a_torus(rng, margin):
-    mesh = load_indicator(trimesh.creation.torus(1, 0.3)).dilated(margin)
-    count = 50_000
-    x, y = rng.uniform(mesh.sample_lower, mesh.sample_upper, (2, count, 3))
-    y[::2] = x[::2] + 0.1 * (y[::2] - x[::2])
-    boxes, segments = mesh.decide_boxes(np.minimum(x, y), np.maximum(x, y)), mesh.decide_segments(x, y)
-    planes = mesh.decide_planes(y - x, x)
-    for answer in (boxes, segments, planes):
-        assert (answer == UNDECIDED).mean() < 1e-3
-        assert 0.05 < (answer == IN).mean() < 0.99
-    between = x + rng.random((count, 1)) * (y - x)
-    held = {
-        "boxes": mesh.decide(np.minimum(x, y) + rng.random(x.shape) * np.abs(y - x)),
-        "segments": mesh.decide(between),
-    }
-    assert not ((boxes == OUT) & (held["boxes"] == IN)).any()
-    assert not ((segments == OUT) & (held["segments"] == IN)).any()
-    assert not ((boxes == OUT) & (segments == IN)).any()
-    assert not ((planes == OUT) & (mesh.decide(x) == IN)).any()
-    assert (mesh.empty(np.minimum(x, y), np.maximum(x, y)) == (boxes == OUT)).mean() > 0.999
-
-
 def test_regions_that_are_none_or_far():
     mesh = load_indicator(trimesh.creation.icosphere()).dilated(0.1)
     nan, inf = float("nan"), float("inf")

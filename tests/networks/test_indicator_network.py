@@ -2,6 +2,7 @@
 
 import math
 from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -120,34 +121,33 @@ class Sequential(nn.Sequential):
         return super().forward(x) + 1
 
 
-@pytest.mark.parametrize(
-    ("modules", "message"),
-    [
-        ([nn.Linear(2, 4), nn.GELU(), nn.Linear(4, 1)], "network: expected modules Linear, ReLU, .*, got GELU"),
-        ([nn.Linear(3, 1)], "expected an affine module of 2 inputs, got 3"),
-        ([nn.Linear(2, 4), nn.ReLU()], "expected a network with one output, got 4"),
-        ([], "expected a Sequential of modules, got Sequential"),
-    ],
+def linear(*sizes):
+    return nn.Sequential(*(nn.Linear(k, h) for k, h in pairwise(sizes))).requires_grad_(False)
+
+
+def infinite():
+    network = linear(2, 4, 1)
+    network[0].weight[0, 0] = math.inf
+    return network
+
+
+BAD = (
+    (nn.Sequential(nn.Linear(2, 4), nn.GELU(), nn.Linear(4, 1)), {}, "network: expected modules Linear, ReLU, .*GELU"),
+    (linear(3, 1), {}, "expected an affine module of 2 inputs, got 3"),
+    (linear(2, 4), {}, "expected a network with one output, got 4"),
+    (nn.Sequential(), {}, "expected a Sequential of modules, got Sequential"),
+    (3, {}, "expected a Sequential of modules, got int"),
+    (linear(2, 1), {"level": math.nan}, "level must be finite, got nan"),
+    (linear(2, 1), {"lower": [1, 1], "upper": [-1, -1]}, "lower must be below upper"),
+    (nn.Sequential(nn.Linear(2, 4), Sine(), nn.Linear(4, 1)), {"upper": [1e5, 1]}, "arguments of sin reach"),
+    (Sequential(*linear(2, 1)), {}, "computes what its modules tell"),
+    (infinite(), {}, "expected finite weights"),
 )
-def test_bad_networks(modules, message):
-    with pytest.raises(wb.IndicatorError, match=message):
-        wb.IndicatorNetwork(nn.Sequential(*modules), [-1, -1], [1, 1])
 
 
-def test_bad_input():
-    good = nn.Sequential(nn.Linear(2, 4), Sine(), nn.Linear(4, 1)).requires_grad_(False)
-    with pytest.raises(wb.IndicatorError, match="expected a Sequential of modules, got int"):
-        wb.IndicatorNetwork(3, [-1, -1], [1, 1])
-    with pytest.raises(wb.IndicatorError, match="level must be finite, got nan"):
-        wb.IndicatorNetwork(good, [-1, -1], [1, 1], level=math.nan)
-    with pytest.raises(wb.IndicatorError, match="lower must be below upper"):
-        wb.IndicatorNetwork(good, [1, 1], [-1, -1])
-    with pytest.raises(wb.IndicatorError, match="arguments of sin reach"):
-        wb.IndicatorNetwork(good, [-1, -1], [1e5, 1])
+def test_bad_networks():
+    for network, options, message in BAD:
+        with pytest.raises(wb.IndicatorError, match=message):
+            wb.IndicatorNetwork(network, **({"lower": [-1, -1], "upper": [1, 1]} | options))
     with pytest.raises(wb.IndicatorError, match=r"a network's value is none, got margin=0\.1"):
-        wb.IndicatorNetwork(good, [-1, -1], [1, 1]).dilated(0.1)
-    with pytest.raises(wb.IndicatorError, match="computes what its modules tell"):
-        wb.IndicatorNetwork(Sequential(*good), [-1, -1], [1, 1])
-    good[0].weight[0, 0] = math.inf
-    with pytest.raises(wb.IndicatorError, match="expected finite weights"):
-        wb.IndicatorNetwork(good, [-1, -1], [1, 1])
+        wb.IndicatorNetwork(linear(2, 1), [-1, -1], [1, 1]).dilated(0.1)
