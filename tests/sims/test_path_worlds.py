@@ -29,27 +29,6 @@ def test_a_map(map_file):
     np.testing.assert_array_equal(grid.contains(np.float32([[0, 1 / 3], [0, 0], [1 / 3, 1]])), [True, False, True])
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("type octile", "type hex", "line 1: expected 'type octile'"),
-        ("height 3", "width 3", "line 2: expected 'height'"),
-        ("width 4", "width 9999999", "line 3: expected 'width'"),
-        ("GTSW\n", "", "expected 3 rows, got 2"),
-        ("GTSW", "GTS", "line 6: expected 4 cells, got 3"),
-        ("GTSW", "GT?W", r"line 6: expected cells of .*, got '\?'"),
-        ("GTSW", "GTéW", "expected plain text"),
-        (MAP, "", "got the end of the file"),
-        (".@..\nGTSW\n...O", "....\n....\n....", "nothing to bound"),
-    ],
-)
-def test_a_map_that_is_none(map_file, old, new, message):
-    map_file.write_text(MAP.replace(old, new), encoding="utf-8")
-    with pytest.raises(wb.IndicatorError, match=message) as caught:
-        read_map(map_file)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize("name", ["m.map.scen", "m.scen"])
 def test_a_scenario(map_file, name):
     path = map_file.with_name(name)
@@ -63,24 +42,33 @@ def test_a_scenario(map_file, name):
     np.testing.assert_array_equal(problems_of(world, 10, 0), world.problems)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("version 1", "version 2", "line 1: expected 'version 1'"),
-        ("\t4.0", "", "line 2: expected 9 fields, got 8"),
-        ("\t0\t0\t", "\tx\t0\t", "line 2: expected numbers"),
-        ("m.map\t4\t3\t0", "m.map\t3\t4\t0", "line 2: expected a map of 4 x 3 cells, got 3 x 4"),
-        ("\t2\t2\t", "\t4\t2\t", "line 2: expected cells of the map"),
-        ("4.0", "nan", "line 2: expected a length"),
-        (SCEN, "version 1\n", "at least one problem"),
-        (SCEN, "", "got the end of the file"),
-    ],
+BAD = (  # which text, what is replaced in it, and what is said
+    (MAP, "type octile", "type hex", "line 1: expected 'type octile'"),
+    (MAP, "height 3", "width 3", "line 2: expected 'height'"),
+    (MAP, "width 4", "width 9999999", "line 3: expected 'width'"),
+    (MAP, "GTSW\n", "", "expected 3 rows, got 2"),
+    (MAP, "GTSW", "GTS", "line 6: expected 4 cells, got 3"),
+    (MAP, "GTSW", "GT?W", r"line 6: expected cells of .*, got '\?'"),
+    (MAP, "GTSW", "GTéW", "expected plain text"),
+    (MAP, MAP, "", "got the end of the file"),
+    (MAP, ".@..\nGTSW\n...O", "....\n....\n....", "nothing to bound"),
+    (SCEN, "version 1", "version 2", "line 1: expected 'version 1'"),
+    (SCEN, "\t4.0", "", "line 2: expected 9 fields, got 8"),
+    (SCEN, "\t0\t0\t", "\tx\t0\t", "line 2: expected numbers"),
+    (SCEN, "m.map\t4\t3\t0", "m.map\t3\t4\t0", "line 2: expected a map of 4 x 3 cells, got 3 x 4"),
+    (SCEN, "\t2\t2\t", "\t4\t2\t", "line 2: expected cells of the map"),
+    (SCEN, "4.0", "nan", "line 2: expected a length"),
+    (SCEN, SCEN, "version 1\n", "at least one problem"),
+    (SCEN, SCEN, "", "got the end of the file"),
 )
-def test_a_scenario_that_is_none(map_file, old, new, message):
-    path = map_file.with_name("m.scen")
-    path.write_text(SCEN.replace(old, new, 1))
+
+
+@pytest.mark.parametrize(("text", "old", "new", "message"), BAD)
+def test_what_is_no_map_and_no_scenario(map_file, text, old, new, message):
+    changed = text.replace(old, new, 1)
+    (map_file if text is MAP else map_file.with_name("m.scen")).write_text(changed, encoding="utf-8")
     with pytest.raises(wb.IndicatorError, match=message) as caught:
-        read_scen(path, read_map(map_file))
+        read_scen(map_file.with_name("m.scen"), read_map(map_file))
     assert "\n" not in str(caught.value)
 
 
