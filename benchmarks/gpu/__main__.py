@@ -4,9 +4,10 @@
 reads no mesh files. `--dry` compiles the kernels of tensor cores for sm_90 and counts their instructions; it needs
 neither.
 
-Most important first: what proofs take from the hardware, answers against float64, times, and points and distances that
-are asked for mistakes. Each part writes `PART.json` when it is done, and is left out where that is there, so a run that
-was stopped goes on. All parts take about two minutes, as much again where nothing is compiled yet.
+The parts: Newton's pass with the cull in a graph; rivals of distances; queries in graphs; `choose`; what proofs take
+from the hardware; answers against float64; times; and points and distances that are asked for mistakes. Each part
+writes `PART.json` when it is done, and is left out where that is there, so a run that was stopped goes on; `--parts`
+takes some of them. All parts take about four minutes, half of them compiling where nothing is compiled yet.
 """
 
 import argparse
@@ -20,15 +21,20 @@ from pathlib import Path
 
 import warp as wp
 
-from warp_bounding.kernels.functions import warp_kernel
+from warp_bounding.kernels.functions import batch_kernel, warp_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
 
 sys.path.insert(0, str(Path(__file__).parent))
+import closest
 import contest
 import hardware
 
 PARTS = {
+    "cull": contest.cull,
+    "closest": closest.closest,
+    "graphs": contest.graphs,
+    "choose": contest.choose,
     "sine": lambda a: hardware.sine_errors(a.device),
     "sums": lambda a: hardware.sum_errors(a.device, 20_000 if a.quick else 400_000, a.seed),
     "answers": contest.answers,
@@ -38,7 +44,6 @@ PARTS = {
     "hard": contest.hard,
     "torch": contest.torch_too,
     "counts": contest.counts,
-    "cull": contest.cull,
 }
 
 
@@ -46,7 +51,9 @@ def about(device: str) -> dict:
     """Card, driver and versions."""
     card = wp.get_device(device)
     query = ["nvidia-smi", "--query-gpu=driver_version", "--format=csv,noheader"]
-    driver = subprocess.run(query, capture_output=True, text=True, check=False).stdout.strip()
+    driver = ""
+    if card.is_cuda:
+        driver = subprocess.run(query, capture_output=True, text=True, check=False).stdout.strip()
     return {
         "card": card.name,
         "arch": card.arch,
@@ -57,18 +64,24 @@ def about(device: str) -> dict:
 
 
 def dry() -> None:
-    """Compile the kernels of tensor cores for sm_90, and count what a group of 32 queries asks for; needs no card."""
+    """Compile for sm_90, and count what a thread asks for, on tensor cores of a group of 32 queries; needs no card."""
+    kernels = {}
     for query, widths in (("point", (24, 24)), ("point", (50, 50)), ("ray", (50, 50))):
         source = MlpSource(3, False, widths, "sin", query=query)
-        kernel = warp_kernel(source, False, False, tensor_cores.text(source))
+        kernels[f"{query} {'-'.join(map(str, widths))}"] = warp_kernel(source, False, False, tensor_cores.text(source))
+        kernels[f"{query} {'-'.join(map(str, widths))}, float32"] = batch_kernel(source, False, False)
+    try:
+        from warp_bounding.newton import lists
+
+        kernels["Newton's pass: hulls, lists and their layout"] = lists.sift
+    except ImportError as error:
+        print(error)
+    for name, kernel in kernels.items():
         with tempfile.TemporaryDirectory() as folder:
             wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=True)
             text = next(Path(folder).glob("*.ptx")).read_text()
-        counts = {
-            name: text.count(name)
-            for name in ("m16n8k16", "m16n8k8", "sin.approx", "fma.rn.f32", "ld.global", ".local")
-        }
-        print(query, "-".join(map(str, widths)), ", ".join(f"{name} {count}" for name, count in counts.items()))
+        sought = ("m16n8k16", "m16n8k8", "sin.approx", "fma.rn.f32", "ld.global", ".local", "atom.")
+        print(f"{name}:", ", ".join(f"{word} {text.count(word)}" for word in sought))
 
 
 def main() -> None:

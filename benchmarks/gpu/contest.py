@@ -1,5 +1,6 @@
 """Who is asked, and for how long: networks on tensor cores and in float32, boxes, half-spaces, Warp's exact queries."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,10 @@ def ns(call, count: int, repeats: int = 9, calls: int = 10) -> list[float]:
     for _ in range(3):
         call()
     found = []
+    if not wp.is_cuda_available():  # to try the script on a CPU
+        begin = time.perf_counter()
+        call()
+        return [(time.perf_counter() - begin) * 1e9 / count] * 2
     for _ in range(repeats):
         begin, end = wp.Event(enable_timing=True), wp.Event(enable_timing=True)
         wp.record_event(begin)
@@ -67,6 +72,9 @@ def prepare(folder: Path) -> None:
         wb.fit(bunny, "point", "mlp", margin=MARGIN, budget=90, **options).save(
             folder / f"bunny-{hidden[0]}.safetensors"
         )
+    for nodes in (32, 64):
+        grid = wb.fit(bunny, "distance", "distance-grid", nodes=nodes, progress=False)
+        grid.save(folder / f"bunny-distance-grid-{nodes}.safetensors")
     wb.fit(bunny, "ray", "bvh", length=3.0, resolution=32, leaves=64).save(folder / "rays-bvh.safetensors")
 
 
@@ -422,6 +430,66 @@ def counts(arguments) -> dict:
     return found
 
 
+def graphs(arguments) -> dict:
+    """Queries captured in a graph and replayed for others: whether answers are those of a call, and ms of both."""
+    found, count, device = {}, min(arguments.count, 1_000_000), arguments.device
+    frame = np.load(arguments.data / "frame.npz")
+    for name in ("points-24", "points-bvh", "points-kdop", "rays-50", "rays-bvh", "bunny-distance-24"):
+        bounder = loaded(arguments, name)
+        if name.startswith("rays"):
+            rays = rays_of(arguments, 2 * count)
+            first, other = (wp.array(x, dtype=wp.float32, device=device) for x in (rays[:count], rays[count:]))
+        else:
+            sets = (uniform(frame["low"], frame["high"], count, device, seed) for seed in (1, 2))
+            first, other = (_vectors(x, count) for x in sets)
+        kind = wp.float32 if bounder.of_distances else wp.uint8
+        out, there = (wp.zeros(count, dtype=kind, device=device) for _ in range(2))
+        ask = bounder.distance if bounder.of_distances else bounder.query
+        ask(other, out=there)
+        x, row = wp.clone(first), {}
+        ways = {"query": lambda b=ask, x=x, out=out: b(x, out=out)}
+        if not bounder.of_distances:
+            ways["prepare"] = bounder.prepare(x, out=out).launch
+        for way, call in ways.items():
+            wp.copy(x, first)
+            with wp.ScopedCapture(device=device) as capture:
+                call()
+            out.zero_()
+            wp.copy(x, other)
+            wp.capture_launch(capture.graph)
+            row[f"{way}, same"] = bool(np.array_equal(out.numpy(), there.numpy()))
+            row[f"{way}, ns"] = ns(call, count, 5)
+            row[f"{way}, ns, graph"] = ns(lambda c=capture: wp.capture_launch(c.graph), count, 5)
+        if not bounder.of_distances:
+            prepared = bounder.prepare(x, candidates=True)
+            indices, left = prepared.launch()
+            wp.copy(x, first)
+            with wp.ScopedCapture(device=device) as capture:
+                prepared.launch()
+            wp.copy(x, other)
+            wp.capture_launch(capture.graph)
+            listed = indices.numpy()[: int(left.numpy()[0])]
+            row["candidates, same"] = bool(np.array_equal(listed, np.flatnonzero(there.numpy())))
+            row["candidates, ns, graph"] = ns(lambda c=capture: wp.capture_launch(c.graph), count, 5)
+        found[name] = row
+    return found
+
+
+CELLS = ((10_000, 1), (1_000_000, 1), (100_000, 1), (10_000, 16))  # particles and meshes
+# Ways to run the cull in a graph: warps of a multiprocessor among which survivors are shared out (0: 32 in each), by
+# place or not, and on a stream of its own or not.
+LAYOUTS = {
+    "dense": (0, False, True),
+    "4 warps": (4, False, True),
+    "16 warps": (16, False, True),
+    "64 warps": (64, False, True),
+    "16 warps, one stream": (16, False, False),
+    "dense, by place": (0, True, True),
+    "16 warps, by place": (16, True, True),
+    "dense, by place, one stream": (0, True, False),
+}
+
+
 def cull(arguments) -> dict:
     """Ms of Newton's particle-shape pass in a captured graph, without and with a cull."""
     sys_path()
@@ -434,30 +502,61 @@ def cull(arguments) -> dict:
         kept = np.load(arguments.data / f"newton-{name}.npz")
         return newton.Mesh(kept["vertices"], kept["faces"].reshape(-1))
 
-    newton_map.newton_mesh, Cell, records = mesh_of, newton_map.Cell, newton_map.records
-    found = {}
-    for particles, meshes in ((10_000, 1), (100_000, 1), (1_000_000, 1), (10_000, 16)):
-        cell = Cell(particles, meshes, 0.05, arguments.device)
+    def captured(call):
+        with wp.ScopedCapture(device=arguments.device) as capture:
+            call()
+        wp.capture_launch(capture.graph)
+        return capture.graph
+
+    newton_map.newton_mesh, records, found = mesh_of, newton_map.records, {}
+    usual = newton_cull.WARPS, newton_cull.SORTED, newton_cull.BESIDE
+    for particles, meshes in CELLS[: 1 if arguments.quick else None]:
+        newton_cull.SORTED = 0  # so that there is memory for it
+        cell = newton_map.Cell(particles, meshes, 0.05, arguments.device)
         row = {"contacts": cell.compare(), "pairs": cell.cull.pairs}
-        graphs, seen = {}, {}
-        ways = [(way, spread) for way in cell._ways for spread in ((0,) if way == "none" else (0, 2**40))]
-        for way, spread in ways:
-            name, newton_cull.SPREAD = f"{way}, spread" if spread else way, spread
-            with wp.ScopedCapture(device=arguments.device) as capture:
-                cell._ways[way](cell._state, cell._contacts)
-            graphs[name] = capture.graph
-            wp.capture_launch(capture.graph)
-            seen[name] = records(cell._contacts)
-            row[f"{name}, same contacts"] = all(
-                np.array_equal(a, b) for a, b in zip(seen["none"], seen[name], strict=True)
-            )
-        for name, newton_cull.SPREAD in (("the cull alone", 0), ("the cull alone, spread", 2**40)):
-            with wp.ScopedCapture(device=arguments.device) as capture:
-                cell.cull.candidates(cell._state)
-            graphs[name] = capture.graph
+        row["left"] = [each.survivors for each in (cell.boxes, cell.cull)]
+        cell._ways["none"](cell._state, cell._contacts)
+        there = records(cell._contacts)
+        graphs = {"none": captured(lambda c=cell: c._ways["none"](c._state, c._contacts))}
+        for name, (newton_cull.WARPS, by_place, newton_cull.BESIDE) in LAYOUTS.items():
+            newton_cull.SORTED = 0 if by_place else 2**62
+            for way in ("boxes", "distance"):
+                try:
+                    graph = captured(lambda c=cell, w=way: c._ways[w](c._state, c._contacts))
+                except Exception as error:  # the other layouts are worth their time
+                    row[f"{way}, {name}, failed"] = f"{type(error).__name__}: {error}"[:500]
+                    continue
+                graphs[f"{way}, {name}"] = graph
+                found_here = records(cell._contacts)
+                row[f"{way}, {name}, same contacts"] = all(
+                    np.array_equal(a, b) for a, b in zip(there, found_here, strict=True)
+                )
+            if name in ("16 warps", "16 warps, by place"):
+                graphs[f"the cull alone, {name}"] = captured(lambda c=cell: c.cull.candidates(c._state))
+        newton_cull.WARPS, newton_cull.SORTED, newton_cull.BESIDE = usual
         for turn in range(2):
             for name, graph in graphs.items():
-                row[f"{name}, ms, turn {turn}"] = ns(lambda g=graph: wp.capture_launch(g), 1_000_000, 9, 20)
+                row[f"{name}, ms, turn {turn}"] = ns(lambda g=graph: wp.capture_launch(g), 1_000_000, 5, 20)
+        for way in ("none", "boxes", "distance"):  # as a host calls them, which reads the number back
+            seconds = [cell._timed(way) for _ in range(12)]
+            row[f"{way}, ms, no graph"] = [1e3 * float(np.median(seconds)), 1e3 * min(seconds)]
         found[f"{particles} particles, {meshes} meshes"] = row
         print(particles, meshes, row, flush=True)
+    return found
+
+
+def choose(arguments) -> dict:
+    """What ``choose`` takes on the device, for a narrow phase as expensive as the closest point without a limit."""
+    frame = np.load(arguments.data / "bunny.npz")
+    shape, found = wb.IndicatorMesh(frame["vertices"], frame["faces"]), {}
+    options = {"methods": ("aabb", "kdop", "bvh", "mlp"), "networks": ((24, 24),), "margin": MARGIN}
+    own = {f"mlp {w[0]}-{w[0]}, fitted longer": loaded(arguments, f"bunny-{w[0]}") for w in ((24, 24), (50, 50))}
+    choice = wb.choose(
+        shape, narrow_ns=4.5, device=arguments.device, budget=15.0, bounders=own, progress=False, **options
+    )
+    found["chosen"], found["why"], found["seconds"] = choice.label, choice.why, choice.about["seconds"]
+    found["compile seconds"] = choice.about["compile_seconds"]
+    names = ("label", "nbytes", "nanoseconds", "share", "cost", "why_not", "note")
+    found["rows"] = [{name: getattr(row, name) for name in names} for row in choice.rows]
+    found["prices"] = [each._asdict() for each in choice.prices]
     return found

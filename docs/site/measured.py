@@ -187,6 +187,37 @@ def speed(results: Path) -> str:
     return table(["method", *(f"{n}D {query}" for n, query in COLUMNS)], shown)
 
 
+# Rows of ``results/gpu``: what is asked, its part, and how it is called there, in float32 and on tensor cores.
+GPU = {
+    "points, `mlp` 24-24": ("points", "24 float32", "24 tensor"),
+    "points, `mlp` 32-32": ("points", "32 float32", "32 tensor"),
+    "points, `mlp` 50-50": ("points", "50 float32", "50 tensor"),
+    "points, `bvh` of 64 boxes": ("points", "bvh", None),
+    "points, `kdop`": ("points", "kdop", None),
+    "points, `wp.mesh_query_point` within the margin": ("distances", "wp.mesh_query_point, within margin", None),
+    "rays, `mlp` 50-50": ("rays", "50 float32", "50 tensor"),
+    "rays, `bvh` of 64 boxes": ("rays", "bvh", None),
+    "rays, `wp.mesh_query_ray_anyhit`": ("distances", "wp.mesh_query_ray_anyhit", None),
+    "distances, a network of 24-24": ("distances", "24 float32", "24 tensor"),
+    "distances, a network of 50-50": ("distances", "50 float32", "50 tensor"),
+    "distances, `wp.mesh_query_point` within 0.1": ("distances", "wp.mesh_query_point, distance within 0.1", None),
+    "distances, `wp.mesh_query_point`": ("distances", "wp.mesh_query_point, distance, no limit", None),
+}
+
+
+def gpu(results: Path) -> str:
+    """Nanoseconds of a query on each card, in float32 and on tensor cores."""
+    cards, lines = sorted(path.name for path in (results / "gpu").iterdir() if path.is_dir()), []
+    for label, (part, *ways) in GPU.items():
+        cells = []
+        for card in cards:
+            file = results / f"gpu/{card}/{part}.json"
+            found = json.loads(file.read_text(encoding="utf-8"))["found"] if file.exists() else {}
+            cells += [f"{found[way][0]:.3g}" if way in found else "" for way in ways]
+        lines.append([label, *cells])
+    return table(["", *(f"{card.upper()}, {way}" for card in cards for way in ("float32", "tensor cores"))], lines)
+
+
 MEASURED: dict[str, Callable[[Path], str]] = {
     "meshes": meshes,
     "prices": prices,
@@ -195,6 +226,7 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "speed": speed,
     "table1": table1,
     "raced": raced,
+    "gpu": gpu,
 }
 MARK = re.compile(
     r"^<!-- measured: ([\w-]+) -->$(?:\n((?!<!-- ).*\n)*<!-- end -->$)?", re.MULTILINE

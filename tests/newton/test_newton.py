@@ -14,6 +14,7 @@ newton = pytest.importorskip("newton", reason="Newton is not installed: pip inst
 import warp.examples  # noqa: E402
 
 from warp_bounding.newton import ParticleCull, margin_for  # noqa: E402
+from warp_bounding.newton import cull as cull_module  # noqa: E402
 from warp_bounding.newton.kernels import runs_of  # noqa: E402
 from warp_bounding.newton.placing import PRIMITIVES  # noqa: E402
 
@@ -57,7 +58,8 @@ def records(contacts) -> list[np.ndarray]:
     count = int(contacts.soft_contact_count.numpy()[0])
     arrays = [getattr(contacts, f"soft_contact_{name}", None) for name in RECORDS]
     rows = [array.numpy()[:count].copy() for array in arrays if array is not None]
-    order = np.lexsort((rows[1], rows[0])) if contacts.soft_contact_count.device.is_cuda else np.arange(count)
+    by_chance = contacts.soft_contact_count.device.is_cuda or cull_module._in_lists(wp.get_device("cpu"))
+    order = np.lexsort((rows[1], rows[0])) if by_chance else np.arange(count)
     return [row[order] for row in rows]
 
 
@@ -246,8 +248,7 @@ def two_bunnies(bunny, device: str):
 
 
 def test_nothing_is_read_back(bunny, device, monkeypatch):
-    """Not one array is copied to the host, and nothing waits for the device; survivors keep their order, and a denied
-    pair stands for all others."""
+    """Not one array is copied to the host, nothing waits for the device, and a denied pair stands for all others."""
     pipeline, bounders = two_bunnies(bunny, device)
     state, contacts = pipeline.model.state(), pipeline.contacts()
     cull = ParticleCull(pipeline, bounders, reads_back=False)
@@ -268,7 +269,10 @@ def test_nothing_is_read_back(bunny, device, monkeypatch):
     pairs, left = kept.numpy(), cull.survivors
     assert len(usual) == left < 0.5 * cull.pairs
     denied = next(pair for pair in pairs if not (usual == pair).all(axis=1).any())
-    assert (pairs[(pairs != denied).any(axis=1)] == usual).all()
+    left = pairs[(pairs != denied).any(axis=1)]
+    if device != "cpu":  # where their order is by chance
+        left, usual = (rows[np.lexsort(rows.T)] for rows in (left, usual))
+    assert (left == usual).all()
     assert np.abs(state.particle_q.numpy()[denied[0]] - [2.5 * denied[1], 0.7, 0.0]).max() > 1.0  # a far one
 
 
@@ -300,6 +304,44 @@ def test_a_graph_holds_the_whole_pass(bunny, device):
         assert cull.tally()["plane"].culled > 0
     cull.collide(state, contacts)  # and without a graph again
     assert same(there[-1], records(contacts))
+
+
+@pytest.mark.parametrize(("warps", "by_place"), [(1, False), (7, True), (64, False), (2**20, False)])
+def test_the_lists_of_a_gpu_are_right_on_a_cpu(bunny, monkeypatch, warps, by_place):
+    """All survivors, and besides them one denied pair, are laid out, however many warps share them."""
+    monkeypatch.setattr(cull_module, "_in_lists", lambda _: True)
+    monkeypatch.setattr(cull_module, "WARPS", warps)
+    monkeypatch.setattr(cull_module, "SORTED", 0 if by_place else 2**62)
+    pipeline, bounders = two_bunnies(bunny, "cpu")
+    state, one = pipeline.model.state(), next(iter(bounders))
+    bounders[one + 1] = wb.fit(bunny, method="bvh", margin=0.5, leaves=16, device="cpu")
+    cull, reading = (ParticleCull(pipeline, bounders, reads_back=back, unproven=True) for back in (False, True))
+    for gap in (0.02, 0.3):
+        pipeline.soft_contact_gap = gap
+        check(pipeline, reading)
+        check(pipeline, cull)
+        kept, left = cull.candidates(state).numpy(), reading.candidates(state).numpy()
+        assert len(kept) == cull.pairs > cull.survivors == len(left) == len({*map(tuple, left)})
+        filler = next(pair for pair in map(tuple, kept) if pair not in {*map(tuple, left)})
+        assert sorted(map(tuple, left)) == sorted(pair for pair in map(tuple, kept) if pair != filler)
+        in_warps = np.append(kept, np.full((-len(kept) % 32, 2), filler), axis=0).reshape(-1, 32, 2)
+        most = (in_warps != filler).any(axis=2).sum(axis=1).max()
+        assert most == min(32, -(-len(left) // min(warps, cull.pairs // 32)))
+
+
+@pytest.mark.parametrize("count", [1, 20, 33, 70])
+def test_few_particles_and_none_or_all_that_stay(monkeypatch, count):
+    """Lists that do not fill a warp; particles that all touch, and none that does."""
+    monkeypatch.setattr(cull_module, "_in_lists", lambda _: True)
+    for height, stays in ((0.0, count), (5.0, 0)):
+        builder = newton.ModelBuilder()
+        builder.add_ground_plane()
+        x = [[0.1 * k, 0.0, height] for k in range(count)]
+        builder.add_particles(x, [[0.0] * 3] * count, [0.01] * count, [0.02] * count)
+        pipeline = newton.CollisionPipeline(builder.finalize(device="cpu"))
+        cull = ParticleCull(pipeline, reads_back=False)
+        check(pipeline, cull, least=stays)
+        assert cull.survivors == stays
 
 
 # --- numbers that nobody should use, and models that were changed ---------------------------------------------------

@@ -18,8 +18,8 @@ farther than that, so one fit serves every gap, radius and scale. Shapes may mov
 
 In a captured graph nothing can be read back, so the pass goes through as many pairs as there are: those that are left,
 and again and again one that was denied, at which the pass ends at once, or at least without a contact. It stands behind
-them, or on a GPU, where there are few pairs, in the places of those that were denied: threads that stand together wait
-for each other.
+them, or on a GPU between them (``lists``). There the cull runs beside the pipeline's rigid contacts, on a stream of its
+own, and the particle-shape pass waits for both.
 
 What this does not do: rigid contacts, self-contacts of cloth, and the passes over whole edges and faces
 (``enable_rigid_soft_full_surface_contact``) are left as they are. A mesh whose points are moved in place has no true
@@ -37,8 +37,8 @@ import warp as wp
 
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
-from warp_bounding.newton import kernels
-from warp_bounding.newton.kernels import BLOCKS, ask_distances_in_lanes, ask_hulls, runs_of
+from warp_bounding.newton import kernels, lists
+from warp_bounding.newton.kernels import BLOCKS, CPU_BLOCK, ask_distances_in_lanes, ask_hulls, runs_of
 from warp_bounding.newton.placing import Hull, Placed, place_shapes
 from warp_bounding.newton.shapes import Shapes, contact_gap
 from warp_bounding.runtime.arrays import Compaction
@@ -80,8 +80,11 @@ def tallies(names: list[str], shapes: np.ndarray, kept: np.ndarray) -> dict[str,
     return {name: Tally(int(pairs[own].sum()), int(culled[own].sum())) for name, own in order.items()}
 
 
-SPREAD = 2**16  # pairs that do not fill a GPU: a graph leaves those that remain where they are, few in a warp
 MOST_RECORDED = 8  # sets of arrays whose launches are kept
+# Of a GPU: warps of Newton's pass that run on a multiprocessor at a time, among which survivors are shared out; pairs
+# from which on they are sorted by place; and whether the cull of a graph has a stream of its own.
+WARPS, SORTED, BESIDE = 16, 2**62, True
+THREADS = 2048  # of a multiprocessor at a time
 
 
 class ParticleCull:
@@ -142,31 +145,40 @@ class ParticleCull:
         device, shape_count = self._device, self.model.shape_count
         self._placed = wp.empty(shape_count, dtype=Placed, device=device)
         self._hulls = wp.empty(shape_count, dtype=Hull, device=device)
-        # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are looked at
-        # together.
-        self._rows = wp.empty(4 * self.model.particle_count, dtype=wp.float32, device=device)
-        self._runs = wp.array(runs_of(self._all.numpy()), dtype=wp.uint8, device=device)
-        # The pairs that the hulls leave to the bounders: their indices block by block, and how many each block has.
-        blocks = -(-self.pairs // kernels.block_size(device))
-        self._undecided = wp.empty(self.pairs, dtype=wp.int32, device=device)
-        self._undecided_count = wp.empty(blocks, dtype=wp.int32, device=device)
-        # The pairs that survive: which, compacted, and themselves; they hold for this contact gap. And a denied one
-        # that is far away.
+        # The pairs that survive: which, and themselves; they hold for this contact gap.
         self._candidates_gap = contact_gap(pipeline)
         self._keep = wp.full(self.pairs, 1, dtype=wp.uint8, device=device)
-        self._survivors = Compaction(self._keep)
         self._kept = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
-        self._far = wp.empty(1, dtype=wp.int32, device=device)
-        self.survivor_count = self._survivors.count
+        # The pairs that the hulls leave to the bounders.
+        self._undecided = wp.empty(self.pairs, dtype=wp.int32, device=device)
+        self._in_lists = _in_lists(device)
+        if self._in_lists:
+            self._listed = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
+            self._counts = wp.zeros(4, dtype=wp.int32, device=device)  # see ``lists``
+            self.survivor_count = self._counts[:1]
+            if self.pairs >= SORTED:
+                self._ordered = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
+                self._cells = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
+                self._sizes, self._ends = (wp.zeros(lists.CELLS, dtype=wp.int32, device=device) for _ in range(2))
+            self._stream = wp.Stream(device) if device.is_cuda else None
+        else:
+            # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are
+            # looked at together; how many undecided pairs each block has; and a denied pair that is far away.
+            self._rows = wp.empty(4 * self.model.particle_count, dtype=wp.float32, device=device)
+            self._runs = wp.array(runs_of(self._all.numpy()), dtype=wp.uint8, device=device)
+            self._undecided_count = wp.empty(-(-self.pairs // CPU_BLOCK), dtype=wp.int32, device=device)
+            self._survivors = Compaction(self._keep)
+            self._far = wp.empty(1, dtype=wp.int32, device=device)
+            self.survivor_count = self._survivors.count
+            inputs = [self._all, self._survivors.indices]
+            gather = partial(wp.launch, kernels.gather_pairs, self.pairs, inputs, [self._kept], device=device)
+            self._gather = gather(record_cmd=True) if self.pairs else None
         self.survivor_count.fill_(self.pairs)
         # What is made when it is first needed is made now: a graph would hold the copy of a bounder's numbers to the
         # device, from memory that is not kept.
         for kernel in self._kernels():
             ready(kernel, device)
         self._data = [bounder.data for bounder in self._shapes.bounders]
-        inputs = [self._all, self._survivors.indices]
-        gather = partial(wp.launch, kernels.gather_pairs, self.pairs, inputs, [self._kept], device=device)
-        self._gather = gather(record_cmd=True) if self.pairs else None
         self._recorded: dict[tuple, list[BlockLaunch]] = {}  # by the arrays that they read, oldest first
         pipeline.__class__ = _counting(type(pipeline))
 
@@ -213,11 +225,25 @@ class ParticleCull:
             raise BounderError(
                 f"expected candidates for a contact gap of {gap:g}, got ones for {self._candidates_gap:g}"
             )
-        self.pipeline.soft_rigid_contact_pairs = self.candidates(state, gap) if candidates is None else candidates
+        if candidates is None:
+            candidates = self._candidates_beside(state, gap)
+        self.pipeline.soft_rigid_contact_pairs = candidates
         try:
             self.pipeline.collide(state, contacts, **options)
         finally:
+            _wait_for_pairs(self.pipeline)  # where the pass had nothing to do
             self.pipeline.soft_rigid_contact_pairs = self._all
+
+    def _candidates_beside(self, state: newton.State, gap: float) -> wp.array:
+        """``candidates``, on a stream of its own where nothing is read back; ``_wait_for_pairs`` waits for it."""
+        device = self._device
+        if not (BESIDE and device.is_cuda and (device.is_capturing or not self._reads_back)):
+            return self.candidates(state, gap)
+        stream, own = device.stream, self._stream
+        own.wait_stream(stream)
+        self.pipeline.__dict__["_wait"] = partial(stream.wait_stream, own)
+        with wp.ScopedStream(own, sync_enter=False):
+            return self.candidates(state, gap)
 
     def candidates(self, state: newton.State, gap: float | None = None) -> wp.array:
         """The pairs that may touch.
@@ -228,13 +254,15 @@ class ParticleCull:
                 with.
 
         Returns:
-            ``(K,)`` ``vec2i``, particle and shape, in the pipeline's order; valid until the next call. Where nothing is
-            read back, K is the number of all pairs, and one denied pair stands behind the first ``survivor_count``, or
-            in the places of all that are denied.
+            ``(K,)`` ``vec2i``, particle and shape; valid until the next call. On a CPU they are in the pipeline's
+            order. Where nothing is read back, K is the number of all pairs, and one denied pair stands behind the
+            first ``survivor_count``, or on a GPU in all places that are left.
         """
         self._candidates_gap = gap = contact_gap(self.pipeline) if gap is None else float(gap)
         if not self.pairs or not state.particle_q:
             return self._all
+        if self._in_lists:
+            return self._candidates_in_lists(state, gap)
         if self._device.is_capturing:
             for launch in self._launches(state, gap):
                 launch.launch_whole()
@@ -261,18 +289,24 @@ class ParticleCull:
 
     def _launches(self, state: newton.State, gap: float) -> list[BlockLaunch]:
         """What fills the mask of the pairs, in this order."""
-        model, device, block = self.model, self._device, kernels.block_size(self._device)
+        model, device = self.model, self._device
         shapes, particles = model.shape_count, model.particle_count
-        rows = [0, state.particle_q, model.particle_radius, particles]
-        hulls = [self._all, self.pairs, block, 0, self._runs, self._rows, self._hulls]
-        left = [self._undecided, self._undecided_count, self._keep]
         places = [0, *self._shapes.inputs(state, gap)]
         launch = partial(BlockLaunch, device=device)
+        placing = launch(place_shapes, shapes, places, [self._placed, self._hulls], first_index=0, block=1)
+        asking = [self._ask(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)]
+        if self._in_lists:
+            inputs = [0, self._all, state.particle_q, model.particle_radius, self._hulls]
+            outputs = [self._keep, self._undecided, self._listed, self._counts]
+            return [placing, launch(lists.sift, self.pairs, inputs, outputs, first_index=0, block=1), *asking]
+        rows = [0, state.particle_q, model.particle_radius, particles]
+        hulls = [self._all, self.pairs, CPU_BLOCK, 0, self._runs, self._rows, self._hulls]
+        left = [self._undecided, self._undecided_count, self._keep]
         return [
-            launch(place_shapes, shapes, places, [self._placed, self._hulls], first_index=0, block=1),
+            placing,
             launch(kernels.split_particles, particles, rows, [self._rows], first_index=0, block=1),
-            launch(ask_hulls, self.pairs, hulls, left, first_index=3, block=block),
-            *(self._ask(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)),
+            launch(ask_hulls, self.pairs, hulls, left, first_index=3, block=CPU_BLOCK),
+            *asking,
         ]
 
     def _padded(self, state: newton.State) -> wp.array:
@@ -281,57 +315,102 @@ class ParticleCull:
         self._far.fill_(-1)
         inputs = [self._all, self._keep, state.particle_q, self._hulls]
         wp.launch(kernels.find_far, dim=self.pairs, inputs=inputs, outputs=[self._far], device=device)
-        if device.is_cuda and self.pairs <= SPREAD:
-            self.survivor_count.zero_()
-            inputs, outputs = [self._all, self._keep, self._far], [self._kept, self.survivor_count]
-            wp.launch(kernels.replace_denied, dim=self.pairs, inputs=inputs, outputs=outputs, device=device)
-            return self._kept
         indices, total = self._survivors.launch_recorded() if device.is_capturing else self._survivors.launch()
         inputs = [self._all, indices, total, self._far]
         wp.launch(kernels.gather_or_repeat, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
         return self._kept
 
+    def _candidates_in_lists(self, state: newton.State, gap: float) -> wp.array:
+        """``candidates`` on a GPU; see ``lists``."""
+        device, capturing = self._device, self._device.is_capturing
+        self._counts.zero_()
+        for launch in self._launches(state, gap) if capturing else self._prepared(state, gap):
+            if capturing or device.is_cpu:  # threads of a CPU would count over each other
+                launch.launch_whole()
+            else:
+                launch.launch()
+        if self._reads_back and not capturing:
+            return self._listed[: int(self.survivor_count.numpy()[0])]
+        listed = self._listed if self.pairs < SORTED else self._by_place(state)
+        warps = max(1, min(self.pairs // lists.WARP, WARPS * max(device.sm_count, 1)))
+        inputs = [self._all, listed, self._counts, warps]
+        wp.launch(lists.arrange, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
+        return self._kept
+
+    def _by_place(self, state: newton.State) -> wp.array:
+        """The listed pairs, sorted by their places."""
+        threads, launch = self._threads, partial(wp.launch, dim=self._threads, device=self._device)
+        self._sizes.zero_()
+        inputs = [threads, self._listed, self._counts, state.particle_q, self._hulls]
+        launch(lists.count_cells, inputs=inputs, outputs=[self._cells, self._sizes])
+        wp.utils.array_scan(self._sizes, self._ends, inclusive=True)
+        inputs = [threads, self._listed, self._counts, self._cells, self._ends, self._sizes]
+        launch(lists.sort_by_cells, inputs=inputs, outputs=[self._ordered])
+        return self._ordered
+
+    @property
+    def _threads(self) -> int:
+        """Threads of a GPU that share a list."""
+        return max(1, min(self.pairs, THREADS * max(self._device.sm_count, 1)))
+
     def _asking(self, bounder: Bounder) -> wp.Kernel:
         """The kernel that asks a bounder."""
-        if not bounder.of_distances:
-            return kernels.ask_bounders(bounder.source)
-        return (ask_distances_in_lanes if self._device.is_cpu else kernels.ask_distances)(bounder.source)
+        if self._in_lists:
+            return lists.ask_listed(bounder.source)
+        return (ask_distances_in_lanes if bounder.of_distances else kernels.ask_bounders)(bounder.source)
 
     def _kernels(self) -> list[wp.Kernel]:
-        own = [
-            place_shapes,
-            kernels.split_particles,
-            kernels.gather_pairs,
-            kernels.find_far,
-            kernels.gather_or_repeat,
-            kernels.replace_denied,
-        ]
-        return [*own, ask_hulls, *map(self._asking, self._shapes.bounders)]
+        if self._in_lists:
+            own = [lists.sift, lists.arrange, lists.count_cells, lists.sort_by_cells]
+        else:
+            own = [kernels.split_particles, kernels.gather_pairs, kernels.find_far, kernels.gather_or_repeat, ask_hulls]
+        return [place_shapes, *own, *map(self._asking, self._shapes.bounders)]
 
     def _ask(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:
         """Ask a bounder about the pairs of its shapes that the hulls have left."""
-        model, device, block = self.model, self._device, kernels.block_size(self._device)
-        found, where = [self._undecided, self._undecided_count], [self._placed, self._hulls]
-        bounder_of, items, first, share = self._shapes.bounder_of, self.pairs, 0, block
-        if not bounder.of_distances:
-            inputs = [0, block, bounder.data, number, bounder_of, self._all, state.particle_q, self._placed]
-        elif device.is_cpu:
-            data, dilated = bounder.data, bounder.info.get("margin") or 0.0
-            items, first, share = len(self._undecided_count), 3, BLOCKS
-            inputs = [data.parameters, items, block, 0, data.words, number, dilated, bounder_of]
-            inputs += [self._all, self._rows, *where]
+        model, device, data = self.model, self._device, bounder.data
+        where, dilated = [self._placed, self._hulls], bounder.info.get("margin") or 0.0
+        of = self._shapes.bounder_of
+        found, outputs = [self._undecided], [self._keep]
+        items, first, share = self.pairs, 0, CPU_BLOCK
+        if self._in_lists:
+            items, share, outputs = self._threads, 1, [self._keep, self._listed, self._counts]
+            inputs = [0, items, data, number, dilated, of, self._all, state.particle_q, model.particle_radius, *where]
+        elif not bounder.of_distances:
+            inputs = [0, CPU_BLOCK, data, number, of, self._all, state.particle_q, self._placed]
+            found += [self._undecided_count]
         else:
-            inputs = [0, block, bounder.data, number, bounder.info.get("margin") or 0.0, bounder_of, self._all]
-            inputs += [state.particle_q, model.particle_radius, *where]
+            items, first, share = len(self._undecided_count), 3, BLOCKS
+            inputs = [data.parameters, items, CPU_BLOCK, 0, data.words, number, dilated, of, self._all, self._rows]
+            inputs, found = [*inputs, *where], [*found, self._undecided_count]
         options = {"first_index": first, "block": share}
-        return BlockLaunch(self._asking(bounder), items, [*inputs, *found], [self._keep], device, **options)
+        return BlockLaunch(self._asking(bounder), items, [*inputs, *found], outputs, device, **options)
+
+
+def _in_lists(device: wp.Device) -> bool:
+    """Whether the kernels of ``lists`` are used, and not those for a CPU."""
+    return device.is_cuda
+
+
+def _wait_for_pairs(pipeline: newton.CollisionPipeline) -> None:
+    """Let the device's stream wait for the cull that fills the list of pairs, if it runs on its own."""
+    wait = pipeline.__dict__.pop("_wait", None)
+    if wait is not None:
+        wait()
 
 
 @cache
 def _counting(kind: type) -> type:
-    """The subclass of a pipeline's class whose number of particle-shape pairs is the length of their list."""
+    """The subclass of a pipeline's class whose number of particle-shape pairs is the length of their list.
+
+    Newton asks for it right before its particle-shape pass, which is where that has to wait for the cull.
+    """
     if hasattr(kind, "_counts"):
         return kind
-    count = property(lambda self: len(self.soft_rigid_contact_pairs))
-    both = dict.fromkeys(("soft_contact_pair_count", "soft_rigid_contact_pair_count"), count)
+
+    def count(pipeline: newton.CollisionPipeline) -> int:
+        _wait_for_pairs(pipeline)
+        return len(pipeline.soft_rigid_contact_pairs)
+
+    both = dict.fromkeys(("soft_contact_pair_count", "soft_rigid_contact_pair_count"), property(count))
     return type(kind.__name__, (kind,), {**both, "_counts": True})

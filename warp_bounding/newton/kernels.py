@@ -1,9 +1,8 @@
-"""Kernels of the cull: which pairs a bounder lets through, and their list.
+"""Kernels of the cull on a CPU: which pairs a bounder lets through, and their list; those of a GPU are in ``lists``.
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
 shape, or outside its box as it lies in the world (``placing``), and lists the others (``ask_hulls``); only those go
-to the bounder. A bounder of distances is asked about many of them at a time on a CPU (``ask_distances_in_lanes``), else
-about one.
+to the bounder. A bounder of distances is asked about many of them at a time (``ask_distances_in_lanes``).
 """
 
 from functools import cache
@@ -12,25 +11,20 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.kernels.distance_functions import distance_func
 from warp_bounding.kernels.distances import LANES, DistanceSource, texts_of
 from warp_bounding.kernels.functions import Words, point_func
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.newton.placing import IN_SUM, Hull, Placed
 from warp_bounding.runtime.native import Numbers, literal, named, unique_name
 
-_SUM_ROUNDING = wp.constant(IN_SUM)
+SUM_ROUNDING = wp.constant(IN_SUM)
 
 CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through on a CPU
 
 
-def block_size(device: wp.Device) -> int:
-    """Pairs that one thread of a kernel goes through."""
-    return CPU_BLOCK if device.is_cpu else 1
-
-
 @wp.func
-def _size(v: wp.vec3) -> float:
+def coordinates_of(v: wp.vec3) -> float:
+    """The sum of their sizes."""
     return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
 
 
@@ -117,26 +111,6 @@ def gather_or_repeat(
         kept[i] = pairs[denied]
 
 
-@wp.kernel(enable_backward=False)
-def replace_denied(
-    # inputs
-    pairs: wp.array(dtype=wp.vec2i),
-    keep: wp.array(dtype=wp.uint8),
-    far: wp.array(dtype=wp.int32),
-    # outputs
-    kept: wp.array(dtype=wp.vec2i),
-    count: wp.array(dtype=wp.int32),
-):
-    """The remaining pairs, in their places, and in the places of the others the one that ``far`` names, if any."""
-    i = wp.tid()
-    which = wp.int32(i)
-    if keep[i] != wp.uint8(0):
-        wp.atomic_add(count, 0, 1)
-    elif far[0] >= 0:
-        which = far[0]
-    kept[i] = pairs[which]
-
-
 @cache
 def ask_bounders(source: Source) -> wp.Kernel:
     """The kernel that asks a bounder of this source about the pairs of its shapes that ``ask_hulls`` has listed."""
@@ -173,61 +147,30 @@ def ask_bounders(source: Source) -> wp.Kernel:
     return ask
 
 
-@cache
-def ask_distances(source: DistanceSource) -> wp.Kernel:
-    """The kernel that asks a bounder of distances about the pairs of its shapes that ``ask_hulls`` has listed.
-
-    It bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than ``g + dilated``; the
-    difference below and the comparison round by less than is added.
-    """
-    distance = distance_func(source)
-
-    @named(unique_name(source, "newton_distance")).kernel
-    def ask(
-        # inputs
-        first: int,
-        size: int,
-        data: Data,
-        number: int,
-        dilated: float,
-        numbers: wp.array(dtype=wp.int32),
-        pairs: wp.array(dtype=wp.vec2i),
-        particle_q: wp.array(dtype=wp.vec3),
-        particle_radius: wp.array(dtype=float),
-        placed: wp.array(dtype=Placed),
-        hulls: wp.array(dtype=Hull),
-        asked: wp.array(dtype=wp.int32),
-        left: wp.array(dtype=wp.int32),
-        # outputs
-        keep: wp.array(dtype=wp.uint8),
-    ):
-        block = first + wp.tid()
-        for k in range(left[block]):
-            i = asked[block * size + k]
-            pair = pairs[i]
-            if numbers[pair[1]] == number:
-                shape, hull, q = placed[pair[1]], hulls[pair[1]], particle_q[pair[0]]
-                way = hull.reach + hull.per_radius * wp.abs(particle_radius[pair[0]]) + hull.per_coordinate * _size(q)
-                x = wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale)
-                beyond = wp.max(way - dilated, 0.0) + _SUM_ROUNDING * (wp.abs(way) + dilated)
-                if distance(data, x) > beyond:
-                    keep[i] = wp.uint8(0)
-                else:
-                    keep[i] = wp.uint8(1)
-
-    return ask
-
-
 # --- Hulls ------------------------------------------------------------------------------------------------------------
 #
 # Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Hull``).
 #
-# Newton lists its pairs shape by shape, and of each shape particle by particle. So on a CPU ``LANES`` pairs in a row
-# are nearly always one shape and particles that follow each other, and are decided together; where they are not, and on
-# CUDA, it is one pair at a time, by the same operations.
+# Newton lists its pairs shape by shape, and of each shape particle by particle. So ``LANES`` pairs in a row are nearly
+# always one shape and particles that follow each other, and are decided together; where they are not, it is one pair at
+# a time, by the same operations.
 
 PAIRS_AT_ONCE = 16  # pairs that are decided together; divides ``kernels.CPU_BLOCK``
 
+# Of one pair: the hull ``b``, and the particle's ``x``, ``y``, ``z`` and radius ``r``.
+ONE_PAIR = """
+    const float size_ = fabsf(x) + fabsf(y) + fabsf(z);
+    const float way = b.reach + b.per_radius * fabsf(r) + b.per_coordinate * size_;
+    const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
+    const bool known = way <= b.margin;
+    const float radius_ = b.radius + b.grow_radius * way;
+    bool maybe = known && !(dx * dx + dy * dy + dz * dz > radius_ * radius_);
+    if (maybe) for (int k = 0; k < 3; ++k) {
+        const float* const u = b.axes.data[k];
+        const float t = u[0] * dx + u[1] * dy + u[2] * dz, bound = b.half[k] + b.grow[k] * way;
+        maybe = maybe && !(t > bound || -t > bound + (k == 2 ? b.below : 0.0f));
+    }
+"""
 _TEXT = """
 const int begin = block * size, end = begin + size < count ? begin + size : count;
 const int particles = rows.shape[0] / 4;
@@ -237,18 +180,8 @@ int found = 0;
 const auto ask_one = [&](int i) {
     const int p = pair[2 * i];
     const auto& b = hulls.data[pair[2 * i + 1]];
-    const float x = px[p], y = py[p], z = pz[p];
-    const float size_ = fabsf(x) + fabsf(y) + fabsf(z);
-    const float way = b.reach + b.per_radius * fabsf(pr[p]) + b.per_coordinate * size_;
-    const float dx = x - b.center[0], dy = y - b.center[1], dz = z - b.center[2];
-    const bool known = way <= b.margin;
-    const float radius = b.radius + b.grow_radius * way;
-    bool maybe = known && !(dx * dx + dy * dy + dz * dz > radius * radius);
-    if (maybe) for (int k = 0; k < 3; ++k) {
-        const float* const u = b.axes.data[k];
-        const float t = u[0] * dx + u[1] * dy + u[2] * dz, bound = b.half[k] + b.grow[k] * way;
-        maybe = maybe && !(t > bound || -t > bound + (k == 2 ? b.below : 0.0f));
-    }
+    const float x = px[p], y = py[p], z = pz[p], r = pr[p];
+    $one
     keep.data[i] = !known || (maybe && b.stays);
     asked.data[begin + found] = i;
     found += maybe && !b.stays;
@@ -297,7 +230,7 @@ left.data[block] = found;
 """  # noqa: E501
 
 
-@named("wb_ask_hulls").block_kernel(_TEXT.replace("LANES", str(PAIRS_AT_ONCE)))
+@named("wb_ask_hulls").block_kernel(fill(_TEXT.replace("LANES", str(PAIRS_AT_ONCE)), one=ONE_PAIR))
 def ask_hulls(
     pairs: wp.array(dtype=wp.vec2i),
     count: int,
@@ -333,7 +266,7 @@ def runs_of(pairs: np.ndarray) -> np.ndarray:
 # vector.
 #
 # Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
-# What it asks, and how that rounds, is what ``kernels.ask_distances`` does for one pair, on CUDA.
+# What it asks, and how that rounds, is what ``lists.ask_listed`` does for one pair, on CUDA.
 
 BLOCKS = 16  # blocks of pairs that a thread of the kernel goes through
 
@@ -385,7 +318,7 @@ if (m > 0) ask();
 
 @cache
 def ask_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
-    """The kernel of a bounder of this source; see module, and ``kernels.ask_distances``."""
+    """The kernel of a bounder of this source; see module, and ``lists.ask_listed``."""
     texts = texts_of(source) | {
         "lanes": fill(LANES, **source.width),
         "body": source.body(Lanes(vector=True)),
