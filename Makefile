@@ -47,22 +47,22 @@ refit: $(VENV)/.sims
 
 # sdist and wheel in dist/, looked into
 dist: $(VENV)/.dev
-	$(BIN)/python tests/release dist --out dist
+	$(BIN)/python tools/release dist --out dist
 
 # the wheel as a stranger would use it, in clean environments: of links to what is installed here, or of all that pip fetches
 release-check: $(VENV)/.dev
-	$(BIN)/python tests/release check
+	$(BIN)/python tools/release check
 
 release-check-full: $(VENV)/.dev
-	$(BIN)/python tests/release check --full
+	$(BIN)/python tools/release check --full
 
 # which versions each supported Python would get
 resolve: $(VENV)/.dev
-	$(BIN)/python tests/release resolve
+	$(BIN)/python tools/release resolve
 
 # a part of the tests with the lowest versions that are allowed, constraints-min.txt
 lowest: $(VENV)/.dev
-	$(BIN)/python tests/release lowest
+	$(BIN)/python tools/release lowest
 
 lint: $(VENV)/.lint
 	$(BIN)/ruff check .

@@ -127,6 +127,10 @@ def test_from_a_file_to_an_answer(ball, tmp_path, rng):
     values, exact = loaded.values(x).numpy(), loaded.reference(loaded.domain.to_local(x))
     seen = np.isfinite(values)
     assert np.abs(values[seen] - exact[seen]).max() <= loaded.rounding_bound() + loaded.domain.delta.sum()
+    whole = wb.fit(str(ball), method="diamond+obb", device="cpu")
+    assert whole.certificate.proven
+    parts = [part.query(x).numpy() for part in whole.parts]
+    assert (whole.query(x).numpy() == parts[0] & parts[1]).all()
     assert wb.evaluate(loaded, Ball([4.0, 3.5], 2.0), samples=10_000).fn == 0
     assert soak(loaded, str(ball), 20_000).missed is None
 
@@ -140,32 +144,6 @@ def test_its_option_is_checked_and_loosens_it(ball):
         wb.fit(str(ball), method="diamond", leaves=3)
     with pytest.raises(BounderError, match="diamond does not bound ray queries"):
         wb.fit(str(ball), "ray", "diamond")
-
-
-def test_in_a_cascade(ball, tmp_path, rng):
-    whole = wb.fit(str(ball), method="diamond+obb", device="cpu")
-    assert whole.certificate.proven
-    whole.save(tmp_path / "whole.safetensors")
-    loaded = wb.load(tmp_path / "whole.safetensors", device="cpu")
-    x = rng.uniform(0, 8, (20_000, 2)).astype(np.float32)
-    parts = [part.query(x).numpy() for part in loaded.parts]
-    assert (loaded.query(x).numpy() == parts[0] & parts[1]).all()
-    assert parts[0].sum() > 0 < parts[1].sum()
-
-
-def test_on_the_command_line(ball, tmp_path, capsys):
-    from warp_bounding.cli import main
-
-    def run(*arguments):
-        with pytest.raises(SystemExit) as end:
-            main(list(map(str, arguments)))
-        return end.value.code, capsys.readouterr().out
-
-    status, text = run("fit", ball, "-o", tmp_path / "b.safetensors", "--method", "diamond", "--slack", 0.25, "--json")
-    assert status == 0
-    assert json.loads(text)["certificate"]["proven"]
-    assert run("certify", tmp_path / "b.safetensors", ball)[0] == 0
-    assert "--slack" in run("fit", "--help")[1]
 
 
 def test_what_is_not_registered_is_not_known(ball, tmp_path):

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from scipy import spatial
 
-import warp_bounding as wb
-from warp_bounding import geometry as enclosing
 from warp_bounding.geometry import (
     GAP,
     connected_labels,
@@ -35,36 +33,6 @@ def test_around_a_box_the_ellipsoid_is_known(family, sides):
     assert 1 - 1e-9 <= 1 / np.linalg.det(matrix) / expected <= (1 + GAP) ** len(half)
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_of_scattered_cells_none_is_left_out_and_the_gap_is_proven(family, rng):
-    grid = IndicatorGrid(rng.random((9, 12, 10)) < 0.02)
-    points = extreme_corners(grid)
-    matrix, center = enclosing_of_points(extreme_corners(grid), family)
-    reach = (((points - center) @ matrix.T) ** 2).sum(axis=1)
-    assert reach.max() == pytest.approx(1, abs=1e-9)
-    # Any weights bound the optimum from below; those of all points at once come as near as the ellipsoid says.
-    weights = np.full(len(points), 1 / len(points))
-    _, shape, goal, _, closed = enclosing._enclose(points, weights, family, enclosing.MOST_STEPS)
-    assert closed
-    size = goal if family == "trace" else -np.linalg.slogdet(shape / goal)[1]
-    ours = np.linalg.det(matrix) ** (-2 / 3) if family == "trace" else -2 * np.linalg.slogdet(matrix)[1]
-    assert abs(ours / size - 1) < 3 * GAP if family == "trace" else abs(ours - size) < 9 * GAP
-
-
-@pytest.mark.parametrize("margin", [0.0, 1e-6, 0.1])
-@pytest.mark.parametrize("method", ["ellipsoid", "oriented-ellipsoid"])
-def test_a_sheet_has_a_thin_one(method, margin):
-    """No ellipsoid is flat; around a flat mesh, which cloth is at rest, it is about as thin as its dilation."""
-    turn = np.eye(3) if method == "ellipsoid" else np.array([[0.8, -0.36, 0.48], [0.6, 0.48, -0.64], [0, 0.8, 0.6]])
-    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]) @ turn.T
-    sheet = wb.IndicatorMesh(corners.astype(np.float32), [[0, 1, 2], [1, 2, 3]])
-    with pytest.warns(wb.BoundingWarning, match="the mesh is open"):
-        bounder = wb.fit(sheet, method=method, margin=margin, device="cpu")
-    assert bounder.certificate.proven
-    beside = corners.mean(axis=0) + np.array([[1], [-1]]) * (3 * margin + 1e-3) * turn[:, 2]
-    assert not bounder.query(beside.astype(np.float32)).numpy().any()
-
-
 NEAR = 1e-11  # relative: how much farther than the farthest place that an ascent finds the bound may lie
 
 
@@ -81,23 +49,16 @@ def best_place(centres: np.ndarray, matrix: np.ndarray) -> float:
     return best
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4])
+@pytest.mark.parametrize("n", [1, 3])
 @pytest.mark.parametrize("size", [1e-6, 0.3, 5.0])
 @pytest.mark.parametrize("diagonal", [True, False])
 def test_it_is_the_farthest_place_and_never_nearer(n, size, diagonal):
     rng = np.random.default_rng(n)
     centres, matrix = rng.normal(size=(20, n)), size * rng.normal(size=(n, n))
     matrix = np.diag(np.diag(matrix)) if diagonal else matrix
-    found, best = farthest(centres, matrix), best_place(centres, matrix)
-    assert best * (1 - 1e-15) <= found <= best * (1 + NEAR)
-
-
-def test_centres_on_an_axis_or_at_the_origin_are_no_special_case():
-    stretch = np.diag([3.0, 1.0, 1.0])  # the farthest places of a centre on another axis are not above it
-    for centre in ([0.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 2.0, 0.0], [1.0, 0.0, 0.0]):
-        centres = np.array([centre])
-        best = best_place(centres, stretch)
-        assert best * (1 - 1e-15) <= farthest(centres, stretch) <= best * (1 + NEAR)
+    for some in (centres, np.zeros((1, n)), np.eye(n)[-1:]):  # also at the origin and on an axis
+        found, best = farthest(some, matrix), best_place(some, matrix)
+        assert best * (1 - 1e-15) <= found <= best * (1 + NEAR)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.1, 0.3, 0.7])
@@ -119,36 +80,26 @@ def test_labels_are_those_of_a_plain_flood(cells, share, rng):
     assert len({*zip(labels, flood, strict=True)}) == len({*labels}) == len({*flood})
 
 
-def ball(ndim, size):
-    t = np.stack(np.meshgrid(*[np.arange(size) - (size - 1) / 2] * ndim, indexing="ij"))
-    return np.argwhere((t * t).sum(axis=0) < (size / 2) ** 2)
-
-
 def all_corners(cells):
     return np.unique((cells[:, None] + list(np.ndindex((2,) * cells.shape[1]))).reshape(-1, cells.shape[1]), axis=0)
 
 
+@pytest.mark.parametrize("careless", [False, True])
 @pytest.mark.parametrize(("ndim", "size"), [(1, 9), (2, 40), (3, 16), (4, 9)])
-def test_hull_corners_support_in_every_direction(ndim, size, rng):
-    cells = ball(ndim, size)
+def test_hull_corners_support_in_every_direction(ndim, size, careless, rng, monkeypatch):
+    """Corners that Qhull drops stay unless integers say that they are inside."""
+    honest, t = spatial.ConvexHull, np.indices((size,) * ndim) - (size - 1) / 2
+    cells = np.argwhere((t * t).sum(axis=0) < (size / 2) ** 2)
     cells = cells[rng.random(len(cells)) < 0.8]
+
+    def some_lost(points):
+        hull = honest(points[::3])
+        return SimpleNamespace(simplices=hull.simplices * 3, neighbors=hull.neighbors)
+
+    if careless:
+        monkeypatch.setattr(spatial, "ConvexHull", some_lost)
     corners, kept = all_corners(cells), hull_corners(cells)
     directions = rng.integers(-9, 10, (3000, ndim))  # integers: exact, and many ties
     np.testing.assert_array_equal((directions @ kept.T).max(axis=1), (directions @ corners.T).max(axis=1))
     assert {*map(tuple, kept.tolist())} <= {*map(tuple, corners.tolist())}
-    assert ndim == 1 or len(kept) < len(corners)
-
-
-def test_a_hull_that_lost_a_corner_is_mended(rng, monkeypatch):
-    """Corners that Qhull drops stay unless integers say that they are inside."""
-    cells, honest = ball(3, 14), spatial.ConvexHull
-    corners = all_corners(cells)
-
-    def careless(points):
-        hull = honest(points[::3])
-        return SimpleNamespace(simplices=hull.simplices * 3, neighbors=hull.neighbors)
-
-    monkeypatch.setattr(spatial, "ConvexHull", careless)
-    kept = hull_corners(cells)
-    directions = rng.integers(-9, 10, (3000, 3))
-    np.testing.assert_array_equal((directions @ kept.T).max(axis=1), (directions @ corners.T).max(axis=1))
+    assert careless or ndim == 1 or len(kept) < len(corners)

@@ -18,21 +18,10 @@ DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / 
 SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in READERS) if DATA.is_dir() else []
 CLOSED = [name for name, kind in METHODS.items() if kind.exact_on_cells]
 
-FEW = {"2D-star1", "3D-bunny"}  # the others need --slow
 
-
-def cases():
-    ids = [f"{p.parent.name}-{p.stem}" for p in SHAPES]
-    return [
-        pytest.param(p, id=name, marks=() if name in FEW else pytest.mark.slow)
-        for p, name in zip(SHAPES, ids, strict=True)
-    ]
-
-
-pytestmark = pytest.mark.skipif(not SHAPES, reason=f"the paper's shapes are not in {DATA}; set WARP_BOUNDING_DATA")
-
-
-@pytest.mark.parametrize("path", cases())
+@pytest.mark.slow
+@pytest.mark.skipif(not SHAPES, reason=f"the paper's shapes are not in {DATA}; set WARP_BOUNDING_DATA")
+@pytest.mark.parametrize("path", SHAPES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_closed_forms(path):
     grid = wb.load_indicator(path)
     rates, sizes = {}, {}

@@ -2,20 +2,17 @@
 with them."""
 
 import copy
-import multiprocessing
 import pickle
 from functools import cache
 
 import numpy as np
 import pytest
 import torch
-import warp as wp
-from asked_functions import QUERIES, bounders
 from bounding_shapes import fitted, shape
 from distances import far, thing
 
 import warp_bounding as wb
-from warp_bounding.bounders import DISTANCES, METHODS
+from warp_bounding.bounders import METHODS
 from warp_bounding.errors import IndicatorError
 from warp_bounding.indicators.shape import Shape
 
@@ -81,15 +78,10 @@ def test_every_method(copied, method, rng):
     check_bounder(copied, bounder, lambda b: b.values(x).numpy())
 
 
-@pytest.mark.parametrize("query", QUERIES)
-def test_every_query(copied, query, rng):
-    for bounder in bounders(query, "cpu").values():  # also cascades
-        x = rng.random((500, bounder.domain.columns), np.float32)
-        check_bounder(copied, bounder.to("cpu"), lambda b, x=x: b.values(x).numpy())
-
-
-@pytest.mark.parametrize("method", DISTANCES)
-def test_every_distance(copied, method, rng):
+@pytest.mark.parametrize(
+    "method", ["bvh", "mlp", "distance-grid"]
+)  # the others are volumes without tensors of their own
+def test_distances(copied, method, rng):
     x = thing("blob").lower + rng.random((500, 3)) * 2
     check_bounder(copied, far(method, "blob").to("cpu"), lambda b: b.distance(x.astype(np.float32)).numpy())
 
@@ -97,20 +89,14 @@ def test_every_distance(copied, method, rng):
 def test_compositions(copied, rng, tmp_path):
     box, volume = fitted("aabb", "c"), fitted("kdop", "c")
     x = rng.random((500, 2), np.float32)
-    tree = wb.hierarchy(shape("c"), method="kdop", levels=1, device="cpu", progress=False)
-    for bounder in (wb.union(box, volume), wb.cascade(box, tree), tree):
+    for bounder in (wb.union(box, volume), wb.cascade(box, wb.union(box, volume))):
         check_bounder(copied, bounder, lambda b: b.query(x).numpy())
-    inner = wb.fit(shape("c"), side="inside", hidden=(8,), steps=3, device="cpu", progress=False)
-    both, stack = wb.two_sided(box, inner), wb.BounderStack([box, volume])
+    stack, numbers = wb.BounderStack([box, volume]), np.arange(500) % 2
     box.save(tmp_path / "box.safetensors")
-    library, numbers = wb.BounderLibrary(tmp_path, device="cpu"), np.arange(500) % 2
+    library = wb.BounderLibrary(tmp_path, device="cpu")
     for _ in range(2):  # before and after use
-        assert (copied(both).classify(x).numpy() == both.classify(x).numpy()).all()
         assert (copied(stack).query(numbers, x).numpy() == stack.query(numbers, x).numpy()).all()
-        again = copied(library)
-        assert again["box"].query(x).numpy().tobytes() == library["box"].query(x).numpy().tobytes()
-        assert (again.query_pairs(0 * numbers, x).numpy() == library.query_pairs(0 * numbers, x).numpy()).all()
-        _ = both.func
+        assert copied(library)["box"].query(x).numpy().tobytes() == library["box"].query(x).numpy().tobytes()
 
 
 def star(x: np.ndarray) -> np.ndarray:
@@ -176,26 +162,3 @@ def test_a_function_that_cannot_be_pickled_is_one_error():
     with pytest.raises(IndicatorError, match=r"^function: contains cannot be pickled .*define it in a module"):
         pickle.dumps(local)
     assert copy.deepcopy(local).contains(np.zeros((1, 2))) == local.contains(np.zeros((1, 2)))
-
-
-def test_arms_and_their_parts_stay_read_only(copied):
-    arm = copied(_arm().arm)
-    assert not any(array.flags.writeable for array in arrays_in(arm, {}, set()).values())
-
-
-def in_a_process(bounder, solid, x: np.ndarray, answer) -> None:
-    answer.put((bounder.query(x).numpy(), solid.contains(x), wp.config.log_level))
-
-
-def test_another_process_answers_the_same(rng):
-    """A spawned process gets a network and a shape after use, and gives the same answers."""
-    bounder, solid = fitted("mlp", "c"), SHAPES["distance"]()
-    x = rng.random((500, 2), np.float32)
-    here = bounder.query(x).numpy(), solid.contains(x)
-    context = multiprocessing.get_context("spawn")
-    answer = context.Queue()
-    process = context.Process(target=in_a_process, args=(bounder, solid, x, answer))
-    process.start()
-    there = answer.get(timeout=120)
-    process.join()
-    assert all((a == b).all() for a, b in zip(here, there[:2], strict=True))

@@ -14,7 +14,7 @@ from region_cases import cases
 from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
-from warp_bounding.bounders import METHODS
+from warp_bounding.bounders import METHODS, Cascade, Union
 from warp_bounding.bounders.mlp import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local, Mlp, MonotoneMlp, Occupancy
 from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.certificates import Certificate
@@ -97,14 +97,6 @@ def test_a_fit_is_proven_part_by_part_and_no_looser(case, tmp_path):
     assert wb.certify(again, grid).proven
 
 
-def test_a_shape_without_cells():
-    ball = wb.solids.Sphere((0.1, 0.2, 0.3), 0.4)
-    bounder = wb.fit(ball, hidden=(8,), steps=200, thresholds=27, device="cpu", progress=False)
-    assert bounder.certificate.proven
-    assert wb.certify(bounder, ball).proven
-    assert wb.evaluate(bounder, ball, samples=20_000).fn == 0
-
-
 def relevelled(bounder: Local, levels: np.ndarray) -> Local:
     """The same bounder at other levels."""
     words = np.pad(levels, (0, -len(levels) % 4)).view(np.uint32)
@@ -129,32 +121,6 @@ def test_a_part_that_denies_a_part_of_the_object_is_found_out():
         certificate = wb.certify(lying, grid)
         assert certificate.kind == "refuted"
         assert grid.contains(np.float64([certificate.counterexample])).all()
-
-
-@pytest.mark.parametrize("name", list(CLOSE))
-def test_pieces_cover_a_box_and_lie_in_one_part_each(name, rng):
-    lattice = some_local(name).lattice
-    n = len(lattice.shape)
-    lower = rng.uniform(-1, 1, (300, n))
-    upper = lower + rng.uniform(0, 1, (300, n)) * (rng.random((300, 1)) < 0.9)
-    for k, axis in enumerate(lattice.edges):  # boxes that begin and end on edges
-        upper[k::7, k] = np.maximum(rng.choice(axis, len(upper[k::7])), lower[k::7, k])
-        lower[k::5, k] = np.minimum(rng.choice(axis, len(lower[k::5])), upper[k::5, k])
-    low, high, owner = lattice.cut(lower, upper)
-    assert (low <= high).all()
-    assert (low >= lower[owner]).all()
-    assert (high <= upper[owner]).all()
-    for share in (0.0, 0.3, 1.0):
-        v = lower + share * (upper - lower)
-        v = np.where(share == 1.0, upper, v)
-        parts = lattice.place(v)
-        held = [
-            ((low <= p) & (high >= p)).all(axis=1)[owner == i] & (lattice.place(low)[owner == i] == part)
-            for i, (p, part) in enumerate(zip(v, parts, strict=True))
-        ]
-        assert all(each.any() for each in held)  # each point lies in a piece that counts to the point's part
-    inside = low + 0.5 * (high - low)
-    assert (lattice.place(inside) == lattice.place(low)).all()
 
 
 @pytest.mark.parametrize("name", list(CLOSE))
@@ -205,7 +171,8 @@ def test_numbers_that_no_fit_writes_are_refused(change, message):
 def test_cuda_source_compiles(tmp_path):
     if not hasattr(wp, "compile_aot_module"):
         pytest.skip("this Warp cannot compile ahead of time")
-    check_compiles(batch_kernel(some_local("blob").source, False, False), tmp_path)
+    parts = [Cascade.of([fitted("aabb", "blob"), some_local("blob")]), fitted("kdop", "blob")]
+    check_compiles(batch_kernel(Union.of(parts).source, False, False), tmp_path)
 
 
 REGIONS = {"ray": {"length": 0.6}, "box": {}}
@@ -451,20 +418,6 @@ def test_grants_are_told_in_turn_on_every_path(case, device):
     assert (ask(bounder, x) == answers)[~near].all()
 
 
-@pytest.mark.parametrize("case", ["points", "points-2d"])
-def test_grants_lower_f_nowhere(case, rng):
-    (without, _), bounder = early(case, "cpu"), granting(case, "cpu")
-    limit = bounder.domain.limit.astype(np.float64)
-    v = rng.uniform(-limit, limit, (5000, len(limit)))
-    f, before = bounder.reference(v), without.reference(v)
-    assert (f >= before).all()
-    assert (f == GRANTED).any()
-    lower, upper = np.maximum(v - 1e-3, -limit), np.minimum(v + 1e-3, limit)
-    bounds = bounder.bound(lower, upper)
-    assert (bounds.lower <= f).all()
-    assert (bounds.value == bounder.reference(bounds.point)).all()
-
-
 def test_grants_in_unions_and_cascades(device):
     (without, x), bounder = early("points", device), granting("points", device)
     ball = METHODS["sphere"].fit(shape("blob"), bounder.domain, device=device)
@@ -477,7 +430,20 @@ def test_grants_in_unions_and_cascades(device):
     ):
         assert (expected != differs).any()
         assert (whole.query(x).numpy() == expected).all()
-        assert (ask(whole, x) == expected).mean() > 0.99
+
+
+@pytest.mark.parametrize("case", ["points", "points-2d"])
+def test_grants_lower_f_nowhere(case, rng):
+    (without, _), bounder = early(case, "cpu"), granting(case, "cpu")
+    limit = bounder.domain.limit.astype(np.float64)
+    v = rng.uniform(-limit, limit, (5000, len(limit)))
+    f, before = bounder.reference(v), without.reference(v)
+    assert (f >= before).all()
+    assert (f == GRANTED).any()
+    lower, upper = np.maximum(v - 1e-3, -limit), np.minimum(v + 1e-3, limit)
+    bounds = bounder.bound(lower, upper)
+    assert (bounds.lower <= f).all()
+    assert (bounds.value == bounder.reference(bounds.point)).all()
 
 
 def test_parts_that_do_not_fit_together():
@@ -586,33 +552,18 @@ def test_devices_stay_within_the_rounding_bound(activation, device, rng):
     v = ((q.reshape(-1, 3) - base.center) * base.scale).reshape(-1, 6).astype(np.float64)
     values = bounder.values(q).numpy()
     assert np.abs(values - bounder.reference(v)).max() <= bounder.rounding_bound()
-    answers, expected = wp.empty(len(q), dtype=wp.uint8, device=device), values >= 0.3
-    bounder.freeze(0.3, None).query(q, out=answers)
-    assert (answers.numpy() == expected).all()
+    assert (bounder.freeze(0.3, None).query(q).numpy() == (values >= 0.3)).all()
 
 
 @pytest.mark.parametrize(("name", "activation"), [("c", "relu"), ("blob", "tanh")])
-def test_no_box_is_missed(name, activation, rng):
-    grid = shape(name)
-    q, truth = cases("box", grid, rng)
-    for seed in range(2):
-        bounder = random_monotone(grid, activation=activation, seed=seed)
-        prove(bounder, grid)
-        assert bounder.query(q).numpy()[truth].all()
-
-
-def test_files_come_back_and_hand_edited_ones_do_not(tmp_path, rng):
-    grid, path = shape("c"), tmp_path / "c.safetensors"
-    bounder = random_monotone(grid, (5, 4), dense=True)
-    prove(bounder, grid)
+def test_no_box_is_missed_and_a_wrong_sign_in_a_file_is_refused(name, activation, tmp_path, rng):
+    bounder, path = random_monotone(shape(name), activation=activation), tmp_path / "m.safetensors"
+    q, truth = cases("box", shape(name), rng)
+    prove(bounder, shape(name))
     bounder.save(path)
-    twin = wb.load(path, device="cpu")
-    assert type(twin) is MonotoneMlp
-    assert twin.certificate == bounder.certificate
-    assert twin.certificate.proven
-    q = cases("box", grid, rng)[0]
-    assert (twin.query(q).numpy() == bounder.query(q).numpy()).all()
-    held = {k: t.copy() for k, t in bounder.tensors.items()}
-    held["layers.0.weight"][0, 0] *= -1
-    rewrite(path, lambda document: None, held)
+    again = wb.load(path, device="cpu")
+    assert again.certificate == bounder.certificate
+    assert again.query(q).numpy()[truth].all()
+    name, index = "layers.0.weight", tuple(np.argwhere(bounder.tensors["layers.0.weight"])[0])
+    rewrite(path, lambda document: None, spoilt(bounder, name, index, -bounder.tensors[name][index]))
     check_refused(path, "wrong sign")

@@ -9,7 +9,6 @@ from asking import ask
 from bounding_shapes import crossed, shape
 from region_cases import REGIONS, VOLUMES, cases, fitted_region
 
-from warp_bounding.bounders import supports
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import TOOLS
 from warp_bounding.kernels.source import Lanes
@@ -41,19 +40,14 @@ def test_no_false_negative(method, query, name, device):
     assert not np.isnan(f).any()
     missed = truth & (f < bounder.threshold)
     assert not missed.any(), q[missed][:3]
-
-
-@pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", KINDS)
-def test_worth_something(method, query):
-    """On an object that fills little of its domain, and with the object's own box as the coarsest measure."""
-    q, truth = known("animated", query)
-    answers = made(method, "animated", query).values(q).numpy() >= made(method, "animated", query).threshold
-    assert answers[:6000].mean() < 1.0 or (query == "plane" and method in ("sphere", "ellipsoid"))
-    if method in ("obb", "kdop", "bvh"):
-        box = made("aabb", "animated", query).values(q).numpy() >= 0
-        assert answers[:6000].mean() <= box[:6000].mean() + 0.1
-    assert (answers >= truth).all()
+    if name == "animated" and method in ("obb", "kdop", "bvh"):  # fills little of its domain: not looser than a box
+        box = made("aabb", name, query).values(q[:6000]).numpy() >= 0
+        assert (f[:6000] >= bounder.threshold).mean() <= box.mean() + 0.1
+    if name == "blob" and method in ("kdop", "bvh"):
+        batch, alone = bounder.query(q).numpy(), ask(bounder, q)
+        assert alone[truth].all()
+        assert batch[truth].all()
+        assert (alone != batch).sum() <= 20  # regions that graze the volume
 
 
 @cache
@@ -116,7 +110,7 @@ def random_coordinates(domain, rng: np.random.Generator, count: int) -> tuple[np
 
 @pytest.mark.parametrize(
     ("method", "name"),
-    [(m, "blob") for m in KINDS] + [("kdop", "c"), ("oriented-ellipsoid", "c")],
+    [*((m, "blob") for m in KINDS), ("oriented-ellipsoid", "c")],
 )
 @pytest.mark.parametrize("query", REGIONS)
 def test_rounding_bound(method, query, name, device, rng):
@@ -151,29 +145,8 @@ def test_rounding_bound(method, query, name, device, rng):
         assert (np.abs(f - exact) <= error).all()
 
 
-@pytest.mark.parametrize("query", REGIONS)
-@pytest.mark.parametrize("method", ["kdop", "bvh"])
-def test_function_in_a_kernel(method, query, device):
-    """The same answers as the batch path but for rounding: both within the bound, both without false negatives."""
-    bounder = made(method, "blob", query).to(device)
-    q, truth = known("blob", query)
-    batch, alone = bounder.query(q).numpy().astype(bool), ask(bounder, q).astype(bool)
-    assert (alone >= truth).all()
-    assert (batch >= truth).all()
-    assert (alone != batch).sum() <= 20  # regions that graze the volume
-
-
 def test_a_volume_that_does_not_hold_the_object():
     bounder = made("aabb", "c", "box")
     smaller = type(bounder)(bounder.domain, {k: t * np.float32(0.9) for k, t in bounder.tensors.items()}, {}, "cpu")
     with pytest.raises(BounderError, match="do not hold all of the object"):
         smaller.least(shape("c"))
-
-
-def test_what_is_supported():
-    for method in VOLUMES:
-        for query in REGIONS:
-            assert supports(method, query, 3)
-            assert not supports(method, query, 1)
-    assert not supports("kdop", "plane", 7)
-    assert supports("kdop", "box", 7)

@@ -7,21 +7,19 @@ batches, in the world, and one by one by the function for other kernels. Some pr
 besides.
 """
 
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import numpy as np
-import warp as wp
+from asking import ask
 from bounding_shapes import object_points
 from region_cases import hard_regions
 
-from warp_bounding.bounders import Bounder, Data
+from warp_bounding.bounders import Bounder
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.functions import point_func
 from warp_bounding.proof.stress import DistancePositives, HardStream, Missed, Walk
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives
-from warp_bounding.runtime.native import vector_type
 
 STEPS = 12  # of a walk
 
@@ -77,7 +75,7 @@ def attack(
             late = shape.upper[0] + np.exp2(rng.uniform(-20, 20, len(held)))
             held[::3, 0] = np.nextafter(late.astype(np.float32), np.float32(np.inf))[::3]
         near = _regions_through(query, held, rng, float(shape.extent.max()))
-    answers = {"float32": bounder.query(near).numpy()} | ({} if quick else {"function": _ask(bounder, near)})
+    answers = {"float32": bounder.query(near).numpy()} | ({} if quick else {"function": ask(bounder, near)})
     for form, answer in answers.items():
         missed, asked = np.flatnonzero(answer == 0), asked + len(near)
         if len(missed):
@@ -129,40 +127,3 @@ def _near(query: str, grid: IndicatorGrid, length: float, number: int, count: in
         return object_points(grid, rng, count)
     x = hard_regions(query, grid, rng, length, count)
     return x[oracle(query, grid, "cpu", length)(x)]
-
-
-@cache
-def _asking_points(source) -> wp.Kernel:
-    """A kernel as a user would write it."""
-    test, vector = point_func(source), vector_type(source.ndim)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def ask_points(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
-        if test(data, q[i]):
-            answer[i] = wp.uint8(1)
-
-    return ask_points
-
-
-@cache
-def _asking_regions(source) -> wp.Kernel:
-    test, vector = point_func(source), vector_type(source.ndim)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def ask_regions(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
-        if test(data, a[i], b[i]):
-            answer[i] = wp.uint8(1)
-
-    return ask_regions
-
-
-def _ask(bounder: Bounder, x: np.ndarray) -> np.ndarray:
-    """Answers of ``bounder.func`` inside a user's kernel."""
-    answer, n = wp.zeros(len(x), dtype=wp.uint8, device="cpu"), bounder.ndim
-    parts = [np.ascontiguousarray(x[:, k : k + n]) for k in range(0, x.shape[1], n)]
-    arrays = [wp.array(part, dtype=vector_type(n), device="cpu") for part in parts]
-    kernel = (_asking_points if bounder.query_kind == "point" else _asking_regions)(bounder.source)
-    wp.launch(kernel, len(x), [bounder.data, *arrays], [answer], device="cpu")
-    return answer.numpy()

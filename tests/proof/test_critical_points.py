@@ -11,7 +11,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-import warp as wp
+from asking import ask
 from bounding_shapes import random_mlp, shape
 from fused_activations import fused_sine, fused_tanh
 from random_networks import random_monotone, random_network, random_supports
@@ -19,12 +19,10 @@ from random_networks import random_monotone, random_network, random_supports
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.kernels.functions import Data
 from warp_bounding.networks import tensor_cores
 from warp_bounding.proof import least_value, settle
 from warp_bounding.proof.stress import Walk, queries_at
 from warp_bounding.queries import oracle
-from warp_bounding.runtime.native import vector_type
 
 F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights
@@ -115,31 +113,6 @@ def float32_affine(h: np.ndarray, weight: np.ndarray, bias: np.ndarray, how: str
         terms = terms[..., ::2] + terms[..., 1::2]
     terms = np.sort(terms, axis=2) if how == "sorted" else terms
     return np.add.accumulate(terms, axis=2)[..., -1]  # one after the other
-
-
-@cache
-def asking_kernel(test, vector, region: bool) -> wp.Kernel:
-    """A kernel as a user would write it."""
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def ask_points(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
-        answer[wp.tid()] = test(data, q[wp.tid(), 0])
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def ask_regions(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
-        answer[wp.tid()] = test(data, q[wp.tid(), 0], q[wp.tid(), 1])
-
-    return ask_regions if region else ask_points
-
-
-def ask(bounder, q: np.ndarray) -> np.ndarray:
-    """Answers of ``bounder.func`` inside a user's kernel."""
-    vector, device = vector_type(bounder.ndim), bounder.device
-    halves = wp.array(q.reshape(len(q), -1, bounder.ndim), dtype=vector, device=device)
-    kernel = asking_kernel(bounder.func, vector, halves.shape[1] > 1)
-    answer = wp.zeros(len(q), dtype=wp.bool, device=device)
-    wp.launch(kernel, len(q), [bounder.data, halves], [answer], device=device)
-    return answer.numpy()
 
 
 def moved(bounder, q: np.ndarray, rotated, shift, factors, back: bool = False) -> np.ndarray:

@@ -15,7 +15,7 @@ from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
 from warp_bounding.queries.region_domain import domain_of
 
-CASES = [("mlp", "c"), ("mlp", "blob"), ("mlp-early", "blob"), ("local", "blob"), ("mlp-early|mlp&local", "blob")]
+CASES = [("mlp", "c"), *((m, "blob") for m in ("mlp", "mlp-early", "local", "mlp-early|mlp&local", "kdop", "bvh"))]
 
 
 @cache
@@ -26,6 +26,8 @@ def fitted(method: str, name: str) -> wb.Bounder:
     hidden = EARLY if method == "mlp-early" else HIDDEN
     if method == "local":
         return wb.fit(shape(name), hidden=hidden, steps=100, thresholds=20, device="cpu")
+    if not method.startswith("mlp"):
+        return hardly_fitted(method, name)
     return wb.fit(shape(name), method=method, hidden=hidden, steps=100, device="cpu")
 
 
@@ -104,53 +106,6 @@ def test_bounds_along_segments_hold(activation, octaves, rng):
         points = a + (t[:, [0]] + share * (t[:, [1]] - t[:, [0]])) * w
         assert (-bounder.reference(points) >= lower).all()
     assert (lower > -np.inf).all()
-
-
-def test_a_network_that_is_linear_is_followed_to_its_threshold(rng):
-    """``f = relu(-x - 0.1 ...)``: the half-space that is denied is known, and all segments in it but the closest are
-    cleared."""
-    grid = shape("c")
-    domain = domain_of(grid, "point")
-    tensors = {"layers.0.weight": np.float32([[1.0, 0.0]]), "layers.0.bias": np.float32([4.0])}
-    tensors |= {"layers.1.weight": np.float32([[1.0]]), "layers.1.bias": np.float32([0.0])}
-    bounder = Mlp(domain, tensors, {"hidden": [1], "activation": "relu", "octaves": 0}, "cpu")
-    prove(bounder, grid)
-    starts, ends = segments(grid, 5000, rng)
-    v = [domain.to_local(x)[:, 0] + 4.0 for x in (starts, ends)]
-    denied = np.maximum(*v) < float(bounder.threshold) - 1e-5
-    assert wb.clear_segments(bounder, starts, ends)[denied].all()
-    assert denied.sum() > 50
-
-
-def waves(grid: IndicatorGrid) -> wb.Bounder:
-    """``f = sin(9 x) - 3``, below which everything is denied: any halving of a long segment brings its bound nearer."""
-    domain = domain_of(grid, "point")
-    tensors = {"layers.0.weight": np.float32([[9.0, 0.0]]), "layers.0.bias": np.float32([0.0])}
-    tensors |= {"layers.1.weight": np.float32([[1.0]]), "layers.1.bias": np.float32([-3.0])}
-    bounder = Mlp(domain, tensors, {"hidden": [1], "activation": "sin", "octaves": 0}, "cpu")
-    return bounder.freeze(-1.9, None)
-
-
-def test_more_depth_clears_more(rng):
-    grid = shape("c")
-    bounder = waves(grid)
-    starts, ends = segments(grid, 5000, rng)
-    shares = [wb.clear_segments(bounder, starts, ends, depth=depth) for depth in (0, 3, 8)]
-    assert (shares[0] <= shares[1]).all()
-    assert (shares[1] <= shares[2]).all()
-    assert shares[2].sum() > shares[0].sum()
-
-
-def test_points_agree_with_queries(rng):
-    """A segment without a length is a point: cleared only if f is under the threshold by more than rounding, and then
-    always."""
-    bounder, grid = fitted("mlp", "blob"), shape("blob")
-    x = (grid.lower + rng.random((5000, grid.ndim)) * (grid.upper - grid.lower)).astype(np.float32)
-    clear = wb.clear_segments(bounder, x, x)
-    f = bounder.reference(bounder.domain.to_local(x)) - float(bounder.threshold)
-    room = bounder.rounding_bound() + 1e-6
-    assert clear[f < -room].all()
-    assert not clear[f > room].any()
 
 
 def test_bad_input():

@@ -26,7 +26,7 @@ from warp_bounding.proof import (
     soak,
     try_positives,
 )
-from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, queries_at, random_world
+from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
 
@@ -49,18 +49,14 @@ def test_every_hard_query_is_a_positive(query, name, device):
     assert certain.mean() > 0.95
     assert np.isfinite(x).all()
     assert oracle(query, shape(name), "cpu", LENGTH)(x[certain]).all()
+    if name in ("c", "mesh"):
+        x, certain = drawn(query, name, "float64", 2000)
+        assert (x != x.astype(np.float32)).any()
+        assert certain.mean() > 0.9
+        assert QUERIES[query].truth(shape(name), x[certain][:300], LENGTH).all()
 
 
-@pytest.mark.parametrize("name", ["c", "mesh"])
-@pytest.mark.parametrize("query", QUERY_KINDS)
-def test_every_query_in_float64_is_a_positive(query, name):
-    x, certain = drawn(query, name, "float64", 2000)
-    assert (x != x.astype(np.float32)).any()
-    assert certain.mean() > 0.9
-    assert QUERIES[query].truth(shape(name), x[certain][:300], LENGTH).all()
-
-
-@pytest.mark.parametrize("name", ["c", "blob", "animated"])
+@pytest.mark.parametrize("name", ["c", "animated"])
 @pytest.mark.parametrize("query", ["point", "ray", "plane"])
 def test_every_query_in_the_world_is_a_positive(query, name):
     """Moved back in float64, and looked for in the object by the oracle, which has to forgive that rounding."""
@@ -115,20 +111,6 @@ def test_fresh_positives_are_positive_enough_and_as_they_are_described(query, na
 
     assert outside(parts[0]) > 0.05
     assert query == "plane" or outside(next(draw_positives(query, grid, 9, 3, "cpu", 1.0, outside=False))) == 0.0
-    if query != "box":  # directions of any length
-        length = np.linalg.norm((parts[0][:, n:] if query == "ray" else parts[0][:, :n]).astype(np.float64), axis=1)
-        assert length.max() > 8
-        assert length.min() < 1 / 8
-
-
-@pytest.mark.parametrize("query", REGIONS)
-def test_positives_of_an_object_that_is_hardly_ever_met(query):
-    """Few uniform queries meet it; one does not wait for half a million of them."""
-    occupancy = np.zeros((64, 64, 64), dtype=bool)
-    occupancy[30, 31, 32] = True
-    parts = [len(part) for part in draw_positives(query, IndicatorGrid(occupancy), 200_000, 0, "cpu", 1.0)]
-    assert len(parts) < 6
-    assert sum(parts) >= 200_000
 
 
 # --- the statistical test --------------------------------------------------------------------------------------------
@@ -166,8 +148,18 @@ def fitted(query):
     return copy.freeze(float(made.threshold), made.certificate)
 
 
-def test_the_time_allowed_is_kept(ticking):
+def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be_proven(ticking):
     bounder, grid = fitted("box"), shape("c")
+    proven = float(bounder.threshold)
+    high = proven + 0.5 * abs(proven) + 1.0
+    certificate = attest(bounder, grid, least=high, room=0.0, count=100_000, seed=4)
+    assert certificate.restarts > 0
+    assert certificate.fn_rate_bound == fn_rate_bound(certificate.samples, attempt_confidence(certificate.restarts))
+    assert bounder.threshold < high
+    assert try_positives(bounder, grid, 300_000, 99)[2] is None or certificate.worst_margin < 1e-2
+    assert attest(bounder, grid, least=proven + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
+    assert bounder.threshold <= proven
+    assert certify(bounder, grid).proven
     assert try_positives(bounder, grid, 1_000_000, 1, seconds=0.0) == (0, np.inf, None)
     clock = ticking(0.05)
     done, _, missed = try_positives(bounder, grid, 10**9, 1, seconds=0.5)
@@ -193,24 +185,6 @@ def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
     assert certify(again, shape("c")).kind == "statistical"
     with pytest.raises(BounderError, match="no proof"):
         prove(bounder, shape("c"))
-
-
-def test_what_was_only_sampled_may_be_proven_later():
-    bounder = fitted("ray")
-    threshold = float(bounder.threshold)
-    assert attest(bounder, shape("c"), least=threshold + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
-    assert bounder.threshold <= threshold
-    assert certify(bounder, shape("c")).proven
-
-
-def test_a_threshold_that_starts_too_high_is_lowered_until_none_is_missed():
-    bounder = fitted("box")
-    high = float(bounder.threshold) + 0.5 * abs(float(bounder.threshold)) + 1.0
-    certificate = attest(bounder, shape("c"), least=high, room=0.0, count=100_000, seed=4)
-    assert certificate.restarts > 0
-    assert certificate.fn_rate_bound == fn_rate_bound(certificate.samples, attempt_confidence(certificate.restarts))
-    assert bounder.threshold < high
-    assert try_positives(bounder, shape("c"), 300_000, 99)[2] is None or certificate.worst_margin < 1e-2
 
 
 def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
@@ -245,24 +219,6 @@ def test_a_walk_goes_down_over_positives(query):
     negatives = np.tile(grid.upper + 9.0, len(x[0]) // 2 or 1).astype(np.float32)[None]
     if query in ("point", "box"):
         assert len(Walk(network, grid).around(negatives)[0]) == len(Walk(network, grid).down(negatives)[0]) == 0
-
-
-@pytest.mark.parametrize("query", ["point", "ray", "plane"])
-def test_a_proofs_points_are_queries(query):
-    grid, network = shape("c"), walked(query).to("cpu")
-    search = prove(network, grid, eps=1e-2)
-    if query == "ray":
-        n, stretch = grid.ndim, network.domain.stretch
-        v = network.domain.to_local(next(draw_positives("ray", grid, 64, 6))[:64])
-        t = np.linspace(0, 1, len(v))[:, None]
-        z = np.concatenate([v[:, :n] + t * v[:, n:], t, 3 * v[:, n:] / stretch], axis=1)  # p, t and a direction
-        np.testing.assert_allclose(queries_at(network, grid, z), network.domain.to_object(v), atol=1e-6)
-        with pytest.raises(BounderError, match="4 coordinates, got 3"):
-            queries_at(network, grid, z[:, :3])
-    found, values = Walk(network, grid).around(queries_at(network, grid, search.worst))
-    assert len(found)
-    assert values[0] >= network.threshold
-    assert values[0] == pytest.approx(search.upper_bound, abs=0.05 * (1 + abs(search.upper_bound)))
 
 
 # --- the stress test -------------------------------------------------------------------------------------------------
@@ -324,11 +280,6 @@ def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
     assert raised.query(x, **options).numpy()[0] == 0
 
 
-def test_another_shape_is_caught():
-    other = IndicatorGrid(~shape("blob").occupancy)
-    assert soak(made("voxels", "point"), other, CHUNK, seed=1).missed is not None
-
-
 def test_it_goes_on_where_it_stopped(tmp_path):
     bounder, grid, state = made("aabb", "box"), shape("blob"), tmp_path / "state.json"
     first = soak(bounder, grid, 2 * CHUNK - 1000, seed=11, state=state)
@@ -350,21 +301,7 @@ def test_it_goes_on_where_it_stopped(tmp_path):
             soak(*asked[:2], 1000, seed=asked[2], state=state)
 
 
-DAMAGED = [{"done": -1}, {"done": 5}, {"forms": {}}, {"seconds": None}, {"more": 1}, {"soak": 1}, {"soak": None}]
-
-
 def test_a_state_that_is_damaged_or_of_another_version_is_refused_and_kept(tmp_path):
-    bounder, state = made("aabb", "point"), tmp_path / "state.json"
-    soak(bounder, shape("blob"), 1000, seed=11, state=state)
-    whole = json.loads(state.read_text())
-    for text in (*(json.dumps(whole | change) for change in DAMAGED), "prose", "[1]"):
-        state.write_text(text)
-        with pytest.raises(FileFormatError, match="another version" if '"soak": 1' in text else "state"):
-            soak(bounder, shape("blob"), 1000, state=state)
-        assert state.read_text() == text
-
-
-def test_an_interruption_keeps_what_was_done(tmp_path):
     bounder, state = made("aabb", "point"), tmp_path / "state.json"
 
     def stop(done, wanted, note):
@@ -374,21 +311,18 @@ def test_an_interruption_keeps_what_was_done(tmp_path):
     result = soak(bounder, shape("blob"), 10**9, seed=1, state=state, progress=stop)
     assert result.interrupted
     assert result.chunks == json.loads(state.read_text())["chunks"] >= 2
-    assert not result.complete
     assert not soak(bounder, shape("blob"), 1000, state=state).interrupted
-
-
-def test_no_time_and_bad_input():
-    bounder = made("aabb", "point")
+    whole = json.loads(state.read_text())
+    damaged = [{"done": -1}, {"forms": {}}, {"seconds": None}, {"more": 1}, {"soak": 1}]
+    for text in (*(json.dumps(whole | change) for change in damaged), "prose", "[1]"):
+        state.write_text(text)
+        with pytest.raises(FileFormatError):
+            soak(bounder, shape("blob"), 1000, state=state)
+        assert state.read_text() == text
     assert soak(bounder, shape("blob"), 1000, seconds=0).done == 0
-    for count in (0, -1, 1.5, True, "many"):
-        with pytest.raises(QueryError, match="count"):
-            soak(bounder, shape("blob"), count)
-    with pytest.raises(QueryError, match="seed"):
-        soak(bounder, shape("blob"), 10, seed=-1)
-    with pytest.raises(QueryError, match="2D"):
-        soak(bounder, shape("c"), 10)
-    assert soak(bounder, shape("blob"), 10).seed != soak(bounder, shape("blob"), 10).seed
+    for of, told in (("blob", {"count": 0}), ("blob", {"count": 1.5}), ("blob", {"seed": -1}), ("c", {})):
+        with pytest.raises(QueryError):
+            soak(bounder, shape(of), **{"count": 10, **told})
 
 
 # --- how much is proven of what was only sampled ---------------------------------------------------------------------
@@ -423,7 +357,6 @@ def test_the_proven_share_grows_with_time_and_falls_with_a_threshold_that_is_too
     assert volumes[2] > 0.5
     some = share(bounder, places=500, side=2.0**-4)
     assert volumes[2] - 0.05 <= some.volume <= 1 + 1e-12
-    assert share(bounder, places=500, side=2.0**-4)[:2] == some[:2]
     high = bounder.to("cpu").freeze(bounder.threshold + 4.0, None)
     x = np.random.default_rng(0).uniform(arm().lower, arm().upper, (100_000, 2)).astype(np.float32)
     wrong = (arm().contains(x) & (high.query(x).numpy() == 0)).mean()

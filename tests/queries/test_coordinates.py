@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from asking import ask_region as ask
+from asking import ask
 from bounding_shapes import shape
 from located import EXACT, corners, located, plane_points, ray_distance, ray_points, to_local
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length

@@ -42,29 +42,6 @@ def ask(bounder, x: np.ndarray) -> np.ndarray:
     return answer.numpy()
 
 
-@cache
-def region_kernel(test, ndim: int) -> wp.Kernel:
-    """The same for regions, which are two vectors."""
-    vector = vector_type(ndim)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def ask(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
-        if test(data, a[i], b[i]):
-            answer[i] = wp.uint8(1)
-
-    return ask
-
-
-def ask_region(bounder, q: np.ndarray) -> np.ndarray:
-    """``ask`` of regions ``(N, 2 n)``."""
-    n, device = bounder.ndim, bounder.device
-    answer = wp.zeros(len(q), dtype=wp.uint8, device=device)
-    parts = [wp.array(np.ascontiguousarray(p), dtype=vector_type(n), device=device) for p in (q[:, :n], q[:, n:])]
-    wp.launch(region_kernel(bounder.func, n), len(q), [bounder.data, *parts], [answer], device=device)
-    return answer.numpy()
-
-
 def check_compiles(kernel, folder):
     wp.compile_aot_module(kernel.module, device=None, arch=ARCHITECTURE, module_dir=folder)
     assert [*folder.rglob("*.ptx"), *folder.rglob("*.cubin")]

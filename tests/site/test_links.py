@@ -44,15 +44,3 @@ def test_what_is_broken_is_found(body, why, tmp_path):
     (found,) = problems(site(tmp_path, body))
     assert found.startswith("index.html")
     assert why in found
-
-
-@pytest.mark.parametrize(
-    "style", ['@import "https://example.org/a.css";', "@font-face { src: url(https://example.org/a.woff) }"]
-)
-def test_styles_are_read_too(style, tmp_path):
-    (found,) = problems(site(tmp_path, "", style))
-    assert found.startswith("style.css loads https://example.org/")
-
-
-def test_no_page_is_a_problem(tmp_path):
-    assert problems(tmp_path) == [f"no page in {tmp_path}"]

@@ -127,8 +127,7 @@ def extras_are_named(stay: Stay) -> str:
 
 
 def quickstart(stay: Stay) -> str:
-    """The README's commands and snippets, in one folder: commands before the first snippet, all snippets, the other
-    commands."""
+    """Commands before the README's first snippet, all snippets, then the other commands, in one folder."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     _with_demos(stay)
     _expect(FIT in text, f"the README's quickstart has no {FIT} that could be shortened")

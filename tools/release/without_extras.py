@@ -1,5 +1,4 @@
-"""What the core alone must do: load each bounder of the demos and ask it, in a batch and in a kernel of one's own; fit
-what is not learned.
+"""Load each bounder of the demos with the core alone, ask it in a batch and in a kernel, and fit what is not learned.
 
 It is run by a Python that has the wheel and what the wheel requires, without any extra, in a folder with the files in
 ``bounders``.
@@ -34,6 +33,7 @@ assert (indices.numpy()[: mask.sum()] == np.flatnonzero(mask)).all()
 
 @wp.kernel
 def ask(data: wb.Data, q: wp.array(dtype=wp.vec2), maybe: wp.array(dtype=int)):
+    """Write 1 where the bounder says maybe."""
     i = wp.tid()
     if wp.static(bounder.func)(data, q[i]):
         maybe[i] = 1

@@ -1,4 +1,4 @@
-"""``python tests/release dist|check|resolve|lowest``: what a release is made of, and whether a stranger can use it.
+"""``python tools/release dist|check|resolve|lowest``: what a release is made of, and whether a stranger can use it.
 
 ``dist`` builds sdist and wheel into a folder and looks into them. ``check`` does so in a temporary one, installs the
 wheel into clean environments and does in them what a stranger would; with ``--full`` pip fetches everything, else what
@@ -71,8 +71,7 @@ SHOWN = ("warp-lang", "numpy", "scipy", "torch", "newton", "usd-core")
 
 
 def resolve() -> int:
-    """Print which versions every supported Python would get, with all extras, in Markdown; 1 if some do not fit
-    together."""
+    """Print which versions every supported Python would get, in Markdown; 1 if some do not fit together."""
     print(f"| Python | versions | packages | {' | '.join(SHOWN)} |\n|---|---|---|{'---|' * len(SHOWN)}")
     named, failed = (
         re.findall(r'"Programming Language :: Python :: (3\.\d+)"', (ROOT / "pyproject.toml").read_text()),
@@ -92,7 +91,7 @@ def resolve() -> int:
 
 TOOLS = ("pytest", "pytest-xdist", "hypothesis")
 TESTS = (
-    *("test_package.py", "test_extending.py", "bounders/test_file_format.py", "bounders/test_query_api.py"),
+    *("test_package.py", "test_extending.py", "bounders/test_files.py", "bounders/test_points.py"),
     *(
         "cli/test_commands.py",
         "cli/test_usage.py",
@@ -118,7 +117,8 @@ def lowest() -> int:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="tests/release", description=__doc__)
+    """Do the task that is asked for; exit status."""
+    parser = argparse.ArgumentParser(prog="tools/release", description=__doc__)
     tasks = parser.add_subparsers(required=True)
     task = tasks.add_parser("dist", help="build sdist and wheel, and look into them")
     task.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for them")
