@@ -102,3 +102,13 @@ def test_examples_run(name, made, tmp_path, monkeypatch):
 def test_examples_of_pages_run(page, made, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(shown(page), page, made)
+
+
+def test_every_public_name_is_on_one_page_of_the_reference():
+    pages = "\n".join(path.read_text() for path in (ROOT / "docs/api").glob("*.md"))
+    shown = re.findall(r"^\.\. auto\w+:: warp_bounding\.([\w.]+)$", pages, re.MULTILINE)
+    assert len(shown) == len(set(shown))
+    named = {name for name in ("DISTANCES", "METHODS", "__version__", "arms", "solids") if f"`wb.{name}`" in pages}
+    assert set(wb.__all__) - named <= set(shown)
+    assert {f"solids.{name}" for name in wb.solids.__all__} <= set(shown)
+    assert {f"arms.{name}" for name in wb.arms.__all__} - {"arms.WORLD"} <= set(shown)

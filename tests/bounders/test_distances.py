@@ -452,8 +452,10 @@ def test_forms_against_dense_points(method, name, rng):
         assert (dense[outside] <= exact[outside] * (1 + 2e-3) + 0.05 * size).all()
 
 
-@pytest.mark.parametrize("refine", [1, 4])
-@pytest.mark.parametrize(("storage", "name"), [*((each, "c") for each in STORAGES), (STORAGES[-1], "tetrahedron")])
+@pytest.mark.parametrize(
+    ("storage", "name", "refine"),
+    [*((each, "c", refine) for each in STORAGES for refine in (1, 4)), (STORAGES[-1], "tetrahedron", 4)],
+)
 def test_storages(storage, name, refine, rng, tmp_path):
     shape, told = thing(name), {"nodes": 12 if refine == 1 else 6, "storage": storage, "refine": refine}
     bounder = wb.fit(shape, "distance", "distance-grid", **told, device="cpu", progress=False)

@@ -82,10 +82,13 @@ def problems(wheel: Path, sdist: Path, root: Path) -> list[str]:
     found += [f"{name} does not belong in the wheel" for name in sorted(strays)]
     found += [f"the sdist lacks {name}" for name in sorted(SDIST - source.keys())]
     machine = {str(root), str(Path.home())} - {"/"}
-    for archive, held in ((wheel, files), (sdist, source)):
+    listed = subprocess.run(["git", "ls-files", "-z"], cwd=root, capture_output=True, text=True, check=False).stdout
+    tracked = {name: (root / name).read_bytes() for name in listed.split("\0") if name and (root / name).is_file()}
+    for where, held in ((wheel.name, files), (sdist.name, source), ("the checkout", tracked)):
         for name, content in held.items():
-            named = folders(name, content) + [folder for folder in machine if folder.encode() in content]
-            found += [f"{archive.name}: {name} names a folder of a machine: {named[0]!r}"] if named else []
+            named = folders(name, content)
+            named += [folder for folder in machine if folder.encode() in content] if held is not tracked else []
+            found += [f"{where}: {name} names a folder of a machine: {named[0]!r}"] if named else []
     if (root / "LICENSE").read_bytes() not in [content for name, content in files.items() if "/licenses/" in name]:
         found.append("the wheel lacks the licence")
     version = re.search(r'__version__ = "(.*)"', (root / f"{PACKAGE}version.py").read_text())[1]

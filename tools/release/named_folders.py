@@ -1,5 +1,4 @@
-"""Where a file names a folder of the machine that it was made on: in texts, and in all of a picture, bounder or
-notebook that is not its content."""
+"""Where a file names a folder of the machine that it was made on, in texts, pictures, bounders and notebooks."""
 
 import base64
 import json
