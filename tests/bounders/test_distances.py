@@ -21,6 +21,8 @@ GRIDS = ("c", "blob", "anisotropic")
 
 
 ALL_SHAPES = ("aabb", "kdop", "mlp", "distance-grid")  # methods of which each shape has some
+KINDS = (*ALL_SHAPES, "oriented-ellipsoid", "bvh")  # of them the others are special cases, with the same text
+MARCHED = [method if method in KINDS else pytest.param(method, marks=pytest.mark.slow) for method in DISTANCES]
 
 
 @pytest.mark.parametrize(
@@ -51,7 +53,7 @@ def test_never_above_the_distance(method, name, rng):
             assert Fraction(float(told)) ** 2 <= squared_distance_to_cells(shape, point)
 
 
-@pytest.mark.parametrize("method", DISTANCES)
+@pytest.mark.parametrize("method", MARCHED)
 def test_everywhere(method):
     bounder = far(method, "blob")
     directions = np.random.default_rng(1).normal(size=(500, 3))
@@ -77,7 +79,12 @@ def test_everywhere(method):
 
 
 @pytest.mark.parametrize(
-    ("method", "name"), [*((m, "blob") for m in DISTANCES), *((m, "tetrahedron") for m in ALL_SHAPES), ("mlp", "c")]
+    ("method", "name"),
+    [
+        *(pytest.param(m, "blob", marks=() if m in KINDS else pytest.mark.slow) for m in DISTANCES),
+        *((m, "tetrahedron") for m in ALL_SHAPES),
+        ("mlp", "c"),
+    ],
 )
 def test_hard_positives_are_not_missed(method, name):
     positives = DistancePositives(far(method, name), thing(name))
@@ -87,7 +94,7 @@ def test_hard_positives_are_not_missed(method, name):
         assert asked > 1000
 
 
-@pytest.mark.parametrize("method", DISTANCES)
+@pytest.mark.parametrize("method", MARCHED)
 def test_marching_and_halving_decide_what_g_can(method, rng):
     """With steps enough, all segments, rays and boxes are cleared that stay away from the object by more than g
     loses."""

@@ -128,10 +128,9 @@ ASKED = {
 }
 
 
-@pytest.mark.parametrize("name", ["c", "blob"])
 @pytest.mark.parametrize("query", ASKED)
-def test_rates_of_distances_are_what_a_count_gives(name, query):
-    bounder, grid, (ask, told) = far("bvh", name), thing(name), ASKED[query]
+def test_rates_of_distances_are_what_a_count_gives(query):
+    bounder, grid, (ask, told) = far("bvh", "blob"), thing("blob"), ASKED[query]
     rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5, query=query, **told)
     x = sample(query, grid, SAMPLES, np.random.default_rng(5))
     truth, maybe = oracle(query, grid, "cpu", told.get("length", 1.0))(x), ask(bounder, x).numpy().astype(bool)
