@@ -74,7 +74,8 @@ def check_proven(bounder: wb.Bounder, shape) -> None:
     ("method", "ndim"),
     [
         *((method, 2) for method in VOLUMES[:-1]),
-        *((method, 3) for method in ("aabb", "oriented-ellipsoid", "kdop", "mlp")),
+        *((method, 3) for method in ("aabb", "mlp")),
+        *(pytest.param(method, 3, marks=pytest.mark.slow) for method in VOLUMES[1:-1]),
         *(pytest.param(method, 5, marks=pytest.mark.slow) for method in ("aabb", "sphere", "mlp")),
     ],
 )
@@ -89,9 +90,9 @@ def test_other_learned_methods(method, hidden):
 
 
 def test_certify_refutes_what_is_too_tight():
-    shape = balls(3)
+    shape = balls(2)
     bounder = fit(shape, method="sphere")
-    assert wb.certify(bounder, wb.solids.Sphere([0.9, 0.0, 0.0], 0.6)).kind in ("refuted", "undecided")
+    assert wb.certify(bounder, wb.solids.Sphere([0.9, 0.0], 0.6)).kind in ("refuted", "undecided")
     bounder.freeze(float(bounder.threshold) + 0.02, bounder.certificate)
     certificate = wb.certify(bounder, shape)
     assert certificate.kind == "refuted"
@@ -146,14 +147,14 @@ def test_a_function_that_certifies_nothing_is_attested_and_a_false_one_is_an_err
 
 
 def test_vacant_boxes_hold_nothing():
-    shape = balls(3)
+    shape = balls(2)
     bounder = fit(shape, method="aabb")
     positives, rng = ShapePositives(bounder, shape), np.random.default_rng(0)
-    lower = rng.uniform(-1, 1, (20_000, 3))
-    upper = lower + rng.uniform(0, 0.3, (20_000, 3)) ** 2
+    lower = rng.uniform(-1, 1, (20_000, 2))
+    upper = lower + rng.uniform(0, 0.3, (20_000, 2)) ** 2
     vacant = positives.vacant(lower, upper)
     assert 0.1 < vacant.mean() < 0.9
-    for share in rng.random((20, 1, 3)):
+    for share in rng.random((20, 1, 2)):
         x = bounder.domain.to_object(lower + share * (upper - lower))[vacant]
         assert (shape.decide(x) == OUT).all()
 
