@@ -455,8 +455,9 @@ def test_forms_against_dense_points(method, name, rng):
     outside = dense > 0.05 * size
     assert (exact[outside] <= dense[outside] * (1 + 1e-12)).all()
     assert (exact > 0).sum() > 50
-    if "kdop" not in method:
-        assert (dense[outside] <= exact[outside] * (1 + 2e-3) + 0.05 * size).all()
+    if "kdop" not in method:  # whose F is not the nearest point's
+        share = 1e-9 if method == "aabb" else 2e-3 if "ellipsoid" in method else 1e-5
+        assert (dense[outside] <= exact[outside] * (1 + share) + 0.05 * size).all()
 
 
 @pytest.mark.parametrize(
