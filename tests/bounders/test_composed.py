@@ -442,7 +442,8 @@ def sided(name: str):
 
 @cache
 def inner(name: str, margin: float = 0.0) -> wb.Bounder:
-    bounder = fit(sided(name), method="mlp", side="inside", hidden=(8,), steps=300, margin=margin)
+    hidden = (12, 12) if margin else (8,)
+    bounder = fit(sided(name), method="mlp", side="inside", hidden=hidden, steps=300, margin=margin)
     assert bounder.certificate.proven
     return bounder
 
@@ -496,9 +497,9 @@ def test_the_other_side_is_not_what_is_proven():
 
 
 def test_a_margin_dilates_the_object():
-    wide, x = inner("mesh", 0.4), around_it("mesh")
+    wide, x = inner("mesh", 0.2), around_it("mesh")
     denied = wide.query(x).numpy() == 0
-    dilated = sided("mesh").dilated(0.4)
+    dilated = sided("mesh").dilated(0.2)
     assert (dilated.decide(x[denied]) != OUT).all()
     assert (sided("mesh").decide(x[denied]) == OUT).any()  # certainly within the margin, and not in the mesh
     assert wb.certify(wide, sided("mesh")).proven
