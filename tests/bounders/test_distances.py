@@ -366,7 +366,10 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
         return [part.numpy() for part in out]
 
     d, maybe, t, hit, boxed = run(bounder.data)
-    assert (d == bounder.distance(x).numpy()).all()
+    numbers, exact = np.isfinite(x).all(axis=1), method == "sphere"  # in a grid sums round in another order
+    assert (d[numbers] <= thing("blob").distances(x[numbers])[:, 1]).all()
+    error = 0.0 if exact else 2 * bounder.rounding_bound() * bounder.domain.unit
+    assert np.abs(d - bounder.distance(x).numpy()).max() <= error
     for count in (1, 33, n):
         told, when = (part.numpy() for part in bounder.segments(x[:count], y[:count], 0.05))
         assert (maybe[:count] != told).mean() < 0.02  # sums round in another order
@@ -374,8 +377,8 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
         assert told[::5].all()
         assert not when[::5].any()
     assert (hit != bounder.rays(np.concatenate([x, y - x], axis=1), length=2.0)[0].numpy()).mean() < 0.02
-    numbers = np.isfinite(x).all(axis=1)
-    assert (boxed == bounder.boxes(np.minimum(x, y), np.maximum(x, y)).numpy())[numbers].all()
+    differ = (boxed != bounder.boxes(np.minimum(x, y), np.maximum(x, y)).numpy())[numbers]
+    assert differ.mean() <= (0.0 if exact else 0.02)
     assert 0 < maybe[numbers].sum() < numbers.sum()
     for other in (far("aabb", "blob").data, wb.Data()):  # of another source, or none: nothing is known
         d, maybe, t, hit, boxed = run(other)
