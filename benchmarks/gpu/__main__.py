@@ -35,6 +35,7 @@ PARTS = {
     "closest": closest.closest,
     "graphs": contest.graphs,
     "choose": contest.choose,
+    "grids": closest.grids,
     "sine": lambda a: hardware.sine_errors(a.device),
     "sums": lambda a: hardware.sum_errors(a.device, 20_000 if a.quick else 400_000, a.seed),
     "answers": contest.answers,

@@ -10,7 +10,7 @@ from contest import MARGIN, _distance, _mesh, _vectors, loaded, ns, uniform
 
 import warp_bounding as wb
 
-OWN = ("bunny-distance-24", "bunny-distance-50", *(f"bunny-distance-grid-{size}" for size in ("32", "64")))
+NETWORKS = ("bunny-distance-24", "bunny-distance-50")
 NODES = (32, 64, 128)  # of the rivals' grids, along the longest side
 WITHIN = 0.1
 SLACK = 1e-6
@@ -41,7 +41,7 @@ def _volume(volume: wp.uint64, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=f
 
 
 def _function(bounder):
-    distance = bounder.func
+    distance = bounder.distance_func
 
     @wp.kernel(module="unique", enable_backward=False)
     def ask(data: wb.Data, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=float)):
@@ -85,40 +85,50 @@ def _texture_bytes(texture) -> int:
     return cells * np.dtype(wp.dtype_to_numpy(texture.dtype)).itemsize
 
 
-def closest(arguments) -> dict:
-    """Of each: ns a point in a kernel, bytes, how often it is over, the most, and how much less on average."""
-    frame, count, device = np.load(arguments.data / "frame.npz"), arguments.count, arguments.device
-    mesh, found = _mesh(arguments), {}
-    flat = uniform(frame["low"], frame["high"], count, device)
-    x, told = _vectors(flat, count), wp.zeros(count, dtype=float, device=device)
-    wp.launch(_outside, count, [mesh.id, x, False], [told], device=device)
-    exact = told.numpy()
-    triangles = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in (mesh.points, mesh.indices))
+class Rows:
+    """Rows by name: ns a point, bytes, how often a number is over, the most, and how much less it is on average."""
 
-    def row(name: str, kernel, inputs: list, nbytes: int, compared: bool = True, call=None) -> None:
-        told.fill_(7e7)
-        call = call or wp.launch(kernel, count, inputs, [told], device=device, record_cmd=True).launch
-        found[name] = {"ns": ns(call, count, 3, 3), "bytes": int(nbytes)}
+    def __init__(self, arguments):
+        self.count, self.device, self.found = arguments.count, arguments.device, {}
+        self.frame, self.mesh = np.load(arguments.data / "frame.npz"), _mesh(arguments)
+        self._flat = uniform(self.frame["low"], self.frame["high"], self.count, self.device)  # the memory of x
+        self.x, self.told = _vectors(self._flat, self.count), wp.zeros(self.count, dtype=float, device=self.device)
+        wp.launch(_outside, self.count, [self.mesh.id, self.x, False], [self.told], device=self.device)
+        self._exact = self.told.numpy().copy()
+
+    def add(self, name: str, kernel, inputs: list, nbytes: int, compared: bool = True, call=None) -> None:
+        """Measure a kernel, or a call, that writes to ``told``."""
+        self.told.fill_(7e7)
+        if call is None:
+            launch = wp.launch(kernel, self.count, inputs, [self.told], device=self.device, record_cmd=True)
+            call = launch.launch
+        self.found[name] = {"ns": ns(call, self.count, 3, 3), "bytes": int(nbytes)}
         if compared:
-            over = told.numpy().astype(np.float64) - exact
-            found[name] |= {
+            over = self.told.numpy().astype(np.float64) - self._exact
+            self.found[name] |= {
                 "over": int((over > SLACK).sum()),
                 "most": float(over.max()),
-                "less": float(np.maximum(-over, 0.0)[exact > 0].mean()),
+                "less": float(np.maximum(-over, 0.0)[self._exact > 0].mean()),
             }
-        print(name, found[name], flush=True)
+        print(name, self.found[name], flush=True)
 
-    for name in OWN:
-        if not (arguments.data / f"{name}.safetensors").exists():
-            found[f"{name}, not prepared"] = None
-            continue
-        bounder = loaded(arguments, name)
-        row(f"{name}, function", _function(bounder), [bounder.data, x], bounder.nbytes)
-        row(f"{name}, batch", None, [], bounder.nbytes, call=lambda b=bounder: b.distance(x, out=told))
-    row("wp.mesh_query_point, no limit", _distance, [mesh.id, 1e6, x], triangles, compared=False)
-    row(f"wp.mesh_query_point within {WITHIN}", _distance, [mesh.id, WITHIN, x], triangles, compared=False)
+    def own(self, name: str, bounder) -> None:
+        """A distance, as a function and in a batch."""
+        self.add(f"{name}, function", _function(bounder), [bounder.data, self.x], bounder.nbytes)
+        self.add(f"{name}, batch", None, [], bounder.nbytes, call=lambda: bounder.distance(self.x, out=self.told))
+
+
+def closest(arguments) -> dict:
+    """Networks, Warp's exact queries, and numbers stored on grids."""
+    rows, frame, device = Rows(arguments), np.load(arguments.data / "frame.npz"), arguments.device
+    x, mesh = rows.x, rows.mesh
+    triangles = sum(array.size * wp.types.type_size_in_bytes(array.dtype) for array in (mesh.points, mesh.indices))
+    for name in NETWORKS:
+        rows.own(name, loaded(arguments, name))
+    rows.add("wp.mesh_query_point, no limit", _distance, [mesh.id, 1e6, x], triangles, compared=False)
+    rows.add(f"wp.mesh_query_point within {WITHIN}", _distance, [mesh.id, WITHIN, x], triangles, compared=False)
     for radius in (MARGIN, WITHIN):
-        row(f"wp.mesh_query_sphere, any within {radius}", _sphere, [mesh.id, radius, x], triangles, compared=False)
+        rows.add(f"wp.mesh_query_sphere, any within {radius}", _sphere, [mesh.id, radius, x], triangles, compared=False)
     for nodes in NODES:
         low, high = frame["low"].astype(np.float64), frame["high"].astype(np.float64)
         size = float((high - low).max()) / (nodes - 1)
@@ -131,10 +141,23 @@ def closest(arguments) -> dict:
         volume = wp.Volume.load_from_numpy(
             grid, tuple(map(float, low)), size, bg_value=float(grid.max()), device=device
         )
-        row(f"NanoVDB volume of {nodes}", _volume, [volume.id, x], volume.array().size)
+        rows.add(f"NanoVDB volume of {nodes}", _volume, [volume.id, x], volume.array().size)
     if wp.get_device(device).is_cuda:
         try:
-            _textures(arguments, x, row)
+            _textures(arguments, x, rows.add)
         except Exception as error:  # the other rows are worth their time
-            found["Newton's textures, failed"] = f"{type(error).__name__}: {error}"[:500]
-    return found
+            rows.found["Newton's textures, failed"] = f"{type(error).__name__}: {error}"[:500]
+    return rows.found
+
+
+def grids(arguments) -> dict:
+    """Our own distances on grids, fitted here where they are not prepared."""
+    rows, kept = Rows(arguments), np.load(arguments.data / "bunny.npz")
+    for nodes in (32, 64):
+        name = f"bunny-distance-grid-{nodes}"
+        if (arguments.data / f"{name}.safetensors").exists():
+            rows.own(name, loaded(arguments, name))
+        elif nodes == 32:
+            shape, options = wb.IndicatorMesh(kept["vertices"], kept["faces"]), {"nodes": nodes, "progress": False}
+            rows.own(name, wb.fit(shape, "distance", "distance-grid", device=arguments.device, **options))
+    return rows.found

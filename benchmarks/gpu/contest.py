@@ -441,7 +441,8 @@ def graphs(arguments) -> dict:
             first, other = (wp.array(x, dtype=wp.float32, device=device) for x in (rays[:count], rays[count:]))
         else:
             sets = (uniform(frame["low"], frame["high"], count, device, seed) for seed in (1, 2))
-            first, other = (_vectors(x, count) for x in sets)
+            kept = list(sets)  # their memory
+            first, other = (_vectors(x, count) for x in kept)
         kind = wp.float32 if bounder.of_distances else wp.uint8
         out, there = (wp.zeros(count, dtype=kind, device=device) for _ in range(2))
         ask = bounder.distance if bounder.of_distances else bounder.query
