@@ -244,15 +244,8 @@ def classic(method: str, query: str, name: str):
 @cache
 def network(query: str, name: str) -> Mlp:
     """Random weights and an honest certificate."""
-    grid, rng = shape(name), np.random.default_rng(3)
-    domain, tensors = domain_of(grid, query, LENGTH), {}
-    n, outputs = grid.ndim, 2 if query == "plane" else 1
-    inputs = n if query == "plane" else domain.ndim
-    for index, (k, h) in enumerate(((inputs, 6), (6, outputs))):
-        tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    sizes = {"hidden": [6], "activation": "sin", "octaves": 0}
-    bounder = Mlp(domain, tensors, sizes, "cpu")
+    grid = shape(name)
+    bounder = random_mlp(grid, seed=3, domain=domain_of(grid, query, LENGTH))
     if query == "plane":
         prove(bounder, grid, eps=0.1)
     else:

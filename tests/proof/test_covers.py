@@ -11,7 +11,7 @@ import pytest
 from bounding_shapes import object_points, random_mlp, shape
 from random_networks import random_monotone, random_network, random_supports
 
-from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import certify, charted, check, minimum, prove
 from warp_bounding.proof.covers import LeastBox, SupportGap, of_points, single_cells
@@ -89,13 +89,7 @@ def reaching_out(domain) -> np.ndarray:
 
 
 def network_of(domain, activation: str, octaves: int = 0, seed: int = 0) -> Mlp:
-    rng, tensors = np.random.default_rng(seed), {}
-    inputs = domain.ndim * (1 + 2 * octaves)
-    for i, (k, h) in enumerate(zip((inputs, *HIDDEN), (*HIDDEN, 1), strict=True)):
-        tensors[f"layers.{i}.weight"] = (rng.normal(size=(h, k)) * 1.5 / np.sqrt(k)).astype(np.float32)
-        tensors[f"layers.{i}.bias"] = rng.normal(size=h).astype(np.float32)
-    tensors |= encoding_tensors(domain.ndim, octaves) if octaves else {}
-    return Mlp(domain, tensors, {"hidden": list(HIDDEN), "activation": activation, "octaves": octaves}, "cpu")
+    return random_mlp(None, HIDDEN, activation, octaves, seed, gain=1.5, domain=domain)
 
 
 def first_input_of(domain) -> Mlp:

@@ -4,16 +4,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import EARLY, HIDDEN, shape
+from bounding_shapes import EARLY, HIDDEN, random_mlp, shape
 from bounding_shapes import fitted as hardly_fitted
 
 import warp_bounding as wb
-from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
-from warp_bounding.queries.region_domain import domain_of
 
 CASES = [("mlp", "c"), *((m, "blob") for m in ("mlp", "mlp-early", "local", "mlp-early|mlp&local", "kdop", "bvh"))]
 
@@ -88,12 +86,7 @@ def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
 def test_bounds_along_segments_hold(activation, octaves, rng):
     """Of -f, over pieces of segments, against dense values in float64: no slack."""
     grid = shape("blob")
-    domain, width = domain_of(grid, "point"), 3 * 2 * octaves
-    layers = [(7, 3 + width), (5, 7), (1, 5)]
-    sizes = {f"layers.{i}": size for i, size in enumerate(layers)} | ({"encoding": (width, 3)} if octaves else {})
-    tensors = {f"{name}.weight": rng.normal(0, 1.5, size).astype(np.float32) for name, size in sizes.items()}
-    tensors |= {f"{name}.bias": rng.normal(0, 1, size[0]).astype(np.float32) for name, size in sizes.items()}
-    bounder = Mlp(domain, tensors, {"hidden": [7, 5], "activation": activation, "octaves": octaves}, "cpu")
+    bounder = random_mlp(grid, (9, 7), activation, octaves)
     bounder.freeze(0.0, None)
     a, w = rng.uniform(-1, 1, (400, 3)), rng.normal(size=(400, 3)) * 10.0 ** rng.uniform(-3, 0, (400, 1))
     t = np.sort(rng.random((400, 2)), axis=1)

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-from bounding_shapes import crossed, fitted, shape
+from bounding_shapes import crossed, fitted, random_mlp, shape
 from placements import homogeneous, rotation
-from random_networks import _network
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
@@ -276,9 +275,7 @@ def test_exact_placements_of_touching_regions(query, time, device, rng):
 
 def network_of(grid, query: str, length: float) -> Mlp:
     """Random weights; not proven."""
-    domain = domain_of(grid, query, length)
-    widths = (grid.ndim, 8, 2) if query == "plane" else (domain.ndim, 8, 1)
-    return _network(domain, widths, 2.0, 0, "sin")
+    return random_mlp(grid, gain=2.0, domain=domain_of(grid, query, length))
 
 
 @pytest.mark.parametrize("query", REGIONS)

@@ -120,14 +120,14 @@ def few(name="blob", method="mlp", query="point", **options):
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
-    """A network with random weights, steep enough to be hard to bound; not proven.
-
-    It is one of points without ``domain``.
+    """A network with random weights, steep enough to be hard to bound; not proven. It is one of points without a
+    ``domain``, and has two outputs if that is of planes.
     """
     rng, domain = np.random.default_rng(seed), domain or Domain.of(grid)
-    inputs = domain.ndim * (1 + 2 * octaves)
+    plane = domain.query == "plane"
+    inputs = domain.space_ndim if plane else domain.ndim * (1 + 2 * octaves)
     tensors = dict(encoding_tensors(domain.ndim, octaves)) if octaves else {}
-    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, 1), strict=True)):
+    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, 1 + plane), strict=True)):
         scale = (gain if index == 0 else 1.5) / np.sqrt(k)
         tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) * scale).astype(np.float32)
         tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
@@ -208,12 +208,7 @@ def object_points(grid: IndicatorGrid, rng: np.random.Generator, count: int = 40
 def without_proof(monkeypatch) -> Mlp:
     """Random weights, and for the time of a test no network has a proof."""
     monkeypatch.setattr(Mlp, "provable", False)
-    rng, tensors = np.random.default_rng(3), {}
-    for index, (k, h) in enumerate(((4, 6), (6, 1))):
-        tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    sizes = {"hidden": [6], "activation": "sin", "octaves": 0}
-    bounder = Mlp(domain_of(shape("c"), "ray"), tensors, sizes, "cpu")
+    bounder = random_mlp(shape("c"), seed=3, domain=domain_of(shape("c"), "ray"))
     bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
     return bounder
 
