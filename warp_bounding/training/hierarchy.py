@@ -111,7 +111,8 @@ def hierarchy(
             nothing.
 
     Example:
-        >>> tree = wb.hierarchy(ball, method="kdop", levels=1, device="cpu", progress=False)
+        >>> disk = wb.solids.Sphere((0.0, 0.0), 1.0)
+        >>> tree = wb.hierarchy(disk, method="kdop", levels=1, device="cpu", progress=False)
         >>> tree.certificate.proven, len(tree.parts)
         (True, 2)
     """
