@@ -135,17 +135,6 @@ def test_from_a_file_to_an_answer(ball, tmp_path, rng):
     assert soak(loaded, str(ball), 20_000).missed is None
 
 
-def test_its_option_is_checked_and_loosens_it(ball):
-    tight, loose = (wb.fit(str(ball), method="diamond", device="cpu", slack=slack) for slack in (0.0, 0.5))
-    assert loose.tensors["radius"] > tight.tensors["radius"]
-    with pytest.raises(
-        BounderError, match="diamond takes no option 'leaves'; beside the arguments of fit, diamond takes"
-    ):
-        wb.fit(str(ball), method="diamond", leaves=3)
-    with pytest.raises(BounderError, match="diamond does not bound ray queries"):
-        wb.fit(str(ball), "ray", "diamond")
-
-
 def test_what_is_not_registered_is_not_known(ball, tmp_path):
     bounder = Diamond.fit(grid := Ball([4.0, 3.5], 2.0).to_grid(), Domain.of(grid), device="cpu")
     bounder.save(tmp_path / "b.safetensors")

@@ -30,7 +30,8 @@ NETWORKS = [  # query, grid, activation, octaves
     ("box", "c", "sin", 0),
     ("box", "small", "relu", 0),
 ]
-CASES = [("ray", "c"), ("ray", "small"), ("box", "c"), ("box", "small")]
+SLOW = [pytest.param(query, "small", marks=pytest.mark.slow) for query in ("ray", "box")]
+CASES = [("ray", "c"), ("box", "c"), *SLOW]
 SHAPES = ("c", "blob", "animated")
 
 
