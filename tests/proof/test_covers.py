@@ -32,7 +32,6 @@ NETWORKS = [  # query, grid, activation, octaves
 ]
 SLOW = [pytest.param(query, "small", marks=pytest.mark.slow) for query in ("ray", "box")]
 CASES = [("ray", "c"), ("box", "c"), *SLOW]
-SHAPES = ("c", "blob", "animated")
 
 
 def grid_of(name: str) -> IndicatorGrid:

@@ -31,7 +31,6 @@ from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
 
 LENGTH = 0.75
-REGIONS = ("ray", "plane", "box")
 
 
 # --- the positives ---------------------------------------------------------------------------------------------------
