@@ -21,7 +21,7 @@ from pathlib import Path
 
 import warp as wp
 
-from warp_bounding.kernels.functions import batch_kernel, warp_kernel
+from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
 
@@ -69,7 +69,9 @@ def dry() -> None:
     kernels = {}
     for query, widths in (("point", (24, 24)), ("point", (50, 50)), ("ray", (50, 50))):
         source = MlpSource(3, False, widths, "sin", query=query)
-        kernels[f"{query} {'-'.join(map(str, widths))}"] = warp_kernel(source, False, False, tensor_cores.text(source))
+        kernels[f"{query} {'-'.join(map(str, widths))}"] = batch_kernel(
+            source, False, False, tensor_cores.text(source)
+        )
         kernels[f"{query} {'-'.join(map(str, widths))}, float32"] = batch_kernel(source, False, False)
     try:
         from warp_bounding.newton import lists

@@ -7,9 +7,7 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.kernels.distance_batch import distance_kernel
-from warp_bounding.kernels.distance_batch import warp_kernel as distance_warp_kernel
-from warp_bounding.kernels.functions import batch_kernel, warp_kernel
+from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 
 MARGIN = 0.012
@@ -98,7 +96,7 @@ def launch_of(bounder, queries: wp.array, count: int, out: wp.array, cores: bool
         kernel, threads = batch_kernel(source, False, values), count
     else:
         inputs = [queries, count, 0, data.parameters, data.words, data.parameters, bounder.tensor_numbers]
-        kernel, threads = warp_kernel(source, False, values, tensor_cores.text(source)), tensor_cores.threads(count)
+        kernel, threads = batch_kernel(source, False, values, tensor_cores.text(source)), tensor_cores.threads(count)
     block = tensor_cores.BLOCK if cores else 256
     return wp.launch(kernel, threads, inputs, [out], device=bounder.device, block_dim=block, record_cmd=True).launch
 
@@ -225,12 +223,12 @@ def distances(arguments) -> dict:
     for widths in (24, 50):
         bounder = loaded(arguments, f"bunny-distance-{widths}")
         data, source = bounder.data, bounder.source
-        inputs = [flat, count, 0, data.parameters, data.words, radius, 0]
+        inputs = [flat, count, 0, data.parameters, data.words, radius]
         for name, kernel, threads, more in (
-            ("float32", distance_kernel(source, True), count, []),
+            ("float32", batch_kernel(source, False, True), count, []),
             (
                 "tensor",
-                distance_warp_kernel(source, True, bounder._tensor_text),
+                batch_kernel(source, False, True, bounder.tensor_text),
                 tensor_cores.threads(count),
                 [bounder.tensor_numbers],
             ),

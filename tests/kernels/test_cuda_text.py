@@ -10,8 +10,8 @@ from distances import far
 from random_networks import random_network, random_supports
 
 from warp_bounding.bounders import DISTANCES, METHODS
-from warp_bounding.kernels.distance_batch import box_kernel, distance_kernel, lanes_kernel, lines_kernel
 from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.marches import box_kernel, lanes_kernel, lines_kernel
 from warp_bounding.networks.bounds import NetworkShape, PlainChart
 from warp_bounding.networks.bounds import _kernel as bound_kernel
 from warp_bounding.networks.charts import BoxChart, RayChart
@@ -58,8 +58,13 @@ def test_searches(chart, tmp_path):
 @pytest.mark.parametrize("method", DISTANCES)
 def test_distances(method, tmp_path):
     source = far(method, "blob").source
-    kernels = [distance_kernel(source, False)]
+    kernels = [batch_kernel(source, True, False)]
     if method == "oriented-ellipsoid":
-        kernels += [distance_kernel(source, True), lanes_kernel(source), box_kernel(source), lines_kernel(source, True)]
+        kernels += [
+            batch_kernel(source, False, True),
+            lanes_kernel(source),
+            box_kernel(source),
+            lines_kernel(source, True),
+        ]
     for number, kernel in enumerate(kernels):
         check_compiles(kernel, tmp_path / str(number))

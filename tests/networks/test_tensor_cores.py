@@ -11,7 +11,7 @@ from distances import far, points_around, thing
 from random_networks import random_network
 
 from warp_bounding.activations import SINE
-from warp_bounding.kernels.functions import warp_kernel
+from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
@@ -153,7 +153,7 @@ def test_cuda_text_keeps_to_registers(hidden, tmp_path):
     """Sums on tensor cores, as many as the sizes ask for, and no memory of a thread's own, in which activations would
     be slow."""
     source = MlpSource(3, False, hidden, SINE.name)
-    kernel = warp_kernel(source, False, False, tensor_cores.text(source))
+    kernel = batch_kernel(source, False, False, tensor_cores.text(source))
     wp.compile_aot_module(kernel.module, arch=[90], module_dir=tmp_path, use_ptx=True)
     (file,) = tmp_path.glob("*.ptx")
     text, tiles = file.read_text(), -(-hidden[0] // 8)

@@ -7,8 +7,9 @@ runs.
 
 import copy
 from abc import ABC, abstractmethod
-from functools import cached_property
-from typing import Any
+from collections.abc import Callable
+from functools import cached_property, partial
+from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
@@ -244,6 +245,7 @@ class Prepared:
 class Asking(Framed, PicklableBounder, ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs."""
 
+    of_distances: ClassVar[bool] = False  # its value is a lower bound of the distance, compared with a radius
     domain: AnyDomain
     threshold: np.float32
     _device: str | None
@@ -464,12 +466,18 @@ class Asking(Framed, PicklableBounder, ABC):
         Args:
             queries: Flat, as ``flat_queries`` makes them.
             count: How many.
-            place: ``Placement.values`` on the device; ``None`` for queries in object space.
+            place: ``Placement.values`` on the device, ``None`` for queries in object space; of a distance the radii.
             out: ``(count,)``, uint8, or float32 for values.
             values: See ``batch_kernel``.
         """
         data = self.data
         place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
         inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
-        kernel = batch_kernel(self.source, place is not None, values)
-        return BlockLaunch(kernel, count, inputs, [out], self.device, first_index=2, block=self.source.block)
+        kernel_of = partial(batch_kernel, self.source, place is not None, values)
+        return self._launch_of(kernel_of, count, inputs, [out], exact=values and not self.of_distances)
+
+    def _launch_of(
+        self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact: bool = False
+    ) -> BlockLaunch:
+        """A launch of ``kernel_of()``, whose third input is the number of its first block; ``exact``: as ``func`` computes."""
+        return BlockLaunch(kernel_of(), count, inputs, outputs, self.device, first_index=2, block=self.source.block)

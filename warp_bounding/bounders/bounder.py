@@ -188,9 +188,6 @@ class Bounder(Asking):
     """
 
     method: ClassVar[str]
-    of_distances: ClassVar[bool] = (
-        False  # its value is a lower bound of the distance, compared with a radius (``DistanceBounder``)
-    )
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
     delta_share: "np.ndarray | None" = None  # of a union whose parts have domains of their own, see there

@@ -18,7 +18,7 @@ is taken off F. A new method is one file with a subclass, and a line in ``bounde
 """
 
 from collections.abc import Callable
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -29,22 +29,24 @@ from warp_bounding.bounders.bounder import Bounder, taken
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.indicators.shape import Shape
-from warp_bounding.kernels.distance_batch import box_kernel, distance_kernel, lanes_kernel, lines_kernel
-from warp_bounding.kernels.distance_functions import (
+from warp_bounding.kernels.distances import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
+from warp_bounding.kernels.marches import (
     BOX_STEPS,
     SEGMENT_STEPS,
     box_func,
+    box_kernel,
     distance_func,
+    lanes_kernel,
+    lines_kernel,
     ray_func,
     segment_func,
 )
-from warp_bounding.kernels.distances import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.distance import DISTANCE, DistanceDomain
 from warp_bounding.queries.domain import Domain, json_number
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.arrays import compact, new_output
-from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.launch import launch_blocks
 
 # --- float64 queries -------------------------------------------------------------------------------------------------
 #
@@ -337,7 +339,7 @@ class DistanceBounder(Bounder):
             f"{self.method}: a distance is compared with a radius, not with a threshold; ask distance or query"
         )
 
-    prepare = batch_launch = values
+    prepare = values
     func = property(fget=None, doc="There is none: kernels ask ``distance_func`` and its like.")
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
@@ -409,7 +411,7 @@ class DistanceBounder(Bounder):
         """
         queries, count, double = self._flat(x, self.ndim, (False,))
         out = new_output(out, count, wp.float32, self.device)
-        self._points(queries, count, np.zeros(1, np.float32), out, values=True)
+        self.batch_launch(queries, count, None, out, values=True).launch_once()
         if double:
             out.assign(np.fmax(round_down(out.numpy() - moved(self, queries, count)), np.float32(0)))
         return out
@@ -443,7 +445,8 @@ class DistanceBounder(Bounder):
         if double:
             radii = longer(radii, moved(self, queries, count))
         out = new_output(out, count, wp.uint8, self.device)
-        self._points(queries, count, radii, out, values=False)
+        radii = wp.array(radii, dtype=wp.float32, device=self.device)
+        self.batch_launch(queries, count, radii, out).launch_once()
         return out
 
     def candidates(self, x, radius=0.0) -> tuple[wp.array, wp.array]:
@@ -554,35 +557,22 @@ class DistanceBounder(Bounder):
             outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
         )
         out = new_output(out, count, wp.uint8, self.device)
-        data = self.data
-        inputs = [0, data, a, b, _steps(steps)]
-        self._run(box_kernel(self.source), count, inputs, [out], first_index=0)
+        inputs = [0, self.data, a, b, _steps(steps)]
+        launch_blocks(box_kernel(self.source), count, inputs, [out], self.device, first_index=0, block=1)
         return out
-
-    def _points(self, queries: wp.array, count: int, radii: np.ndarray, out: wp.array, *, values: bool) -> None:
-        data, radius = self.data, wp.array(radii, dtype=wp.float32, device=self.device)
-        many = int(len(radii) > 1)
-        self._ask_points([queries, count, 0, data.parameters, data.words, radius, many], out, values)
 
     def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
         maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
         many = [int(len(values) > 1) for values in (lengths, radii)]
-        data, steps, given = self.data, _steps(steps), [a, b, numbers[0], many[0], numbers[1], many[1]]
+        data, source, steps = self.data, self.source, _steps(steps)
         if count:
             lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
-            self._run(lines_kernel(self.source, ray), count, [0, data, *given, self._clock], [lines], first_index=0)
-            self._march_lines([lines, count, 0, data.parameters, data.words, steps], [maybe, t])
+            inputs = [0, data, a, b, numbers[0], many[0], numbers[1], many[1], self._clock]
+            launch_blocks(lines_kernel(source, ray), count, inputs, [lines], self.device, first_index=0, block=1)
+            inputs = [lines, count, 0, data.parameters, data.words, steps]
+            self._launch_of(partial(lanes_kernel, source), count, inputs, [maybe, t]).launch_once()
         return maybe, t
-
-    def _ask_points(self, inputs: list, out: wp.array, values: bool) -> None:
-        """Run ``distance_kernel``."""
-        kernel = distance_kernel(self.source, values)
-        self._run(kernel, inputs[1], inputs, [out], first_index=2, block=self.source.block)
-
-    def _march_lines(self, inputs: list, outputs: list) -> None:
-        """Run ``lanes_kernel``."""
-        self._run(lanes_kernel(self.source), inputs[1], inputs, outputs, first_index=2, block=self.source.block)
 
     @property
     def _clock(self) -> wp.vec3:
@@ -591,11 +581,6 @@ class DistanceBounder(Bounder):
         if not domain.time:
             return wp.vec3()
         return wp.vec3(float(domain.center[0]), float(domain.limit[0] / domain.scale[0]), domain.speed)
-
-    def _run(self, kernel, count: int, inputs: list, outputs: list, *, first_index: int, **sizes: int) -> None:
-        BlockLaunch(
-            kernel, count, inputs, outputs, self.device, first_index=first_index, **{"block": 1} | sizes
-        ).launch_once()
 
 
 def _steps(steps: int) -> int:

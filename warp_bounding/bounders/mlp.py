@@ -12,14 +12,12 @@ from math import prod
 from typing import ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, whole
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.functions import warp_kernel
 from warp_bounding.kernels.source import DENIED, PER_WORD, Early, Lanes, Source, level_text
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.bounds import BoxBounds
@@ -28,7 +26,6 @@ from warp_bounding.networks.network import Network, head_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.domain import GROWTH, Domain
-from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.runtime.native import literal
 
 # --- networks --------------------------------------------------------------------------------------------------------
@@ -206,19 +203,6 @@ class Mlp(tensor_cores.TensorCores, Bounder):
         if self.head.outputs > 1:
             raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
         return self.network.bound(lower, upper)
-
-    def batch_launch(
-        self, queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
-    ) -> BlockLaunch:
-        numbers = None if values else self.tensor_numbers
-        if numbers is None:
-            return super().batch_launch(queries, count, place, out, values=values)
-        data, source = self.data, self.source
-        inputs = [queries, count, 0, data.parameters, data.words, data.parameters if place is None else place, numbers]
-        kernel = warp_kernel(source, place is not None, values, tensor_cores.text(source))
-        return BlockLaunch(
-            kernel, tensor_cores.threads(count), inputs, [out], self.device, first_index=2, block_dim=tensor_cores.BLOCK
-        )
 
     def rounding_bound(self) -> float:
         return self.head.rounding(self.networks, self.domain.limit)

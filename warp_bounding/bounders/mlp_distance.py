@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from math import prod
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.activations import activation_of
 from warp_bounding.arithmetic import UNIT32, UNIT64
@@ -28,7 +27,6 @@ from warp_bounding.bounders.mlp import (
     unpacked,
 )
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.distance_batch import warp_kernel, warp_lanes_kernel
 from warp_bounding.kernels.distances import FLUSHED, DistanceSource
 from warp_bounding.kernels.source import PER_WORD, Lanes, level_text
 from warp_bounding.networks import tensor_cores
@@ -252,37 +250,10 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         # The sum rounds once; a relief is a whole number of up to 8 bits times a power of two.
         return error + 2 * UNIT32 * (self.network.largest + error + float(self.relief.max()))
 
-    def _ask_points(self, inputs: list, out: wp.array, values: bool) -> None:
-        if (numbers := self.tensor_numbers) is None:
-            super()._ask_points(inputs, out, values)
-            return
-        kernel = warp_kernel(self.source, values, self._tensor_text)
-        self._run(
-            kernel,
-            tensor_cores.threads(inputs[1]),
-            [*inputs, numbers],
-            [out],
-            first_index=2,
-            block_dim=tensor_cores.BLOCK,
-        )
-
-    def _march_lines(self, inputs: list, outputs: list) -> None:
-        if (numbers := self.tensor_numbers) is None:
-            super()._march_lines(inputs, outputs)
-            return
-        kernel = warp_lanes_kernel(self.source, self._tensor_text)
-        self._run(
-            kernel,
-            tensor_cores.threads(inputs[1]),
-            [*inputs, numbers],
-            outputs,
-            first_index=2,
-            block_dim=tensor_cores.BLOCK,
-        )
-
     @property
-    def _tensor_text(self) -> str:
-        return self.source.relieved(tensor_cores.text(self.source), Lanes(vector=False))
+    def tensor_text(self) -> str:
+        """See ``TensorCores``."""
+        return self.source.relieved(super().tensor_text, Lanes(vector=False))
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``: the network's own multilinear bound (``Network.corners``), and the relief."""

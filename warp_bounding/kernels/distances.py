@@ -31,8 +31,7 @@ from dataclasses import dataclass, field
 from typing import ClassVar
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.kernels.functions import TOOLS, read_rows
-from warp_bounding.kernels.source import LABEL, Lanes, Source, aligned, fill
+from warp_bounding.kernels.source import LABEL, TOOLS, Source, aligned, fill
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.runtime.native import literal, native_text
 
@@ -61,6 +60,7 @@ class DistanceSource(Source):
 
     query: str = field(default=DISTANCE.name, kw_only=True)
 
+    packed: ClassVar[bool] = False
     whole: ClassVar[bool] = True  # f is asked of v wherever it is, not of the nearest point of the domain
 
     @property
@@ -87,85 +87,38 @@ class DistanceSource(Source):
     def tested_ndim(self) -> int:
         return self.ndim
 
-
-# The C text around the ``body`` of a distance: the batch kernel, and the function for other kernels (see ``source``).
-#
-# V is a vector of queries, one in each lane, or a float.
-
-TOOLS_TOO = (
-    TOOLS
-    + """
-#if !defined(__CUDA_ARCH__)
-auto size_of = [](auto x) { return __builtin_elementwise_abs(x); };
-auto most = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
-auto least = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
-#else
-auto size_of = [](float x) { return fabsf(x); };
-auto most = [](float a, float b) { return fmaxf(a, b); };
-auto least = [](float a, float b) { return fminf(a, b); };
-#endif
-"""
-)
-
-PARTS = text.PARTS
-CLOCK = {False: "", True: "const float time_scale = center[2 * N + 4];"}
-
-# From q to v, which f is asked of; ``away`` is |v|_1, ``beyond`` the squared way to the domain.
-BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
-
-# From f to g.
-AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
-THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
-
-LANES = text.LANES
+    def around(self, placed: bool, values: bool) -> dict[str, str]:
+        """See ``Source``: ``f`` becomes g (``after``), which is the answer where ``values``, or is compared with a radius."""
+        texts = {
+            "n": str(self.ndim),
+            "tools": TOOLS + text.TOOLS,
+            "parts": fill(
+                text.PARTS, label=LABEL, n=self.ndim, start=self.start, clock=fill(_CLOCK[self.time], n=self.ndim)
+            ),
+            "place": "" if values else text.RADIUS,
+            "locate": fill(_BEFORE[self.whole], **_AXES[self.time]),
+            "after": fill(_AFTER[self.whole], tiniest=literal(TINIEST), then=_THEN[self.time]),
+            "outside": "",
+            "asked": "own",
+            "unknown": "0.0f",
+        }
+        answer = texts["after"] + _STORE_ONE[values]
+        return texts | {
+            "answer": answer,
+            "answers": texts["after"] + _STORE[values],
+            "own_answer": f"const float threshold = tensor[0];{texts['after']}\nif (own){_STORE_ONE[values]}",
+            "located": fill(text.LOCATED, **texts),
+            "returned": f"{{ typedef float V;{texts['after']}\nreturn g; }}",
+        }
 
 
-_STORE = {
-    True: "if (m == L) *(V*)(out.data + i) = g; else for (int l = 0; l < m; ++l) out.data[i + l] = g[l];",
-    False: text.STORE_ANSWERS,
-}
-_STORE_ONE = {True: "out.data[i] = g;", False: "out.data[i] = !(g > radius.data[many * i]);"}
-
-
+_CLOCK = {False: "", True: text.CLOCK}
 _AXES = {
     False: {"scale": "scale", "free": "false"},
     True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"},
 }
-
-
-def texts_of(source: DistanceSource) -> dict[str, object]:
-    """What the batch kernel and the function have in common."""
-    return {
-        "n": source.ndim,
-        "label": LABEL,
-        "parts": fill(PARTS, label=LABEL, start=source.start, clock=CLOCK[source.time]),
-        "tools": TOOLS_TOO,
-        "before": fill(BEFORE[source.whole], **_AXES[source.time]),
-        "after": fill(AFTER[source.whole], tiniest=literal(TINIEST), then=THEN[source.time]),
-        "scalar_body": source.body(Lanes(vector=False)),
-    }
-
-
-def batch_snippet(source: DistanceSource, values: bool) -> str:
-    """The body of a batch kernel: distances where ``values``, else 1 where they are not proven to exceed a radius."""
-    texts = texts_of(source) | {
-        "block": source.block,
-        "lanes": fill(LANES, **source.width),
-        "read": read_rows(source.ndim, source.width),
-        "body": source.body(Lanes(vector=True)),
-        "store": _STORE[values],
-        "store_one": _STORE_ONE[values],
-    }
-    return fill(text.BATCH, **texts)
-
-
-def warp_snippet(source: DistanceSource, values: bool, body: str) -> str:
-    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that a warp's lanes run together."""
-    return fill(text.WARP, **texts_of(source), store_one=_STORE_ONE[values], body=body)
-
-
-def function_snippet(source: DistanceSource) -> str:
-    """The body of the function for other kernels: a point ``q``; returns g, and 0 for the data of another source."""
-    first, second = source.tag
-    texts = texts_of(source) | {"function_body": source.function_body(), "first": first, "second": second}
-    return fill(text.FUNCTION, **texts)
+_BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
+_AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
+_THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
+_STORE_ONE = {True: "\nout.data[i] = g;", False: "\nout.data[i] = !(g > radius[many * i]);"}
+_STORE = {True: text.STORE_DISTANCES, False: text.STORE_ANSWERS}

@@ -8,35 +8,16 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Early, Lanes, Source, fill
-from warp_bounding.queries.registry import locate
-from warp_bounding.runtime.native import Numbers, literal, named, native_text, unique_name, vector_type
+from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Early, Lanes, Source, fill, text
+from warp_bounding.runtime.native import Numbers, literal, named, unique_name, vector_type
 
-text = native_text("batch.h")
-TOOLS = text.TOOLS
-
-_STORE = {
-    False: text.STORE_ANSWERS,
-    True: "for (int l = 0; l < m; ++l) out.data[i + l] = testable[l] ? (inside[l] ? f[l] : -INFINITY) : INFINITY;",
-}
 _UNASKED = {False: text.UNASKED_ANSWERS, True: text.UNASKED_VALUES}
-_ANSWERS = {True: ("INFINITY", "-INFINITY", "f"), False: ("1", "0", "!(f < threshold)")}  # maybe without f, no, by f
 
 
-def _shared(source: Source, placed: bool) -> dict[str, object]:
-    """What batches and functions have in common.
-
-    ``locate`` are C statements from ``V q[]`` to ``v[]`` and the masks ``testable`` (else: maybe) and ``inside`` (else:
-    no).
-    """
-    return {
-        "tools": TOOLS,
-        "parts": fill(text.PARTS, label=LABEL, n=source.ndim, start=source.start),
-        "columns": source.columns,
-        "coordinates": source.coordinates,
-        "locate": locate(source.query, source.ndim, source.free, placed, source.joints),
-        "scalar_body": source.body(Lanes(vector=False)),
-    }
+def _shared(source: Source, placed: bool, values: bool) -> dict[str, object]:
+    """What all texts of a source have in common."""
+    sizes = {"columns": source.columns, "coordinates": source.coordinates}
+    return sizes | source.around(placed, values) | {"scalar_body": source.body(Lanes(vector=False))}
 
 
 def _picked(vectors: list[str], lanes: int, at: list[int]) -> str:
@@ -90,27 +71,20 @@ def read_rows(columns: int, width: dict[str, int]) -> str:
     return fill(text.READ, **{name: _shuffles(columns, lanes) for name, lanes in width.items()})
 
 
+def lanes_of(source: Source) -> str:
+    """C declarations of the types of lanes, and of how many there are: ``L``."""
+    return fill(text.LANES, **source.width).strip("\n")
+
+
 def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     """The body of a ``batch_kernel``: one block of queries on a CPU, one query on CUDA."""
-    texts = _shared(source, placed) | {
-        "block": source.block,
-        "read": read_rows(source.columns, source.width),
-    }
+    texts = _shared(source, placed, values)
+    texts |= {"block": source.block, "lanes": lanes_of(source), "read": read_rows(source.columns, source.width)}
     if source.packed:
         loop = fill(text.GATHERED, **texts, unasked=_UNASKED[values], ask=_together(source, values))
     else:
-        loop = fill(text.ALL, **texts, body=source.body(Lanes(vector=True)), store=_STORE[values])
-    yes, no, decision = _ANSWERS[values]
-    place = "const float* place = placement.data;" if placed else ""
-    return fill(text.BATCH, **source.width, **texts, place=place, loop=loop, yes=yes, no=no, decision=decision)
-
-
-def warp_snippet(source: Source, placed: bool, values: bool, body: str) -> str:
-    """The body of a ``warp_kernel``, around C statements from ``V v[]`` to ``V f`` that a warp runs together."""
-    place = "const float* place = placement.data;" if placed else ""
-    yes, no, decision = _ANSWERS[values]
-    decision = decision.replace("threshold", "tensor[0]")
-    return fill(text.WARP, **_shared(source, placed) | {"body": body}, place=place, yes=yes, no=no, decision=decision)
+        loop = fill(text.ALL, **texts, body=source.body(Lanes(vector=True)))
+    return fill(text.BATCH, **texts, loop=loop)
 
 
 def _together(source: Source, values: bool) -> str:
@@ -122,13 +96,11 @@ def _together(source: Source, values: bool) -> str:
     return fill(text.TOGETHER, body=source.body(Lanes(vector=True)), early=early, lane_decision=decision)
 
 
-def point_snippet(source: Source) -> str:
-    """The body of the function for other kernels: a query ``q``, or ``a`` and ``b`` of a region; returns bool."""
-    given = [f"{name}[{k}]" for name in ("a", "b") for k in range(source.ndim)]
-    numbers = f"const float q[{source.columns}] = {{{', '.join(given)}}};" if source.is_region else ""
+def function_snippet(source: Source) -> str:
+    """The body of the function for other kernels: one query ``q``, or two vectors ``a`` and ``b`` of a region."""
     first, second = source.tag
-    texts = _shared(source, placed=False) | {"function_body": source.function_body()}
-    return fill(text.FUNCTION, **texts, label=LABEL, first=first, second=second, numbers=numbers)
+    texts = _shared(source, placed=False, values=False) | {"function_body": source.function_body()}
+    return fill(text.FUNCTION, **texts, label=LABEL, first=first, second=second)
 
 
 # Warp functions and kernels around native source: made once for each source, whatever the values in it.
@@ -176,7 +148,7 @@ def point_func(source: Source) -> wp.Function:
     vector = vector_type(source.ndim)
     if source.is_region:
 
-        @name.func_native(point_snippet(source))
+        @name.func_native(function_snippet(source))
         def native_region(parameters: Numbers, words: Words, a: vector, b: vector) -> bool: ...
 
         @name.func
@@ -185,7 +157,7 @@ def point_func(source: Source) -> wp.Function:
 
         return test_region
 
-    @name.func_native(point_snippet(source))
+    @name.func_native(function_snippet(source))
     def native(parameters: Numbers, words: Words, q: vector) -> bool: ...
 
     @name.func
@@ -196,41 +168,39 @@ def point_func(source: Source) -> wp.Function:
 
 
 @cache
-def batch_kernel(source: Source, placed: bool, values: bool) -> wp.Kernel:
-    """The kernel that tests many queries: ``(x, count, block, parameters, words, placement, out)``, one block a thread.
+def batch_kernel(source: Source, placed: bool, values: bool, body: str | None = None) -> wp.Kernel:
+    """The kernel that answers many queries: ``(x, count, block, parameters, words, placement, out)``, one block a thread.
 
-    Where ``placed``, a world-to-object map is applied. Where ``values``, it writes ``f`` itself (float32; +inf where
-    the answer is *maybe* without it, -inf outside) instead of 0 and 1.
+    Args:
+        source: Of the method.
+        placed: Whether ``placement`` is read: a world-to-object map, or the radius of a distance, one or one per query.
+        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside), or the distance,
+            instead of 0 and 1.
+        body: On CUDA, the statements from ``V v[]`` to ``V f`` that the 32 threads of a warp run together. The kernel
+            then takes ``numbers``, too, before ``out``, which the body reads, the threshold first; it is launched with
+            whole blocks of threads.
     """
-    name = named(unique_name(source, f"batch{'_placed' * placed}{'_values' * values}"))
+    role = f"{'_placed' * placed}{'_values' * values}"
     out_type = wp.float32 if values else wp.uint8
+    if body is None:
 
-    @name.block_kernel(batch_snippet(source, placed, values))
-    def batch(
-        x: Numbers,
-        count: int,
-        block: int,
-        parameters: Numbers,
-        words: Words,
-        placement: Numbers,
-        out: wp.array(dtype=out_type),
-    ): ...
+        @named(unique_name(source, f"batch{role}")).block_kernel(batch_snippet(source, placed, values))
+        def batch(
+            x: Numbers,
+            count: int,
+            block: int,
+            parameters: Numbers,
+            words: Words,
+            placement: Numbers,
+            out: wp.array(dtype=out_type),
+        ): ...
 
-    return batch
+        return batch
 
+    snippet = fill(text.WARP, **_shared(source, placed, values) | {"body": body})
 
-@cache
-def warp_kernel(source: Source, placed: bool, values: bool, body: str) -> wp.Kernel:
-    """A ``batch_kernel`` for CUDA whose ``body`` the 32 threads of a warp run together.
-
-    In addition it takes ``numbers``, which the body reads, the threshold first. It is launched with whole blocks of
-    threads.
-    """
-    name, snippet = f"warp{'_placed' * placed}{'_values' * values}", warp_snippet(source, placed, values, body)
-    out_type = wp.float32 if values else wp.uint8
-
-    @named(unique_name(source, name)).block_kernel(snippet)
-    def batch(
+    @named(unique_name(source, f"warp{role}")).block_kernel(snippet)
+    def together(
         x: Numbers,
         count: int,
         block: int,
@@ -241,4 +211,4 @@ def warp_kernel(source: Source, placed: bool, values: bool, body: str) -> wp.Ker
         out: wp.array(dtype=out_type),
     ): ...
 
-    return batch
+    return together

@@ -22,14 +22,24 @@ import numpy as np
 from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
+from warp_bounding.queries.registry import locate
 from warp_bounding.runtime.launch import BLOCK
-from warp_bounding.runtime.native import identity
+from warp_bounding.runtime.native import identity, native_text
+
+text = native_text("batch.h")
 
 DENIED = -(2.0**127)  # f where an early test has said no
 GRANTED = -DENIED / 2  # f where an early test has said maybe; so that the difference of both is finite in float32
 ALIGN = 16  # floats: the numbers of a bounder, or of one of its members, begin at a multiple of this
 LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
 FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, which a copy might change
+TOOLS = text.TOOLS
+
+_ANSWERS = {True: ("INFINITY", "-INFINITY", "f"), False: ("1", "0", "!(f < threshold)")}  # maybe without f, no, by f
+_STORE = {
+    False: text.STORE_ANSWERS,
+    True: "for (int l = 0; l < m; ++l) out.data[i + l] = testable[l] ? (inside[l] ? f[l] : -INFINITY) : INFINITY;",
+}
 
 
 @dataclass(frozen=True)
@@ -133,6 +143,35 @@ class Source:
     def is_region(self) -> bool:
         """Whether a query is more than one point of the object's space."""
         return QUERIES[self.query].is_region
+
+    def around(self, placed: bool, values: bool) -> dict[str, str]:
+        """The C text around ``f``, by its names in ``batch.h``: from a query to v, and from f to what is answered.
+
+        Here f is compared with the threshold; ``kernels.distances`` compares a distance with a radius.
+
+        Args:
+            placed: Queries are in the world, and a map leads from there to the object.
+            values: What is answered is ``f`` itself.
+        """
+        yes, no, decision = _ANSWERS[values]
+        texts = {
+            "tools": TOOLS,
+            "parts": fill(text.PARTS, label=LABEL, n=self.ndim, start=self.start),
+            "place": "const float* place = placement.data;" if placed else "",
+            # from V q[] to v[] and the masks ``testable`` (else: maybe) and ``inside`` (else: no)
+            "locate": locate(self.query, self.ndim, self.free, placed, self.joints),
+            "outside": f"if (!testable) {{ out.data[i] = {yes}; return; }}\nif (!inside) {{ out.data[i] = {no}; return; }}",
+            "answer": f"out.data[i] = {decision};",
+            "answers": _STORE[values],
+            "asked": "own & testable & inside",
+            "own_answer": f"if (own) out.data[i] = !testable ? {yes} : !inside ? {no} : {decision};".replace(
+                "threshold", "tensor[0]"
+            ),
+        }
+        given = [f"{name}[{k}]" for name in ("a", "b") for k in range(self.ndim)]
+        numbers = f"const float q[{self.columns}] = {{{', '.join(given)}}};" if self.is_region else ""
+        located = fill(text.LOCATED, **texts, numbers=numbers, coordinates=self.coordinates).strip("\n")
+        return texts | {"located": located, "unknown": "true", "returned": "return !(f < threshold);"}
 
     def body(self, lanes: Lanes) -> str:
         """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``.

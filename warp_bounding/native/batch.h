@@ -1,5 +1,6 @@
-// Around a method: the batch kernel, and the function for other kernels. Names behind $ are filled in by
-// kernels/functions.py. A part begins behind a line with three slashes and its name.
+// Around a method: the batch kernel, and the function for other kernels. Names behind $ are filled in by kernels/source.py
+// (``Source.around``; for distances by kernels/distances.py) and kernels/functions.py.
+// A part begins behind a line with three slashes and its name.
 
 /// TOOLS:
 /// Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is
@@ -22,9 +23,8 @@ const float threshold = center[3 * $n];
 const float* extra = center + 3 * $n + 1;
 const float* w = parameters.data + $start;
 
-/// BATCH
-#if !defined(__CUDA_ARCH__)  // a block of queries, one in each lane
-#pragma clang fp contract(fast)
+/// LANES:
+/// V is a vector of queries, one in each lane.
 #if defined(__AVX512F__)
 constexpr int L = $avx512;
 #else
@@ -34,6 +34,11 @@ typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
 typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));
+
+/// BATCH
+#if !defined(__CUDA_ARCH__)  // a block of queries, one in each lane
+#pragma clang fp contract(fast)
+$lanes
 constexpr int N = $columns, M = $coordinates;  // numbers of a query, and those that f takes
 const V zero = {};
 $parts
@@ -54,11 +59,10 @@ V q[N], v[M];
 #pragma unroll
 for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
 $locate
-if (!testable) { out.data[i] = $yes; return; }
-if (!inside) { out.data[i] = $no; return; }
+$outside
 V f;
 $scalar_body
-out.data[i] = $decision;
+$answer
 #endif
 
 /// WARP:
@@ -78,13 +82,13 @@ for (int from = block / 32 * 32; from < count; from += gridDim.x * blockDim.x) {
 #pragma unroll
     for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
     $locate
-    const bool asked = own & testable & inside;
+    const bool asked = $asked;
     const float* tensor = numbers.data;
     V f = zero;
     if (__any_sync(0xffffffffu, asked)) {
         $body
     }
-    if (own) out.data[i] = !testable ? $yes : !inside ? $no : $decision;
+    $own_answer
 }
 #endif
 
@@ -96,7 +100,7 @@ for (int i = begin; i < end; i += L) {
     $locate
     V f;
     $body
-    $store
+    $answers
 }
 
 /// STORE_ANSWERS
@@ -212,18 +216,8 @@ if (m == L) {
     }
 }
 
-/// FUNCTION
-#if !defined(__CUDA_ARCH__)
-#pragma clang fp contract(fast)
-#endif
-$tools
-auto bits = [](float x) { union { float f; unsigned int i; } u; u.f = x; return u.i; };
-const float* label = parameters.data;
-const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
-if (numbers < $label || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return true;
-if (bits(label[0]) != ${first}u || bits(label[1]) != ${second}u) return true;  // another function's data
-if (numbers < bits(label[2]) || fields < bits(label[3])) return true;
-$parts
+/// LOCATED:
+/// In a function: the coordinates, unless the answer is known without them.
 float v[$coordinates];
 bool asked, held;
 {
@@ -236,12 +230,26 @@ bool asked, held;
 }
 if (!asked) return true;
 if (!held) return false;
+
+/// FUNCTION
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#endif
+$tools
+auto bits = [](float x) { union { float f; unsigned int i; } u; u.f = x; return u.i; };
+const float* label = parameters.data;
+const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
+if (numbers < $label || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return $unknown;
+if (bits(label[0]) != ${first}u || bits(label[1]) != ${second}u) return $unknown;  // another function's data
+if (numbers < bits(label[2]) || fields < bits(label[3])) return $unknown;
+$parts
+$located
 #if !defined(__CUDA_ARCH__)
 $function_body
-return !(f < threshold);
+$returned
 #else
 typedef float V;
 V f;
 $scalar_body
-return !(f < threshold);
+$returned
 #endif

@@ -1,13 +1,27 @@
-// Around a distance: the batch kernel, and the function for other kernels. Names behind $ are filled in by
-// kernels/distances.py.
+// Around a distance: from a query to v, and from f to g; and marches along segments and rays. Names behind $ are filled in by
+// kernels/distances.py and kernels/marches.py.
+
+/// TOOLS
+#if !defined(__CUDA_ARCH__)
+auto size_of = [](auto x) { return __builtin_elementwise_abs(x); };
+auto most = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
+auto least = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
+#else
+auto size_of = [](float x) { return fabsf(x); };
+auto most = [](float a, float b) { return fmaxf(a, b); };
+auto least = [](float a, float b) { return fminf(a, b); };
+#endif
 
 /// PARTS
 const float* center = parameters.data + $label;
-const float* limit = center + N;
-const float scale = center[2 * N], unit = center[2 * N + 1], threshold = center[2 * N + 2], share = center[2 * N + 3];
+const float* limit = center + $n;
+const float scale = center[2 * $n], unit = center[2 * $n + 1], threshold = center[2 * $n + 2], share = center[2 * $n + 3];
 const float* w = parameters.data + $start;
 (void)limit; (void)w;
 $clock
+
+/// CLOCK
+const float time_scale = center[2 * $n + 4];
 
 /// BEFORE_WHOLE
 V away = zero;
@@ -41,112 +55,161 @@ g = g - share * (away + g);
 g = g > zero + $tiniest ? g * unit : zero;
 $then
 
-/// LANES
-#if defined(__AVX512F__)
-constexpr int L = $avx512;
-#else
-constexpr int L = $other;
-#endif
-typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
-typedef int I __attribute__((vector_size(4 * L)));
-typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
-typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));
-const V zero = {};
+/// RADIUS:
+/// One for all queries, or one for each.
+const float* radius = placement.data;
+const int many = placement.shape[0] > 1;
 
-/// BATCH
-#if !defined(__CUDA_ARCH__)
-#pragma clang fp contract(fast)
-#endif
-constexpr int N = $n, M = N;
-$parts
-$tools
-#if !defined(__CUDA_ARCH__)  // a block of queries, one in each lane
-$lanes
-const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
-for (int i = begin; i < end; i += L) {
-    const int m = end - i < L ? end - i : L;
-    $read
-    $before
-    V f;
-    $body
-    $after
-    $store
-}
-#else  // one query
-typedef float V;
-const float zero = 0.0f;
-const int i = block;
-if (i >= count) return;
-V q[N], v[N];
-#pragma unroll
-for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
-$before
-V f;
-$scalar_body
-$after
-$store_one
-#endif
-
-/// WARP:
-/// 32 queries and again 32 by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA only, whole blocks of
-/// threads.
-#if defined(__CUDA_ARCH__)
-typedef float V;
-constexpr int N = $n, M = N;
-const float zero = 0.0f;
-$parts
-$tools
-const float* tensor = numbers.data;
-for (int from = block / 32 * 32; from < count; from += gridDim.x * blockDim.x) {
-    const int i = from + 8 * (block & 3) + (block & 31) / 4;
-    const bool own = i < count;
-    V q[N], v[N];
-#pragma unroll
-    for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
-    $before
-    V f;
-    $body
-    const float threshold = tensor[0];
-    $after
-    if (own) $store_one
-}
-#endif
+/// STORE_DISTANCES
+    if (m == L) *(V*)(out.data + i) = g;
+    else for (int l = 0; l < m; ++l) out.data[i + l] = g[l];
 
 /// STORE_ANSWERS
-    V r = zero + radius.data[0];
-    if (many) for (int l = 0; l < m; ++l) r[l] = radius.data[i + l];
+    V r = zero + radius[0];
+    if (many) for (int l = 0; l < m; ++l) r[l] = radius[i + l];
     const I maybe = ~(g > r);
     const B bytes = __builtin_convertvector(maybe & 1, B);
     if (m == L) *(B*)(out.data + i) = bytes;
     else for (int l = 0; l < m; ++l) out.data[i + l] = bytes[l];
 
-/// FUNCTION
+/// LOCATED
+constexpr int N = $n;
+const float zero = 0.0f;
+float v[N];
+#define V float
+$locate
+#undef V
+
+/// STEP
+V q[N], v[N];
+#pragma unroll
+for (int k = 0; k < N; ++k) q[k] = a[k] + w_[k] * t;
+$locate
+V f;
+$body
+$after
+const V free_ = g - room;
+const V later = (t + over(free_ * $shorter, length)) * $shorter;
+
+/// MARCH
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)
 #endif
-constexpr int N = $n;
-$tools
-auto bits = [](float x) { union { float f; unsigned int i; } u; u.f = x; return u.i; };
-const float* label = parameters.data;
-const unsigned int numbers = parameters.shape[0], fields = words.shape[0];
-if (numbers < $label || parameters.strides[0] != sizeof(float) || words.strides[0] != sizeof(unsigned int)) return 0.0f;
-if (bits(label[0]) != ${first}u || bits(label[1]) != ${second}u) return 0.0f;  // another function's data
-if (numbers < bits(label[2]) || fields < bits(label[3])) return 0.0f;
+constexpr int N = $n, ROW = 2 * N + 4;
 $parts
-float v[N];
-const float zero = 0.0f;
-#define V float
-$before
-#undef V
+$tools
 #if !defined(__CUDA_ARCH__)
-$function_body
+$lanes
+const V zero = {};
+const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
+V a[N], w_[N], length = zero + 1.0f, room = zero + INFINITY, t = zero, last = zero + 1.0f;
+#pragma unroll
+for (int k = 0; k < N; ++k) { a[k] = zero; w_[k] = zero; }
+int who[L], left[L], next = begin, active = 0;
+const auto fill_lane = [&](int l) {
+    who[l] = -1;
+    room[l] = INFINITY;
+    const float* row = lines.data + (long long)next * ROW;
+    for (; next < end && row[ROW - 2] > row[ROW - 1]; row += ROW) {  // it passes the object's box
+        maybe.data[next] = 0;
+        times.data[next++] = 1.0f;
+    }
+    if (next >= end) return;
+#pragma unroll
+    for (int k = 0; k < N; ++k) { a[k][l] = row[k]; w_[k][l] = row[N + k]; }
+    length[l] = row[2 * N];
+    room[l] = row[2 * N + 1];
+    t[l] = row[ROW - 2];
+    last[l] = row[ROW - 1];
+    left[l] = steps;
+    who[l] = next++;
+    ++active;
+};
+for (int l = 0; l < L; ++l) fill_lane(l);
+while (active > 0) {
+    $step
+    const I on = (free_ > zero) & (later > most(t, zero + $least));
+    const I clear = on & (later >= last);
+    t = on ? later : t;
+    int on_[L], clear_[L];  // in memory: lanes of a vector are dear one by one
+    *(J*)on_ = on;
+    *(J*)clear_ = clear;
+    for (int l = 0; l < L; ++l) {
+        if (who[l] < 0) continue;
+        if (on_[l] && !clear_[l] && --left[l] > 0) continue;
+        maybe.data[who[l]] = clear_[l] ? 0 : 1;
+        times.data[who[l]] = clear_[l] ? 1.0f : t[l];
+        --active;
+        fill_lane(l);
+    }
+}
 #else
 typedef float V;
-V f;
-$scalar_body
-#endif
-{
-    typedef float V;
-    $after
-    return g;
+const float zero = 0.0f;
+const int i = block;
+if (i >= count) return;
+const float* row = lines.data + (long long)i * ROW;
+V a[N], w_[N], t = row[ROW - 2];
+#pragma unroll
+for (int k = 0; k < N; ++k) { a[k] = row[k]; w_[k] = row[N + k]; }
+const V length = row[2 * N], room = row[2 * N + 1], last = row[ROW - 1];
+bool clear = t > last;
+for (int step = 0; step < steps && !clear; ++step) {
+    $scalar_step
+    if (!(free_ > 0.0f && later > most(t, $least))) break;
+    t = later;
+    clear = later >= last;
 }
+maybe.data[i] = clear ? 0 : 1;
+times.data[i] = clear ? 1.0f : t;
+#endif
+
+/// TOGETHER:
+/// The same by the lanes of a warp together, each with a march of its own, and the next one when that has ended. CUDA only.
+#if defined(__CUDA_ARCH__)
+typedef float V;
+constexpr int N = $n, ROW = 2 * N + 4;
+const float zero = 0.0f;
+$parts
+$tools
+const float* tensor = numbers.data;
+const unsigned int all = 0xffffffffu, before = (1u << (block & 31)) - 1u;
+const int warps = gridDim.x * blockDim.x / 32, each = (count + warps - 1) / warps;
+int next = block / 32 * each, who = -1, left = 0;
+const int end = next + each < count ? next + each : count;
+V a[N], w_[N], length = 1.0f, room = INFINITY, t = zero, last = 1.0f;
+#pragma unroll
+for (int k = 0; k < N; ++k) { a[k] = zero; w_[k] = zero; }
+while (true) {
+    for (unsigned int empty = __ballot_sync(all, who < 0); empty && next < end; empty = __ballot_sync(all, who < 0)) {
+        const int own = next + __popc(empty & before);
+        if (who < 0 && own < end) {
+            const float* row = lines.data + (long long)own * ROW;
+            t = row[ROW - 2];
+            last = row[ROW - 1];
+            if (t > last) {  // it passes the object's box
+                maybe.data[own] = 0;
+                times.data[own] = 1.0f;
+            } else {
+#pragma unroll
+                for (int k = 0; k < N; ++k) { a[k] = row[k]; w_[k] = row[N + k]; }
+                length = row[2 * N];
+                room = row[2 * N + 1];
+                left = steps;
+                who = own;
+            }
+        }
+        next += __popc(empty);
+    }
+    if (!__any_sync(all, who >= 0)) break;
+    $step
+    const bool on = (free_ > zero) & (later > most(t, zero + $least));
+    const bool clear = on & (later >= last);
+    t = on ? later : t;
+    if (who >= 0 && (!on || clear || --left <= 0)) {
+        maybe.data[who] = clear ? 0 : 1;
+        times.data[who] = clear ? 1.0f : t;
+        who = -1;
+    }
+}
+#endif

@@ -18,6 +18,7 @@ and then their sum to a float32 number (Fasi, Higham, Mikaitis, Pranesh, *Numeri
 2021); a card of capability 9.0 keeps one bit more. Products of float16 numbers are exact.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,6 +27,7 @@ import warp as wp
 from warp_bounding.activations import SINE
 from warp_bounding.arithmetic import TINY, gamma, round_down
 from warp_bounding.kernels.source import fill
+from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.runtime.native import native_text
 
 PARTS = native_text("tensor_cores.h")
@@ -64,6 +66,21 @@ class TensorCores:
     """What a bounder with a network adds; batches run on tensor cores where ``tensor_numbers`` is not ``None``."""
 
     _held: tuple[object, wp.array | None] | None = None
+
+    @property
+    def tensor_text(self) -> str:
+        """``text`` of the bounder's f."""
+        return text(self.source)
+
+    def _launch_of(
+        self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact: bool = False
+    ) -> BlockLaunch:
+        """See ``bounders.batch``."""
+        numbers = None if exact else self.tensor_numbers
+        if numbers is None:
+            return super()._launch_of(kernel_of, count, inputs, outputs)
+        kernel, inputs = kernel_of(body=self.tensor_text), [*inputs, numbers]
+        return BlockLaunch(kernel, threads(count), inputs, outputs, self.device, first_index=2, block_dim=BLOCK)
 
     @property
     def tensor_numbers(self) -> wp.array | None:

@@ -11,8 +11,8 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.kernels.distances import LANES, DistanceSource, texts_of
-from warp_bounding.kernels.functions import Words, point_func
+from warp_bounding.kernels.distances import DistanceSource
+from warp_bounding.kernels.functions import Words, lanes_of, point_func
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.newton.placing import IN_SUM, Hull, Placed
 from warp_bounding.runtime.native import Numbers, literal, named, unique_name
@@ -277,6 +277,7 @@ constexpr int N = 3;
 $parts
 $tools
 $lanes
+const V zero = {};
 const int* const pair = (const int*)pairs.data;
 const int particles = rows.shape[0] / 4, last = (block + 1) * $blocks < count ? (block + 1) * $blocks : count;
 float at[N][L] = {}, ways[L] = {};
@@ -285,7 +286,7 @@ const auto ask = [&]() {
     V q[N], v[N];
 #pragma unroll
     for (int k = 0; k < N; ++k) q[k] = *(const V*)at[k];
-    $before
+    $locate
     V f;
     $body
     $after
@@ -319,8 +320,8 @@ if (m > 0) ask();
 @cache
 def ask_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
     """The kernel of a bounder of this source; see module, and ``lists.ask_listed``."""
-    texts = texts_of(source) | {
-        "lanes": fill(LANES, **source.width),
+    texts = source.around(placed=False, values=True) | {
+        "lanes": lanes_of(source),
         "body": source.body(Lanes(vector=True)),
         "rounding": literal(IN_SUM),
         "blocks": BLOCKS,

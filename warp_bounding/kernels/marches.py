@@ -1,4 +1,4 @@
-"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; of any source.
+"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; and batches of these; of any source.
 
 ``distance_func`` is native text (``distances.h``), and all others ask it, so they are the same function in
 Warp's own Python for every source and device.
@@ -12,7 +12,7 @@ the radius from the object. So t may grow by that over the length of the segment
 and the new t down, by more than their operations round. A march begins where the segment enters the box that holds the
 object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where nothing is gained, numbers
 are not finite, or the steps are over; t is then a lower bound of the time of first contact. Batches march in lanes
-(``lanes``), by the same steps.
+(``lanes_kernel``), by the same steps.
 
 *Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more
 than both ways together: ``|w|`` in space and the object's speed times ``|w_0|``. Their sum is what is called the
@@ -33,11 +33,11 @@ from functools import cache
 import warp as wp
 
 from warp_bounding.arithmetic import UNIT32
-from warp_bounding.kernels.distances import HEADER, HEADER_OF_TIME, DistanceSource, function_snippet
-from warp_bounding.kernels.functions import Data, Words
-from warp_bounding.kernels.source import LABEL
+from warp_bounding.kernels.distances import HEADER, HEADER_OF_TIME, DistanceSource, text
+from warp_bounding.kernels.functions import Data, Words, function_snippet, lanes_of
+from warp_bounding.kernels.source import LABEL, Lanes, fill
 from warp_bounding.queries.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
-from warp_bounding.runtime.native import Numbers, named, unique_name, vector_type
+from warp_bounding.runtime.native import Numbers, literal, named, unique_name, vector_type
 
 # From when to when may a segment meet the object at all? Only while it is in the box that holds the object, dilated by
 # the radius.
@@ -359,3 +359,135 @@ def box_func(source: DistanceSource) -> wp.Function:
         return True
 
     return box
+
+
+# --- batches ---------------------------------------------------------------------------------------------------------
+#
+# Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one
+# has ended.
+#
+# A first kernel, in Warp's own Python, makes of each query what a march needs (``segment_line``): a, w, its
+# length, the room that rounding needs with the radius, and from when to when contact is possible (``clip_func``): a
+# query that passes the object's box takes no lane at all. The second one, native, marches: the same steps as
+# ``march_func`` with the same rounding, but for what sums in another order round, which the room covers.
+# Lanes ask g together; those that have ended are written out and filled again, so that a vector is full until the
+# block runs out of queries. On CUDA it is a query a thread.
+
+
+@cache
+def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
+    """``(lines, count, block, parameters, words, steps, maybe, times)``, one block of lines ``(count, 2 n + 4)`` a thread.
+
+    With a ``body`` as of ``batch_kernel``: for CUDA, and it takes ``numbers`` behind ``steps``.
+    """
+    texts = {"shorter": literal(SHORTER), "least": literal(LEAST), "block": source.block, "lanes": lanes_of(source)}
+    texts |= source.around(placed=False, values=True) | {"scalar_body": source.body(Lanes(vector=False))}
+    if body is None:
+        step = fill(text.STEP, **texts, body=source.body(Lanes(vector=True)))
+        scalar_step = fill(text.STEP, **texts, body=texts["scalar_body"])
+
+        @_named(source, "lines").block_kernel(fill(text.MARCH, **texts, step=step, scalar_step=scalar_step))
+        def march(
+            lines: Numbers,
+            count: int,
+            block: int,
+            parameters: Numbers,
+            words: Words,
+            steps: int,
+            maybe: wp.array(dtype=wp.uint8),
+            times: wp.array(dtype=wp.float32),
+        ): ...
+
+        return march
+
+    after = f"const float threshold = tensor[0]; {texts['after']}"
+    step = fill(text.STEP, **texts | {"after": after}, body=body)
+
+    @_named(source, "warp_lines").block_kernel(fill(text.TOGETHER, **texts, step=step))
+    def together(
+        lines: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        steps: int,
+        numbers: Numbers,
+        maybe: wp.array(dtype=wp.uint8),
+        times: wp.array(dtype=wp.float32),
+    ): ...
+
+    return together
+
+
+@cache
+def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
+    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 4 numbers a query."""
+    n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
+    of_segment, of_ray, clip = segment_line(source), ray_line(source), clip_func(source)
+
+    def lines_of(
+        first: int,
+        # inputs
+        data: Data,
+        a: Numbers,
+        b: Numbers,
+        length: Numbers,
+        lengths: int,
+        radius: Numbers,
+        radii: int,
+        clock: wp.vec3,
+        # outputs
+        lines: Numbers,
+    ):
+        i, _ = wp.tid()
+        i += first
+        start, end = vector(), vector()
+        for k in range(n):
+            if ray:
+                start[k] = a[2 * n * i + k]
+                end[k] = a[2 * n * i + n + k]
+            else:
+                start[k] = a[i * n + k]
+                end[k] = b[i * n + k]
+        w, long = vector(), wp.float32(0.0)
+        if ray:
+            w, long = of_ray(end, length[lengths * i])
+        else:
+            w, long = of_segment(start, end, clock)
+        row, most = i * (2 * n + 4), room(start, w, long, radius[radii * i], clock)
+        span = clip(data, start, w, most)
+        for k in range(n):
+            lines[row + k] = start[k]
+            lines[row + n + k] = w[k]
+        lines[row + 2 * n] = long
+        lines[row + 2 * n + 1] = most
+        lines[row + 2 * n + 2] = span[0]
+        lines[row + 2 * n + 3] = span[1]
+
+    return _named(source, "ray_lines" if ray else "segment_lines").kernel(lines_of)
+
+
+@cache
+def box_kernel(source: DistanceSource) -> wp.Kernel:
+    """``(first, data, lower, upper, steps, maybe)``, one box a thread."""
+    box, n, vector = box_func(source), source.ndim, vector_type(source.ndim)
+
+    def boxes(
+        first: int,
+        # inputs
+        data: Data,
+        lower: Numbers,
+        upper: Numbers,
+        steps: int,
+        # outputs
+        maybe: wp.array(dtype=wp.uint8),
+    ):
+        i, _ = wp.tid()
+        i += first
+        low, high = vector(), vector()
+        for k in range(n):
+            low[k] = lower[i * n + k]
+            high[k] = upper[i * n + k]
+        maybe[i] = wp.uint8(box(data, low, high, steps))
+
+    return _named(source, "boxes").kernel(boxes)
