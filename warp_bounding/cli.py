@@ -320,7 +320,6 @@ def fit(
     length: Length = None,
     side: Annotated[str, Option(help="outside, or inside: no is certainly in the object (points).")] = "outside",
     queries: Queries = None,
-    metric: Annotated[Text, Option(help="Of a distance whose coordinate 0 is time: space or spacetime.")] = None,
     samples: Annotated[str, Option(help="Random queries to measure on, such as 1e6.")] = "1e6",
     device: Device = "cpu",
     json: Json = False,
@@ -340,7 +339,7 @@ def fit(
 
     quiet_warp(device)
     given = {"query": query, "length": length, "margin": margin, "force": force, "resolution": resolution, "side": side}
-    given |= {"budget": budget, "seed": seed, "device": device, "method": method, "metric": metric}
+    given |= {"budget": budget, "seed": seed, "device": device, "method": method}
     arguments, count = fit_arguments(rest | given), whole_number("samples", samples)
     check_writable(output, shape, *([queries] if queries else []), kind=whole_file.BOUNDER_FILE)
     own = None if queries is None else read_queries(queries)
@@ -418,8 +417,7 @@ def fit_arguments(given: Mapping[str, Any]) -> dict[str, Any]:
     """
     known = {option.name: option for options in _options_by_method().values() for option in options}
     of_method = {name: option.parse(given[name]) for name, option in known.items() if given.get(name) is not None}
-    metric = {} if given["metric"] is None else {"metric": given["metric"]}
-    return {name: given[name] for name in OF_FIT} | of_method | metric
+    return {name: given[name] for name in OF_FIT} | of_method
 
 
 def _looser(bounder) -> str | None:

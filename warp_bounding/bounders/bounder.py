@@ -101,7 +101,9 @@ STEPS = Option("steps", None, _STEPS, whole("steps", 1), int)
 
 def taken(classes: Iterable[type], query: str) -> dict[str, Option]:
     """The options that one of these classes of bounders takes for a kind of query, by name."""
-    return {option.name: option for cls in classes for option in cls.options if query in option.queries}
+    return {
+        option.name: option for cls in classes for option in cls.options if cls.of_distances or query in option.queries
+    }
 
 
 def arguments_of(function: Callable) -> list[str]:
@@ -151,7 +153,8 @@ def settled(
     known = taken(classes, query)
     if unknown := [name for name in given if name not in known]:
         method = "+".join(cls.method for cls in classes)
-        raise BounderError(unknown_option(unknown[0], method, known, f"{query} queries", callers))
+        asked = "distances" if query == DISTANCE.name else f"{query} queries"
+        raise BounderError(unknown_option(unknown[0], method, known, asked, callers))
     return [{name: _value(option, given) for name, option in taken([cls], query).items()} for cls in classes]
 
 
@@ -188,6 +191,7 @@ class Bounder(Asking):
     """
 
     method: ClassVar[str]
+    highest_threshold: ClassVar[float] = np.inf  # that a proof may set
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
     delta_share: "np.ndarray | None" = None  # of a union whose parts have domains of their own, see there

@@ -25,10 +25,9 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, round_down, round_up
-from warp_bounding.bounders.bounder import Bounder, taken
+from warp_bounding.bounders.bounder import Bounder, Option, taken
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.distances import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
 from warp_bounding.kernels.marches import (
     BOX_STEPS,
@@ -42,7 +41,7 @@ from warp_bounding.kernels.marches import (
     segment_func,
 )
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.queries.distance import DISTANCE, DistanceDomain
+from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain
 from warp_bounding.queries.domain import Domain, json_number
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.arrays import compact, new_output
@@ -136,6 +135,8 @@ def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
 
 # --- the base --------------------------------------------------------------------------------------------------------
 
+METRIC = Option("metric", METRICS[0], f"of a shape whose coordinate 0 is time: {' or '.join(METRICS)}")
+
 
 class DistanceBounder(Bounder):
     """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
@@ -157,9 +158,16 @@ class DistanceBounder(Bounder):
     """
 
     of_distances = True
+    highest_threshold = 0.0  # a higher one does not account for rounding
+    options = (METRIC,)
     moving: ClassVar[bool] = False  # whether it has distances of shapes that move
     room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
     domain: DistanceDomain
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if METRIC not in cls.options:
+            cls.options = (*cls.options, METRIC)
 
     @classmethod
     def check_domain(cls, domain: Any) -> None:
@@ -179,11 +187,6 @@ class DistanceBounder(Bounder):
         In units ``UNIT32 (|v|_1 + |f|)``; 0 in the domain.
         """
         return 0.0
-
-    @property
-    def volume(self) -> Bounder | None:
-        """A bounder of points whose *maybe* holds the object, F being a lower bound of its distance; else ``None``."""
-        return None
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
@@ -261,11 +264,6 @@ class DistanceBounder(Bounder):
         return np.concatenate([self.domain.header, [threshold, share], self.extra])
 
     @property
-    def ndim(self) -> int:
-        """Dimension n of the object."""
-        return self.domain.ndim
-
-    @property
     def told(self) -> str:
         """See ``Bounder``."""
         return f"distance bounder, {self.ndim}D"
@@ -293,15 +291,7 @@ class DistanceBounder(Bounder):
         return np.maximum(value, 0.0) * self.domain.unit
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "DistanceBounder":
-        """Set threshold and certificate, in place; nothing else changes them.
-
-        Args:
-            threshold: Rounded to float32; at most 0.
-            certificate: What is known of this threshold; ``None`` for nothing.
-
-        Raises:
-            BounderError: For a threshold above 0, with which rounding is not accounted for.
-        """
+        """See ``Bounder``; raises ``BounderError`` for a threshold above 0, with which rounding is not accounted for."""
         if not np.float32(threshold) <= 0:
             raise BounderError(f"{self.method}: the threshold of a distance is at most 0, got {threshold:g}")
         return super().freeze(threshold, certificate)
@@ -309,7 +299,7 @@ class DistanceBounder(Bounder):
     @property
     def nbytes(self) -> int:
         """Bytes of data that one query can read; the tag and the lengths in front of them are not counted."""
-        head = len(self.domain.header) + 2 + len(self.extra)
+        head = len(self._header(self.threshold))
         return 4 * (head + len(self.weights())) + (self.words().nbytes if len(self.words()) > 1 else 0)
 
     @property
@@ -321,17 +311,7 @@ class DistanceBounder(Bounder):
         text = f"{rates['fp_rate']:.2f} % false positives at radius 0 ({rates['samples']:,} samples)"
         return f"{text}, slack {self.slack:.3g}"
 
-    @classmethod
-    def fit(cls, shape: Shape, domain: DistanceDomain, *, device: str | None = None, **options) -> "DistanceBounder":
-        """The method's F of a shape, in closed form, where there is one and no volume.
-
-        Raises:
-            BounderError: If there is none.
-        """
-        raise BounderError(f"{cls.method}: there is no closed form of its distance")
-
-    # --- what there is not: a value that is compared with the threshold
-    # --------------------------------------------------
+    # --- what there is not: a value that is compared with the threshold ----------------------------------------------
 
     def values(self, *_args, **_options):
         """Refused with ``QueryError``: of a distance ask ``distance``."""
@@ -640,9 +620,9 @@ class VolumeDistance(DistanceBounder):
         raise TypeError(f"{cls.__name__} does not define form_of")
 
     def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
         if "bounds" in cls.__dict__:
             cls.options = tuple(taken([cls.bounds], POINT.name).values())
+        super().__init_subclass__()
 
     @classmethod
     def supports(cls, query: str, ndim: int) -> bool:

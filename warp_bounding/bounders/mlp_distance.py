@@ -233,9 +233,8 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
     @property
     def nbytes(self) -> int:
         """See ``DistanceBounder``; a query reads one of two copies of the numbers, for lanes of queries or neurons."""
-        return 4 * (len(self.domain.header) + 2 + len(self.domain.extra)) + sum(
-            tensor.nbytes for tensor in self.tensors.values()
-        )
+        head = len(self.domain.header) + 2 + len(self.domain.extra)
+        return 4 * head + sum(tensor.nbytes for tensor in self.tensors.values())
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``."""

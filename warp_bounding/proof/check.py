@@ -26,8 +26,8 @@ from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS, LeastBox, of_points
-from warp_bounding.proof.distances import TOUCHED, Checkpoint, excess_within
-from warp_bounding.proof.prove import ShapeRegions, charted, coarse_cells, corners, in_part
+from warp_bounding.proof.distances import Checkpoint, excess_within
+from warp_bounding.proof.prove import TOUCHED, ShapeRegions, charted, coarse_cells, corners, in_part
 from warp_bounding.proof.search import NARROWEST, HeldBounds, ShapePositives, halve
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.queries import QUERIES, decision

@@ -19,11 +19,8 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
-from warp_bounding.certificates import Certificate, document
-from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.search import halve
@@ -31,9 +28,6 @@ from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable, file_path, write_whole
 from warp_bounding.version import __version__
-
-TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
-
 
 # --- tolerances ------------------------------------------------------------------------------------------------------
 
@@ -557,46 +551,3 @@ def _near(bounder: DistanceBounder, shape: Shape, count: int, rng: np.random.Gen
     v += np.exp2(rng.uniform(*np.log2(NEAR), (count, 1))) * rng.standard_normal(v.shape)
     limit = bounder.domain.limit.astype(np.float64)
     return np.clip(v, -limit, limit)
-
-
-# --- prove -----------------------------------------------------------------------------------------------------------
-
-
-def prove_distance(
-    bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, seconds: float = float("inf")
-) -> None:
-    """Set a bounder's threshold by proof, to the best L that there is time for, and give it its certificate.
-
-    Args:
-        bounder: Changed in place (``freeze``).
-        shape: The object that it bounds, its margin included.
-        of_volume: The certificate of ``bounder.volume``, where there is one.
-        seconds: Time for a search.
-
-    Raises:
-        BounderError: If the bounder was made for another object, its volume is not proven, or there is no finite lower
-            bound.
-    """
-    if reason := mismatch(bounder, shape):
-        raise BounderError(f"{bounder.method}: {reason}")
-    if bounder.volume is not None:
-        if of_volume is None or not of_volume.proven:
-            volume = f"a volume that is proven, and {shape.name} certifies no box to be empty"
-            raise BounderError(f"{bounder.method}: a distance needs {volume}")
-        least, boxes, spent = 0.0, of_volume.boxes, of_volume.seconds
-    else:
-        started = working_seconds()
-        excess, boxes, _, _ = largest_excess(bounder, shape, seconds)
-        least, spent = -float(excess.max()), working_seconds() - started
-        bounder.relieve(excess)
-    error, unit = bounder.rounding_bound(), bounder.domain.unit
-    threshold = min(float(round_down(np.nextafter(least - error, -np.inf))), 0.0)
-    if not np.isfinite(threshold):
-        raise BounderError(f"{bounder.method}: the proof found no finite slack")
-    message = (
-        f"Proven: the distance is never overestimated, for any float32 point anywhere{TOUCHED if shape.time else ''}."
-    )
-    slack = f"The slack, taken off so that no distance is too large, is {-threshold * unit:.3g}"
-    numbers = f"{slack}, {error * unit:.2g} of it for float32 rounding."
-    certificate = document(bounder, shape, "proven", threshold, least, boxes, spent, message, numbers=numbers)
-    bounder.freeze(threshold, certificate)

@@ -12,6 +12,7 @@ import numpy as np
 
 from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.mlp import EVERYWHERE, Lattice, Local, Mlp
 from warp_bounding.certificates import Certificate, document, shown
 from warp_bounding.certificates.claim import mismatch
@@ -21,6 +22,7 @@ from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.charts import FARTHEST, PartChart
 from warp_bounding.proof.covers import COVERS, of_points
+from warp_bounding.proof.distances import largest_excess
 from warp_bounding.proof.search import (
     NARROWEST,
     ChartedPositives,
@@ -41,6 +43,7 @@ from warp_bounding.runtime.launch import working_seconds
 
 ROOM = 1e-4  # of f: how far under the least value that a search has found an attested threshold is set
 STARTS = 4096  # points of a shape's border that a search begins with, where it is given none
+TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
 CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
 
 
@@ -166,7 +169,37 @@ def prove_or_attest(
     return None
 
 
-def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate:
+def prove_distance(
+    bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, seconds: float = float("inf")
+) -> None:
+    """``prove`` of a distance: ``f = d - F`` on all of the domain. What F is too large by is its slack, by parts if it has some.
+
+    Args:
+        bounder: Changed in place (``freeze``).
+        shape: The object that it bounds, its margin included.
+        of_volume: The certificate of ``bounder.volume``, where there is one.
+        seconds: Time for a search.
+
+    Raises:
+        BounderError: If the bounder was made for another object, its volume is not proven, or there is no finite lower
+            bound.
+    """
+    if reason := mismatch(bounder, shape):
+        raise BounderError(f"{bounder.method}: {reason}")
+    if bounder.volume is None:
+        started = working_seconds()
+        excess, boxes, complete, _ = largest_excess(bounder, shape, seconds)
+        least, spent = -float(excess.max()), working_seconds() - started
+        bounder.relieve(excess)
+    elif of_volume is None or not of_volume.proven:
+        volume = f"a volume that is proven, and {shape.name} certifies no box to be empty"
+        raise BounderError(f"{bounder.method}: a distance needs {volume}")
+    else:
+        least, boxes, spent, complete = 0.0, of_volume.boxes, of_volume.seconds, True
+    settle(bounder, shape, Search(least, least, np.empty((0, bounder.ndim)), boxes, spent, complete))
+
+
+def settle(bounder: Bounder, grid: Shape, search: Search) -> Certificate:
     """Set a bounder's threshold under what ``least_value`` has certified, and give it its certificate.
 
     Raises:
@@ -177,14 +210,20 @@ def settle(bounder: Bounder, grid: IndicatorGrid, search: Search) -> Certificate
         raise BounderError(f"{bounder.method}: {reason}")
     error = bounder.rounding_bound()
     threshold = float(round_down(np.nextafter(search.lower_bound - error, -np.inf)))
+    threshold = min(threshold, bounder.highest_threshold)
     if not np.isfinite(threshold):
         raise BounderError(f"{bounder.method}: the proof found no finite minimum")
-    message = f"Proven: no {QUERIES[bounder.query_kind].positive} is ever answered with no."
-    rounded = f"in float32 at most {error:.2g} less" if error else "in float32 too"
-    numbers = (
-        f"For every {QUERIES[bounder.query_kind].positive} f >= {shown(search.lower_bound)}, {rounded}; "
-        f"from f = {shown(threshold)} on the answer is maybe."
-    )
+    if bounder.of_distances:
+        unit, known = bounder.domain.unit, TOUCHED if grid.time else ""
+        message = f"Proven: the distance is never overestimated, for any float32 point anywhere{known}."
+        slack = f"The slack, taken off so that no distance is too large, is {-threshold * unit:.3g}"
+        numbers = f"{slack}, {error * unit:.2g} of it for float32 rounding."
+    else:
+        positive = QUERIES[bounder.query_kind].positive
+        message = f"Proven: no {positive} is ever answered with no."
+        rounded = f"in float32 at most {error:.2g} less" if error else "in float32 too"
+        least, from_ = shown(search.lower_bound), shown(threshold)
+        numbers = f"For every {positive} f >= {least}, {rounded}; from f = {from_} on the answer is maybe."
     found = (search.lower_bound, search.boxes, search.seconds)
     certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)
     bounder.freeze(threshold, certificate)

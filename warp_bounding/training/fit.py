@@ -7,7 +7,7 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -17,9 +17,9 @@ import numpy as np
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.batch import in_frame
-from warp_bounding.bounders.bounder import known_method, settled, unknown_option
+from warp_bounding.bounders.bounder import known_method, settled
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
+from warp_bounding.bounders.distance import METRIC, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import THRESHOLDS, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
@@ -32,7 +32,8 @@ from warp_bounding.indicators.parts import SIDES, Complement
 from warp_bounding.indicators.recentred import parted
 from warp_bounding.indicators.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.proof import prove_or_attest
-from warp_bounding.proof.distances import excesses, prove_distance
+from warp_bounding.proof.distances import excesses
+from warp_bounding.proof.prove import prove_distance
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain, in_metric
 from warp_bounding.queries.point import POINT
@@ -148,25 +149,23 @@ def fit(
         )
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
-    if query == DISTANCE.name:
+    far = query == DISTANCE.name
+    if far:
         check_distance(method, length, side, last, queries)
-        check_distance_options(method_class(method, DISTANCE.name), options)
-        device_of(device)
-        shape, frame = parted(load_indicator(shape))
-        check_extent(shape, margin, force)
-        warn_of_restriction(shape)
-        own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
-        found = _fit_distance(shape, method, options, **own, progress=progress, force=force)
-        spent = spent.seconds()
-        found.info["training"] |= spent
-        return in_frame(found, frame)
-    check_regions(query, method, length, side)
+    else:
+        check_regions(query, method, length, side)
     length = length or 1.0
-    settled([known_method(name) for name in method.split("+")], query, options, [fit])
+    known = [method_class(method, query)] if far else [known_method(name) for name in method.split("+")]
+    settled(known, query, options, [fit])
     device_of(device)
     shape, frame = parted(load_indicator(shape))
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
+    if far:
+        own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
+        found = _fit_distance(shape, method, options, **own, progress=progress, force=force)
+        found.info["training"] |= spent.seconds()
+        return in_frame(found, frame)
     if side == SIDES[1]:
         shape = Complement(shape)
     grid = _bounded(shape, query, method, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
@@ -291,39 +290,15 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
     return grid
 
 
-# Distances. A method that has a volume is fitted as a bounder of points, whose proof carries over. Other closed forms
-# have a ``fit`` of their own, and what is learned an entry in ``DISTANCE_TRAINERS``; ``prove_distance`` then finds the
-# slack.
+# Distances. A method that has a volume is fitted as a bounder of points, whose proof carries over; the others as
+# ``TRAINERS`` says. ``prove_distance`` then finds the slack.
 
-METRIC = "metric"  # the option that all methods take
 TOLERANCE = 0.02  # of a cell's side, and ...
 LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
 CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
 MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
 # Of the budget, what training leaves for the proof of a distance; from so many dimensions on.
 DISTANCE_PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
-
-# By class, how a learned method is trained: called with the class, the shape, the domain, its options, seconds, a seed,
-# a device and progress, it returns the bounder, without a threshold, and a record of the training. A trainer chooses
-# its domain's room.
-DistanceTraining = Callable[..., tuple[DistanceBounder, dict[str, Any]]]
-DISTANCE_TRAINERS: dict[type[DistanceBounder], DistanceTraining] = {MlpDistance: train_distance}
-
-
-def check_distance_options(cls: type[DistanceBounder], names: Iterable[str]) -> None:
-    """Refuse options that a method's distance does not take.
-
-    Args:
-        cls: Of the method.
-        names: Of the options, all but those of ``fit``.
-
-    Raises:
-        BounderError: Naming one of them, and what there is.
-    """
-    known = [*(option.name for option in cls.options), METRIC]
-    for name in names:
-        if name not in known:
-            raise BounderError(unknown_option(name, cls.method, known, "distances", [fit]))
 
 
 def _fit_distance(
@@ -339,26 +314,11 @@ def _fit_distance(
     progress,
     force: bool,
 ) -> DistanceBounder:
-    """The part of ``fit`` that is about distances; arguments are checked there.
-
-    Args:
-        shape: What is bounded, without the margin.
-        method: A name in ``DISTANCES``.
-        options: The method's own, and ``metric``.
-        budget: Seconds.
-        seed: Of everything random.
-        margin: By how much the object is dilated.
-        resolution: Of cells, where they are wanted.
-        device: Warp device.
-        progress: As of ``fit``.
-        force: Accept a margin that is larger than the object.
-
-    Raises:
-        BounderError: For a method without a distance, an option that it does not take, or a shape without a proof.
-    """
-    metric = options.pop(METRIC, METRICS[0])
-    shape = in_metric(shape, metric)
+    """The part of ``fit`` that is about distances to a shape, without the margin yet; arguments are checked there."""
     cls = method_class(method, DISTANCE.name, shape.ndim)
+    (told,) = settled([cls], DISTANCE.name, options, [fit])
+    metric = told.pop(METRIC.name)
+    shape = in_metric(shape, metric)
     if shape.joints is not None:
         raise BounderError(
             f"{method}: {shape.name}: distances of configurations are not bounded, points are; "
@@ -374,30 +334,26 @@ def _fit_distance(
     own = {"margin": margin, "resolution": resolution}
     if issubclass(cls, VolumeDistance):
         own |= {"budget": budget, "seed": seed, "device": device, "progress": progress, "force": force}
-        volume = fit(shape, POINT.name, method, **own, **options)
+        given = {name: value for name, value in options.items() if name != METRIC.name}
+        volume = fit(shape, POINT.name, method, **own, **given)
         fitted, info = as_fitted(volume, shape), volume.info
-        bounder = cls.around(volume, DistanceDomain.of(fitted), {METRIC: metric}, device)
+        bounder = cls.around(volume, DistanceDomain.of(fitted), {METRIC.name: metric}, device)
         prove_distance(bounder, fitted, of_volume=volume.certificate)
-        bounder.info = {**info, "rates": None}
     else:
-        fitted = as_fitted_to(shape, margin, resolution)
+        shape.check()
+        fitted = shape.dilated(margin) if resolution is None else shape.to_grid(**own)
         if fitted.distances(fitted.lower[None]) is None:
             raise BounderError(
                 f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
             )
         proving = budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
-        told = {option.name: _value_of(option, options) for option in cls.options}
-        if cls in DISTANCE_TRAINERS:
-            with reported(progress, f"fit {method}") as update:
-                left = budget - proving
-                bounder, record = DISTANCE_TRAINERS[cls](cls, fitted, told, left, seed, device, update)
-        else:
-            domain = DistanceDomain.of(fitted, cls.room)
-            lowered = partial(_excess_of_cells, shape=fitted, seconds=budget - proving)
-            bounder, record = cls.fit(fitted, domain, lowered=lowered, device=device, **told), {}
-        bounder.sizes[METRIC] = metric
+        problem = Problem(fitted, DistanceDomain.of(fitted, cls.room), DISTANCE.name, seed, device)
+        with reported(progress, f"fit {method}") as update:
+            bounder, record = trainer_of(cls).train(cls, problem, told, budget - proving, update)
+        bounder.sizes[METRIC.name] = metric
         prove_distance(bounder, fitted, seconds=proving)
-        bounder.info = described(fitted, seed, record)
+        info = described(fitted, seed, record)
+    bounder.info = info | {"rates": None}
     bounder.info["rates"] = quick_rates(bounder, fitted)
     return bounder
 
@@ -418,17 +374,6 @@ def _sampled_excess(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, u
         low = shape.distances(bounder.domain.to_object(v))[:, 0] / bounder.domain.unit
         most = np.maximum(most, bounder.reference(v) - low)
     return most
-
-
-def as_fitted_to(shape: Shape, margin: float, resolution: int | None) -> Shape:
-    """The dilated shape, or its cells where there is a resolution."""
-    shape.check()
-    return shape.dilated(margin) if resolution is None else shape.to_grid(resolution=resolution, margin=margin)
-
-
-def _value_of(option, given: dict[str, Any]) -> Any:
-    value = given.get(option.name, option.default)
-    return None if value is None and option.default is None else option.check(value)
 
 
 # How the bounders of a class are made from a shape: in closed form by the class itself, or as ``TRAINERS`` says.
@@ -464,8 +409,18 @@ def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], 
     return cls.fit(problem.grid, problem.domain, device=problem.device, **options), {}
 
 
+def _closed_distance(
+    cls: type[DistanceBounder], problem: Problem, options: dict[str, Any], seconds: float, _
+) -> Trained:
+    """The F that the class computes, lowered where it exceeds the distance."""
+    lowered = partial(_excess_of_cells, shape=problem.grid, seconds=seconds)
+    return cls.fit(problem.grid, problem.domain, lowered=lowered, device=problem.device, **options), {}
+
+
 TRAINERS: dict[type[Bounder], Trainer] = {
     Bounder: Trainer(_closed_form),
+    DistanceBounder: Trainer(_closed_distance),
+    MlpDistance: Trainer(train_distance),
     LearnedKdop: Trainer(train_learned_kdop, most_seconds=KDOP_SECONDS),
     ReluField: Trainer(train_relu_field),
     Mlp: Trainer(fit_network, proves=True),

@@ -21,10 +21,8 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.bounders.mlp_distance import AXES_OF_MANY, MANY, MlpDistance
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.distances import worst_points
 from warp_bounding.queries.boundary import border_points, held_points
-from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine import (
     Clock,
@@ -39,6 +37,7 @@ from warp_bounding.training.engine import (
 )
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import summed
+from warp_bounding.training.samples import Problem, Trained
 
 # Of the first and of later layers' weights; from ``EASED_IN`` dimensions on the same whatever the object: of a 4D
 # dragon, 200 s, false positives at points were 12.2 and 11.9 % with 7 and 12.
@@ -81,17 +80,15 @@ class DistanceTrainer:
 
     Args:
         cls: Of the bounder.
-        shape: The object.
+        problem: The object, and the domain.
         hidden: Widths.
         activation: A name in ``ACTIVATIONS``.
         parts: Of the domain, each with a slack of its own.
-        seed: Of everything random.
     """
 
-    def __init__(
-        self, cls: type[MlpDistance], shape: Shape, hidden: tuple[int, ...], activation: str, parts: int, seed: int
-    ):
-        self.shape, self.domain, self.ndim = shape, DistanceDomain.of(shape, cls.room), shape.ndim
+    def __init__(self, cls: type[MlpDistance], problem: Problem, hidden: tuple[int, ...], activation: str, parts: int):
+        shape, seed = problem.grid, problem.seed
+        self.shape, self.domain, self.ndim = shape, problem.domain, shape.ndim
         self._parts = parts
         self._cls, self._hidden = cls, hidden
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
@@ -236,19 +233,17 @@ class DistanceTrainer:
 
 def train_distance(
     cls: type[MlpDistance],
-    shape: Shape,
+    problem: Problem,
     options: dict[str, Any],
     seconds: float,
-    seed: int,
-    device: str | None,
     progress: Progress | None,
-) -> tuple[MlpDistance, dict[str, Any]]:
-    """Train a network's distance; see ``training.fit.DISTANCE_TRAINERS``. Ctrl-C ends it, and the best is taken."""
+) -> Trained:
+    """Train a network's distance, without a threshold; see ``training.fit.TRAINERS``. Ctrl-C ends it, and the best is taken."""
     clock, parts = Clock(seconds, options["steps"], progress), options["thresholds"]
     if parts is None:
-        parts = MANY if shape.ndim >= AXES_OF_MANY else 1
+        parts = MANY if problem.grid.ndim >= AXES_OF_MANY else 1
     with single_threaded_torch():
-        trainer = DistanceTrainer(cls, shape, tuple(options["hidden"]), options["activation"], parts, seed)
+        trainer = DistanceTrainer(cls, problem, tuple(options["hidden"]), options["activation"], parts)
         interrupted = interrupts(lambda: trainer.run(clock))
         tensors = trainer.finish()
-    return trainer.made(tensors, device), {"steps": clock.count, "interrupted": interrupted}
+    return trainer.made(tensors, problem.device), {"steps": clock.count, "interrupted": interrupted}
