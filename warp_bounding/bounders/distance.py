@@ -291,7 +291,7 @@ class DistanceBounder(Bounder):
         return np.maximum(value, 0.0) * self.domain.unit
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "DistanceBounder":
-        """See ``Bounder``; raises ``BounderError`` for a threshold above 0, with which rounding is not accounted for."""
+        """See ``Bounder``; raises ``BounderError`` for a threshold above 0, which leaves no room for rounding."""
         if not np.float32(threshold) <= 0:
             raise BounderError(f"{self.method}: the threshold of a distance is at most 0, got {threshold:g}")
         return super().freeze(threshold, certificate)

@@ -88,7 +88,7 @@ class DistanceSource(Source):
         return self.ndim
 
     def around(self, placed: bool, values: bool) -> dict[str, str]:
-        """See ``Source``: ``f`` becomes g (``after``), which is the answer where ``values``, or is compared with a radius."""
+        """See ``Source``: ``f`` becomes g (``after``), which is the answer or is compared with a radius."""
         texts = {
             "n": str(self.ndim),
             "tools": TOOLS + text.TOOLS,

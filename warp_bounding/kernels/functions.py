@@ -169,13 +169,15 @@ def point_func(source: Source) -> wp.Function:
 
 @cache
 def batch_kernel(source: Source, placed: bool, values: bool, body: str | None = None) -> wp.Kernel:
-    """The kernel that answers many queries: ``(x, count, block, parameters, words, placement, out)``, one block a thread.
+    """The kernel that answers many queries, one block a thread.
+
+    It takes ``(x, count, block, parameters, words, placement, out)``.
 
     Args:
         source: Of the method.
         placed: Whether ``placement`` is read: a world-to-object map, or the radius of a distance, one or one per query.
-        values: Write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf outside), or the distance,
-            instead of 0 and 1.
+        values: Instead of 0 and 1, write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf
+            outside), or the distance.
         body: On CUDA, the statements from ``V v[]`` to ``V f`` that the 32 threads of a warp run together. The kernel
             then takes ``numbers``, too, before ``out``, which the body reads, the threshold first; it is launched with
             whole blocks of threads.

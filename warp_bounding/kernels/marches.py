@@ -1,4 +1,4 @@
-"""Warp functions of a distance: of one point, along a segment or a ray, and over a box; and batches of these; of any source.
+"""Warp functions of a distance, for any source: at a point, along a segment or a ray, over a box; and batches.
 
 ``distance_func`` is native text (``distances.h``), and all others ask it, so they are the same function in
 Warp's own Python for every source and device.
@@ -376,9 +376,9 @@ def box_func(source: DistanceSource) -> wp.Function:
 
 @cache
 def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
-    """``(lines, count, block, parameters, words, steps, maybe, times)``, one block of lines ``(count, 2 n + 4)`` a thread.
+    """``(lines, count, block, parameters, words, steps, maybe, times)``.
 
-    With a ``body`` as of ``batch_kernel``: for CUDA, and it takes ``numbers`` behind ``steps``.
+    Each thread takes a block of lines ``(count, 2 n + 4)``. With a ``body`` as of ``batch_kernel``: for CUDA, and it takes ``numbers`` behind ``steps``.
     """
     texts = {"shorter": literal(SHORTER), "least": literal(LEAST), "block": source.block, "lanes": lanes_of(source)}
     texts |= source.around(placed=False, values=True) | {"scalar_body": source.body(Lanes(vector=False))}
@@ -421,7 +421,10 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
 
 @cache
 def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
-    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``: what ``lanes_kernel`` marches along, a row of 2 n + 4 numbers a query."""
+    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``.
+
+    Writes what ``lanes_kernel`` marches along: a row of 2 n + 4 numbers a query.
+    """
     n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
     of_segment, of_ray, clip = segment_line(source), ray_line(source), clip_func(source)
 

@@ -160,7 +160,8 @@ class Source:
             "place": "const float* place = placement.data;" if placed else "",
             # from V q[] to v[] and the masks ``testable`` (else: maybe) and ``inside`` (else: no)
             "locate": locate(self.query, self.ndim, self.free, placed, self.joints),
-            "outside": f"if (!testable) {{ out.data[i] = {yes}; return; }}\nif (!inside) {{ out.data[i] = {no}; return; }}",
+            "outside": f"if (!testable) {{ out.data[i] = {yes}; return; }}\n"
+            f"if (!inside) {{ out.data[i] = {no}; return; }}",
             "answer": f"out.data[i] = {decision};",
             "answers": _STORE[values],
             "asked": "own & testable & inside",

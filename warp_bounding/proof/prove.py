@@ -172,7 +172,7 @@ def prove_or_attest(
 def prove_distance(
     bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, seconds: float = float("inf")
 ) -> None:
-    """``prove`` of a distance: ``f = d - F`` on all of the domain. What F is too large by is its slack, by parts if it has some.
+    """``prove`` of a distance: ``f = d - F`` on all of the domain; parts may have a slack of their own each.
 
     Args:
         bounder: Changed in place (``freeze``).

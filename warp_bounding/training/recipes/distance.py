@@ -238,7 +238,7 @@ def train_distance(
     seconds: float,
     progress: Progress | None,
 ) -> Trained:
-    """Train a network's distance, without a threshold; see ``training.fit.TRAINERS``. Ctrl-C ends it, and the best is taken."""
+    """Train a network's distance, without a threshold; see ``Trainer``. Ctrl-C ends it, and the best is taken."""
     clock, parts = Clock(seconds, options["steps"], progress), options["thresholds"]
     if parts is None:
         parts = MANY if problem.grid.ndim >= AXES_OF_MANY else 1
