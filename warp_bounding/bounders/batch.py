@@ -479,5 +479,5 @@ class Asking(Framed, PicklableBounder, ABC):
     def _launch_of(
         self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact: bool = False
     ) -> BlockLaunch:
-        """A launch of ``kernel_of()``, whose third input is its first block's number; ``exact``: as ``func`` computes."""
+        """A launch of ``kernel_of()``; its third input is its first block's number. ``exact``: as in ``func``."""
         return BlockLaunch(kernel_of(), count, inputs, outputs, self.device, first_index=2, block=self.source.block)

@@ -378,7 +378,8 @@ def box_func(source: DistanceSource) -> wp.Function:
 def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
     """``(lines, count, block, parameters, words, steps, maybe, times)``.
 
-    Each thread takes a block of lines ``(count, 2 n + 4)``. With a ``body`` as of ``batch_kernel``: for CUDA, and it takes ``numbers`` behind ``steps``.
+    Each thread takes a block of lines ``(count, 2 n + 4)``. With a ``body`` it is for CUDA, as
+    ``batch_kernel`` is, and takes ``numbers`` behind ``steps``.
     """
     texts = {"shorter": literal(SHORTER), "least": literal(LEAST), "block": source.block, "lanes": lanes_of(source)}
     texts |= source.around(placed=False, values=True) | {"scalar_body": source.body(Lanes(vector=False))}

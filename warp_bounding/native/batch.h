@@ -1,6 +1,5 @@
-// Around a method: the batch kernel, and the function for other kernels. Names behind $ are filled in by kernels/source.py
-// (``Source.around``; for distances by kernels/distances.py) and kernels/functions.py.
-// A part begins behind a line with three slashes and its name.
+// Around a method: the batch kernel, and the function for other kernels. Names behind $ are filled in by
+// kernels/functions.py and by ``Source.around``. A part begins behind a line with three slashes and its name.
 
 /// TOOLS:
 /// Square roots and quotients as IEEE 754 has them, of floats and of vectors. What ``sqrtf`` and ``/`` are on CUDA is
