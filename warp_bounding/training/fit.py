@@ -150,10 +150,7 @@ def fit(
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
     far = query == DISTANCE.name
-    if far:
-        check_distance(method, length, side, last, queries)
-    else:
-        check_regions(query, method, length, side)
+    check_asked(query, method, length, side, last, queries)
     length = length or 1.0
     known = [method_class(method, query)] if far else [known_method(name) for name in method.split("+")]
     settled(known, query, options, [fit])
@@ -495,27 +492,19 @@ def _warn(text: str) -> None:
     warnings.warn(text, BoundingWarning, stacklevel=level)
 
 
-def check_distance(method: str, length, side: str, last, queries) -> None:
-    """Refuse what only other queries have."""
-    if not isinstance(method, str):
-        raise BounderError(f"method must be a name, got {method!r}")
-    for name, given, default in (
-        ("length", length, None),
-        ("last", last, None),
-        ("side", side, SIDES[0]),
-    ):
-        if given != default:
-            raise BounderError(f"{name} is not for distances, got {name}={given!r}")
-    if queries is not None:
-        raise BounderError("queries are not for distances, which have no false positives of their own")
-
-
-def check_regions(query: str, method: str, length: float | None, side: str) -> None:
+def check_asked(query: str, method: str, length: float | None, side: str, last, queries) -> None:
     """Refuse what other kinds of query have, or none."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
     if side not in SIDES:
         raise BounderError(f"side must be one of {', '.join(SIDES)}, got {side!r}")
+    if query == DISTANCE.name:
+        for name, given, none in (("length", length, None), ("last", last, None), ("side", side, SIDES[0])):
+            if given != none:
+                raise BounderError(f"{name} is not for distances, got {name}={given!r}")
+        if queries is not None:
+            raise BounderError("queries are not for distances, which have no false positives of their own")
+        return
     if side == SIDES[1] and QUERIES[query].is_region:
         raise BounderError(f"side={side} is for point queries, got {query} queries")
     if length is not None and not QUERIES[query].has_length:
