@@ -50,7 +50,7 @@ from warp_bounding.runtime.launch import (
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.runtime.whole_file import write_whole
 from warp_bounding.training import fit
-from warp_bounding.training.fit import check_numbers, check_regions, is_number, trainer_of, warn_of_restriction
+from warp_bounding.training.fit import check_asked, check_numbers, is_number, trainer_of, warn_of_restriction
 from warp_bounding.training.samples import CallersQueries
 from warp_bounding.version import __version__
 
@@ -153,7 +153,7 @@ def check_prices(query: str, narrow_ns, overhead_ns=0.0, memory=None, length=Non
             raise BounderError(f"{name} must be a number of nanoseconds of at least 0, got {value!r}")
     if memory is not None and not (isinstance(memory, int | np.integer) and memory is not True and memory > 0):
         raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
-    check_regions(query, NONE, length, SIDES[0])
+    check_asked(query, NONE, length, SIDES[0])
     if not isinstance(statistical, bool):
         raise BounderError(f"statistical must be True or False, got {statistical!r}")
 

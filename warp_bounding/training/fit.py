@@ -492,7 +492,7 @@ def _warn(text: str) -> None:
     warnings.warn(text, BoundingWarning, stacklevel=level)
 
 
-def check_asked(query: str, method: str, length: float | None, side: str, last, queries) -> None:
+def check_asked(query: str, method: str, length: float | None, side: str, last=None, queries=None) -> None:
     """Refuse what other kinds of query have, or none."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
