@@ -49,13 +49,26 @@ def share_of(ndim: int, growth: float) -> float:
     return (2 * ndim + 32 + growth) * UNIT32
 
 
+# Parts of ``distances.h``: where there is time; where f is asked of v itself; where distances are written.
+_CLOCK = {False: "", True: text.CLOCK}
+_AXES = {
+    False: {"scale": "scale", "free": "false"},
+    True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"},
+}
+_BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
+_AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
+_THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
+_STORE_ONE = {True: "\nout.data[i] = g;", False: "\nout.data[i] = !(g > radius[many * i]);"}
+_STORE = {True: text.STORE_DISTANCES, False: text.STORE_ANSWERS}
+
+
 @dataclass(frozen=True)
 class DistanceSource(Source):
     """What a distance's native code depends on; a method adds its sizes.
 
     ``parameters`` begin with the label, then ``center[n] limit[n] scale unit threshold share``, and of a shape that
-    moves ``time_scale speed pace``; the
-    method's numbers follow from ``start`` on. Only methods that are asked in the domain know time.
+    moves ``time_scale speed pace``; the method's numbers follow from ``start`` on. Only methods that are asked in the
+    domain know time.
     """
 
     query: str = field(default=DISTANCE.name, kw_only=True)
@@ -110,15 +123,3 @@ class DistanceSource(Source):
             "located": fill(text.LOCATED, **texts),
             "returned": f"{{ typedef float V;{texts['after']}\nreturn g; }}",
         }
-
-
-_CLOCK = {False: "", True: text.CLOCK}
-_AXES = {
-    False: {"scale": "scale", "free": "false"},
-    True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"},
-}
-_BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
-_AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
-_THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
-_STORE_ONE = {True: "\nout.data[i] = g;", False: "\nout.data[i] = !(g > radius[many * i]);"}
-_STORE = {True: text.STORE_DISTANCES, False: text.STORE_ANSWERS}
