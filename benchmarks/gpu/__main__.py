@@ -69,9 +69,7 @@ def dry() -> None:
     kernels = {}
     for query, widths in (("point", (24, 24)), ("point", (50, 50)), ("ray", (50, 50))):
         source = MlpSource(3, False, widths, "sin", query=query)
-        kernels[f"{query} {'-'.join(map(str, widths))}"] = batch_kernel(
-            source, False, False, tensor_cores.text(source)
-        )
+        kernels[f"{query} {'-'.join(map(str, widths))}"] = batch_kernel(source, False, False, tensor_cores.text(source))
         kernels[f"{query} {'-'.join(map(str, widths))}, float32"] = batch_kernel(source, False, False)
     try:
         from warp_bounding.newton import lists
