@@ -10,8 +10,7 @@ from bounding_shapes import crossed, shape
 from region_cases import REGIONS, VOLUMES, cases, fitted_region
 
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.functions import TOOLS
-from warp_bounding.kernels.source import Lanes
+from warp_bounding.kernels.source import TOOLS, Lanes
 from warp_bounding.runtime.native import named, unique_name
 
 KINDS = ("obb", "kdop", "oriented-ellipsoid", "bvh")  # of them the others are special cases, with the same text

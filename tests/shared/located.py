@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.kernels.functions import TOOLS
+from warp_bounding.kernels.source import TOOLS
 from warp_bounding.queries.region_domain import RegionDomain
 from warp_bounding.queries.registry import locate
 from warp_bounding.runtime.native import named
