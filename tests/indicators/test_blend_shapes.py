@@ -100,11 +100,9 @@ def test_rays_through_corners_and_along_edges_decide_nothing_wrong():
         assert (shape.inside(kept - small, kept + small) == inside).all()
 
 
-@pytest.mark.parametrize("method", ["mlp", "learned-kdop"])
-def test_a_bounder_of_one_pose_number_is_proven(method, tmp_path):
+def test_a_bounder_of_one_pose_number_is_proven(tmp_path):
     shape = blob(1, halvings=0)
-    options = {"hidden": (8,), "steps": 60} if method == "mlp" else {"steps": 20}
-    bounder = wb.fit(shape, method=method, device="cpu", progress=False, **options)
+    bounder = wb.fit(shape, method="mlp", hidden=(8,), steps=60, device="cpu", progress=False)
     assert bounder.certificate.proven
     assert wb.evaluate(bounder, shape, samples=50_000).fn == 0
     bounder.save(tmp_path / "b.safetensors")

@@ -35,7 +35,7 @@ def points_to_world(grid, x, q, t, factors) -> np.ndarray:
 
 @pytest.mark.parametrize(
     ("method", "name"),
-    crossed(("aabb", "kdop", "voxels", "mlp"), ["c", "blob", "animated"], kinds=("kdop", "mlp")),  # one map for all
+    crossed(("kdop", "voxels", "mlp"), ["c", "blob", "animated"], kinds=("kdop", "mlp")),  # one map for all
 )
 def test_placed_points_are_never_denied(method, name, device, rng):
     grid, bounder = shape(name), fitted(method, name).to(device)
@@ -196,7 +196,7 @@ def witnessed(grid, query: str, length: float, rotated, shift, factors, rng, dty
 @cache
 def bounders(name: str, query: str, length: float):
     grid = shape(name)
-    methods = ("aabb", "kdop", "sphere") if name == "blob" else ("kdop",)
+    methods = ("kdop", "sphere") if name == "blob" else ("kdop",)
     return [fitted_region(method, query, grid, length=length) for method in methods]
 
 
@@ -229,7 +229,7 @@ def dyadic(time: bool) -> IndicatorGrid:
 
 @cache
 def dyadic_bounders(time: bool, query: str):
-    methods = ("kdop",) if time else ("aabb", "kdop", "sphere")
+    methods = ("kdop",) if time else ("kdop", "sphere")
     return [fitted_region(method, query, dyadic(time)) for method in methods]
 
 
@@ -282,7 +282,7 @@ def network_of(grid, query: str, length: float) -> Mlp:
 def test_length_stays_in_object_units(query):
     """A ray that just reaches a shape of ten times the size is ten times as long in the world."""
     grid = shape("half")  # a slab: x <= 0.5
-    bounder = fitted_region("aabb", query, grid, length=0.5)
+    bounder = fitted_region("kdop", query, grid, length=0.5)
     world = {
         "ray": [[9.9, 5, 5, -1, 0, 0], [10.1, 5, 5, -1, 0, 0]],
         "plane": [[-1, 0, 0, 4.9, 5, 5], [-1, 0, 0, 5.1, 5, 5]],
@@ -305,7 +305,7 @@ TURNED = wp.transform((1.0, 2.0, 3.0), wp.quat(0.5, 0.5, 0.5, 0.5))
 @pytest.mark.parametrize("query", REGIONS)
 def test_placed_special_numbers(query, scale):
     """Maybe, whatever else: not finite, no direction, upside down, so large that the map overflows."""
-    bounder = fitted_region("aabb", query, shape("blob"))
+    bounder = fitted_region("kdop", query, shape("blob"))
     usual = [9.0, 9, 9, 9.5, 9.5, 9.5]
     strange = [[*usual[:k], bad, *usual[k + 1 :]] for k in range(6) for bad in (np.nan, np.inf, -np.inf)]
     if query == "box":

@@ -68,6 +68,7 @@ def wrong(bounder: wb.Bounder, x: np.ndarray) -> float:
     return float(((bounder.query(x).numpy() == 1) & ~BALL.contains(x)).mean())
 
 
+@pytest.mark.slow
 def test_false_positives_are_fewer_where_it_is_asked(rng):
     """In the mean of two fits, since one is tighter than another by itself."""
     asked, others = above(rng, 20_000), above(rng, 50_000)
