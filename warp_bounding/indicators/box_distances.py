@@ -149,7 +149,7 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
 
 # --- Overestimates ----------------------------------------------------------------------------------------------------
 #
-# By how much can a function exceed the distance to a union of boxes, in a box? See ``triangles/answers.py``, whose
+# By how much can a function exceed the distance to a union of boxes, in a box? See ``triangles/distances.py``, whose
 # argument this is, in any dimension.
 #
 # Here the pieces are solid, so that there is no side to ask for. The distance to a piece is at least ``m (n . x - h)``

@@ -32,7 +32,7 @@ from warp_bounding.indicators.shape import (
 from warp_bounding.indicators.surfaces import Surface, surface_of, turns_of
 
 if TYPE_CHECKING:
-    from warp_bounding.indicators.triangles.answers import DilatedSolid, Solid
+    from warp_bounding.indicators.triangles.solid import DilatedSolid, Solid
 
 __all__ = [
     "IndicatorMesh",
@@ -95,6 +95,17 @@ class Faces(Shape):
 
     def distances(self, x: np.ndarray) -> np.ndarray:
         return self._dilated_solid.distances(x)
+
+    def excess(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float = np.inf,
+    ) -> np.ndarray:
+        """See ``Shape``; boxes of a motion lie between two ``knots``."""
+        return self._dilated_solid.excess(lower, upper, values, least, enough)
 
     def dilated(self, margin: float):
         """The object and all points within ``margin`` of it at each time; shares what was built for the triangles."""
@@ -256,7 +267,7 @@ class IndicatorMesh(Faces):
 
     @cached_property
     def _solid(self) -> "Solid":
-        from warp_bounding.indicators.triangles.answers import Solid
+        from warp_bounding.indicators.triangles.solid import Solid
 
         alike = bool(self.surface.closed.any()) and (self._empty or not (self._turns[0] or self._turns[1]))
         return Solid(self.vertices, self.faces, self.surface.closed, alike, self._empty)
@@ -271,16 +282,6 @@ class IndicatorMesh(Faces):
 
     def depth(self, x: np.ndarray) -> np.ndarray:
         return self._solid.depth(x, *self.bounds, self.margin)
-
-    def excess(
-        self,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        values: np.ndarray,
-        least: float,
-        enough: np.ndarray | float = np.inf,
-    ) -> np.ndarray:
-        return self._dilated_solid.excess(lower, upper, values, least, enough)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """``OUT``, ``IN`` or ``UNDECIDED``, ``(N,)`` uint8: do closed boxes of corners ``(N, 3)`` meet the object?"""

@@ -4,7 +4,7 @@ At each time from the first to the last keyframe the object is that of a mesh at
 the margin of a face, and what a flood from outside does not reach, then, through the faces of closed parts. Answers
 hold for two meshes at once: that of the straight ways, and that of ``vertices_at``, which rounds it to float32. So a
 point is undecided where these differ, and a box is empty only where no face comes within the margin and ``EVALUATION``
-of it (``triangles/moving.py``).
+of it (``triangles/answers.py``).
 
 A grid that is made of it has four coordinates, time first. A cell of time is cut at the keyframes, and between them
 into pieces in which no vertex goes far. In a piece, every point of a triangle stays within the largest half way of its
@@ -41,7 +41,7 @@ from warp_bounding.indicators.shape import (
 from warp_bounding.indicators.surfaces import Surface, surface_of
 
 if TYPE_CHECKING:
-    from warp_bounding.indicators.triangles.moving_answers import DilatedMovingSolid, MovingSolid
+    from warp_bounding.indicators.triangles.solid import DilatedMovingSolid, MovingSolid
 
 DEFAULT_RESOLUTION = 32  # cells along the longest axis of space
 DEFAULT_TIMES, MAX_TIMES = 32, 1024  # cells of time
@@ -151,29 +151,18 @@ class IndicatorMotion(Faces):
 
     @cached_property
     def _solid(self) -> "MovingSolid":
-        from warp_bounding.indicators.triangles.moving_answers import MovingSolid
+        from warp_bounding.indicators.triangles.solid import MovingSolid
 
         return MovingSolid(self.times, self.frames, self.faces, self.surface.closed, self._rounding)
 
     @cached_property
     def _dilated_solid(self) -> "DilatedMovingSolid":
-        from warp_bounding.indicators.triangles.moving_answers import DilatedMovingSolid
+        from warp_bounding.indicators.triangles.solid import DilatedMovingSolid
 
-        return DilatedMovingSolid(self._solid, self.lower, self.upper, self.margin)
+        return DilatedMovingSolid(self._solid, self.lower, self.upper, self.margin, self.speed)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
         return self._dilated_solid.half_spaces(lower, upper)
-
-    def excess(
-        self,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        values: np.ndarray,
-        least: float,
-        enough: np.ndarray | float = np.inf,
-    ) -> np.ndarray:
-        """See ``Shape``; boxes lie between two ``knots``."""
-        return self._dilated_solid.excess(lower, upper, values, least, enough, self.speed)
 
     @cached_property
     def speed(self) -> float:

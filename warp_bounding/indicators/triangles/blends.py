@@ -18,7 +18,7 @@ from typing import NamedTuple
 import warp as wp
 
 from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
-from warp_bounding.indicators.triangles.answers import SHORTEST
+from warp_bounding.indicators.triangles.distances import SHORTEST
 from warp_bounding.indicators.triangles.hierarchy import closest_on_triangle
 from warp_bounding.runtime.native import named
 

@@ -1,12 +1,20 @@
 """Cells over a surface: which of them it meets, and on which side of it the others lie."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.indicators.triangles.hierarchy import UNWOUND, Triangles, free, is_enclosed, segment_is_free, winding
+from warp_bounding.indicators.triangles.hierarchy import (
+    UNWOUND,
+    Triangles,
+    free,
+    is_enclosed,
+    segment_is_free,
+    triangle_of,
+    winding,
+)
 from warp_bounding.runtime.launch import launch_on_cores, ready
 from warp_bounding.runtime.native import module_options
 
@@ -59,7 +67,7 @@ def _occupy_block(
             for k in range(low[2], high[2] + 1):
                 if occupancy[i, j, k] == wp.uint8(0):
                     p = _cell(i, j, k)
-                    if not free(a - p, b - p, c - p, _CELL, margin, _SLACK):
+                    if not free(triangle_of(a - p, b - p, c - p), _CELL, margin, _SLACK):
                         occupancy[i, j, k] = wp.uint8(1)
 
 
@@ -86,7 +94,7 @@ def _occupy_cells(
         for j in range(low[1], high[1] + 1, _BLOCK):
             for k in range(low[2], high[2] + 1, _BLOCK):
                 o = _cell(i, j, k) + _TO_BLOCK_CENTRE
-                if not free(a - o, b - o, c - o, _BLOCK_OF_CELLS, margin, _SLACK):
+                if not free(triangle_of(a - o, b - o, c - o), _BLOCK_OF_CELLS, margin, _SLACK):
                     last = wp.min(high, wp.vec3i(i + _BLOCK - 1, j + _BLOCK - 1, k + _BLOCK - 1))
                     _occupy_block(a, b, c, margin, wp.vec3i(i, j, k), last, occupancy)
 
@@ -195,7 +203,7 @@ TURNED = 3  # of ``_wind`` alone: enclosed by faces that go around the other way
 FREE = 4  # added for a cell that meets no face
 RESOLUTIONS = ((20_000, 128), (200_000, 192), (2**31, 256))  # cells along the longest side for up to so many faces
 BORDER = 1.3718281  # cells before the surface: no round number, so that centres seldom lie in planes of faces
-# of the kernels here and the first ones of ``answers``: whoever needs these needs those
+# Of the kernels here and the first ones of ``answers``: whoever needs these needs those.
 MODULE = "warp_bounding.indicators.triangles"
 INNER = 0.49  # of a free cell, the part that segments end in: rounding is far less than the rest
 
@@ -343,29 +351,12 @@ def _wind(
         sides[i] = wp.uint8(_wound(faces, x))
 
 
-@dataclass(frozen=True, eq=False)
-class SidesGrid:
-    """A grid: ``cells`` ``(X, Y, Z)`` uint8 hold a side and ``FREE``; ``hollows`` of them, if that is known.
+class SidesGrid(NamedTuple):
+    """A grid that was built."""
 
-    ``both``: faces go around some cells one way, and around others the other.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    origin: np.ndarray
-    scale: float
-    cells: np.ndarray
-    wound: bool = False
-    hollows: int = 0
-    both: bool = False
-
-    def on(self, device: str | wp.Device) -> Sides:
-        """The struct that kernels take, on a Warp device."""
-        made = Sides()
-        made.lower, made.upper, made.origin = (wp.vec3d(*v) for v in (self.lower, self.upper, self.origin))
-        made.scale, made.wound = wp.float64(self.scale), int(self.wound)
-        made.cells = wp.array(self.cells, dtype=wp.uint8, device=device)
-        return made
+    sides: Sides
+    hollows: int = 0  # there are so many, if that is known
+    both: bool = False  # faces go around some cells one way, and around others the other
 
 
 def build_sides(
@@ -380,9 +371,10 @@ def build_sides(
         alike: Whether faces are turned alike, and hollows may be told by winding numbers; else they are not counted.
         empty: Whether hollows are outside; only where faces are turned alike.
     """
-    zero = np.zeros(3)
+    sides = Sides()
+    sides.scale, sides.wound = wp.float64(1.0), int(empty)
     if len(faces) == 0:
-        return SidesGrid(zero, zero, zero, 1.0, np.zeros((0, 0, 0), dtype=np.uint8))
+        return SidesGrid(sides)
     used, faces = np.unique(faces, return_inverse=True)
     corners = vertices[used].astype(np.float64)
     lower, upper = corners.min(axis=0), corners.max(axis=0)
@@ -391,9 +383,11 @@ def build_sides(
     corners = (corners - origin) * scale
     shape = tuple((np.floor(corners.max(axis=0) + 0.5).astype(int) + 3).tolist())  # the last is empty, rounded or not
     surface = surface_cells(corners, faces.reshape(-1, 3), shape, 0.0)
-    grid = SidesGrid(lower, upper, origin, scale, np.zeros(shape, dtype=np.uint8), empty)
-    grid.cells[:], hollows, both = _sides(surface, triangles, grid.on("cpu"), alike, empty)
-    return replace(grid, hollows=hollows, both=both)
+    sides.lower, sides.upper, sides.origin = (wp.vec3d(*v) for v in (lower, upper, origin))
+    sides.scale = wp.float64(scale)
+    cells, hollows, both = _sides(surface, triangles, sides, alike, empty)
+    sides.cells = wp.array(cells, dtype=wp.uint8, device="cpu")
+    return SidesGrid(sides, hollows, both)
 
 
 def _sides(

@@ -1,6 +1,6 @@
-"""Triangles in float64 with error bounds: one against a box or a segment, a hierarchy of many, and its walks."""
+"""Triangles at rest or moving, in float64 with error bounds: one against a box or a segment, a hierarchy, its walks."""
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import warp as wp
@@ -11,22 +11,28 @@ from warp_bounding.runtime.native import STRICT
 #
 # One triangle against one box, in float64: axes that prove them apart, and the closest point, up to rounding.
 #
-# A box is certified to be free of a triangle for one reason only: there is an axis on which the triangle and the box,
-# grown by a ball of the margin's radius, do not overlap. That is a proof for *any* axis, however it was computed, so
-# the search for one may be as careless as it likes and only ``separated`` has to be right. The axes tried are those of
-# the separating axis theorem for a box and a triangle (three face normals, the triangle's normal, nine products of
-# edges; complete for a margin of 0) and, for a margin, the directions between the closest points of box and triangle
-# that alternating projections find (they are missing from the 13 where a corner is closest). A degenerate triangle
+# A triangle is at rest, or each of its corners goes straight from ``a - u`` to ``a + u`` in a span of time. All that it
+# is in between lies in the convex hull of the three corners, or of the six ends. A box is certified to be free of a
+# triangle for one reason only: there is an axis on which this hull and the box, grown by a ball of the margin's radius,
+# do not overlap. That is a proof for *any* axis, however it was computed, and for the whole span, so the search for one
+# may be as careless as it likes and only ``separated`` has to be right. The axes tried are those of the separating axis
+# theorem for a box and a triangle, of a moving one in the middle of its way (three face normals, the triangle's normal,
+# nine products of edges; complete for a margin of 0 and a triangle at rest) and the directions between the closest
+# points of box and triangle that alternating projections find (they are missing from the 13 where a corner is closest);
+# for a moving triangle also those between box and hull, step by step (Frank and Wolfe's method). A degenerate triangle
 # needs no case of its own: its null axes separate nothing.
 #
-# The box is always |x_k| <= half_k, and the corners a, b, c are relative to its centre. Who asks knows how large they
-# are, and gives the ``slack``: a length that outweighs all rounding (``triangles.cells.SLACK`` for cells,
-# ``rounding_slack`` for boxes of any size).
+# The box is always |x_k| <= half_k, and corners are relative to its centre. Who asks knows how large they are, and
+# gives the ``slack``: a length that outweighs all rounding that begins with the corners and ways as they are given
+# (``triangles.cells.SLACK`` for cells, ``rounding_slack`` for boxes of any size).
 #
-# Source: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the axes.
+# Sources: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the axes; Frank and Wolfe, "An algorithm
+# for quadratic programming" (1956).
 
 SHORTEST = 2.0**-400  # axes shorter than this are not used: the squares of their components may underflow
 PROJECTIONS = 16  # alternating projections; what is neither near nor proven far by then is left to the axes
+MOVING_PROJECTIONS = 3  # of a moving triangle in the middle of its way
+STEPS = 12  # and of its hull
 # Relative to the largest absolute coordinate M of corners and box and to the margin: with u = 2^-53, for an axis d with
 # the sum |d| of its absolute components, float64 errs by less than
 #   a corner relative to the centre (one rounding)                              u M |d|
@@ -42,10 +48,43 @@ LEAST = 2.0**-500  # slack that outweighs underflow: times an axis of SHORTEST i
 
 _SHORTEST = wp.constant(wp.float64(SHORTEST))
 _PROJECTIONS = wp.constant(PROJECTIONS)
+_MOVING_PROJECTIONS, _TRIES = wp.constant(MOVING_PROJECTIONS), wp.constant(MOVING_PROJECTIONS + STEPS)
 _ROUNDING = wp.constant(wp.float64(ROUNDING))
 _SHORTER = wp.constant(wp.float64(SHORTER))
 _LEAST = wp.constant(wp.float64(LEAST))
+_HALF = wp.constant(wp.float64(0.5))
 _NEAR, _FREE, _UNDECIDED = wp.constant(0), wp.constant(1), wp.constant(2)
+
+
+@wp.struct
+class Triangle:
+    """A triangle at rest."""
+
+    a: wp.vec3d
+    b: wp.vec3d
+    c: wp.vec3d
+
+
+@wp.struct
+class MovingTriangle:
+    """A triangle in the middle of its way, and half the way of each corner."""
+
+    a: wp.vec3d
+    b: wp.vec3d
+    c: wp.vec3d
+    u: wp.vec3d  # of a
+    v: wp.vec3d  # of b
+    w: wp.vec3d  # of c
+
+
+@wp.func
+def triangle_of(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> Triangle:
+    """The triangle of these corners."""
+    t = Triangle()
+    t.a = a
+    t.b = b
+    t.c = c
+    return t
 
 
 @wp.func_native(STRICT + "return size;")
@@ -67,48 +106,74 @@ def rounding_slack(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin
 
 
 @wp.func
-def separated(
-    d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64
-) -> bool:
+def slack_of(t: Triangle, half: wp.vec3d, margin: wp.float64) -> wp.float64:
+    """``rounding_slack`` of a triangle."""
+    return rounding_slack(t.a, t.b, t.c, half, margin)
+
+
+@wp.func
+def slack_of(t: MovingTriangle, half: wp.vec3d, margin: wp.float64) -> wp.float64:
+    """``rounding_slack`` for bounds of the ends.
+
+    A corner's product and that of its way err together as much as one of their sum, and by one more rounding.
+    """
+    return rounding_slack(wp.abs(t.a) + wp.abs(t.u), wp.abs(t.b) + wp.abs(t.v), wp.abs(t.c) + wp.abs(t.w), half, margin)
+
+
+@wp.func
+def range_along(d: wp.vec3d, t: Triangle) -> wp.vec2d:
+    """The least and the largest product of corners with an axis."""
+    pa, pb, pc = wp.dot(d, t.a), wp.dot(d, t.b), wp.dot(d, t.c)
+    return wp.vec2d(wp.min(pa, wp.min(pb, pc)), wp.max(pa, wp.max(pb, pc)))
+
+
+@wp.func
+def range_along(d: wp.vec3d, t: MovingTriangle) -> wp.vec2d:
+    """The same of the six ends."""
+    pa, pb, pc = wp.dot(d, t.a), wp.dot(d, t.b), wp.dot(d, t.c)
+    pu, pv, pw = wp.abs(wp.dot(d, t.u)), wp.abs(wp.dot(d, t.v)), wp.abs(wp.dot(d, t.w))
+    return wp.vec2d(wp.min(pa - pu, wp.min(pb - pv, pc - pw)), wp.max(pa + pu, wp.max(pb + pv, pc + pw)))
+
+
+@wp.func
+def separated(d: wp.vec3d, t: Any, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Is the triangle further than ``margin`` from the box |x_k| <= half_k, as axis d can tell? NaN cannot."""
     size = _by_ieee(wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2]))
     if not size > _SHORTEST:
         return False
-    pa, pb, pc = wp.dot(d, a), wp.dot(d, b), wp.dot(d, c)
     reach = wp.dot(half, wp.abs(d)) + slack * size + margin * wp.length(d)
-    return wp.min(pa, wp.min(pb, pc)) > reach or wp.max(pa, wp.max(pb, pc)) < -reach
+    found = range_along(d, t)
+    return found[0] > reach or found[1] < -reach
 
 
 @wp.func
-def _edge_separated(
-    e: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64
-) -> bool:
+def _edge_separated(e: wp.vec3d, t: Any, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Try the three axes that are products of a triangle's edge with the box's edges."""
     zero = wp.float64(0.0)
-    if separated(wp.vec3d(zero, -e[2], e[1]), a, b, c, half, margin, slack):
+    if separated(wp.vec3d(zero, -e[2], e[1]), t, half, margin, slack):
         return True
-    if separated(wp.vec3d(e[2], zero, -e[0]), a, b, c, half, margin, slack):
+    if separated(wp.vec3d(e[2], zero, -e[0]), t, half, margin, slack):
         return True
-    return separated(wp.vec3d(-e[1], e[0], zero), a, b, c, half, margin, slack)
+    return separated(wp.vec3d(-e[1], e[0], zero), t, half, margin, slack)
 
 
 @wp.func
-def apart(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
+def apart(t: Any, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Does one of the 13 axes separate the triangle from the box around 0, grown by the margin?"""
     zero, one = wp.float64(0.0), wp.float64(1.0)
-    if separated(wp.vec3d(one, zero, zero), a, b, c, half, margin, slack):
+    if separated(wp.vec3d(one, zero, zero), t, half, margin, slack):
         return True
-    if separated(wp.vec3d(zero, one, zero), a, b, c, half, margin, slack):
+    if separated(wp.vec3d(zero, one, zero), t, half, margin, slack):
         return True
-    if separated(wp.vec3d(zero, zero, one), a, b, c, half, margin, slack):
+    if separated(wp.vec3d(zero, zero, one), t, half, margin, slack):
         return True
-    if separated(wp.cross(b - a, c - a), a, b, c, half, margin, slack):
+    if separated(wp.cross(t.b - t.a, t.c - t.a), t, half, margin, slack):
         return True
-    if _edge_separated(b - a, a, b, c, half, margin, slack):
+    if _edge_separated(t.b - t.a, t, half, margin, slack):
         return True
-    if _edge_separated(c - b, a, b, c, half, margin, slack):
+    if _edge_separated(t.c - t.b, t, half, margin, slack):
         return True
-    return _edge_separated(a - c, a, b, c, half, margin, slack)
+    return _edge_separated(t.a - t.c, t, half, margin, slack)
 
 
 @wp.func
@@ -148,74 +213,112 @@ def closest_on_triangle(p: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> w
 
 
 @wp.func
-def _side(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> int:
+def _side(t: Triangle, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> int:
     """Alternating projections: the points tell that the box is near, or their direction proves that it is free."""
-    q = closest_on_triangle(wp.vec3d(), a, b, c)
+    q = closest_on_triangle(wp.vec3d(), t.a, t.b, t.c)
     for _ in range(_PROJECTIONS):
         d = q - wp.vec3d(
             wp.clamp(q[0], -half[0], half[0]), wp.clamp(q[1], -half[1], half[1]), wp.clamp(q[2], -half[2], half[2])
         )
         if wp.length_sq(d) <= margin * margin:
             return _NEAR
-        if separated(d, a, b, c, half, margin, slack):
+        if separated(d, t, half, margin, slack):
             return _FREE
-        q = closest_on_triangle(q - d, a, b, c)
+        q = closest_on_triangle(q - d, t.a, t.b, t.c)
     return _UNDECIDED
 
 
 @wp.func
-def free(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
+def free(t: Triangle, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Is it proven that the triangle is further than the margin from the box around 0?"""
     if margin > wp.float64(0.0):  # the direction decides most boxes at once, the 13 axes those that it leaves
-        side = _side(a, b, c, half, margin, slack)
+        side = _side(t, half, margin, slack)
         if side != _UNDECIDED:
             return side == _FREE
-    return apart(a, b, c, half, margin, slack)
+    return apart(t, half, margin, slack)
 
 
 @wp.func
-def segment_separated(
-    d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, s: wp.vec3d, margin: wp.float64, slack: wp.float64
-) -> bool:
+def _towards(d: wp.vec3d, corner: wp.vec3d, way: wp.vec3d) -> wp.vec3d:
+    """The end of a way that lies lower on an axis."""
+    if wp.dot(d, way) > wp.float64(0.0):
+        return corner - way
+    return corner + way
+
+
+@wp.func
+def _lowest(d: wp.vec3d, t: MovingTriangle) -> wp.vec3d:
+    """The end of the six that lies lowest on an axis."""
+    best, other = _towards(d, t.a, t.u), _towards(d, t.b, t.v)
+    if wp.dot(d, other) < wp.dot(d, best):
+        best = other
+    other = _towards(d, t.c, t.w)
+    if wp.dot(d, other) < wp.dot(d, best):
+        best = other
+    return best
+
+
+@wp.func
+def free(t: MovingTriangle, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
+    """Is it proven that the triangle is, on all its way, further than the margin from the box around 0?"""
+    zero, one = wp.float64(0.0), wp.float64(1.0)
+    q = closest_on_triangle(wp.vec3d(), t.a, t.b, t.c)
+    for turn in range(_TRIES):
+        d = q - wp.min(wp.max(q, -half), half)
+        if wp.length_sq(d) <= margin * margin:
+            return False
+        if separated(d, t, half, margin, slack):
+            return True
+        if turn < _MOVING_PROJECTIONS:
+            q = closest_on_triangle(q - d, t.a, t.b, t.c)
+        else:
+            step = _lowest(d, t) - q
+            length2 = wp.length_sq(step)
+            if not length2 > zero:
+                break
+            q += step * wp.clamp(-wp.dot(d, step) / length2, zero, one)
+    return apart(t, half, margin, slack)
+
+
+@wp.func
+def segment_separated(d: wp.vec3d, t: Any, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Is the triangle further than ``margin`` from the segment from 0 to s, as axis d can tell? NaN cannot."""
     size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
     if not size > _SHORTEST:
         return False
-    pa, pb, pc, ps = wp.dot(d, a), wp.dot(d, b), wp.dot(d, c), wp.dot(d, s)
+    zero, ps = wp.float64(0.0), wp.dot(d, s)
     reach = slack * size + margin * wp.length(d)
-    zero = wp.float64(0.0)
-    return (
-        wp.min(pa, wp.min(pb, pc)) > wp.max(ps, zero) + reach or wp.max(pa, wp.max(pb, pc)) < wp.min(ps, zero) - reach
-    )
+    found = range_along(d, t)
+    return found[0] > wp.max(ps, zero) + reach or found[1] < wp.min(ps, zero) - reach
 
 
 @wp.func
-def segment_free(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
+def segment_free(t: Any, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
     """Is it proven, by the axes that are complete in general position, that the segment from 0 to s is far enough?"""
     zero, one = wp.float64(0.0), wp.float64(1.0)
-    if segment_separated(wp.cross(b - a, c - a), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(t.b - t.a, t.c - t.a), t, s, margin, slack):
         return True
-    if segment_separated(wp.cross(b - a, s), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(t.b - t.a, s), t, s, margin, slack):
         return True
-    if segment_separated(wp.cross(c - b, s), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(t.c - t.b, s), t, s, margin, slack):
         return True
-    if segment_separated(wp.cross(a - c, s), a, b, c, s, margin, slack):
+    if segment_separated(wp.cross(t.a - t.c, s), t, s, margin, slack):
         return True
-    if segment_separated(wp.vec3d(one, zero, zero), a, b, c, s, margin, slack):
+    if segment_separated(wp.vec3d(one, zero, zero), t, s, margin, slack):
         return True
-    if segment_separated(wp.vec3d(zero, one, zero), a, b, c, s, margin, slack):
+    if segment_separated(wp.vec3d(zero, one, zero), t, s, margin, slack):
         return True
-    return segment_separated(wp.vec3d(zero, zero, one), a, b, c, s, margin, slack)
+    return segment_separated(wp.vec3d(zero, zero, one), t, s, margin, slack)
 
 
 @wp.func
-def distance_along(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.vec3d, slack: wp.float64) -> wp.float64:
+def distance_along(d: wp.vec3d, t: Any, half: wp.vec3d, slack: wp.float64) -> wp.float64:
     """Lower bound of the distance from the box |x_k| <= half_k to the triangle by axis d; 0 where it cannot tell."""
     size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
     if not size > _SHORTEST:
         return wp.float64(0.0)
-    pa, pb, pc = wp.dot(d, a), wp.dot(d, b), wp.dot(d, c)
-    gap = wp.max(wp.min(pa, wp.min(pb, pc)), -wp.max(pa, wp.max(pb, pc)))
+    found = range_along(d, t)
+    gap = wp.max(found[0], -found[1])
     gap -= wp.dot(half, wp.abs(d)) + slack * size
     return wp.max(gap / wp.length(d) * _SHORTER, wp.float64(0.0))
 
@@ -225,19 +328,36 @@ def distance_along(d: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, half: wp.
 # A hierarchy of boxes over triangles: a balanced binary tree, walked in one direction and without a stack.
 #
 # Triangles are sorted so that every node of level l holds a stretch of them, halved at the median along the longest
-# side of the box around its triangles' centres. Nodes lie in the order in which a walk meets them: a node's first child
-# comes right after it, and each node tells where a walk goes on that leaves its children out. So a walk is a loop over
-# one number, the same on a CPU and on CUDA. Boxes are those of float32 vertices, so they are exact.
+# side of the box around its triangles' centres, those of several keyframes if they move. Nodes lie in the order in
+# which a walk meets them: a node's first child comes right after it, and each node tells where a walk goes on that
+# leaves its children out. So a walk is a loop over one number, the same on a CPU and on CUDA. Boxes are those of
+# float32 vertices, so they are exact.
+#
+# Of triangles that move there is one tree for all times, with a box of each node at each keyframe. Between two
+# keyframes each coordinate of a corner goes straight, so the box of a node at a time lies within what is interpolated
+# between its boxes at both. Boxes of a keyframe are made when they are first needed.
+#
+# A kernel asks both kinds for ``triangle_at``, ``gap``, ``way_of`` and ``looseness``; all else is one.
 
 LEAF = 4  # triangles of a leaf at most; 2 and 8 were slower for boxes near a bunny
 STEP = 2.0**-22  # relative: twice what rounding a float64 number to float32 may change
 TINIEST = 2.0**-140  # and where that is subnormal
 WIDER = 1.0 + 2.0**-18  # relative: far more than a squared gap's rounding in float32, 2^-21
+SORTED_BY = 8  # keyframes at most that triangles are sorted by
+# Relative to the largest coordinate M: with u = 2^-24, float32 rounds a share (1 u of a way of up to 2 M) and an
+# interpolation (4 u M); this is more than twice as much.
+BOX_ROOM = 2.0**-20
+# Relative to the largest coordinate M: with u = 2^-53, a corner that is interpolated at a share errs by less than
+#   the share, 4 u of a way of up to 2 M          8 u M
+#   the way, its product and the sum              7 u M
+# together less than 2^-49 M; this is twice as much.
+LOOSE = 2.0**-48
 
 _FAR = wp.constant(wp.float64(2.0**127))
 _STEP = wp.constant(STEP)
 _WIDER = wp.constant(WIDER)
 _TINIEST = wp.constant(TINIEST)
+_LOOSE_OF_ROOM = wp.constant(wp.float64(LOOSE / BOX_ROOM))
 
 
 @wp.struct
@@ -252,6 +372,68 @@ class Triangles:
     )  # first triangle, one past the last (none but in leaves), the node after the subtree
     corners: wp.array(dtype=wp.vec3)  # three a triangle
     cycles: wp.array(dtype=wp.uint64)  # of a triangle: see ``surfaces.py``
+
+
+@wp.struct
+class Span:
+    """A closed span of time between two neighbouring keyframes."""
+
+    key: int  # the first keyframe
+    begin: wp.float64  # as a share of the way to the next one
+    end: wp.float64
+
+
+@wp.struct
+class Ways:
+    """The same for triangles that move, in a span of time (``during``)."""
+
+    span: Span
+    count: int
+    room: float  # outweighs the rounding of a node's box
+    times: wp.array(dtype=wp.float64)  # (K,), of the keyframes
+    vertices: wp.array2d(dtype=wp.vec3)  # (K, V)
+    lower: wp.array2d(dtype=wp.vec3)  # (K, nodes)
+    upper: wp.array2d(dtype=wp.vec3)
+    links: wp.array(dtype=wp.vec3i)
+    faces: wp.array(dtype=wp.vec3i)  # vertices of the triangles, in the order of leaves
+    cycles: wp.array(dtype=wp.uint64)
+
+
+@wp.func
+def span_of(key: int, begin: wp.float64, end: wp.float64) -> Span:
+    """The span of these numbers."""
+    span = Span()
+    span.key = key
+    span.begin = begin
+    span.end = end
+    return span
+
+
+@wp.func
+def span_between(times: wp.array(dtype=wp.float64), key: int, begin: wp.float64, end: wp.float64) -> Span:
+    """What the times from ``begin`` to ``end`` have in common with the way from a keyframe to the next, if anything."""
+    zero, one = wp.float64(0.0), wp.float64(1.0)
+    first, last = times[key], times[key + 1]
+    return span_of(
+        key, wp.clamp((begin - first) / (last - first), zero, one), wp.clamp((end - first) / (last - first), zero, one)
+    )
+
+
+@wp.func
+def during(ways: Ways, span: Span) -> Ways:
+    """The triangles in a span of time."""
+    t = Ways()
+    t.span = span
+    t.count = ways.count
+    t.room = ways.room
+    t.times = ways.times
+    t.vertices = ways.vertices
+    t.lower = ways.lower
+    t.upper = ways.upper
+    t.links = ways.links
+    t.faces = ways.faces
+    t.cycles = ways.cycles
+    return t
 
 
 @wp.func
@@ -269,51 +451,21 @@ def float_above(x: wp.float64) -> float:
 
 
 @wp.func
+def floats_below(x: wp.vec3d) -> wp.vec3:
+    """``float_below`` of each coordinate."""
+    return wp.vec3(float_below(x[0]), float_below(x[1]), float_below(x[2]))
+
+
+@wp.func
+def floats_above(x: wp.vec3d) -> wp.vec3:
+    """``float_above`` of each coordinate."""
+    return wp.vec3(float_above(x[0]), float_above(x[1]), float_above(x[2]))
+
+
+@wp.func
 def squared_reach(margin: wp.float64) -> float:
     """A float32 number above the square of the margin, by more than what float32 makes of a squared gap."""
     return float_above(margin * margin) * _WIDER
-
-
-@wp.func
-def _gap(low: wp.vec3, high: wp.vec3, lower: wp.vec3, upper: wp.vec3) -> float:
-    """The squared distance of two boxes."""
-    gap = wp.max(wp.max(low - upper, lower - high), wp.vec3())
-    return wp.dot(gap, gap)
-
-
-@wp.func
-def next_leaf(t: Triangles, start: int, lower: wp.vec3, upper: wp.vec3, reach: float) -> int:
-    """Go on with a walk: the first leaf from node ``start`` whose box is near enough, or the number of nodes.
-
-    Args:
-        t: The hierarchy.
-        start: Where the walk goes on.
-        lower: Of the box that is asked about, rounded outwards.
-        upper: Of that box.
-        reach: ``squared_reach`` of the margin.
-    """
-    node = wp.int32(start)
-    while node < t.count:
-        if _gap(t.lower[node], t.upper[node], lower, upper) <= reach:
-            if t.links[node][1] > 0:
-                return node
-            node += 1
-        else:
-            node = t.links[node][2]
-    return node
-
-
-@wp.func
-def near_leaf(t: Triangles, lower: wp.vec3, upper: wp.vec3) -> int:
-    """A leaf near a box: from the top, always the child that is nearer. There is at least one triangle."""
-    node = wp.int32(0)
-    while t.links[node][1] == 0:
-        left = node + 1
-        right = t.links[left][2]
-        node = left
-        if _gap(t.lower[right], t.upper[right], lower, upper) < _gap(t.lower[left], t.upper[left], lower, upper):
-            node = right
-    return node
 
 
 @wp.func
@@ -329,68 +481,187 @@ def corner(t: Triangles, triangle: int, k: int, origin: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def floats_below(x: wp.vec3d) -> wp.vec3:
-    """``float_below`` of each coordinate."""
-    return wp.vec3(float_below(x[0]), float_below(x[1]), float_below(x[2]))
+def triangle_at(t: Triangles, i: int, origin: wp.vec3d) -> Triangle:
+    """A triangle, relative to a point: each coordinate is rounded once."""
+    return triangle_of(corner(t, i, 0, origin), corner(t, i, 1, origin), corner(t, i, 2, origin))
 
 
 @wp.func
-def floats_above(x: wp.vec3d) -> wp.vec3:
-    """``float_above`` of each coordinate."""
-    return wp.vec3(float_above(x[0]), float_above(x[1]), float_above(x[2]))
+def triangle_at(t: Ways, i: int, origin: wp.vec3d) -> MovingTriangle:
+    """A triangle's way in the span, relative to a point, up to a few roundings of the largest coordinates."""
+    share, half = (t.span.begin + t.span.end) * _HALF, (t.span.end - t.span.begin) * _HALF
+    face, key = t.faces[i], t.span.key
+    a, b, c = wide(t.vertices[key, face[0]]), wide(t.vertices[key, face[1]]), wide(t.vertices[key, face[2]])
+    u = wide(t.vertices[key + 1, face[0]]) - a
+    v = wide(t.vertices[key + 1, face[1]]) - b
+    w = wide(t.vertices[key + 1, face[2]]) - c
+    moving = MovingTriangle()
+    moving.a = a + u * share - origin
+    moving.b = b + v * share - origin
+    moving.c = c + w * share - origin
+    moving.u = u * half
+    moving.v = v * half
+    moving.w = w * half
+    return moving
 
 
-@dataclass(frozen=True, eq=False)
-class Hierarchy:
-    """A built hierarchy.
+@wp.func
+def way_of(t: Triangle) -> wp.float64:
+    """How far a corner goes from the middle of its way."""
+    return wp.float64(0.0)
 
-    Attributes:
-        order: ``(F,)`` int, which of the given triangles stands at each place.
-        arrays: Of the fields of ``Triangles``, by name.
+
+@wp.func
+def way_of(t: MovingTriangle) -> wp.float64:
+    """How far a corner goes from the middle of its way."""
+    return wp.max(wp.length(t.u), wp.max(wp.length(t.v), wp.length(t.w)))
+
+
+@wp.func
+def looseness(t: Triangles) -> wp.float64:
+    """By how much the corners of ``triangle_at`` may be wrong, but for the rounding of each."""
+    return wp.float64(0.0)
+
+
+@wp.func
+def looseness(t: Ways) -> wp.float64:
+    """The same; ``room`` is ``BOX_ROOM`` of the largest coordinate."""
+    return _LOOSE_OF_ROOM * wp.float64(t.room)
+
+
+@wp.func
+def gap(t: Triangles, node: int, lower: wp.vec3, upper: wp.vec3) -> float:
+    """The squared distance of a box to that of a node."""
+    gap = wp.max(wp.max(t.lower[node] - upper, lower - t.upper[node]), wp.vec3())
+    return wp.dot(gap, gap)
+
+
+@wp.func
+def gap(t: Ways, node: int, lower: wp.vec3, upper: wp.vec3) -> float:
+    """The squared distance of a box to that of a node in the span."""
+    begin, end, key = float(t.span.begin), float(t.span.end), t.span.key
+    a, b, c, d = t.lower[key, node], t.lower[key + 1, node], t.upper[key, node], t.upper[key + 1, node]
+    low, high = a * (1.0 - begin) + b * begin, c * (1.0 - begin) + d * begin
+    if end > begin:
+        low = wp.min(low, a * (1.0 - end) + b * end)
+        high = wp.max(high, c * (1.0 - end) + d * end)
+    room = wp.vec3(t.room, t.room, t.room)
+    gap = wp.max(wp.max(low - upper, lower - high) - room, wp.vec3())
+    return wp.dot(gap, gap)
+
+
+@wp.func
+def next_leaf(t: Any, start: int, lower: wp.vec3, upper: wp.vec3, reach: float) -> int:
+    """Go on with a walk: the first leaf from node ``start`` whose box is near enough, or the number of nodes.
+
+    Args:
+        t: The hierarchy.
+        start: Where the walk goes on.
+        lower: Of the box that is asked about, rounded outwards.
+        upper: Of that box.
+        reach: ``squared_reach`` of the margin.
     """
-
-    order: np.ndarray
-    arrays: dict[str, np.ndarray]
-
-    def on(self, device: str | wp.Device) -> Triangles:
-        """The struct that kernels take, on a Warp device."""
-        types = {"lower": wp.vec3, "upper": wp.vec3, "links": wp.vec3i, "corners": wp.vec3, "cycles": wp.uint64}
-        made = Triangles()
-        made.count = len(self.arrays["links"])
-        for name, dtype in types.items():
-            setattr(made, name, wp.array(self.arrays[name], dtype=dtype, device=device))
-        return made
+    node = wp.int32(start)
+    while node < t.count:
+        if gap(t, node, lower, upper) <= reach:
+            if t.links[node][1] > 0:
+                return node
+            node += 1
+        else:
+            node = t.links[node][2]
+    return node
 
 
-def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Hierarchy:
-    """Sort triangles into a hierarchy.
+@wp.func
+def near_leaf(t: Any, lower: wp.vec3, upper: wp.vec3) -> int:
+    """A leaf near a box: from the top, always the child that is nearer. There is at least one triangle."""
+    node = wp.int32(0)
+    while t.links[node][1] == 0:
+        left = node + 1
+        right = t.links[left][2]
+        node = left
+        if gap(t, right, lower, upper) < gap(t, left, lower, upper):
+            node = right
+    return node
+
+
+def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Triangles:
+    """A hierarchy of triangles at rest, on the CPU.
 
     Args:
         corners: ``(F, 3, 3)`` float32: triangle, corner, coordinate.
-        cycles: ``(F,)`` uint64; zeros if ``None``.
+        cycles: ``(F,)`` uint64 (``surfaces.py``); zeros if ``None``.
     """
-    count = len(corners)
-    cycles = np.zeros(count, dtype=np.uint64) if cycles is None else cycles
-    if count == 0:
-        nothing = np.zeros((0, 3), dtype=np.float32)
-        empty = {"lower": nothing, "upper": nothing, "links": nothing.astype(np.int32), "corners": nothing}
-        return Hierarchy(np.zeros(0, dtype=np.int64), {**empty, "cycles": cycles})
-    order = sorted_order(corners.min(axis=1) / np.float32(2) + corners.max(axis=1) / np.float32(2))
-    corners = corners[order]
-    lower, upper, links = nodes_of(corners.min(axis=1), corners.max(axis=1))
-    arrays = {
-        "lower": lower,
-        "upper": upper,
-        "links": links,
-        "corners": corners.reshape(-1, 3),
-        "cycles": cycles[order],
-    }
-    return Hierarchy(order, arrays)
+    cycles = np.zeros(len(corners), dtype=np.uint64) if cycles is None else cycles
+    low, high = _boxes(corners)
+    order = _order([(low, high)])
+    lower, upper, links = nodes_of(low[order], high[order])
+    made = Triangles()
+    made.count = len(links)
+    made.lower, made.upper, made.corners = (
+        wp.array(x.reshape(-1, 3), dtype=wp.vec3, device="cpu") for x in (lower, upper, corners[order])
+    )
+    made.links = wp.array(links, dtype=wp.vec3i, device="cpu")
+    made.cycles = wp.array(cycles[order], dtype=wp.uint64, device="cpu")
+    return made
+
+
+class MovingTriangles:
+    """A hierarchy of triangles that move, on the CPU.
+
+    Args:
+        times: ``(K,)``.
+        frames: ``(K, V, 3)`` float32.
+        faces: ``(F, 3)`` integers.
+        cycles: ``(F,)`` uint64 (``surfaces.py``); zeros if ``None``.
+    """
+
+    def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, cycles: np.ndarray | None = None):
+        self._frames = frames
+        cycles = np.zeros(len(faces), dtype=np.uint64) if cycles is None else cycles
+        keys = np.unique(np.linspace(0, len(frames) - 1, SORTED_BY).astype(int))
+        order = _order([_boxes(frames[k][faces]) for k in keys])
+        self._faces = np.ascontiguousarray(faces[order], dtype=np.int32)
+        links = nodes_of(*_boxes(frames[0][self._faces]))[2]
+        self._lower, self._upper = (np.empty((len(frames), len(links), 3), dtype=np.float32) for _ in "lu")
+        self._known = np.zeros(len(frames), dtype=bool)
+        arrays = {
+            "times": (np.asarray(times, dtype=np.float64), wp.float64),
+            "vertices": (frames, wp.vec3),
+            "lower": (self._lower, wp.vec3),
+            "upper": (self._upper, wp.vec3),
+            "links": (links, wp.vec3i),
+            "faces": (self._faces, wp.vec3i),
+            "cycles": (cycles[order], wp.uint64),
+        }
+        self.ways = Ways()
+        self.ways.count = len(links)
+        if len(faces):
+            self.ways.room = float(np.abs(frames[:, np.unique(faces)]).max()) * BOX_ROOM
+        self._arrays = {name: wp.array(a, dtype=d, device="cpu", copy=False) for name, (a, d) in arrays.items()}
+        for name, array in self._arrays.items():
+            setattr(self.ways, name, array)
+
+    def know(self, keys: np.ndarray) -> None:
+        """Make the boxes of keyframes, if there are none yet."""
+        for k in np.asarray(keys)[~self._known[keys]]:
+            self._lower[k], self._upper[k], _ = nodes_of(*_boxes(self._frames[k][self._faces]))
+            self._known[k] = True
+
+
+def _boxes(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """``(F, 3)`` and ``(F, 3)``, the boxes of triangles ``(F, 3, 3)``."""
+    return corners.min(axis=1), corners.max(axis=1)
+
+
+def _order(boxes: list[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """``sorted_order`` of triangles by the middles of their boxes, one or several of each."""
+    return sorted_order(np.concatenate([low / np.float32(2) + high / np.float32(2) for low, high in boxes], axis=1))
 
 
 def _depth(count: int) -> int:
     """Levels below the root, of a hierarchy of so many triangles."""
-    return max(0, int(np.ceil(np.log2(count / LEAF))))
+    return max(0, int(np.ceil(np.log2(max(count, 1) / LEAF))))
 
 
 def _edges(count: int, level: int) -> np.ndarray:
@@ -413,6 +684,8 @@ def sorted_order(centres: np.ndarray) -> np.ndarray:
 
 def nodes_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Boxes and links of all nodes, in the order of a walk, for float32 boxes ``(F, n)`` of sorted triangles."""
+    if not len(low):
+        return low, high, np.zeros((0, 3), dtype=np.int32)
     depth = _depth(len(low))
     total = 2 ** (depth + 1) - 1
     lower, upper = (np.zeros((total, low.shape[1]), dtype=np.float32) for _ in "lu")
@@ -436,25 +709,24 @@ FAR, NEAR, UNSURE = wp.constant(0), wp.constant(1), wp.constant(2)  # answers of
 
 
 @wp.func
-def _leaf_is_free(t: Triangles, leaf: int, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
+def _leaf_is_free(t: Any, leaf: int, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
     link = t.links[leaf]
     for i in range(link[0], link[1]):
-        a, b, c = corner(t, i, 0, centre), corner(t, i, 1, centre), corner(t, i, 2, centre)
-        if not free(a, b, c, half, margin, rounding_slack(a, b, c, half, margin)):
+        face = triangle_at(t, i, centre)
+        if not free(face, half, margin, slack_of(face, half, margin)):
             return False
     return True
 
 
 @wp.func
-def box_is_free(t: Triangles, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
-    """Is every triangle proven to be further than the margin from the closed box around the centre?"""
+def box_is_free(t: Any, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
+    """Is every triangle proven to be beyond the margin from the closed box around the centre, in all of the span?"""
     lower, upper, reach = floats_below(centre - half), floats_above(centre + half), squared_reach(margin)
     leaf = next_leaf(t, 0, lower, upper, reach)
-    near = leaf
-    if leaf < t.count and margin > wp.float64(0.0):  # a near triangle tells most boxes that are not free at once
-        near = near_leaf(t, lower, upper)
-    if near < t.count and not _leaf_is_free(t, near, centre, half, margin):
-        return False
+    # A near triangle tells most boxes that are not free at once.
+    if leaf < t.count and margin > wp.float64(0.0):  # noqa: SIM102 (a kernel's ``and`` would not wait)
+        if not _leaf_is_free(t, near_leaf(t, lower, upper), centre, half, margin):
+            return False
     while leaf < t.count:
         if not _leaf_is_free(t, leaf, centre, half, margin):
             return False
@@ -463,19 +735,49 @@ def box_is_free(t: Triangles, centre: wp.vec3d, half: wp.vec3d, margin: wp.float
 
 
 @wp.func
-def segment_is_free(t: Triangles, start: wp.vec3d, end: wp.vec3d, margin: wp.float64) -> bool:
-    """Is every triangle proven to be further than the margin from the closed segment?"""
+def segment_is_free(t: Any, start: wp.vec3d, end: wp.vec3d, margin: wp.float64) -> bool:
+    """Is every triangle proven to be further than the margin from the closed segment, in all of the span?"""
     lower, upper = floats_below(wp.min(start, end)), floats_above(wp.max(start, end))
     reach, s = squared_reach(margin), end - start
     leaf = next_leaf(t, 0, lower, upper, reach)
     while leaf < t.count:
         link = t.links[leaf]
         for i in range(link[0], link[1]):
-            a, b, c = corner(t, i, 0, start), corner(t, i, 1, start), corner(t, i, 2, start)
-            if not segment_free(a, b, c, s, margin, rounding_slack(a, b, c, s, margin)):
+            face = triangle_at(t, i, start)
+            if not segment_free(face, s, margin, slack_of(face, wp.abs(s), margin)):
                 return False
         leaf = next_leaf(t, leaf + 1, lower, upper, reach)
     return True
+
+
+@wp.func
+def _leaf_holds(t: Any, leaf: int, centre: wp.vec3d, radius: wp.float64, margin: wp.float64) -> bool:
+    zero = wp.vec3d()
+    link = t.links[leaf]
+    for i in range(link[0], link[1]):
+        face = triangle_at(t, i, centre)
+        far = wp.length(closest_on_triangle(zero, face.a, face.b, face.c)) + way_of(face) + radius
+        if far + slack_of(face, zero, margin) <= margin:
+            return True
+    return False
+
+
+@wp.func
+def holds(t: Any, centre: wp.vec3d, radius: wp.float64, margin: wp.float64) -> bool:
+    """Does the ball around the centre lie within the margin of a single triangle for certain, in all of the span?"""
+    if not radius < margin:
+        return False
+    lower, upper, reach = floats_below(centre), floats_above(centre), squared_reach(margin - radius)
+    leaf = next_leaf(t, 0, lower, upper, reach)
+    # Boxes of triangles that move are loose: a near triangle is worth a look first.
+    if leaf < t.count and looseness(t) > wp.float64(0.0):  # noqa: SIM102 (a kernel's ``and`` would not wait)
+        if _leaf_holds(t, near_leaf(t, lower, upper), centre, radius, margin):
+            return True
+    while leaf < t.count:
+        if _leaf_holds(t, leaf, centre, radius, margin):
+            return True
+        leaf = next_leaf(t, leaf + 1, lower, upper, reach)
+    return False
 
 
 @wp.func
@@ -484,13 +786,13 @@ def _leaf_nearness(t: Triangles, leaf: int, x: wp.vec3d, margin: wp.float64) -> 
     answer = wp.int32(FAR)
     link = t.links[leaf]
     for i in range(link[0], link[1]):
-        a, b, c = corner(t, i, 0, x), corner(t, i, 1, x), corner(t, i, 2, x)
-        slack = rounding_slack(a, b, c, zero, margin)
-        d = closest_on_triangle(zero, a, b, c)
-        if not separated(d, a, b, c, zero, margin, slack):
+        face = triangle_at(t, i, x)
+        slack = slack_of(face, zero, margin)
+        d = closest_on_triangle(zero, face.a, face.b, face.c)
+        if not separated(d, face, zero, margin, slack):
             if wp.length(d) + slack <= margin:
                 return NEAR
-            if not free(a, b, c, zero, margin, slack):
+            if not free(face, zero, margin, slack):
                 answer = UNSURE
     return answer
 
@@ -601,8 +903,9 @@ def crossing(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, loose: wp.float64
 
 
 @wp.func
-def _crossed_cycles(t: Triangles, x: wp.vec3d, axis: int) -> wp.uint64:
+def _crossed_cycles(t: Any, x: wp.vec3d, axis: int) -> wp.uint64:
     """The exclusive or of the numbers of triangles that an axis ray from x crosses; 0 where that is uncertain."""
+    loose = looseness(t)
     lower, upper, reach = floats_below(x), floats_above(x), squared_reach(wp.float64(0.0))
     upper[axis] = _INFINITY
     crossed = wp.uint64(0)
@@ -611,8 +914,8 @@ def _crossed_cycles(t: Triangles, x: wp.vec3d, axis: int) -> wp.uint64:
         link = t.links[leaf]
         for i in range(link[0], link[1]):
             if t.cycles[i] != wp.uint64(0):
-                a, b, c = corner(t, i, 0, x), corner(t, i, 1, x), corner(t, i, 2, x)
-                crosses = crossing(a, b, c, axis, wp.float64(0.0))
+                face = triangle_at(t, i, x)
+                crosses = crossing(face.a, face.b, face.c, axis, loose)
                 if crosses < 0:
                     return wp.uint64(0)
                 if crosses > 0:
@@ -622,8 +925,8 @@ def _crossed_cycles(t: Triangles, x: wp.vec3d, axis: int) -> wp.uint64:
 
 
 @wp.func
-def is_enclosed(t: Triangles, x: wp.vec3d) -> bool:
-    """Is it proven, by rays along the axes, that x is enclosed by the triangles?"""
+def is_enclosed(t: Any, x: wp.vec3d) -> bool:
+    """Is it proven, by rays along the axes, that x is enclosed by the triangles, at the single time of the span?"""
     for axis in range(3):  # noqa: SIM110 (a kernel has no ``any``)
         if _crossed_cycles(t, x, axis) != wp.uint64(0):
             return True

@@ -1,4 +1,4 @@
-"""Triangles that move linearly between keyframes: one against a box, a hierarchy, walks, and a surface's sides."""
+"""The sides of a closed surface that moves: grids over pieces of time whose cells know them."""
 
 import math
 from itertools import pairwise
@@ -8,485 +8,16 @@ import warp as wp
 
 from warp_bounding.indicators.triangles.cells import BORDER, ENCLOSED, INNER, OUTSIDE, UNKNOWN
 from warp_bounding.indicators.triangles.hierarchy import (
-    SHORTEST,
-    closest_on_triangle,
-    crossing,
-    floats_above,
-    floats_below,
-    nodes_of,
-    rounding_slack,
-    sorted_order,
-    squared_reach,
-    wide,
+    MovingTriangles,
+    Ways,
+    during,
+    is_enclosed,
+    segment_is_free,
+    span_of,
 )
 from warp_bounding.runtime.launch import launch_on_cores
 
-# --- One triangle -----------------------------------------------------------------------------------------------------
-#
-# One triangle that moves against one box or segment, in float64: axes that prove them apart for a whole span of time.
-#
-# Each corner goes straight from ``a - u`` to ``a + u``. So all that the triangle is in between lies in the convex hull
-# of the six ends, and an axis on which these do not overlap the box, grown by the margin, is a proof for the whole
-# span, for *any* axis, however it was computed. The first axes that are tried are directions between closest points of
-# the box and the triangle in the middle of its way; the next ones come from the hull, step by step (Frank and Wolfe's
-# method); the last ones are the 13 axes of ``triangles/hierarchy.py``, of the triangle in the middle.
-#
-# The box is |x_k| <= half_k, and corners are relative to its centre. The slack outweighs all rounding that begins with
-# the corners and ways as they are given; how well these are known themselves is for the margin to cover.
-#
-# Source: Frank and Wolfe, "An algorithm for quadratic programming" (1956).
-
-PROJECTIONS = 3  # alternating projections of the triangle in the middle
-STEPS = 12  # and of the hull
-
-_SHORTEST = wp.constant(wp.float64(SHORTEST))
-_PROJECTIONS, _TRIES = wp.constant(PROJECTIONS), wp.constant(PROJECTIONS + STEPS)
-
-
-@wp.struct
-class Moving:
-    """A triangle in the middle of its way, and half the way of each corner."""
-
-    a: wp.vec3d
-    b: wp.vec3d
-    c: wp.vec3d
-    u: wp.vec3d  # of a
-    v: wp.vec3d  # of b
-    w: wp.vec3d  # of c
-
-
-@wp.func
-def moving_slack(t: Moving, half: wp.vec3d, margin: wp.float64) -> wp.float64:
-    """A length that outweighs the rounding of an axis for these numbers: ``rounding_slack`` for bounds of the ends.
-
-    A corner's product and that of its way err together as much as one of their sum, and by one more rounding.
-    """
-    return rounding_slack(wp.abs(t.a) + wp.abs(t.u), wp.abs(t.b) + wp.abs(t.v), wp.abs(t.c) + wp.abs(t.w), half, margin)
-
-
-@wp.func
-def _range_along(d: wp.vec3d, t: Moving) -> wp.vec2d:
-    """Where the six ends lie on an axis."""
-    pa, pb, pc = wp.dot(d, t.a), wp.dot(d, t.b), wp.dot(d, t.c)
-    pu, pv, pw = wp.abs(wp.dot(d, t.u)), wp.abs(wp.dot(d, t.v)), wp.abs(wp.dot(d, t.w))
-    return wp.vec2d(wp.min(pa - pu, wp.min(pb - pv, pc - pw)), wp.max(pa + pu, wp.max(pb + pv, pc + pw)))
-
-
-@wp.func
-def _separated(d: wp.vec3d, t: Moving, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    """Is the hull further than ``margin`` from the box, as axis d can tell? NaN cannot."""
-    size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
-    if not size > _SHORTEST:
-        return False
-    reach = wp.dot(half, wp.abs(d)) + slack * size + margin * wp.length(d)
-    found = _range_along(d, t)
-    return found[0] > reach or found[1] < -reach
-
-
-@wp.func
-def _edge_separated(e: wp.vec3d, t: Moving, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    zero = wp.float64(0.0)
-    if _separated(wp.vec3d(zero, -e[2], e[1]), t, half, margin, slack):
-        return True
-    if _separated(wp.vec3d(e[2], zero, -e[0]), t, half, margin, slack):
-        return True
-    return _separated(wp.vec3d(-e[1], e[0], zero), t, half, margin, slack)
-
-
-@wp.func
-def _apart(t: Moving, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    if _separated(wp.vec3d(one, zero, zero), t, half, margin, slack):
-        return True
-    if _separated(wp.vec3d(zero, one, zero), t, half, margin, slack):
-        return True
-    if _separated(wp.vec3d(zero, zero, one), t, half, margin, slack):
-        return True
-    if _separated(wp.cross(t.b - t.a, t.c - t.a), t, half, margin, slack):
-        return True
-    if _edge_separated(t.b - t.a, t, half, margin, slack):
-        return True
-    if _edge_separated(t.c - t.b, t, half, margin, slack):
-        return True
-    return _edge_separated(t.a - t.c, t, half, margin, slack)
-
-
-@wp.func
-def _towards(d: wp.vec3d, corner: wp.vec3d, way: wp.vec3d) -> wp.vec3d:
-    """The end of a way that lies lower on an axis."""
-    if wp.dot(d, way) > wp.float64(0.0):
-        return corner - way
-    return corner + way
-
-
-@wp.func
-def _lowest(d: wp.vec3d, t: Moving) -> wp.vec3d:
-    """The end of the six that lies lowest on an axis."""
-    best, other = _towards(d, t.a, t.u), _towards(d, t.b, t.v)
-    if wp.dot(d, other) < wp.dot(d, best):
-        best = other
-    other = _towards(d, t.c, t.w)
-    if wp.dot(d, other) < wp.dot(d, best):
-        best = other
-    return best
-
-
-@wp.func
-def moving_free(t: Moving, half: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    """Is it proven that the triangle is, on all its way, further than the margin from the box around 0?"""
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    q = closest_on_triangle(wp.vec3d(), t.a, t.b, t.c)
-    for turn in range(_TRIES):
-        d = q - wp.min(wp.max(q, -half), half)
-        if wp.length_sq(d) <= margin * margin:
-            return False
-        if _separated(d, t, half, margin, slack):
-            return True
-        if turn < _PROJECTIONS:
-            q = closest_on_triangle(q - d, t.a, t.b, t.c)
-        else:
-            step = _lowest(d, t) - q
-            length2 = wp.length_sq(step)
-            if not length2 > zero:
-                break
-            q += step * wp.clamp(-wp.dot(d, step) / length2, zero, one)
-    return _apart(t, half, margin, slack)
-
-
-@wp.func
-def _segment_separated(d: wp.vec3d, t: Moving, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    """Is the hull further than ``margin`` from the segment from 0 to s, as axis d can tell? NaN cannot."""
-    size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
-    if not size > _SHORTEST:
-        return False
-    zero, ps = wp.float64(0.0), wp.dot(d, s)
-    reach = slack * size + margin * wp.length(d)
-    found = _range_along(d, t)
-    return found[0] > wp.max(ps, zero) + reach or found[1] < wp.min(ps, zero) - reach
-
-
-@wp.func
-def moving_segment_free(t: Moving, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> bool:
-    """Do axes of the triangle at mid time prove it far from the segment from 0 to s on all its way?"""
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    if _segment_separated(wp.cross(t.b - t.a, t.c - t.a), t, s, margin, slack):
-        return True
-    if _segment_separated(wp.cross(t.b - t.a, s), t, s, margin, slack):
-        return True
-    if _segment_separated(wp.cross(t.c - t.b, s), t, s, margin, slack):
-        return True
-    if _segment_separated(wp.cross(t.a - t.c, s), t, s, margin, slack):
-        return True
-    if _segment_separated(wp.vec3d(one, zero, zero), t, s, margin, slack):
-        return True
-    if _segment_separated(wp.vec3d(zero, one, zero), t, s, margin, slack):
-        return True
-    return _segment_separated(wp.vec3d(zero, zero, one), t, s, margin, slack)
-
-
-# --- The hierarchy ----------------------------------------------------------------------------------------------------
-#
-# A hierarchy of boxes over triangles that move: one tree for all times, with a box of each node at each keyframe.
-#
-# Between two keyframes each coordinate of a corner goes straight, so the box of a node at a time lies within what is
-# interpolated between its boxes at both. The tree is that of ``triangles/hierarchy.py``, and it is walked in the same
-# way; only which triangles stand together is told by where they are at several keyframes. Boxes of a keyframe are made
-# when they are first needed.
-
-SORTED_BY = 8  # keyframes at most that triangles are sorted by
-# Relative to the largest coordinate M: with u = 2^-24, float32 rounds a share (1 u of a way of up to 2 M) and an
-# interpolation (4 u M); this is more than twice as much.
-BOX_ROOM = 2.0**-20
-
-_HALF = wp.constant(wp.float64(0.5))
-
-
-@wp.struct
-class Ways:
-    """What a kernel walks over. An empty hierarchy has a count of 0."""
-
-    count: int  # nodes
-    room: float  # outweighs the rounding of a node's box
-    times: wp.array(dtype=wp.float64)  # (K,), of the keyframes
-    vertices: wp.array2d(dtype=wp.vec3)  # (K, V)
-    lower: wp.array2d(dtype=wp.vec3)  # (K, nodes), of the nodes' boxes
-    upper: wp.array2d(dtype=wp.vec3)
-    links: wp.array(dtype=wp.vec3i)  # as those of ``Triangles``
-    faces: wp.array(dtype=wp.vec3i)  # vertices of the triangles, in the order of leaves
-    cycles: wp.array(dtype=wp.uint64)
-
-
-@wp.struct
-class Span:
-    """A closed span of time between two neighbouring keyframes."""
-
-    key: int  # the first keyframe
-    begin: wp.float64  # as a share of the way to the next one
-    end: wp.float64
-
-
-@wp.func
-def span_of(key: int, begin: wp.float64, end: wp.float64) -> Span:
-    """The span of these numbers."""
-    span = Span()
-    span.key = key
-    span.begin = begin
-    span.end = end
-    return span
-
-
-@wp.func
-def span_between(times: wp.array(dtype=wp.float64), key: int, begin: wp.float64, end: wp.float64) -> Span:
-    """What the times from ``begin`` to ``end`` have in common with the way from a keyframe to the next, if anything."""
-    zero, one = wp.float64(0.0), wp.float64(1.0)
-    first, last = times[key], times[key + 1]
-    return span_of(
-        key, wp.clamp((begin - first) / (last - first), zero, one), wp.clamp((end - first) / (last - first), zero, one)
-    )
-
-
-@wp.func
-def moving_at(ways: Ways, span: Span, triangle: int, origin: wp.vec3d) -> Moving:
-    """A triangle's way in a span, relative to a point, up to a few roundings of the largest coordinates."""
-    share, half = (span.begin + span.end) * _HALF, (span.end - span.begin) * _HALF
-    face = ways.faces[triangle]
-    a, b, c = (
-        wide(ways.vertices[span.key, face[0]]),
-        wide(ways.vertices[span.key, face[1]]),
-        wide(ways.vertices[span.key, face[2]]),
-    )
-    u = wide(ways.vertices[span.key + 1, face[0]]) - a
-    v = wide(ways.vertices[span.key + 1, face[1]]) - b
-    w = wide(ways.vertices[span.key + 1, face[2]]) - c
-    moving = Moving()
-    moving.a = a + u * share - origin
-    moving.b = b + v * share - origin
-    moving.c = c + w * share - origin
-    moving.u = u * half
-    moving.v = v * half
-    moving.w = w * half
-    return moving
-
-
-@wp.func
-def _gap(ways: Ways, span: Span, node: int, lower: wp.vec3, upper: wp.vec3) -> float:
-    """The squared distance of a box to that of a node in the span."""
-    begin, end = float(span.begin), float(span.end)
-    a, b = ways.lower[span.key, node], ways.lower[span.key + 1, node]
-    c, d = ways.upper[span.key, node], ways.upper[span.key + 1, node]
-    low = wp.min(a * (1.0 - begin) + b * begin, a * (1.0 - end) + b * end)
-    high = wp.max(c * (1.0 - begin) + d * begin, c * (1.0 - end) + d * end)
-    room = wp.vec3(ways.room, ways.room, ways.room)
-    gap = wp.max(wp.max(low - upper, lower - high) - room, wp.vec3())
-    return wp.dot(gap, gap)
-
-
-@wp.func
-def next_moving_leaf(ways: Ways, span: Span, start: int, lower: wp.vec3, upper: wp.vec3, reach: float) -> int:
-    """Go on with a walk: the first leaf from node ``start`` that comes near enough in the span, or the number of nodes.
-
-    Args:
-        ways: The hierarchy.
-        span: Of time.
-        start: Where the walk goes on.
-        lower: Of the box that is asked about, rounded outwards.
-        upper: Of that box.
-        reach: ``squared_reach`` of the margin.
-    """
-    node = wp.int32(start)
-    while node < ways.count:
-        if _gap(ways, span, node, lower, upper) <= reach:
-            if ways.links[node][1] > 0:
-                return node
-            node += 1
-        else:
-            node = ways.links[node][2]
-    return node
-
-
-@wp.func
-def near_moving_leaf(ways: Ways, span: Span, lower: wp.vec3, upper: wp.vec3) -> int:
-    """A leaf near a box: from the top, always the child that is nearer. There is at least one triangle."""
-    node = wp.int32(0)
-    while ways.links[node][1] == 0:
-        left = node + 1
-        right = ways.links[left][2]
-        node = left
-        if _gap(ways, span, right, lower, upper) < _gap(ways, span, left, lower, upper):
-            node = right
-    return node
-
-
-class MovingTriangles:
-    """A hierarchy, on the CPU.
-
-    Args:
-        times: ``(K,)``.
-        frames: ``(K, V, 3)`` float32.
-        faces: ``(F, 3)`` integers.
-        cycles: ``(F,)`` uint64 (``surfaces.py``); zeros if ``None``.
-    """
-
-    def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, cycles: np.ndarray | None = None):
-        self._frames = frames
-        cycles = np.zeros(len(faces), dtype=np.uint64) if cycles is None else cycles
-        keys = np.unique(np.linspace(0, len(frames) - 1, SORTED_BY).astype(int))
-        order = np.zeros(0, dtype=np.int64)
-        if len(faces):
-            boxes = [self._boxes(k, faces) for k in keys]
-            order = sorted_order(np.concatenate([low / np.float32(2) + high / np.float32(2) for low, high in boxes], 1))
-        self._faces = np.ascontiguousarray(faces[order], dtype=np.int32)
-        links = nodes_of(*self._boxes(0, self._faces))[2] if len(faces) else np.zeros((0, 3), dtype=np.int32)
-        self._lower, self._upper = (np.empty((len(frames), len(links), 3), dtype=np.float32) for _ in "lu")
-        self._known = np.zeros(len(frames), dtype=bool)
-        arrays = {
-            "times": (np.asarray(times, dtype=np.float64), wp.float64),
-            "vertices": (frames, wp.vec3),
-            "lower": (self._lower, wp.vec3),
-            "upper": (self._upper, wp.vec3),
-            "links": (links, wp.vec3i),
-            "faces": (self._faces, wp.vec3i),
-            "cycles": (cycles[order], wp.uint64),
-        }
-        self.ways = Ways()
-        self.ways.count = len(links)
-        if len(faces):
-            self.ways.room = float(np.abs(frames[:, np.unique(faces)]).max()) * BOX_ROOM
-        self._arrays = {name: wp.array(a, dtype=d, device="cpu", copy=False) for name, (a, d) in arrays.items()}
-        for name, array in self._arrays.items():
-            setattr(self.ways, name, array)
-
-    def know(self, keys: np.ndarray) -> None:
-        """Make the boxes of keyframes, if there are none yet."""
-        for k in np.asarray(keys)[~self._known[keys]]:
-            if len(self._faces):
-                self._lower[k], self._upper[k], _ = nodes_of(*self._boxes(k, self._faces))
-            self._known[k] = True
-
-    def _boxes(self, key: int, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``(F, 3)`` and ``(F, 3)``, the boxes of triangles at a keyframe."""
-        corners = self._frames[key][faces]
-        return corners.min(axis=1), corners.max(axis=1)
-
-
-# --- Walks ------------------------------------------------------------------------------------------------------------
-
-# Relative to the largest coordinate M: with u = 2^-53, a corner that is interpolated at a share errs by less than
-#   the share, 4 u of a way of up to 2 M          8 u M
-#   the way, its product and the sum              7 u M
-# together less than 2^-49 M; this is twice as much.
-LOOSE = 2.0**-48
-
-_LOOSE = wp.constant(wp.float64(LOOSE / 2.0**-20))  # of a hierarchy's room, which is 2^-20 of M
-_INFINITY = wp.constant(float("inf"))
-
-
-@wp.func
-def _leaf_is_free(ways: Ways, span: Span, leaf: int, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
-    link = ways.links[leaf]
-    for i in range(link[0], link[1]):
-        t = moving_at(ways, span, i, centre)
-        if not moving_free(t, half, margin, moving_slack(t, half, margin)):
-            return False
-    return True
-
-
-@wp.func
-def moving_box_is_free(ways: Ways, span: Span, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
-    """Is every triangle proven to be beyond the margin from the closed box around the centre, in all of the span?"""
-    lower, upper, reach = floats_below(centre - half), floats_above(centre + half), squared_reach(margin)
-    leaf = next_moving_leaf(ways, span, 0, lower, upper, reach)
-    if leaf < ways.count:  # noqa: SIM102 (a near triangle tells most boxes that are not free; ``and`` would not wait)
-        if not _leaf_is_free(ways, span, near_moving_leaf(ways, span, lower, upper), centre, half, margin):
-            return False
-    while leaf < ways.count:
-        if not _leaf_is_free(ways, span, leaf, centre, half, margin):
-            return False
-        leaf = next_moving_leaf(ways, span, leaf + 1, lower, upper, reach)
-    return True
-
-
-@wp.func
-def moving_segment_is_free(ways: Ways, span: Span, start: wp.vec3d, end: wp.vec3d, margin: wp.float64) -> bool:
-    """Is every triangle proven to be further than the margin from the closed segment, in all of the span?"""
-    lower, upper = floats_below(wp.min(start, end)), floats_above(wp.max(start, end))
-    reach, s = squared_reach(margin), end - start
-    leaf = next_moving_leaf(ways, span, 0, lower, upper, reach)
-    while leaf < ways.count:
-        link = ways.links[leaf]
-        for i in range(link[0], link[1]):
-            t = moving_at(ways, span, i, start)
-            if not moving_segment_free(t, s, margin, moving_slack(t, wp.abs(s), margin)):
-                return False
-        leaf = next_moving_leaf(ways, span, leaf + 1, lower, upper, reach)
-    return True
-
-
-@wp.func
-def _leaf_holds(ways: Ways, span: Span, leaf: int, centre: wp.vec3d, radius: wp.float64, margin: wp.float64) -> bool:
-    zero = wp.vec3d()
-    link = ways.links[leaf]
-    for i in range(link[0], link[1]):
-        t = moving_at(ways, span, i, centre)
-        way = wp.max(wp.length(t.u), wp.max(wp.length(t.v), wp.length(t.w)))
-        far = wp.length(closest_on_triangle(zero, t.a, t.b, t.c)) + way + radius
-        if far + moving_slack(t, zero, margin) <= margin:
-            return True
-    return False
-
-
-@wp.func
-def moving_holds(ways: Ways, span: Span, centre: wp.vec3d, radius: wp.float64, margin: wp.float64) -> bool:
-    """Does the ball around the centre lie within the margin of a single triangle for certain, in all of the span?"""
-    if not radius < margin:
-        return False
-    lower, upper, reach = floats_below(centre), floats_above(centre), squared_reach(margin - radius)
-    leaf = next_moving_leaf(ways, span, 0, lower, upper, reach)
-    if leaf < ways.count:  # noqa: SIM102 (a kernel's ``and`` would not wait)
-        if _leaf_holds(ways, span, near_moving_leaf(ways, span, lower, upper), centre, radius, margin):
-            return True
-    while leaf < ways.count:
-        if _leaf_holds(ways, span, leaf, centre, radius, margin):
-            return True
-        leaf = next_moving_leaf(ways, span, leaf + 1, lower, upper, reach)
-    return False
-
-
-@wp.func
-def _crossed_cycles(ways: Ways, span: Span, x: wp.vec3d, axis: int) -> wp.uint64:
-    """As of triangles at rest (``triangles/hierarchy.py``), for a span that is a single time."""
-    loose = _LOOSE * wp.float64(ways.room)
-    lower, upper, reach = floats_below(x), floats_above(x), squared_reach(wp.float64(0.0))
-    upper[axis] = _INFINITY
-    crossed = wp.uint64(0)
-    leaf = next_moving_leaf(ways, span, 0, lower, upper, reach)
-    while leaf < ways.count:
-        link = ways.links[leaf]
-        for i in range(link[0], link[1]):
-            if ways.cycles[i] != wp.uint64(0):
-                t = moving_at(ways, span, i, x)
-                crosses = crossing(t.a, t.b, t.c, axis, loose)
-                if crosses < 0:
-                    return wp.uint64(0)
-                if crosses > 0:
-                    crossed = crossed ^ ways.cycles[i]
-        leaf = next_moving_leaf(ways, span, leaf + 1, lower, upper, reach)
-    return crossed
-
-
-@wp.func
-def moving_encloses(ways: Ways, span: Span, x: wp.vec3d) -> bool:
-    """Is it proven, by rays along the axes, that the triangles enclose x at the time of the span, a single one?"""
-    for axis in range(3):  # noqa: SIM110 (a kernel has no ``any``)
-        if _crossed_cycles(ways, span, x, axis) != wp.uint64(0):
-            return True
-    return False
-
-
-# --- Sides ------------------------------------------------------------------------------------------------------------
-#
-# Is a point outside a closed surface that moves, at all times of a span? Grids over pieces of time know cells that
-# are.
+# Is a point outside a closed surface that moves, at all times of a span? Grids over pieces of time know cells that are.
 #
 # What counts as inside at a time is what a flood from outside does not reach then. That may change where no face comes
 # near: a vase that closes its neck makes its hollow part of the object. So it is not enough to be outside at one time,
@@ -520,6 +51,7 @@ MOST_SEGMENTS = 14  # segments that are tried in a piece
 _UNKNOWN, _OUTSIDE, _ENCLOSED = wp.constant(UNKNOWN), wp.constant(OUTSIDE), wp.constant(ENCLOSED)
 _FARTHEST, _MOST_SEGMENTS = wp.constant(FARTHEST), wp.constant(MOST_SEGMENTS)
 _INNER = wp.constant(wp.float64(INNER))
+_HALF = wp.constant(wp.float64(0.5))
 
 
 @wp.struct
@@ -576,9 +108,9 @@ def _known_side(p: Pieces, piece: int, x: wp.vec3d) -> int:
 
 
 @wp.func
-def _leads_to(ways: Ways, p: Pieces, piece: int, span: Span, x: wp.vec3d, side: int) -> bool:
+def _leads_to(t: Ways, p: Pieces, piece: int, x: wp.vec3d, side: int) -> bool:
     """Is it proven, by a segment to a cell of a side, that x is on this side at all times of a span in a piece?"""
-    t = (x - p.origin[piece]) * p.scale[piece]
+    place = (x - p.origin[piece]) * p.scale[piece]
     own = _own_cell(p, piece, x)
     tried = wp.int32(0)
     for far in range(1, _FARTHEST + 1):
@@ -589,8 +121,8 @@ def _leads_to(ways: Ways, p: Pieces, piece: int, span: Span, x: wp.vec3d, side: 
                 end = wp.vec3d()
                 for k in range(3):
                     middle = wp.float64(cell[k])
-                    end[k] = wp.clamp(t[k], middle - _INNER, middle + _INNER)
-                if moving_segment_is_free(ways, span, x, p.origin[piece] + end / p.scale[piece], p.rounding):
+                    end[k] = wp.clamp(place[k], middle - _INNER, middle + _INNER)
+                if segment_is_free(t, x, p.origin[piece] + end / p.scale[piece], p.rounding):
                     return True
                 tried += 1
                 if tried >= _MOST_SEGMENTS:
@@ -605,11 +137,12 @@ def _piece_at(p: Pieces, key: int, share: wp.float64) -> int:
 
 
 @wp.func
-def outside_in(ways: Ways, p: Pieces, span: Span, x: wp.vec3d) -> bool:
-    """Is it proven that x, finite numbers, is outside at all times of a span?"""
+def outside_in(t: Ways, p: Pieces, x: wp.vec3d) -> bool:
+    """Is it proven that x, finite numbers, is outside at all times of the span?"""
     if p.count == 0:
         return True
-    begin, end = _piece_at(p, span.key, span.begin), _piece_at(p, span.key, span.end)
+    key = t.span.key
+    begin, end = _piece_at(p, key, t.span.begin), _piece_at(p, key, t.span.end)
     for piece in range(begin, end + 1):
         if _known_side(p, piece, x) == _ENCLOSED:
             return False
@@ -619,34 +152,34 @@ def outside_in(ways: Ways, p: Pieces, span: Span, x: wp.vec3d) -> bool:
             if p.known[piece] == wp.uint8(0):
                 return False
             if not asked:
-                if moving_encloses(ways, span_of(span.key, span.begin, span.begin), x):
+                if is_enclosed(during(t, span_of(key, t.span.begin, t.span.begin)), x):
                     return False
                 asked = True
-            count = wp.float64(p.first[span.key + 1] - p.first[span.key])
-            number = piece - p.first[span.key]
-            begins = wp.max(span.begin, wp.float64(number) / count)
-            part = span_of(span.key, begins, wp.min(span.end, wp.float64(number + 1) / count))
-            if not _leads_to(ways, p, piece, part, x, _OUTSIDE):
+            count = wp.float64(p.first[key + 1] - p.first[key])
+            number = piece - p.first[key]
+            begins = wp.max(t.span.begin, wp.float64(number) / count)
+            part = span_of(key, begins, wp.min(t.span.end, wp.float64(number + 1) / count))
+            if not _leads_to(during(t, part), p, piece, x, _OUTSIDE):
                 return False
     return True
 
 
 @wp.func
-def side_in(ways: Ways, p: Pieces, span: Span, x: wp.vec3d) -> int:
+def side_in(t: Ways, p: Pieces, x: wp.vec3d) -> int:
     """The side of x at the time of the span, a single one, if x is farther than the rounding from all faces."""
     if p.count == 0:
         return _OUTSIDE
-    piece = _piece_at(p, span.key, span.begin)
+    piece = _piece_at(p, t.span.key, t.span.begin)
     side = _known_side(p, piece, x)
     if side != _UNKNOWN:
         return side
-    if moving_encloses(ways, span, x):
+    if is_enclosed(t, x):
         return _ENCLOSED
     if p.known[piece] == wp.uint8(0):
         return _UNKNOWN
-    if _leads_to(ways, p, piece, span, x, _OUTSIDE):
+    if _leads_to(t, p, piece, x, _OUTSIDE):
         return _OUTSIDE
-    if _leads_to(ways, p, piece, span, x, _ENCLOSED):
+    if _leads_to(t, p, piece, x, _ENCLOSED):
         return _ENCLOSED
     return _UNKNOWN
 
@@ -665,7 +198,7 @@ def _enclose(
     """Is a centre proven to be enclosed?"""
     i, _ = wp.tid()
     i += first
-    enclosed[i] = wp.uint8(moving_encloses(ways, span_of(key, share, share), centres[i]))
+    enclosed[i] = wp.uint8(is_enclosed(during(ways, span_of(key, share, share)), centres[i]))
 
 
 class MovingSides:
