@@ -481,9 +481,15 @@ def corner(t: Triangles, triangle: int, k: int, origin: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
+def _triangle_of(corners: wp.array(dtype=wp.vec3), i: int, origin: wp.vec3d) -> Triangle:
+    a, b, c = wide(corners[3 * i]), wide(corners[3 * i + 1]), wide(corners[3 * i + 2])
+    return triangle_of(a - origin, b - origin, c - origin)
+
+
+@wp.func
 def triangle_at(t: Triangles, i: int, origin: wp.vec3d) -> Triangle:
     """A triangle, relative to a point: each coordinate is rounded once."""
-    return triangle_of(corner(t, i, 0, origin), corner(t, i, 1, origin), corner(t, i, 2, origin))
+    return _triangle_of(t.corners, i, origin)  # so short that the compiler makes no copy of t
 
 
 @wp.func
