@@ -32,8 +32,9 @@ def extreme_points(grid, normals: np.ndarray) -> np.ndarray:
     """The object's last corner along each normal, float64."""
     cells = grid.occupied
     corner = np.where(normals > 0, 0.5, -0.5)
-    at = normals @ grid.position(cells).T
-    return grid.position(cells[np.argmax(at, axis=1)] + corner)
+    at, some = grid.position(cells), max(1, 10_000_000 // len(cells))  # normals at a time, so that memory is bounded
+    last = [np.argmax(normals[i : i + some] @ at.T, axis=1) for i in range(0, len(normals), some)]
+    return grid.position(cells[np.concatenate(last)] + corner)
 
 
 def directions(grid, count: int, rng: np.random.Generator) -> np.ndarray:

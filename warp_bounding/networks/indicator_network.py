@@ -225,7 +225,7 @@ class IndicatorNetwork(Combinable, Formula):
         except BounderError as error:
             raise IndicatorError(f"{name}: {error}") from error
         for network in self._networks:
-            network.padding = [p + e for p, e in zip(network.padding, errors, strict=True)]
+            network.exceed(errors)
         self._compare(sequential)
 
     def _compare(self, sequential: Iterable) -> None:

@@ -16,6 +16,7 @@ in absolute value, so that on small boxes the bound is off by the third power of
 does not cancel. Any curve is sound; they decide only how tight the bound is.
 """
 
+from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -139,6 +140,7 @@ class Network:
 
     Attributes:
         padding: Bounds of what each layer's float64 arithmetic in ``bound`` rounds, the output's last.
+        errors: What bounds allow for besides (``exceed``), as ``padding``, which has it too.
         rounding: E, a bound of the error of any float32 evaluation.
         largest: Bound of ``|f|``.
         packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their
@@ -170,8 +172,14 @@ class Network:
     def _measure(self, hidden: list[Layer], output: Layer, limit: np.ndarray) -> None:
         self.hidden, self.output, self.limit = hidden, output, np.asarray(limit, dtype=np.float64)
         self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
+        self.errors = np.zeros(len(self.padding))
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
+
+    def exceed(self, errors: list[float]) -> None:
+        """Let bounds hold for any network whose arguments, layer by layer, and output, the last, are off by so much."""
+        self.errors = np.array(errors, dtype=np.float64)
+        self.padding = [p + e for p, e in zip(self.padding, errors, strict=True)]
 
     def kernel_shape(self, chart: Chart | None = None) -> NetworkShape:
         """What kernels of bounds are compiled for; boxes are of the inputs themselves if there is no chart."""
@@ -200,11 +208,54 @@ class Network:
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
-        return bound_boxes(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
+        return self.bound_charted(PlainChart(len(self.limit)), lower, upper, self.limit)
+
+    def bound_charted(
+        self,
+        chart: Chart,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        limit: np.ndarray,
+        terms: np.ndarray | None = None,
+        numbers: np.ndarray | None = None,
+        table: np.ndarray | None = None,
+        device="cpu",
+    ) -> BoxBounds:
+        """The same over boxes ``(N, Z)`` of a chart's numbers.
+
+        Args:
+            chart: How a box becomes inputs.
+            lower: Float64.
+            upper: Float64.
+            limit: ``(K,)``, largest size of the inputs.
+            terms: ``(K,)``, of the sum of an input's absolute terms over a box; ``limit`` if ``None``.
+            numbers: Float64 parameters of the chart.
+            table: Int32 parameters of the chart.
+            device: Warp device.
+        """
+        return BOUNDS.get().boxes(self, chart, lower, upper, limit, terms, numbers, table, device)
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Multilinear bounds under f over boxes of its inputs, as ``bound_corners`` gives them."""
-        return bound_corners(self.kernel_shape(), self.packed, np.array(self.padding), lower, upper)
+        return BOUNDS.get().corners(self, PlainChart(len(self.limit)), lower, upper)
+
+
+class SearchBounds:
+    """How networks are bounded, but in ``certify`` (``proof.taylor``): by the kernels of ``networks.bounds``."""
+
+    def boxes(
+        self, network, chart, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
+    ) -> BoxBounds:
+        """See ``Network.bound_charted``."""
+        padding = np.array(network.padding) if limit is network.limit else network.padding_for(limit, terms)
+        return bound_boxes(network.kernel_shape(chart), network.packed, padding, lower, upper, numbers, table, device)
+
+    def corners(self, network, chart, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """See ``Network.corners``."""
+        return bound_corners(network.kernel_shape(chart), network.packed, np.array(network.padding), lower, upper)
+
+
+BOUNDS: ContextVar = ContextVar("bounds", default=SearchBounds())  # noqa: B039  (it has no state)
 
 
 # How the outputs of a network become f, by kind of query.

@@ -1,10 +1,10 @@
 """Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by its own loop (``_halved``).
 
 Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
-the target or a counterexample is found. The bounds over one box, and for rays, boxes and planes the chart, are those of
-the search. Of shapes without cells it halves what they do not certify to be empty. Of a distance it proves ``d - F >=
-threshold + E`` on the whole domain, and that the object lies in it. A bounder whose method has no proof is asked fresh
-positives (``stress``).
+the target or a counterexample is found. Networks are bounded by ``taylor``, which shares nothing with the bounds of the
+search but the charts of rays and boxes; volumes have one bound each. Of shapes without cells it halves what they do not
+certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the whole domain, and that the object lies in
+it. A bounder whose method has no proof is asked fresh positives (``stress``).
 """
 
 import os
@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.batch import frame_fault
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
@@ -30,8 +31,10 @@ from warp_bounding.proof.distances import Checkpoint, excess_within
 from warp_bounding.proof.prove import TOUCHED, ShapeRegions, charted, coarse_cells, corners, in_part
 from warp_bounding.proof.search import NARROWEST, HeldBounds, ShapePositives, halve
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof.taylor import taylor_bounds
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
+from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime.launch import working_seconds
 
 PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
@@ -63,6 +66,7 @@ class Checked(NamedTuple):
     complete: bool = True
 
 
+@taylor_bounds()
 def certify(
     bounder: Bounder,
     shape,
@@ -129,6 +133,7 @@ def certify(
     except BoundingError as error:
         return _inapplicable(bounder, shape, other or str(error))
     reason = other or mismatch(bounder, grid)
+    reason = reason or uncovered(bounder.domain.base)
     if not bounder.conservative:
         reason = f"{bounder.method} is not conservative"
     if reason and reason != OUTSIDE:
@@ -436,12 +441,39 @@ def _checked(
     return Checked(least, boxes)
 
 
+def reachable(domain: Domain, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of all v that the pipeline can make of points of boxes: what ``Domain.widened`` says, made anew.
+
+    Args:
+        domain: The map to v, with the error ``delta`` that it may have.
+        lower: ``(N, n)`` float64, object space.
+        upper: ``(N, n)`` float64.
+    """
+    center, scale, limit = (np.float64(each) for each in (domain.center, domain.scale, domain.limit))
+    sides = []
+    for corner, sign in ((lower, -1.0), (upper, 1.0)):
+        v = (corner - center) * scale
+        v += sign * (domain.delta + 1e-14 * (np.abs(v) + np.abs(center * scale) + domain.delta))
+        sides.append(np.clip(v, -limit, limit))
+    return sides[0], sides[1]
+
+
+def uncovered(domain: Domain) -> str:
+    """Why ``delta`` is less than what rounds on the way to v, at a corner of the domain; empty if it is not.
+
+    What rounds is a point, its difference to the centre, and a product.
+    """
+    center, scale = np.float64(domain.center), np.float64(domain.scale)
+    needed = [UNIT32 * (np.abs(x) * scale + 2 * np.abs(x - center) * scale) for x in (domain.lower, domain.upper)]
+    return "the domain's delta does not cover what float32 rounds" if (np.maximum(*needed) > domain.delta).any() else ""
+
+
 def _cell_pieces(f: Bounder | LeastBox, grid: IndicatorGrid, target: float) -> Iterator[Piece]:
     """Every v that the pipeline can make of the points of the object's cells; suspects are points of the object."""
     for start in range(0, len(grid.occupied), CHUNK):
         cells = grid.occupied[start : start + CHUNK]
         corners = grid.position(cells - 0.5), grid.position(cells + 0.5)
-        lower, upper, owner = f.cut(*f.domain.widened(*corners))
+        lower, upper, owner = f.cut(*reachable(f.domain, *corners))
 
         def inside(v: np.ndarray, box: np.ndarray, corners=corners, owner=owner) -> np.ndarray:
             first, last = (side[owner[box]] for side in corners)
@@ -654,7 +686,7 @@ def certify_distance(
     other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)
-        reason = other or mismatch(bounder, grid)
+        reason = other or uncovered(bounder.domain.base) or mismatch(bounder, grid)
     except BoundingError as error:
         grid, reason = shape, other or str(error)
     if reason and reason != OUTSIDE:

@@ -48,7 +48,6 @@ from warp_bounding.networks.bounds import (
     Chart,
     NetworkShape,
     body,
-    bound_boxes,
     double_array,
     lanes_text,
     load_text,
@@ -670,8 +669,8 @@ class ChartedPositives:
 
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
-        shape, padding = self.network.kernel_shape(self.chart), self.padding
-        return bound_boxes(shape, self.network.packed, padding, lower, upper, self.numbers, self.table, device)
+        more = self.limit, self.terms, self.numbers, self.table, device
+        return self.network.bound_charted(self.chart, lower, upper, *more)
 
     @property
     def padding(self) -> np.ndarray:
@@ -836,7 +835,8 @@ def charted_minimum(
     cover = divided(cover, INITIAL, device)
     # Each initial box is bounded once: that tells how many there is time for, and finds low positives to begin with.
     survey = prove_target(cover, CLOSE_ALL, device=device)
-    affordable = min(boxes, seconds * survey.boxes / (working_seconds() - started))
+    spent = working_seconds() - started  # 0 where all of it was compiling
+    affordable = min(boxes, seconds * survey.boxes / spent if spent > 0 else np.inf)
     initial = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
     descent = Descent(divided(cover, initial, device), device)  # no fewer boxes than there are by now
     best = min(upper, float(survey.values.min(initial=np.inf)))

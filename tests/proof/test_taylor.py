@@ -1,0 +1,255 @@
+"""The bounds of ``certify``: they hold, they share nothing with the search's, and they find out bounders that a faulty search has made."""
+
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from bounding_shapes import random_mlp, shape
+
+import warp_bounding as wb
+from warp_bounding import activations
+from warp_bounding.networks import bounds, network
+from warp_bounding.networks.bounds import PlainChart
+from warp_bounding.proof import check, search, settle, taylor
+from warp_bounding.proof.covers import COVERS
+from warp_bounding.proof.prove import least_value
+from warp_bounding.queries import domain
+from warp_bounding.queries.region_domain import domain_of
+
+WIDTHS = (0.0, 1e-6, 1e-3, 0.02, 0.1, 0.5, 2.0)
+
+
+def random_network(rng, inputs, hidden, activation, octaves=0):
+    """Of random float32 weights, steep enough to bend in boxes of all ``WIDTHS``."""
+    widths = [inputs + (features := 2 * inputs * octaves), *hidden, 1]
+    layers = [
+        (1.5 * rng.normal(size=(h, k)) / np.sqrt(k), rng.normal(size=h))
+        for k, h in pairwise(widths)
+    ]
+    encoding = (4.0 * rng.normal(size=(features, inputs)), rng.normal(size=features)) if octaves else None
+    single = [tuple(np.float32(each) for each in layer) for layer in layers]
+    return network.Network(
+        single, activation, encoding and tuple(np.float32(e) for e in encoding), np.full(inputs, 1.0)
+    )
+
+
+def samples(lower, upper, rng, count=64):
+    """Corners of boxes, where there are few, and random points in them, ``(N, count, n)``."""
+    n = lower.shape[1]
+    share = rng.uniform(0, 1, (len(lower), count, n))
+    corners = (np.arange(min(1 << n, count))[:, None] >> np.arange(n)) & 1
+    share[:, : len(corners)] = corners
+    return lower[:, None] + (upper - lower)[:, None] * share
+
+
+@pytest.mark.parametrize("octaves", [0, 2])
+@pytest.mark.parametrize("activation", ["sin", "tanh", "relu"])
+@pytest.mark.parametrize("ndim", [1, 3])
+def test_no_value_lies_under_a_bound(ndim, activation, octaves, rng):
+    """Nor under the linear one of the same kernel, nor under what is linear between its corners."""
+    f = random_network(rng, ndim, (12, 9, 7), activation, octaves)
+    own, chart = taylor.TaylorBounds(), PlainChart(ndim)
+    for width in WIDTHS:
+        center = rng.uniform(-1, 1, (200, ndim))
+        radius = width / 2 * rng.uniform(0.2, 1, (200, ndim))
+        lower, upper = center - radius, center + radius
+        found = own.boxes(f, chart, lower, upper, f.limit + width)
+        v = samples(lower, upper, rng)
+        values = f(v.reshape(-1, ndim)).reshape(v.shape[:2])
+        assert (found.lower[:, None] <= values).all()
+        line = found.level[:, None] + (found.slope[:, None] * (v - center[:, None])).sum(axis=2)
+        assert (line <= values + 1e-12 * np.abs(values)).all()
+        np.testing.assert_allclose(found.value, f(found.point), rtol=0, atol=1e-9)
+        if width == 0:
+            assert (found.lower >= values[:, 0] - 1e-6).all()  # a point's bound is its value
+    assert (own.corners(f, chart, lower, upper).min(axis=1) <= values.min(axis=1)).all()
+
+
+def test_it_is_of_third_order(rng):
+    """What a bound of the sine is off falls by the third power of the box's width."""
+    f, gaps = random_network(rng, 2, (16, 16), "sin"), []
+    center = rng.uniform(-0.5, 0.5, (300, 2))
+    for radius in (0.02, 0.01):
+        lower, upper = center - radius, center + radius
+        v = samples(lower, upper, rng, 400)
+        least = f(v.reshape(-1, 2)).reshape(v.shape[:2]).min(axis=1)
+        gaps.append(np.median(least - taylor.TaylorBounds().boxes(f, PlainChart(2), lower, upper, f.limit).lower))
+    assert gaps[1] < gaps[0] / 3
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_positives_of_charts_lie_above(query, rng):
+    grid = shape("c")
+    bounder = random_mlp(grid, domain=domain_of(grid, query, 1.0))
+    cover = COVERS[query].charted(bounder, grid)
+    lower, upper = cover.lower, cover.upper
+    with taylor.taylor_bounds():
+        for _ in range(9):
+            found = cover.bound(lower, upper)
+            some = np.isfinite(found.value)
+            assert (found.lower[some] <= found.value[some]).all()
+            corners = found.boxes[np.isfinite(found.lower)]
+            row, axis = np.arange(len(corners)), found.axis[np.isfinite(found.lower)]
+            lower, upper = corners[:, 0].copy(), corners[:, 1].copy()
+            middle = cover.chart.middle(lower[row, axis], upper[row, axis])
+            side = rng.random(len(row)) < 0.5
+            lower[row, axis] = np.where(side, lower[row, axis], middle)
+            upper[row, axis] = np.where(side, middle, upper[row, axis])
+    assert some.mean() > 0.5
+
+
+def test_the_constants_of_tanh():
+    z = np.linspace(-12, 12, 2_000_001)
+    t = np.tanh(z)
+    slope = 1 - t * t
+    assert np.abs(2 * t * slope).max() < 0.77
+    assert np.abs(slope * (6 * t * t - 2)).max() <= 2
+    assert np.abs(slope * t * (16 - 24 * t * t)).max() < 4.1
+
+
+def test_certify_calls_nothing_of_the_search(monkeypatch):
+    grid = shape("c")
+    bounders = [wb.fit(grid, query, "mlp", hidden=(8,), steps=20, device="cpu") for query in ("point", "ray", "plane")]
+
+    def never(*_, **__):
+        raise AssertionError("a bound of the search")
+
+    for module, name in ((network, "bound_boxes"), (network, "bound_corners"), (search, "depth_first_kernel")):
+        monkeypatch.setattr(module, name, never)
+    for bounder in bounders:
+        assert wb.certify(bounder, grid).proven
+
+
+# --- faults of the search --------------------------------------------------------------------------------------------
+
+
+def swapped(part: str, old: str, new: str):
+    """A part of the search's C text with a fault."""
+
+    def inject(monkeypatch):
+        text = getattr(bounds.text, part)
+        assert text.count(old) == 1
+        monkeypatch.setattr(bounds.text, part, text.replace(old, new))
+
+    return inject
+
+
+def wrong_curve(pattern: str, new: str):
+    """The sine's curve with a fault."""
+
+    def inject(monkeypatch):
+        true = activations.SINE.relaxation()
+        faulty = re.sub(pattern, new, true)
+        assert faulty != true
+        monkeypatch.setattr(type(activations.SINE), "relaxation", lambda self: faulty)
+
+    return inject
+
+
+def dropped_halves(monkeypatch):
+    monkeypatch.setattr(search, "_SEARCH", search._SEARCH.replace("held += 2;", "held += 1;"))
+
+
+def closed_early(monkeypatch):
+    monkeypatch.setattr(
+        search,
+        "_SEARCH",
+        search._SEARCH.replace("if (bound >= target)", "if (bound >= target - 0.02)").replace(
+            "closed = bound < closed ? bound : closed;", ""
+        ),
+    )
+
+
+def half_boxes(monkeypatch):
+    monkeypatch.setattr(
+        PlainChart, "expand", PlainChart.expand.replace("(high[k] - low[k]) * 0.5", "(high[k] - low[k]) * 0.25")
+    )
+
+
+def no_delta(monkeypatch):
+    monkeypatch.setattr(
+        domain.Domain, "widened", lambda self, lower, upper: (self.to_local(lower), self.to_local(upper))
+    )
+
+
+FAULTS = {
+    "a wrong slope": wrong_curve(r"slope = flat \? zero : a;", "slope = flat ? zero : a * 0.5;"),
+    "a wrong intercept": wrong_curve(r"mean = flat \? zero : m;", "mean = flat ? zero : m + 0.5;"),
+    "no band around a curve": wrong_curve(r"spread = flat \? zero \+ 1.0 : e;", "spread = zero;"),
+    "a band that is counted with one sign only": swapped(
+        "BACKWARDS",
+        "const V loss = absolute(c) * own.spread[j];",
+        "const V loss = c > zero ? c * own.spread[j] : zero;",
+    ),
+    "a form that is counted as if it were at its best": swapped(
+        "CLOSE", "least -= q; score[k]", "least += q; score[k]"
+    ),
+    "slopes that are halved": swapped(
+        "CLOSE", "steep[k] = absolute(slope[k]);", "steep[k] = absolute(slope[k]) * 0.5;"
+    ),
+    "a half that is dropped": dropped_halves,
+    "boxes that are closed too early": closed_early,
+    "boxes of half their size": half_boxes,
+    "no delta": no_delta,
+}
+
+
+@pytest.fixture
+def anew():
+    """Kernels that are made in a test are not kept."""
+    caches = [bounds._kernel, bounds._corner_kernel, search.depth_first_kernel]
+    for cache in caches:
+        cache.cache_clear()
+    yield
+    for cache in caches:
+        cache.cache_clear()
+
+
+HARM = (0.3, 0.1, 0.03, 0.01, 0.003, 1e-3, 3e-4, 1e-4)  # how far above f's least value
+
+
+def harm_of(bounder, grid, least: float) -> float:
+    """How far above the least f a search claims it to be, of ``HARM``; 0 if no such claim. Found values do not help it."""
+    cover = COVERS["point"].charted(bounder, grid)
+    claims = [search.prove_target(cover, least + each, boxes=300_000).complete for each in HARM]
+    return HARM[claims.index(True)] if any(claims) else 0.0
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bounder_of_a_faulty_search_is_not_proven(fault, monkeypatch, anew):
+    grid, harm = shape("c"), 0.0
+    for seed in range(8):
+        bounder = random_mlp(grid, hidden=(16, 16), gain=40.0, seed=seed)
+        found = least_value(bounder, grid, eps=1e-5)
+        settle(bounder, grid, found)
+        assert wb.certify(bounder, grid).proven
+        with monkeypatch.context() as patched:
+            patched.setattr(
+                search, "_SEARCH", search._SEARCH.replace("const bool tried =", "const bool tried = false &&")
+            )
+            search.depth_first_kernel.cache_clear()
+            assert harm_of(bounder, grid, found.upper_bound) == 0.0
+            FAULTS[fault](patched)
+            search.depth_first_kernel.cache_clear()
+            harm = harm_of(bounder, grid, found.upper_bound)
+        search.depth_first_kernel.cache_clear()
+        if harm > 0:
+            break
+    assert harm > 0
+    threshold = np.float32(found.upper_bound + harm - bounder.rounding_bound())
+    bounder.freeze(float(np.nextafter(threshold, np.float32(-np.inf))), None)
+    told = wb.certify(bounder, grid)
+    assert told.kind in ("refuted", "undecided"), told
+
+
+def test_a_delta_without_a_term_is_refused(monkeypatch):
+    """Far from its origin what a point's coordinates round is most of delta."""
+    solid = wb.solids.Sphere([3000.0, 0.0], 1.0)
+    assert wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid).proven
+    monkeypatch.setattr(domain, "input_rounding", lambda center, scale, extent, *_: domain.rounding_of_map(extent))
+    monkeypatch.setattr(domain, "DELTA_SHARE", 0.0)
+    told = wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid)
+    assert told.kind == "inapplicable"
+    assert "delta" in told.message
+    assert check.uncovered(domain.Domain.of(solid))

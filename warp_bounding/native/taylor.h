@@ -1,0 +1,250 @@
+// Bounds of a network over boxes for certify (proof/taylor.py), a box a lane: Taylor polynomials of second degree at the box's centre
+// forwards, and backwards what they leave out, times bounds of f's derivatives. Nothing of it is in bounds.h but the types of lanes.
+//
+// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS, of which the LINEAR leading ones
+// are passed through; its numbers begin at the index AT of w. C columns of zeta, |zeta| <= 1; SQUARES entries k <= m of a form.
+
+/// SINE:
+/// At z: coefficients a0 to a3 of a polynomial, and left, by how much it may be off within u; d, by how much the derivative differs
+/// within b from a1; and the constant flat, off by spread within b. The Taylor polynomial of fourth degree is off by
+/// |sin z| u^6 / 720 + |cos z| u^5 / 120, and x^4 is within u^4 / 8 of u^2 x^2 - u^4 / 8.
+/// Reduced to |r| <= pi / 4 by multiples k of pi / 2, in three parts.
+auto act_sin = [&](V z, V* cosine) {
+    const V q = z * 0x1.45f306dc9c883p-1 + 6755399441055744.0, n = q - 6755399441055744.0;
+    const V r = ((z - n * 0x1.921fb544p+0) - n * 0x1.0b4611a6p-34) - n * 0x1.3198a2e037073p-69, x = r * r;
+    const V s = r + r * x * (-1 / 6.0 + x * (1 / 120.0 + x * (-1 / 5040.0 + x * (1 / 362880.0 + x * (-1 / 39916800.0
+        + x * (1 / 6227020800.0 - x * (1 / 1307674368000.0)))))));
+    const V c = 1.0 + x * (-0.5 + x * (1 / 24.0 + x * (-1 / 720.0 + x * (1 / 40320.0 + x * (-1 / 3628800.0
+        + x * (1 / 479001600.0 - x * (1 / 87178291200.0)))))));
+#if !defined(__CUDA_ARCH__)
+    const I k = (I)q; const auto odd = (k & 1) != 0, minus = (k & 2) != 0, turned = ((k + 1) & 2) != 0;
+#else
+    const long long k = (long long)n; const bool odd = k & 1, minus = k & 2, turned = (k + 1) & 2;
+#endif
+    const V a = odd ? c : s, o = odd ? s : c;
+    if (cosine) *cosine = turned ? -o : o;
+    return minus ? -a : a;
+};
+auto taylor_sin = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& flat, V& spread) {
+    a0 = act_sin(z, &a1); a3 = a1 * (-1 / 6.0);
+    const V size = absolute(a0), u2 = u * u, u4 = u2 * u2;
+    a2 = a0 * (u2 * (1 / 24.0) - 0.5); a0 -= a0 * u4 * (1 / 192.0);
+    left = size * (u4 * (1 / 192.0) + u2 * u4 * (1 / 720.0)) + absolute(a1) * u4 * u * (1 / 120.0);
+    d = (size + b * 0.5) * b; d = d < b ? d : b; flat = zero; spread = zero + 1.0;
+};
+
+/// TANH:
+/// The fourth derivative is at most 4.1, the third 2, the second 0.77.
+/// (1 - e) / (1 + e) with e = exp(-2 |z|) = 2^k exp(r), |r| <= ln(2) / 2.
+auto act_tanh = [&](V z, V*) {
+    const V size = absolute(z), y = (size < 20.0 ? size : zero + 20.0) * -2.0;
+    const V q = y * 0x1.71547652b82fep+0 + 6755399441055744.0, n = q - 6755399441055744.0;
+    const V r = (y - n * 0x1.62e42fee00000p-1) - n * 0x1.a39ef35793c76p-33;
+    V e = 1.0 + r * (1.0 + r * (1 / 2.0 + r * (1 / 6.0 + r * (1 / 24.0 + r * (1 / 120.0 + r * (1 / 720.0 + r * (1 / 5040.0
+        + r * (1 / 40320.0 + r * (1 / 362880.0 + r * (1 / 3628800.0 + r * (1 / 39916800.0 + r * (1 / 479001600.0))))))))))));
+#if !defined(__CUDA_ARCH__)
+    e = (V)((I)e + ((I)q << 52));  // the lowest bits of q are those of k
+#else
+    e = ldexp(e, (int)n);
+#endif
+    const V t = (1.0 - e) / (1.0 + e);
+    return z < zero ? -t : t;
+};
+auto taylor_tanh = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& flat, V& spread) {
+    a0 = act_tanh(z, nullptr); a1 = 1.0 - a0 * a0; a2 = -a0 * a1; a3 = a1 * (a0 * a0 - 1 / 3.0);
+    const V low = act_tanh(z - b, nullptr), high = act_tanh(z + b, nullptr);
+    left = u * u * (u * u) * (4.1 / 24); d = absolute(a2) * 2.0 * b + b * b; d = d < 0.77 * b ? d : 0.77 * b;
+    flat = (low + high) * 0.5; spread = (high - low) * 0.5;
+};
+
+/// RELU:
+/// Where the kink is near: the chord of [z - u, z + u], moved down by half of its height.
+auto act_relu = [&](V z, V*) { return z > zero ? z : zero; };
+auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& flat, V& spread) {
+    const V size = absolute(z); const auto kink = size < u;
+    a1 = kink ? (z + u) / (u + u) : (z > zero ? zero + 1.0 : zero);
+    const V height = kink ? (u + z) * (u - z) / (u * 4.0) : zero;
+    a0 = a1 * z + height; a2 = a3 = left = zero;
+    d = size < b ? zero + 1.0 : zero;
+    spread = height; flat = a0;
+};
+
+/// LAYER:
+/// Of the arguments: l and q, linear and quadratic in zeta, |l| <= near, |q| <= bow. Of the polynomials of activations, which the next
+/// layer reads: v + g . zeta + the form s; off is how far an activation may be from it, on the way from any layer below. Of what a
+/// polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and rest. The derivative is within d of slope: within LEAST and 1, too.
+V NAME_v[NEURONS], NAME_g[C][NEURONS], NAME_s[SQUARES][NEURONS], NAME_off[NEURONS], NAME_l[C][NEURONS], NAME_q[SQUARES][NEURONS];
+V NAME_near[NEURONS], NAME_slope[NEURONS], NAME_a2[NEURONS], NAME_a3[NEURONS], NAME_rest[NEURONS], NAME_turned[NEURONS], NAME_d[NEURONS];
+const struct { V *v, (*g)[NEURONS], (*s)[NEURONS], *off, (*l)[NEURONS], (*q)[NEURONS], *near, *slope, *a2, *a3, *rest, *turned, *d; } NAME = {
+    NAME_v, NAME_g, NAME_s, NAME_off, NAME_l, NAME_q, NAME_near, NAME_slope, NAME_a2, NAME_a3, NAME_rest, NAME_turned, NAME_d,
+};
+
+/// FORWARDS:
+/// TAYLOR is the activation's; BENT tells whether the polynomials of the layer below have quadratic terms.
+for (int j = 0; j < NEURONS; ++j) {
+    const double* x = w + AT + NEURONS + j * INPUTS; const double* size = x + NEURONS * INPUTS;
+    V z = zero + w[AT + j], off = zero, near = zero, bow = zero, l[C], q[SQUARES];
+    for (int k = 0; k < C; ++k) l[k] = zero;
+    for (int e = 0; e < SQUARES; ++e) q[e] = zero;
+    for (int i = 0; i < INPUTS; ++i) {
+        z += below.v[i] * x[i]; off += below.off[i] * size[i];
+#pragma unroll
+        for (int k = 0; k < C; ++k) l[k] += below.g[k][i] * x[i];
+        if (BENT) {
+#pragma unroll
+            for (int e = 0; e < SQUARES; ++e) q[e] += below.s[e][i] * x[i];
+        }
+    }
+#pragma unroll
+    for (int k = 0; k < C; ++k) { near += absolute(l[k]); own.l[k][j] = l[k]; }
+    if (BENT) {
+#pragma unroll
+        for (int e = 0; e < SQUARES; ++e) { bow += absolute(q[e]); own.q[e][j] = q[e]; }
+    }
+    V a0, a1, a2, a3, left, d, flat, spread;
+    const V u = near + bow, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
+    TAYLOR(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, flat, spread);
+    V low = a1 - d, high = a1 + d;
+    low = low > LEAST ? low : zero + LEAST; high = high < 1.0 ? high : zero + 1.0;
+    own.slope[j] = (low + high) * 0.5; own.d[j] = (high - low) * (0.5 + 1e-9) + 1e-13;
+    V turned = absolute(a2) * near * bow * 2.0 + absolute(a3) * near2 * near;
+    V rest = absolute(a2) * bow2 + absolute(a3) * (near2 * bow * 3.0 + near * bow2 * 3.0 + bow2 * bow) + left;
+    if (BENDS) {
+        const auto plain = !(rest + turned + own.d[j] * off <= spread);  // NaN too
+        own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j]; off = plain ? zero : off;
+        a0 = plain ? flat : a0; a2 = plain ? zero : a2; a3 = plain ? zero : a3; turned = plain ? zero : turned;
+        rest = plain ? spread : rest; a1 = plain ? zero : a1;
+    } else {
+        rest = spread;
+    }
+    if (j < LINEAR) { a0 = z; own.slope[j] = a1 = zero + 1.0; own.d[j] = a2 = a3 = rest = turned = zero; }
+    rest = rest * (1 + 1e-9) + pad; turned *= 1 + 1e-9;
+    own.near[j] = near; own.v[j] = a0; own.a2[j] = a2; own.a3[j] = a3; own.rest[j] = rest; own.turned[j] = turned;
+    own.off[j] = off * (1 + 1e-9) + rest + turned;
+    int e = 0;
+#pragma unroll
+    for (int k = 0; k < C; ++k) {
+        own.g[k][j] = a1 * l[k]; const V bent = a2 * l[k];
+#pragma unroll
+        for (int m = k; m < C; ++m, ++e) own.s[e][j] = a1 * q[e] + bent * l[m] * (m == k ? 1.0 : 2.0);
+    }
+}
+
+/// BACKWARDS:
+/// At any zeta, and on the way between polynomial and activation, the derivative of f by an activation is within wide of back. What the
+/// polynomials leave out is taken from least; what of it is cubic is added to cubes with back, where it may cancel.
+for (int i = 0; i < INPUTS; ++i) to[i] = wide_to[i] = zero;
+for (int j = 0; j < NEURONS; ++j) {
+    const V c = back[j], r = wide[j], size = absolute(c), near = own.near[j];
+    const V loss = (size + r) * own.rest[j] + (r + size * 1e-12) * own.turned[j];
+    least -= loss;
+    const V share = (loss + size * own.turned[j]) / (near > zero ? near : zero + 1.0);
+#pragma unroll
+    for (int k = 0; k < C; ++k) score[k] += share * absolute(own.l[k][j]);
+    if (BENDS) {
+        const V arch = c * own.a3[j], mix = c * own.a2[j] * 2.0; int cube = 0;
+#pragma unroll
+        for (int a = 0; a < C; ++a)
+#pragma unroll
+            for (int b = a; b < C; ++b)
+#pragma unroll
+                for (int e = b; e < C; ++e, ++cube) {
+                    const double orders = a == e ? 1.0 : (a == b || b == e ? 3.0 : 6.0);
+                    cubes[cube] += arch * orders * own.l[a][j] * own.l[b][j] * own.l[e][j];
+                    if (BENT) {
+                        V sum = own.l[a][j] * own.q[entry(b, e)][j];
+                        if (a != b) sum += own.l[b][j] * own.q[entry(a, e)][j];
+                        if (b != e) sum += own.l[e][j] * own.q[entry(a, b)][j];
+                        cubes[cube] += mix * sum;
+                    }
+                }
+    }
+    const V by_z = c * own.slope[j], wide_z = r * (absolute(own.slope[j]) + own.d[j]) + size * own.d[j] + size * 1e-12;
+    const double* x = w + AT + NEURONS + j * INPUTS; const double* sizes = x + NEURONS * INPUTS;
+    for (int i = 0; i < INPUTS; ++i) { to[i] += by_z * x[i]; wide_to[i] += wide_z * sizes[i]; }
+}
+
+/// CLOSE:
+/// The least of the cubic polynomial slope, square, cubes over |zeta| <= 1. zeta^3 is within 1/4 of 3/4 zeta, zeta_k^2 zeta_m within
+/// 1/2 of 1/2 zeta_m; of three different ones nothing is known but the size. CONSTRAINTS hold at positives.
+V all = zero;
+for (int e = 0; e < SQUARES; ++e) all += absolute(square[e]);
+{
+    int cube = 0;
+#pragma unroll
+    for (int a = 0; a < C; ++a)
+#pragma unroll
+        for (int b = a; b < C; ++b)
+#pragma unroll
+            for (int e = b; e < C; ++e, ++cube) {
+                const V t = cubes[cube], size = absolute(t); all += size;
+                V loss = size;
+                if (a == e) { slope[a] += t * 0.75; loss = size * 0.25; }
+                else if (a == b) { slope[e] += t * 0.5; loss = size * 0.5; }
+                else if (b == e) { slope[a] += t * 0.5; loss = size * 0.5; }
+                least -= loss; loss *= 1 / 3.0; score[a] += loss; score[b] += loss; score[e] += loss;
+            }
+}
+CONSTRAINTS
+V steep[C];
+for (int k = 0; k < C; ++k) { steep[k] = absolute(slope[k]); all += steep[k]; }
+least -= all * 1e-13;
+{
+    int e = 0;
+#pragma unroll
+    for (int k = 0; k < C; ++k)
+#pragma unroll
+        for (int m = k; m < C; ++m, ++e) {
+            const V q = absolute(square[e]);
+            if (m == k) { score[k] += q; least -= square[e] < zero ? q : zero; continue; }
+            // q zeta_k zeta_m >= -q; where both slopes pull to the corner at which it is +q, also >= -q + a (1 -+ zeta_k) + a (1 -+ zeta_m), a <= q
+            V gain = steep[k] < steep[m] ? steep[k] : steep[m]; gain = gain < q ? gain : q;
+            gain = slope[k] * slope[m] * square[e] > zero ? gain : zero;
+            least -= q; steep[k] -= gain; steep[m] -= gain; score[k] += q * 0.5; score[m] += q * 0.5;
+        }
+}
+level = least;  // of a linear bound, to which a form adds nothing
+{
+    int e = 0;
+#pragma unroll
+    for (int k = 0; k < C; e += C - k, ++k) {
+        const V s = steep[k], q = square[e] > zero ? square[e] : zero;
+        least += s < q * 2.0 ? s * s * -0.25 / (q > zero ? q : zero + 1.0) : q - s;
+    }
+}
+
+/// CONSTRAINT:
+/// excess + q . zeta <= 0 at positives, q of the M columns OF: any multiple of it may be added to a bound. The best multiple is where an entry
+/// of the sum vanishes.
+V best = zero, gain = zero, size = absolute(excess);
+for (int j = 0; j < M; ++j) size += absolute(slope[OF[j]]);
+for (int k = 0; k < M; ++k) {
+    const V t = -slope[OF[k]] / (q[k] == zero ? zero + 1.0 : q[k]);
+    V more = t * excess;
+    for (int j = 0; j < M; ++j) more += absolute(slope[OF[j]]) - absolute(slope[OF[j]] + t * q[j]);
+    const auto better = (q[k] != zero) & (t > zero) & (more > gain);
+    best = better ? t : best; gain = better ? more : gain;
+}
+for (int j = 0; j < M; ++j) slope[OF[j]] += best * q[j];
+least += best * excess - (best * absolute(excess) + size + 1.0) * 1e-13;
+
+/// VALUES:
+/// f itself, a layer: from y to the activations above.
+for (int j = 0; j < NEURONS; ++j) {
+    const double* x = w + AT + NEURONS + j * INPUTS;
+    V z = zero + w[AT + j];
+    for (int i = 0; i < INPUTS; ++i) z += y[i] * x[i];
+    to[j] = j < LINEAR ? z : ACT(z, nullptr);
+}
+
+/// STORE
+const long long o = i + l;
+least_out.data[o] = LANE(dead) != 0.0 ? INFINITY : LANE(least);
+value_out.data[o] = LANE(valid) != 0.0 && LANE(dead) == 0.0 ? LANE(value) : INFINITY;
+level_out.data[o] = LANE(level);
+int axis = (int)LANE(owner[0]); double most = -1.0;
+for (int k = 0; k < C; ++k) if (LANE(score[k]) > most) { most = LANE(score[k]); axis = (int)LANE(owner[k]); }
+axes.data[o] = axis;
+for (int k = 0; k < Z; ++k) point.data[o * Z + k] = LANE(z[k]);
+for (int k = 0; k < C; ++k) slope_out.data[o * C + k] = LANE(slope[k]);
+for (int k = 0; k < Z; ++k) { rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); }

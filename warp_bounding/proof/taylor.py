@@ -1,0 +1,271 @@
+"""Bounds of networks for ``certify``, by other mathematics than the search's: Taylor polynomials, and the mean value theorem.
+
+Each activation is replaced by its Taylor polynomial at the box's centre, of second degree in the box's coordinates
+zeta. What a polynomial leaves out is small of third order; it changes f by as much, times the derivative of all layers
+behind it somewhere between polynomial and activation (mean value theorem). That derivative is known at the centre, and
+how far it can be from this is bounded layer by layer. So f is one polynomial of third degree, in which the terms of all
+neurons cancel, and a rest of fourth order. The search (``networks.bounds``) fits curves to intervals instead, and its
+bands are carried by linear coefficients. Neither text uses any of the other, nor does this one its rounding
+(``Network.padding``); the charts of rays and boxes are shared.
+
+Source: R. E. Moore, *Methods and Applications of Interval Analysis*, 1979, on mean value forms.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.activations import constants
+from warp_bounding.arithmetic import UNIT64, gamma
+from warp_bounding.errors import BounderError
+from warp_bounding.networks import network as networks
+from warp_bounding.networks.bounds import BLOCK, BoxBounds, Chart, NetworkShape, double_array, load_text
+from warp_bounding.networks.bounds import text as lanes
+from warp_bounding.networks.network import Network
+from warp_bounding.runtime.launch import launch_blocks
+from warp_bounding.runtime.native import named, native_text, unique_name
+
+text = native_text("taylor.h")
+
+# Text, whether it bends, and the least derivative; the largest is 1.
+ACTIVATIONS = {"sin": (text.SINE, True, -1), "tanh": (text.TANH, True, 0), "relu": (text.RELU, False, 0)}
+# A polynomial of a bounded activation is kept where what it leaves out is at most 1. So |u| < 3, and its absolute terms
+# are less than 1 + 3 + 3^2 / 2 + 1 together.
+TERMS = 16.0
+
+
+class TaylorBounds:
+    """Bounds of networks over boxes; see module."""
+
+    def boxes(
+        self,
+        network: Network,
+        chart: Chart,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        limit: np.ndarray,
+        terms: np.ndarray | None = None,
+        numbers: np.ndarray | None = None,
+        table: np.ndarray | None = None,
+        device="cpu",
+    ) -> BoxBounds:
+        """Certified lower bounds over boxes ``(N, Z)`` of a chart's numbers; see ``networks.bounds.SearchBounds``.
+
+        Raises:
+            BounderError: If arguments of an activation can leave the range in which it is certified.
+        """
+        shape, (count, size) = network.kernel_shape(chart), lower.shape
+        device, columns = wp.get_device(device), chart.columns
+        pads = roundings(network, limit if terms is None else terms, limit)
+        held = [
+            np.concatenate([lower, upper], axis=1),
+            network.packed,
+            pads,
+            np.zeros(1) if numbers is None else numbers,
+        ]
+        held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
+        boxes, *parameters = (double_array(each, device) for each in held)
+        sizes = (count, count, count, count * size, count * columns)
+        outputs = [wp.empty(each, dtype=wp.float64, device=device) for each in sizes]
+        axis = wp.empty(count, dtype=wp.int32, device=device)
+        if count:
+            words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
+            inputs = [boxes, count, 0, *parameters, words]
+            launch_blocks(_kernel(shape), count, inputs, [*outputs, axis], device, first_index=2, block=BLOCK)
+        least, value, level, point, slope = (each.numpy() for each in outputs)
+        boxes, slope = boxes.numpy().reshape(count, 2, size), slope.reshape(count, columns)
+        radius = (upper - lower) / 2
+        if chart.noisy:  # its numbers are not the inputs, in which a slope would be told
+            slope = level = None
+        else:
+            slope = np.divide(slope, radius, out=np.zeros_like(slope), where=radius > 0)
+        return BoxBounds(least, axis.numpy(), point.reshape(count, size), value, None, slope, level, boxes)
+
+    def corners(self, network: Network, chart: Chart, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Linear bounds under f, as their values at the corners of boxes; see ``networks.bounds.SearchBounds``."""
+        bounds, n = self.boxes(network, chart, lower, upper, network.limit), lower.shape[1]
+        up = (np.arange(1 << n)[:, None] >> np.arange(n)) & 1
+        moved = bounds.slope * ((upper - lower) / 2)
+        size = (
+            np.abs(bounds.level)
+            + np.abs(moved).sum(axis=1)
+            + (np.abs(bounds.slope) * np.abs(lower + upper)).sum(axis=1)
+        )
+        return (bounds.level - size * 1e-13)[:, None] + moved @ (2.0 * up - 1.0).T
+
+
+def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndarray:
+    """Above what float64 rounds in an argument of each layer, and in the output: of a sum of K products of polynomials.
+
+    Args:
+        network: Its layers.
+        terms: ``(K,)``, the absolute terms of each input over a box, at most.
+        limit: ``(K,)``, the inputs' largest size.
+    """
+    pads, size = [], limit
+    for layer in [*network.hidden, network.output]:
+        weight, kept = np.abs(layer.weight), layer.activation
+        total, largest = (weight @ each + np.abs(layer.bias) for each in (terms, size))
+        pads.append(gamma(8 * weight.shape[1] + 256, UNIT64) * (float(total.max()) + 16.0))
+        if kept is None:
+            break
+        if not (largest[layer.linear :] <= kept.limit).all():
+            raise BounderError(
+                f"arguments of {kept.name} reach {largest.max():.3g}, it is certified up to {kept.limit}"
+            )
+        bounded = kept.largest is not None
+        terms, size = (
+            (np.full(len(total), TERMS), np.full(len(total), kept.largest)) if bounded else (2 * total, largest)
+        )
+        terms[: layer.linear], size[: layer.linear] = 2 * total[: layer.linear], largest[: layer.linear]
+    return np.array(pads) + network.errors
+
+
+@contextmanager
+def taylor_bounds() -> Iterator[None]:
+    """Within it, networks are bounded as in this module, by whoever asks."""
+    token = networks.BOUNDS.set(TaylorBounds())
+    try:
+        yield
+    finally:
+        networks.BOUNDS.reset(token)
+
+
+# --- the kernel ------------------------------------------------------------------------------------------------------
+
+
+def _body(shape: NetworkShape) -> str:
+    chart, at, layers = shape.chart, 0, []
+    names = {layer[2] for layer in shape.layers}
+    if unknown := names - set(ACTIVATIONS):
+        raise BounderError(f"certify knows no bounds of the activation {', '.join(sorted(unknown))}")
+    forwards, backwards, values, c = "", "", "", chart.columns
+    for index, (inputs, neurons, name, linear) in enumerate(shape.layers):
+        bent = any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
+        own = constants(
+            INPUTS=inputs,
+            NEURONS=neurons,
+            LINEAR=linear,
+            AT=at,
+            BENT=int(bent),
+            BENDS=int(ACTIVATIONS[name][1]),
+            LEAST=ACTIVATIONS[name][2],
+        )
+        own += " (void)AT; (void)LINEAR; (void)BENT; (void)BENDS; (void)LEAST;"
+        below, to = (f"layer{index - 1}" if index else "layer_in"), (f"back{index - 1}" if index else "gradient")
+        forwards += text.LAYER.replace("NAME", f"layer{index}").replace("NEURONS", str(neurons))
+        forwards += f"{{ {own} const auto& below = {below}; auto& own = layer{index}; const double pad = pads[{index}];"
+        forwards += f"{text.FORWARDS.replace('TAYLOR', f'taylor_{name}')} }}\n"
+        start = f"V back{index - 1}[{inputs}], wide_back{index - 1}[{inputs}];" if index else ""
+        back = f"{start} {{ {own} auto& own = layer{index}; V* to = {to}; V* wide_to = wide_{to};"
+        back += f"const V* back = back{index}; const V* wide = wide_back{index}; {text.BACKWARDS} }}\n"
+        backwards = back + backwards
+        values += f"V y{index}[{neurons}]; {{ {own} V* to = y{index}; {text.VALUES.replace('ACT', f'act_{name}')} }} y = y{index};"
+        layers.append(neurons)
+        at += neurons * (2 * inputs + 1)
+    last, count = len(layers) - 1, layers[-1]
+    generators = " ".join(f"by_column[{k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(chart.pairs))
+    constraints = "".join(_constraint(chart, *each) for each in chart.constraints())
+    sizes = constants(K=shape.ndim, C=c, Z=chart.size, SQUARES=c * (c + 1) // 2, CUBES=c * (c + 1) * (c + 2) // 6)
+    return f"""
+{sizes}
+V least = zero, level = zero, value = zero, valid = zero + 1.0, dead = zero;
+V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K], wide_gradient[K];
+V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES], by_column[C][K];
+const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry; (void)valid;
+for (int i = 0; i < K; ++i) {{ noise[i] = rest[i] = zero; for (int k = 0; k < C; ++k) by_column[k][i] = zero; }}
+{chart.expand}
+{chart.owners}
+{generators}
+for (int k = 0; k < C; ++k) score[k] = slope[k] = zero;
+for (int e = 0; e < SQUARES; ++e) square[e] = zero;
+for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
+const struct {{ V *v, (*g)[K], (*s)[K], *off; }} layer_in = {{ center, by_column, nullptr, noise }};
+{forwards}
+V back{last}[{count}], wide_back{last}[{count}];
+least = zero + (w[{at}] - pads[{last + 1}]);
+for (int j = 0; j < {count}; ++j) {{
+    const double x = w[{at + 1} + j];
+    back{last}[j] = zero + x; wide_back{last}[j] = zero; least += layer{last}.v[j] * x;
+    for (int k = 0; k < C; ++k) slope[k] += layer{last}.g[k][j] * x;
+    for (int e = 0; e < SQUARES; ++e) square[e] += layer{last}.s[e][j] * x;
+}}
+{backwards}
+for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * (rest[i] + noise[i] * 1e-12) + wide_gradient[i] * noise[i];
+{chart.blame}
+{{ {chart.bend} }}
+{text.CLOSE.replace("CONSTRAINTS", constraints)}
+{{
+    {chart.realize}
+    const V* y = h;
+    {values}
+    value = zero + w[{at}];
+    for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
+}}
+"""
+
+
+def _constraint(chart: Chart, excess: str, factors: list[tuple[int, str]]) -> str:
+    by_column: dict[int, list[str]] = {}
+    for input_, factor in factors:
+        for entry, (i, k) in enumerate(chart.pairs):
+            if i == input_:
+                by_column.setdefault(k, []).append(f"({factor}) * gen[{entry}]")
+    names, sums = ", ".join(map(str, by_column)), ", ".join(" + ".join(each) for each in by_column.values())
+    start = f"constexpr int M = {len(by_column)}, OF[M] = {{{names}}}; const V excess = {excess}, q[M] = {{{sums}}};"
+    return f"{{ {start} {text.CONSTRAINT} }}\n"
+
+
+def _snippet(shape: NetworkShape) -> str:
+    names = "const double* w = weights.data; const double* pads = paddings.data; double* rows = boxes.data;\n"
+    names += constants(BOX=shape.chart.size, BLOCK=BLOCK)
+    tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
+    tools += "".join(ACTIVATIONS[name][0] for name in sorted({layer[2] for layer in shape.layers}))
+    body = _body(shape)
+    return f"""
+#if !defined(__CUDA_ARCH__)
+{lanes.CPU}{names}{tools}
+const int begin = block * BLOCK; const int end = begin + BLOCK < count ? begin + BLOCK : count;
+for (int i = begin; i < end; i += L) {{
+    V low[BOX], high[BOX];
+    for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {load_text("rows", "j")} }}
+    {body}
+    for (int l = 0; l < L && i + l < end; ++l) {{ {text.STORE} }}
+}}
+#else
+{lanes.CUDA}{names}{tools}
+const int i = block, l = 0; if (i >= count) return;
+V low[BOX], high[BOX];
+{load_text("rows", "i")}
+{body}
+{{ {text.STORE} }}
+#endif
+#undef LANE
+"""
+
+
+@cache
+def _kernel(shape: NetworkShape) -> wp.Kernel:
+    name = named(unique_name(shape, "taylor"))
+
+    @name.block_kernel(_snippet(shape))
+    def taylor_all(
+        boxes: wp.array(dtype=wp.float64),
+        count: int,
+        block: int,
+        weights: wp.array(dtype=wp.float64),
+        paddings: wp.array(dtype=wp.float64),
+        numbers: wp.array(dtype=wp.float64),
+        table: wp.array(dtype=wp.int32),
+        least_out: wp.array(dtype=wp.float64),
+        value_out: wp.array(dtype=wp.float64),
+        level_out: wp.array(dtype=wp.float64),
+        point: wp.array(dtype=wp.float64),
+        slope_out: wp.array(dtype=wp.float64),
+        axes: wp.array(dtype=wp.int32),
+    ): ...
+
+    return taylor_all
