@@ -1,4 +1,4 @@
-"""The bounds of ``certify``: they hold, they share nothing with the search's, and they find out bounders that a faulty search has made."""
+"""The bounds of ``certify`` hold, share nothing with the search's, and find out the bounders of a faulty search."""
 
 import re
 from itertools import pairwise
@@ -23,10 +23,7 @@ WIDTHS = (0.0, 1e-6, 1e-3, 0.02, 0.1, 0.5, 2.0)
 def random_network(rng, inputs, hidden, activation, octaves=0):
     """Of random float32 weights, steep enough to bend in boxes of all ``WIDTHS``."""
     widths = [inputs + (features := 2 * inputs * octaves), *hidden, 1]
-    layers = [
-        (1.5 * rng.normal(size=(h, k)) / np.sqrt(k), rng.normal(size=h))
-        for k, h in pairwise(widths)
-    ]
+    layers = [(1.5 * rng.normal(size=(h, k)) / np.sqrt(k), rng.normal(size=h)) for k, h in pairwise(widths)]
     encoding = (4.0 * rng.normal(size=(features, inputs)), rng.normal(size=features)) if octaves else None
     single = [tuple(np.float32(each) for each in layer) for layer in layers]
     return network.Network(
@@ -210,7 +207,7 @@ HARM = (0.3, 0.1, 0.03, 0.01, 0.003, 1e-3, 3e-4, 1e-4)  # how far above f's leas
 
 
 def harm_of(bounder, grid, least: float) -> float:
-    """How far above the least f a search claims it to be, of ``HARM``; 0 if no such claim. Found values do not help it."""
+    """By how much of ``HARM`` a search overstates the least f, or 0; values that it finds do not help it."""
     cover = COVERS["point"].charted(bounder, grid)
     claims = [search.prove_target(cover, least + each, boxes=300_000).complete for each in HARM]
     return HARM[claims.index(True)] if any(claims) else 0.0

@@ -1,14 +1,16 @@
-// Bounds of a network over boxes for certify (proof/taylor.py), a box a lane: Taylor polynomials of second degree at the box's centre
-// forwards, and backwards what they leave out, times bounds of f's derivatives. Nothing of it is in bounds.h but the types of lanes.
+// Bounds of a network over boxes for certify (proof/taylor.py), a box a lane: Taylor polynomials of second degree at
+// the box's centre forwards, and backwards what they leave out, times bounds of f's derivatives. Nothing of it is in
+// bounds.h but the types of lanes.
 //
-// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS, of which the LINEAR leading ones
-// are passed through; its numbers begin at the index AT of w. C columns of zeta, |zeta| <= 1; SQUARES entries k <= m of a form.
+// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS, of which the LINEAR
+// leading ones are passed through; its numbers begin at the index AT of w. C columns of zeta, |zeta| <= 1; SQUARES
+// entries k <= m of a form.
 
 /// SINE:
-/// At z: coefficients a0 to a3 of a polynomial, and left, by how much it may be off within u; d, by how much the derivative differs
-/// within b from a1; and the constant flat, off by spread within b. The Taylor polynomial of fourth degree is off by
-/// |sin z| u^6 / 720 + |cos z| u^5 / 120, and x^4 is within u^4 / 8 of u^2 x^2 - u^4 / 8.
-/// Reduced to |r| <= pi / 4 by multiples k of pi / 2, in three parts.
+/// At z: coefficients a0 to a3 of a polynomial, and left, by how much it may be off within u; d, by how much the
+/// derivative differs within b from a1; and the constant flat, off by spread within b. The Taylor polynomial of fourth
+/// degree is off by |sin z| u^6 / 720 + |cos z| u^5 / 120, and x^4 is within u^4 / 8 of u^2 x^2 - u^4 / 8. Reduced to
+/// |r| <= pi / 4 by multiples k of pi / 2, in three parts.
 auto act_sin = [&](V z, V* cosine) {
     const V q = z * 0x1.45f306dc9c883p-1 + 6755399441055744.0, n = q - 6755399441055744.0;
     const V r = ((z - n * 0x1.921fb544p+0) - n * 0x1.0b4611a6p-34) - n * 0x1.3198a2e037073p-69, x = r * r;
@@ -70,12 +72,16 @@ auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d,
 };
 
 /// LAYER:
-/// Of the arguments: l and q, linear and quadratic in zeta, |l| <= near, |q| <= bow. Of the polynomials of activations, which the next
-/// layer reads: v + g . zeta + the form s; off is how far an activation may be from it, on the way from any layer below. Of what a
-/// polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and rest. The derivative is within d of slope: within LEAST and 1, too.
+/// Of the arguments: l and q, linear and quadratic in zeta, |l| <= near, |q| <= bow. Of the polynomials of activations,
+/// which the next layer reads: v + g . zeta + the form s; off is how far an activation may be from it, on the way from
+/// any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and rest. The derivative is
+/// within d of slope: within LEAST and 1, too.
 V NAME_v[NEURONS], NAME_g[C][NEURONS], NAME_s[SQUARES][NEURONS], NAME_off[NEURONS], NAME_l[C][NEURONS], NAME_q[SQUARES][NEURONS];
-V NAME_near[NEURONS], NAME_slope[NEURONS], NAME_a2[NEURONS], NAME_a3[NEURONS], NAME_rest[NEURONS], NAME_turned[NEURONS], NAME_d[NEURONS];
-const struct { V *v, (*g)[NEURONS], (*s)[NEURONS], *off, (*l)[NEURONS], (*q)[NEURONS], *near, *slope, *a2, *a3, *rest, *turned, *d; } NAME = {
+V NAME_near[NEURONS], NAME_slope[NEURONS], NAME_a2[NEURONS], NAME_a3[NEURONS], NAME_rest[NEURONS];
+V NAME_turned[NEURONS], NAME_d[NEURONS];
+const struct {
+    V *v, (*g)[NEURONS], (*s)[NEURONS], *off, (*l)[NEURONS], (*q)[NEURONS], *near, *slope, *a2, *a3, *rest, *turned, *d;
+} NAME = {
     NAME_v, NAME_g, NAME_s, NAME_off, NAME_l, NAME_q, NAME_near, NAME_slope, NAME_a2, NAME_a3, NAME_rest, NAME_turned, NAME_d,
 };
 
@@ -131,8 +137,9 @@ for (int j = 0; j < NEURONS; ++j) {
 }
 
 /// BACKWARDS:
-/// At any zeta, and on the way between polynomial and activation, the derivative of f by an activation is within wide of back. What the
-/// polynomials leave out is taken from least; what of it is cubic is added to cubes with back, where it may cancel.
+/// At any zeta, and on the way between polynomial and activation, the derivative of f by an activation is within wide
+/// of back. What the polynomials leave out is taken from least; what of it is cubic is added to cubes with back, where
+/// it may cancel.
 for (int i = 0; i < INPUTS; ++i) to[i] = wide_to[i] = zero;
 for (int j = 0; j < NEURONS; ++j) {
     const V c = back[j], r = wide[j], size = absolute(c), near = own.near[j];
@@ -165,8 +172,9 @@ for (int j = 0; j < NEURONS; ++j) {
 }
 
 /// CLOSE:
-/// The least of the cubic polynomial slope, square, cubes over |zeta| <= 1. zeta^3 is within 1/4 of 3/4 zeta, zeta_k^2 zeta_m within
-/// 1/2 of 1/2 zeta_m; of three different ones nothing is known but the size. CONSTRAINTS hold at positives.
+/// The least of the cubic polynomial slope, square, cubes over |zeta| <= 1. zeta^3 is within 1/4 of 3/4 zeta, zeta_k^2
+/// zeta_m within 1/2 of 1/2 zeta_m; of three different ones nothing is known but the size. CONSTRAINTS hold at
+/// positives.
 V all = zero;
 for (int e = 0; e < SQUARES; ++e) all += absolute(square[e]);
 {
@@ -214,8 +222,8 @@ level = least;  // of a linear bound, to which a form adds nothing
 }
 
 /// CONSTRAINT:
-/// excess + q . zeta <= 0 at positives, q of the M columns OF: any multiple of it may be added to a bound. The best multiple is where an entry
-/// of the sum vanishes.
+/// excess + q . zeta <= 0 at positives, q of the M columns OF: any multiple of it may be added to a bound. The best
+/// multiple is where an entry of the sum vanishes.
 V best = zero, gain = zero, size = absolute(excess);
 for (int j = 0; j < M; ++j) size += absolute(slope[OF[j]]);
 for (int k = 0; k < M; ++k) {

@@ -1,4 +1,4 @@
-"""Bounds of networks for ``certify``, by other mathematics than the search's: Taylor polynomials, and the mean value theorem.
+"""Bounds of networks for ``certify``: Taylor polynomials and the mean value theorem, not the search's mathematics.
 
 Each activation is replaced by its Taylor polynomial at the box's centre, of second degree in the box's coordinates
 zeta. What a polynomial leaves out is small of third order; it changes f by as much, times the derivative of all layers
@@ -163,7 +163,8 @@ def _body(shape: NetworkShape) -> str:
         back = f"{start} {{ {own} auto& own = layer{index}; V* to = {to}; V* wide_to = wide_{to};"
         back += f"const V* back = back{index}; const V* wide = wide_back{index}; {text.BACKWARDS} }}\n"
         backwards = back + backwards
-        values += f"V y{index}[{neurons}]; {{ {own} V* to = y{index}; {text.VALUES.replace('ACT', f'act_{name}')} }} y = y{index};"
+        evaluated = text.VALUES.replace("ACT", f"act_{name}")
+        values += f"V y{index}[{neurons}]; {{ {own} V* to = y{index}; {evaluated} }} y = y{index};"
         layers.append(neurons)
         at += neurons * (2 * inputs + 1)
     last, count = len(layers) - 1, layers[-1]
