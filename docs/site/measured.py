@@ -218,6 +218,33 @@ def gpu(results: Path) -> str:
     return table(["", *(f"{card.upper()}, {way}" for card in cards for way in ("float32", "tensor cores"))], lines)
 
 
+def gpu_closest(results: Path) -> str:
+    """What distances cost on an H100, who promises never to overestimate, and how often the others do."""
+    lines = []
+    for part in ("closest", "grids"):
+        told = json.loads((results / f"gpu/h100/{part}.json").read_text(encoding="utf-8"))
+        for name, row in told["found"].items():
+            exact = name.startswith("wp.mesh")
+            over = "exact" if exact else f"{row['over'] / told['count']:.1%}"
+            cells = ["", ""] if exact else [f"{row['most']:.2g}", f"{row['less']:.2g}"]
+            lines.append([name, f"{row['ns'][0]:.3g}", f"{row['bytes'] / 1000:,.0f} kB", over, *cells])
+    return table(["H100", "ns a point", "size", "too large", "by at most", "too small, on average"], lines)
+
+
+def gpu_cull(results: Path) -> str:
+    """Milliseconds of Newton's pass in a graph on an H100, with the layout that the library takes."""
+    from warp_bounding.newton.cull import SORTED
+
+    found, lines = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"], []
+    for cell, row in found.items():
+        layout = ", by place" if row["pairs"] >= SORTED else ""
+        ways = {"without": "none", "boxes": f"boxes, 16 warps{layout}", "bounders": f"distance, 16 warps{layout}"}
+        times = [min(row[f"{way}, ms, turn {turn}"][0] for turn in (0, 1)) for way in ways.values()]
+        cells = [f"{times[0]:.3f}", *(f"{each:.3f} ({times[0] / each:.2f})" for each in times[1:])]
+        lines.append([re.sub(r"^\d+", lambda m: f"{int(m[0]):,}", cell).replace(" 1 meshes", " one mesh"), *cells])
+    return table(["H100, ms", "without a cull", "boxes (times as fast)", "bounders (times as fast)"], lines)
+
+
 MEASURED: dict[str, Callable[[Path], str]] = {
     "meshes": meshes,
     "prices": prices,
@@ -227,6 +254,8 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "table1": table1,
     "raced": raced,
     "gpu": gpu,
+    "gpu-closest": gpu_closest,
+    "gpu-cull": gpu_cull,
 }
 MARK = re.compile(
     r"^<!-- measured: ([\w-]+) -->$(?:\n((?!<!-- ).*\n)*<!-- end -->$)?", re.MULTILINE

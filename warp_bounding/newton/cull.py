@@ -83,7 +83,7 @@ def tallies(names: list[str], shapes: np.ndarray, kept: np.ndarray) -> dict[str,
 MOST_RECORDED = 8  # sets of arrays whose launches are kept
 # Of a GPU: warps of Newton's pass that run on a multiprocessor at a time, among which survivors are shared out; pairs
 # from which on they are sorted by place; and whether the cull of a graph has a stream of its own.
-WARPS, SORTED, BESIDE = 16, 2**62, True
+WARPS, SORTED, BESIDE = 16, 100_000, True
 THREADS = 2048  # of a multiprocessor at a time
 
 
