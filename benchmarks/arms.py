@@ -19,17 +19,17 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
-from shared import KeptRows, nanoseconds
+from shared import StoredRows, nanoseconds
 
 import warp_bounding as wb
 from sims.arm.demo import specs_of
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.prefitted import bounder_from, fit, stored
-from warp_bounding.proof import proven_share, soak
+from warp_bounding.proof import proven_share, stress_test
 
 SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
-STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are asked, and at how many points
+STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are queried, and at how many points
 SHARE_SECONDS, PLACES, SIDE = (
     60.0,
     20_000,
@@ -189,7 +189,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
         with tempfile.TemporaryDirectory() as folder:
             fitted.save(Path(folder) / "bounder.safetensors")
             bounder = wb.load(Path(folder) / "bounder.safetensors", device="cpu")
-        attack = soak(bounder, shape, attacked, seed=1)
+        attack = stress_test(bounder, shape, attacked, seed=1)
         row |= {
             "bytes": bounder.nbytes,
             "certificate": bounder.certificate.kind,
@@ -220,7 +220,7 @@ def nbytes_of(joints: int, options: dict) -> int:
     return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("thresholds", 0)
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     rows = kept.rows
     lines = [
@@ -273,7 +273,7 @@ def main() -> int:
     )
     parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
     options = parser.parse_args()
-    kept = KeptRows(options.out, "arm")
+    kept = StoredRows(options.out, "arm")
     for name in () if options.page else options.cells.split(","):
         place = Workplace(CELLS[name])
         shape = place.shape

@@ -26,7 +26,7 @@ import trimesh
 
 import warp_bounding as wb
 from paper.results import versions
-from warp_bounding.baking.bake import Job, Record, Settings
+from warp_bounding.baking.engine import Job, Record, Settings
 
 WORKERS, SCHEDULER_PORT = 2, 18786
 CLUSTER_SHAPES, CLUSTER_CORES = 100_000, 1_000
@@ -95,16 +95,16 @@ class Bakes:
         """Bake on processes of the client until so many are done, then kill it; its output if it ends before."""
         process = subprocess.Popen(self.command("--jobs", str(WORKERS)), stdout=subprocess.PIPE, stderr=self.log)
         self.until(process, lambda: fitting(process.pid), done)
-        told = None
+        reported = None
         if process.poll() is None:
             process.kill()
             self.deaths["client"] += 1
         else:
-            told = json.loads(process.stdout.read())
+            reported = json.loads(process.stdout.read())
         process.wait()
         self.statuses.append(process.returncode)
         self.watched()
-        return told
+        return reported
 
     def remote(self, done: int) -> str:
         """Bake on a scheduler of its own until so many are done, and kill that; what the client says."""
@@ -166,11 +166,11 @@ def killed(shapes: Path, work: Path, fit: list[str], every: float, seed: int) ->
     bakes = Bakes(shapes, work / "killed", fit, every, seed)
     bakes.local(count // 3)
     said = bakes.remote(2 * count // 3)
-    while (told := bakes.local(count + 1)) is None:
+    while (reported := bakes.local(count + 1)) is None:
         pass
     seconds = time.perf_counter() - started
     again = bakes.local(count + 1)
-    library = wb.BounderLibrary(bakes.out, device="cpu")
+    library = wb.baking.BounderLibrary(bakes.out, device="cpu")
     kinds = [library[name].certificate.kind for name in library.names]
     return {
         "shapes": count,
@@ -181,7 +181,7 @@ def killed(shapes: Path, work: Path, fit: list[str], every: float, seed: int) ->
         "certified": sum(kind in ("proven", "statistical") for kind in kinds),
         "proven": kinds.count("proven"),
         "rows": len(library.manifest),
-        "failed": told["failed"],
+        "failed": reported["failed"],
         "lost_or_twice": len(bakes.spoilt),
         "again": {name: again[name] for name in ("baked", "kept", "seconds")},
         "scheduler_gone": said.replace(str(work), "."),
@@ -193,13 +193,13 @@ def undisturbed(shapes: Path, work: Path, fit: list[str]) -> dict:
     """A bake without deaths: what its tasks take of the workers' time."""
     start = [sys.executable, "-m", "warp_bounding", "bake", str(shapes), "--out", str(work / "calm")]
     done = subprocess.run([*start, *fit, "--json", "--jobs", str(WORKERS)], stdout=subprocess.PIPE, check=True)
-    told = json.loads(done.stdout)
+    reported = json.loads(done.stdout)
     names = ("shapes", "failed", "proven", "seconds", "running_seconds", "task_seconds", "workers")
-    row = {name: told[name] for name in names}
-    row["overhead"] = 1.0 - told["task_seconds"] / (told["workers"] * told["running_seconds"])
+    row = {name: reported[name] for name in names}
+    row["overhead"] = 1.0 - reported["task_seconds"] / (reported["workers"] * reported["running_seconds"])
     files = (work / "calm" / "records").glob("*.json")
     row["task"] = sorted(Record.read(file).seconds for file in files)
-    row["startup_seconds"] = round(told["seconds"] - told["running_seconds"], 3)
+    row["startup_seconds"] = round(reported["seconds"] - reported["running_seconds"], 3)
     return row
 
 

@@ -152,13 +152,13 @@ def contest(network: Network, lower: np.ndarray, upper: np.ndarray) -> tuple[dic
     """
     contestants = {}
     for name, dtype in (("float64", torch.float64), ("float32", torch.float32)):
-        twin = TorchBounds(network, dtype)
+        reference = TorchBounds(network, dtype)
         trials = {}
         for size, dealt in product(CHUNKS, (False, True)):
-            call = twin.chunked(lower[:TRIAL], upper[:TRIAL], size, dealt)
+            call = reference.chunked(lower[:TRIAL], upper[:TRIAL], size, dealt)
             trials[size, dealt] = min(clock(call)[0] for _ in range(BEST_OF_CHUNKS))
         size, dealt = min(trials, key=trials.get)
-        call = twin.chunked(lower, upper, size, dealt)
+        call = reference.chunked(lower, upper, size, dealt)
         contestants[f"torch {name}, {'dealt ' if dealt else ''}{size}"] = call
         if dtype == torch.float64:
             least, _, value = (x.numpy() for x in call())

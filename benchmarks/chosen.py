@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from shared import KeptRows
+from shared import StoredRows
 
 import warp_bounding as wb
 
@@ -28,7 +28,7 @@ def taken(row: dict, price: float) -> dict:
     return next(each for each in row["rows"] if each["label"] == label)
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     lines = ["# What `choose` takes in every column of Table 1", "", f"`{command}`", ""]
     lines += [
@@ -74,9 +74,9 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("results/chosen"))
     parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of every choice")
     options = parser.parse_args()
-    kept = KeptRows(options.out, "chosen")
+    kept = StoredRows(options.out, "chosen")
     for dimension, file in OBJECTS.items():
-        shape = wb.load_indicator(options.data / file)
+        shape = wb.load_shape(options.data / file)
         for query in QUERIES:
             if kept.have(dimension=dimension, query=query):
                 continue

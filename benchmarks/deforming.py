@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 import trimesh
 import warp as wp
-from shared import KeptRows
+from shared import StoredRows
 
 import warp_bounding as wb
-from warp_bounding.proof import soak
+from warp_bounding.proof import stress_test
 
 PARTICLES, STEPS, DRIFT = 200_000, 24, 0.01
 HIDDEN, BUDGET, ATTACKED = (48, 48), 240.0, 10_000_000
@@ -28,25 +28,25 @@ SHORT = 20.0  # seconds of the fit of few planes
 NONE, BOX, AND = "none", "box, refitted", ", then "
 
 
-def finger() -> wb.IndicatorBlendShapes:
+def finger() -> wb.shapes.BlendShapes:
     """A rounded rod along y that bends towards x and z, more the farther from its foot."""
     rod = trimesh.creation.capsule(height=1.0, radius=0.16, count=[16, 14])
     rod.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))
     x, y, _ = rod.vertices.T
     bend, none = 0.45 * np.maximum(y + 0.16, 0) ** 2, np.zeros(len(x))
     deltas = [np.stack([bend, none, none], 1), np.stack([none, none, bend], 1)]
-    return wb.IndicatorBlendShapes(
+    return wb.shapes.BlendShapes(
         rod.vertices, deltas, rod.faces, lower=[-1, -1], upper=[1, 1], margin=0.02, name="finger"
     )
 
 
-def ball() -> wb.IndicatorBlendShapes:
+def ball() -> wb.shapes.BlendShapes:
     """A ball that is drawn out along x, and one end of it bent upwards."""
     made = trimesh.creation.icosphere(subdivisions=2, radius=0.5)
     x = made.vertices[:, 0]
     none = np.zeros(len(x))
     deltas = [np.stack([x, none, none], 1), np.stack([none, none, np.maximum(x, 0) * 1.5], 1)]
-    return wb.IndicatorBlendShapes(
+    return wb.shapes.BlendShapes(
         made.vertices, deltas, made.faces, lower=[0, -0.6], upper=[1, 0.6], margin=0.02, name="ball"
     )
 
@@ -81,9 +81,9 @@ def touches(
 
 
 class Step:
-    """Particles and a body at its pose, and how each broad phase and the narrow phase are asked about them."""
+    """Particles and a body at its pose, and how each broad phase and the narrow phase are queried about them."""
 
-    def __init__(self, shape: wb.IndicatorBlendShapes, bounders: dict[str, wb.Bounder]):
+    def __init__(self, shape: wb.shapes.BlendShapes, bounders: dict[str, wb.Bounder]):
         self.shape, self.pose = shape, np.zeros(shape.poses, np.float32)
         points = wp.array(shape.vertices.astype(np.float32), dtype=wp.vec3, device="cpu")
         self.mesh = wp.Mesh(points, wp.array(shape.faces.reshape(-1), dtype=wp.int32, device="cpu"))
@@ -130,14 +130,14 @@ class Step:
         return int(answers.numpy().sum())
 
 
-def fitted(shape: wb.IndicatorBlendShapes, budget: float) -> dict[str, wb.Bounder]:
+def fitted(shape: wb.shapes.BlendShapes, budget: float) -> dict[str, wb.Bounder]:
     """Bounders over place and pose."""
-    told = {"learned-kdop": {"method": "learned-kdop", "budget": SHORT}}
-    told |= {name: {"hidden": HIDDEN, "budget": budget, "thresholds": parts} for name, parts in PARTS.items()}
-    return {name: wb.fit(shape, device="cpu", progress=False, **options) for name, options in told.items()}
+    reported = {"learned-kdop": {"method": "learned-kdop", "budget": SHORT}}
+    reported |= {name: {"hidden": HIDDEN, "budget": budget, "thresholds": parts} for name, parts in PARTS.items()}
+    return {name: wb.fit(shape, device="cpu", progress=False, **options) for name, options in reported.items()}
 
 
-def measured(shape: wb.IndicatorBlendShapes, budget: float, attacked: int) -> list[dict]:
+def measured(shape: wb.shapes.BlendShapes, budget: float, attacked: int) -> list[dict]:
     """A row for each broad phase."""
     bounders = fitted(shape, budget)
     names = [NONE, BOX, *bounders, *(f"{BOX}{AND}{name}" for name in PARTS)]
@@ -184,7 +184,7 @@ def measured(shape: wb.IndicatorBlendShapes, budget: float, attacked: int) -> li
         }
         if name in bounders:
             own = bounders[name]
-            attack = soak(own, shape, attacked, seed=1)
+            attack = stress_test(own, shape, attacked, seed=1)
             row |= {
                 "bytes": own.nbytes,
                 "certificate": own.certificate.kind,
@@ -198,7 +198,7 @@ def measured(shape: wb.IndicatorBlendShapes, budget: float, attacked: int) -> li
     return rows
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     rows = kept.rows
     lines = [
@@ -222,7 +222,7 @@ def page(kept: KeptRows, command: str) -> str:
         ]
         for row in own:
             known = "bytes" in row
-            told = (
+            reported = (
                 (
                     f"{row['bytes']:,}",
                     f"{row['fp_rate']:.2f}",
@@ -234,7 +234,7 @@ def page(kept: KeptRows, command: str) -> str:
                 else ("–", "–", "–", "–", f"–, {row['missed']}")
             )
             lines.append(
-                f"| {row['label']} | {' | '.join(told)} | {row['broad_ms']:.2f} | {row['left']:.1f} | "
+                f"| {row['label']} | {' | '.join(reported)} | {row['broad_ms']:.2f} | {row['left']:.1f} | "
                 f"{row['narrow_ms']:.2f} | {row['step_ms']:.2f} |"
             )
     return "\n".join(lines) + "\n"
@@ -247,7 +247,7 @@ def main() -> int:
     parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of the fits")
     parser.add_argument("--attacked", type=int, default=ATTACKED, help="hard queries that each bounder is asked")
     options = parser.parse_args()
-    kept = KeptRows(options.out, "deforming")
+    kept = StoredRows(options.out, "deforming")
     for make in (finger, ball):
         shape = make()
         if not kept.have(body=shape.name):

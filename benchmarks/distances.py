@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 import warp as wp
-from shared import KeptRows, evaluations, race
+from shared import StoredRows, evaluations, race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
 from sims.threads import threads_of
-from warp_bounding.indicators.shape import IN, OUT
+from warp_bounding.shapes.shape import IN, OUT
 
 POINTS, SEGMENTS, ROUNDS, STEPS = 200_000, 100_000, 7, 32
 RADII = (0.0, 0.02, 0.05, 0.1, 0.2)
@@ -125,7 +125,7 @@ class Asked:
         return {"label": label, "bytes": held, "certificate": "exact", "ns_kernel": ns}
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     lines = ["# Distances to a mesh that are never too large", "", f"`{command}`", "", f"{kept.about}.", ""]
     lines += [
@@ -161,7 +161,7 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("results/distances"))
     options = parser.parse_args()
     wp.config.quiet = True
-    kept, asked = KeptRows(options.out, "distances"), Asked()
+    kept, queried = StoredRows(options.out, "distances"), Asked()
     for method, own in METHODS:
         words = [
             "-".join(map(str, value)) if key == "hidden" else f"{value} {WORDS.get(key, key)}"
@@ -170,11 +170,11 @@ def main() -> int:
         ]
         label = " ".join([method, ", ".join(words)]).strip()
         if not kept.have(label=label):
-            bounder = wb.fit(asked.shape, "distance", method, device="cpu", progress=False, **own)
-            kept.add(asked.row(label, bounder))
+            bounder = wb.fit(queried.shape, "distance", method, device="cpu", progress=False, **own)
+            kept.add(queried.row(label, bounder))
     for label, kernel in EXACT.items():
         if not kept.have(label=label):
-            kept.add(asked.exact(label, kernel))
+            kept.add(queried.exact(label, kernel))
     kept.write(page(kept, "python benchmarks/distances.py --out results/distances"))
     return 0
 

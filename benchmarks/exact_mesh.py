@@ -14,8 +14,8 @@ import numpy as np
 import warp as wp
 
 import warp_bounding as wb
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.boundary import border_points
+from warp_bounding.shapes.shape import Shape
 
 COUNT = 200_000  # queries of a kind
 NEAR = 0.01  # of the extent: how far queries lie from the border, and how large boxes are
@@ -39,7 +39,7 @@ def measure(shape: Shape) -> dict[str, dict]:
     rng = np.random.default_rng(0)
     low, high = near_border(shape, rng)
     x, y = rng.uniform(shape.sample_lower, shape.sample_upper, (2, COUNT, shape.ndim))
-    asked = {
+    queried = {
         "decide": (low,),
         "empty": (low, high),
         "inside": (low, high),
@@ -50,7 +50,7 @@ def measure(shape: Shape) -> dict[str, dict]:
         "decide_planes": (y - x, x),
     }
     rows = {}
-    for name, queries in asked.items():
+    for name, queries in queried.items():
         ask = getattr(shape, name)
         if ask is None or ask(*(q[:1] for q in queries)) is None:  # what this shape does not tell
             continue
@@ -74,9 +74,9 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     wp.config.quiet = True
-    mesh = wb.load_indicator(arguments.mesh)
+    mesh = wb.load_shape(arguments.mesh)
     mesh.decide(np.zeros((1, 3)))  # kernels are compiled
-    mesh = wb.IndicatorMesh(mesh.vertices, mesh.faces, name=mesh.name)
+    mesh = wb.shapes.Mesh(mesh.vertices, mesh.faces, name=mesh.name)
     start = time.process_time()
     mesh.decide(mesh.bounds[:1])
     built = round(time.process_time() - start, 2)

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import numpy as np
 from scipy.spatial import cKDTree
-from shared import KeptRows, evaluations
+from shared import StoredRows, evaluations
 
 import warp_bounding as wb
 from sims.arm.exact import Hulls
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
-from warp_bounding.proof import soak
+from warp_bounding.proof import stress_test
 
 STATES, NEIGHBOURS, EDGES, STEPS = 4000, 12, 20_000, 64
 SECONDS, ATTACKED = 300.0, 10_000_000
@@ -42,7 +42,7 @@ def main() -> int:
     parser.add_argument("--effort", type=float, default=1.0, help="multiplies the seconds of every fit")
     parser.add_argument("--attacked", type=int, default=ATTACKED, help="hard queries that each distance is asked")
     options = parser.parse_args()
-    kept = KeptRows(options.out, "marching")
+    kept = StoredRows(options.out, "marching")
     place = Workplace(CELLS[CELL])
     a, b = edges_of(place)
     hits = Hulls(place).segments(a, b)
@@ -58,7 +58,7 @@ def main() -> int:
             progress=False,
             **own,
         )
-        attack = soak(bounder, place.shape, options.attacked, seed=1)
+        attack = stress_test(bounder, place.shape, options.attacked, seed=1)
         count, cleared = evaluations(bounder, a, b, STEPS), bounder.segments(a, b, steps=STEPS)[0].numpy() == 0
         assert not (cleared & hits).any()
         row = {

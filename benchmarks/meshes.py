@@ -15,10 +15,10 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-from shared import KeptRows, nanoseconds
+from shared import StoredRows, nanoseconds
 
 import warp_bounding as wb
-from warp_bounding.proof import soak
+from warp_bounding.proof import stress_test
 
 MESHES = {  # by name: the package that brings the file along, and where in it
     "bunny": ("warp", "examples/assets/bunny.usd"),
@@ -67,16 +67,16 @@ MARKS = {
 }
 
 
-def mesh_of(name: str) -> wb.IndicatorMesh:
-    """One of ``MESHES``; raises ``IndicatorError`` where its package is not installed."""
+def mesh_of(name: str) -> wb.shapes.Mesh:
+    """One of ``MESHES``; raises ``ShapeError`` where its package is not installed."""
     package, path = MESHES[name]
     spec = find_spec(package)
     if spec is None:
-        raise wb.IndicatorError(f"{name}: comes with the package {package}, which is not installed")
-    return wb.load_indicator(Path(spec.submodule_search_locations[0]) / path)
+        raise wb.ShapeError(f"{name}: comes with the package {package}, which is not installed")
+    return wb.load_shape(Path(spec.submodule_search_locations[0]) / path)
 
 
-def aligned_area(mesh: wb.IndicatorMesh) -> float:
+def aligned_area(mesh: wb.shapes.Mesh) -> float:
     """The part of the area, in per cent, whose faces lie in planes across an axis: what boxes bound without loss."""
     corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -84,20 +84,20 @@ def aligned_area(mesh: wb.IndicatorMesh) -> float:
     return float(100 * area[np.abs(normals).max(axis=1) > 0.999999 * area].sum() / area.sum())
 
 
-def measure(mesh: wb.IndicatorMesh, label: str, budget: float, seed: int, attacked: int) -> dict:
+def measure(mesh: wb.shapes.Mesh, label: str, budget: float, seed: int, attacked: int) -> dict:
     """One row."""
     margin = MARGIN * float(mesh.extent.max())
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", wb.BoundingWarning)  # of cells that are wider than the margin: the page says so
         method = label.split()[0]
-        told = {"margin": margin, "budget": budget, "seed": seed, "device": "cpu", **METHODS[label]}
-        fitted = wb.fit(mesh, method=method, **told) if method in wb.METHODS else wb.hierarchy(mesh, **told)
+        reported = {"margin": margin, "budget": budget, "seed": seed, "device": "cpu", **METHODS[label]}
+        fitted = wb.fit(mesh, method=method, **reported) if method in wb.METHODS else wb.hierarchy(mesh, **reported)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bounder.safetensors"
         fitted.save(file)
         bounder = wb.load(file, device="cpu")
     rates, proof = wb.evaluate(bounder, mesh, SAMPLES), wb.certify(bounder, mesh, margin=margin)
-    attack, wide = soak(bounder, mesh, attacked, seed=1), mesh.dilated(margin)
+    attack, wide = stress_test(bounder, mesh, attacked, seed=1), mesh.dilated(margin)
     timed = np.random.default_rng(5).uniform(wide.sample_lower, wide.sample_upper, (TIMED, 3)).astype(np.float32)
     return {
         "label": label,
@@ -137,8 +137,7 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         f"{MARGIN:g} of the longest side. Rates are per cent",
         f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every "
         "side;",
-        "the truth is the mesh's own (`IndicatorMesh.decide`). Networks and volumes are fitted and proven without "
-        "cells; `bvh`,",
+        "the truth is the mesh's own (`Mesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
         "`voxels` and `relu-field` are made of cells at the resolution that stands beside them.",
         "",
         "![False positives against memory, by mesh](meshes.png)",
@@ -236,7 +235,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
     options = parser.parse_args()
-    kept = KeptRows(options.out, "meshes")
+    kept = StoredRows(options.out, "meshes")
     for name in () if options.page else options.meshes.split(","):
         mesh = mesh_of(name)
         for label in options.methods.split(","):

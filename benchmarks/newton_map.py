@@ -31,7 +31,7 @@ from warp_bounding.newton import ParticleCull
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python has put this folder there, not the one above it
 
-from shared import KeptRows
+from shared import StoredRows
 
 PARTICLES, MESHES, GAPS = (1_000, 10_000, 50_000, 100_000), (1, 4, 16, 64), (0.01, 0.05, 0.2)
 SPACING, TOP = 2.4, 2.5  # from one mesh to the next; how high particles are; metres (a bunny is 1.6 high)
@@ -133,7 +133,7 @@ def measure(particles: int, meshes: int, gap: float, rounds: int, device: str) -
     return row
 
 
-def drawn(kept: KeptRows, file: Path) -> None:
+def drawn(kept: StoredRows, file: Path) -> None:
     """The map: how many times as fast, gaps side by side, ways one under another."""
     import matplotlib
 
@@ -174,7 +174,7 @@ def drawn(kept: KeptRows, file: Path) -> None:
     plt.close(figure)
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page that holds the rows."""
     newtons = ", ".join(dict.fromkeys(row["newton"] for row in kept.rows))
     notes = "; ".join(dict.fromkeys(row["note"] for row in kept.rows if row["note"]))
@@ -206,7 +206,7 @@ def page(kept: KeptRows, command: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _is_map(kept: KeptRows) -> bool:
+def _is_map(kept: StoredRows) -> bool:
     """Whether there is more than a line of cells to draw."""
     return len({(row["meshes"], row["gap"]) for row in kept.rows}) > 1
 
@@ -247,7 +247,7 @@ def main() -> None:
     if options.rounds < 1:
         parser.error(f"--rounds must be at least 1, got {options.rounds}")
     wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
-    kept = KeptRows(options.out, "newton")
+    kept = StoredRows(options.out, "newton")
     cells = [(p, m, g) for g in options.gaps for m in options.meshes for p in options.particles]
     for number, (particles, meshes, gap) in enumerate(cells, start=1):
         known = {"particles": particles, "meshes": meshes, "gap": gap, "device": options.device}
@@ -255,15 +255,16 @@ def main() -> None:
             continue
         row = measure(particles, meshes, gap, options.rounds, options.device)
         kept.add(row | {"device": options.device, "newton": newton.__version__, "note": options.note})
-        told = ", ".join(f"{way} {1 / share:.2f}" for way, share in row["share"].items())
+        reported = ", ".join(f"{way} {1 / share:.2f}" for way, share in row["share"].items())
         print(
-            f"{number} of {len(cells)}: {particles:,} particles, {meshes} meshes, gap {gap:g}: times as fast: {told}",
+            f"{number} of {len(cells)}: {particles:,} particles, {meshes} meshes, gap {gap:g}: times as fast: "
+            f"{reported}",
             file=sys.stderr,
         )
     if not kept.rows:
         sys.exit(f"newton_map: there are no rows in {options.out}; run it without --page")
-    told = [word for word in sys.argv[1:] if word != "--page"]
-    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map.py", *told])))
+    reported = [word for word in sys.argv[1:] if word != "--page"]
+    kept.write(page(kept, " ".join(["python", "benchmarks/newton_map.py", *reported])))
     if _is_map(kept):
         drawn(kept, options.out / "map.png")
 

@@ -14,10 +14,10 @@ from shared import clock, options, race, show, tell
 import warp_bounding as wb
 from sims.threads import threads_of
 from warp_bounding.bounders import METHODS
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime.launch import BLOCK, cpu_threads
+from warp_bounding.shapes import Grid
 
 RECORDED = "Warp, recorded launch"
 CALLS = {1_000: 50, 100_000: 10}  # in a row, per round
@@ -27,7 +27,7 @@ PLACE = wp.transform(wp.vec3(0.1, -0.2, 0.3), wp.quat_from_axis_angle(wp.vec3(0.
 def box() -> wb.Bounder:
     """An ``aabb`` of a voxelised ball in the unit cube."""
     axis = np.linspace(-1, 1, 32)
-    grid = IndicatorGrid(sum(np.meshgrid(axis**2, axis**2, axis**2)) < 0.6, name="ball")
+    grid = Grid(sum(np.meshgrid(axis**2, axis**2, axis**2)) < 0.6, name="ball")
     return METHODS["aabb"].fit(grid, Domain.of(grid), device="cpu")
 
 

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from shared import KeptRows
+from shared import StoredRows
 
 import warp_bounding as wb
 from sims.particles.broad import Everyone, OfMotion
@@ -53,7 +53,7 @@ def measured(scene: Scene, label: str, bounder: wb.Bounder, reference: Example, 
     }
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     rows = kept.rows
     seconds = dict.fromkeys(f"{row['budget']:g}" for row in rows if "budget" in row)
@@ -100,7 +100,7 @@ def main() -> int:
     parser.add_argument("--seeds", default="0,1,2", help="of training, a pair of fits each")
     parser.add_argument("--quick", action="store_true", help="fewer particles")
     options = parser.parse_args()
-    kept, particles = KeptRows(options.out, "own-queries"), PARTICLES[options.quick]
+    kept, particles = StoredRows(options.out, "own-queries"), PARTICLES[options.quick]
     scene, everyone = Scene.bunny("cpu"), Everyone(KEPT)
     shape = shapes()[SCENE]
     rained(scene, everyone, particles, RAINS[0])
@@ -120,7 +120,11 @@ def main() -> int:
                 continue
             given = {"hidden": HIDDEN, "budget": options.effort * SECONDS, "seed": seed}
             bounder = wb.fit(
-                bounded(SPECS["mlp"], shape), margin=shape.margin, device="cpu", queries=asked if own else None, **given
+                bounded(SPECS["mlp"], shape),
+                margin=shape.margin,
+                device="cpu",
+                workload=asked if own else None,
+                **given,
             )
             own_row = measured(scene, label, bounder, reference, particles)
             add(own_row | {"seed": seed, "budget": given["budget"]})

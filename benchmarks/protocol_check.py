@@ -17,8 +17,8 @@ from shared import options, show
 
 from paper.data import objects_in
 from warp_bounding.bounders import METHODS
-from warp_bounding.indicators import load_indicator
 from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
+from warp_bounding.shapes import load_shape
 
 FITTED = 20_000
 MEASURED = 20_000
@@ -79,7 +79,7 @@ def main() -> None:
     wp.config.quiet = True
     result = {}
     for ndim in arguments.dims:
-        grids = [load_indicator(shape.path) for shape in objects_in(arguments.data, [ndim])]
+        grids = [load_shape(shape.path) for shape in objects_in(arguments.data, [ndim])]
         for place, query in enumerate(QUERY_KINDS):
             ours = column(grids, query)
             for name, value in ours.items():

@@ -5,7 +5,7 @@ Points around the bunny, dilated: networks, boxes in a tree, cells, against torc
 rays, its tree, and trimesh with Embree. Pairs: the cull of Newton's contact pass, one thread.
 
 In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and
-the median is told. A network's work is its multiply-adds: how many, and what they would take at the rate of torch's
+the median is reported. A network's work is its multiply-adds: how many, and what they would take at the rate of torch's
 product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than
 that. Sines come on top. Where Embree is missing (``pip install embreex``) its row is. A function's row has answers of
 both kinds at random, about half and half, which no processor foresees; beside it all are *maybe*. Labels: exact answers
@@ -26,7 +26,7 @@ import numpy as np
 import torch
 import trimesh
 import warp as wp
-from shared import KeptRows, clock, race
+from shared import StoredRows, clock, race
 
 import warp_bounding as wb
 from sims.assets import asset_mesh, surface
@@ -179,7 +179,7 @@ def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
         label = "mlp " + "-".join(map(str, widths))
         function = f"{label}, function, {ONE_CORE}" if device == "cpu" else f"{label}, function"
         # random weights, which take as long as any; the domain holds all points, so that each is asked
-        bounder, module = network(Domain.of(wb.solids.Box(low, high)), "sin", widths)
+        bounder, module = network(Domain.of(wb.shapes.Box(low, high)), "sin", widths)
         bounder, module = bounder.to(device), module.to(device)
         sizes = (3, *widths, 1)
         adds = sum(a * b for a, b in pairwise(sizes))
@@ -340,7 +340,7 @@ def _digits(ns: float) -> str:
     return f"{ns:.2f}" if ns >= 1.0 else f"{ns:.3f}"
 
 
-def page(kept: KeptRows, command: str) -> str:
+def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     devices = dict.fromkeys(row.get("device", "cpu") for row in kept.rows)
     lines = [
@@ -381,7 +381,7 @@ def main() -> int:
     wp.config.quiet = True
     torch.set_num_threads(cpu_threads())
     torch.set_grad_enabled(False)
-    kept = KeptRows(options.out, "rivals")
+    kept = StoredRows(options.out, "rivals")
     groups = {
         "points": lambda: (*points(options.count, options.device), options.count),
         "rays": lambda: (*rays(options.count, options.device), options.count),

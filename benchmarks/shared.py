@@ -21,7 +21,7 @@ from paper.results import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 
-class KeptRows:
+class StoredRows:
     """A folder with rows, a line of JSON each, written as they are known, and a page of them; it resumes.
 
     Args:
@@ -58,8 +58,8 @@ class KeptRows:
     @property
     def about(self) -> str:
         """Versions and threads in words, for the page."""
-        told = "; ".join(dict.fromkeys(row["versions"] for row in self.rows))
-        return f"{told}; {self.rows[0]['threads']} threads of a CPU"
+        reported = "; ".join(dict.fromkeys(row["versions"] for row in self.rows))
+        return f"{reported}; {self.rows[0]['threads']} threads of a CPU"
 
     def write(self, page: str) -> None:
         """Write the page into the folder of the rows."""

@@ -92,7 +92,7 @@ def public_reference(app, env, node, contnode):
     name = target.rpartition(".")[2]
     if not target.startswith("warp_bounding."):
         return None
-    for public in (f"warp_bounding.{name}", f"warp_bounding.arms.{name}", f"warp_bounding.solids.{name}"):
+    for public in (f"warp_bounding.{name}", f"warp_bounding.arms.{name}", f"warp_bounding.shapes.{name}"):
         if public in domain.objects and public != target:
             kind = node["reftype"]
             return domain.resolve_xref(env, node["refdoc"], app.builder, kind, public, node, contnode)

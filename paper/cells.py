@@ -13,7 +13,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.claim import as_fitted
-from warp_bounding.errors import BounderError, BoundingError, IndicatorError
+from warp_bounding.errors import BounderError, BoundingError, ShapeError
 from warp_bounding.queries.distance import METRICS
 from warp_bounding.runtime.launch import cpu_threads
 
@@ -93,7 +93,7 @@ def missing(cells: Iterable[Cell], folder: Folder, column: str = "", kinds: Sequ
     """What a folder lacks: pairs of a cell and the kind of row (protocol, device, ...) that a column of the CSV tells.
 
     Raises:
-        IndicatorError: If an object is not the one that was measured before.
+        ShapeError: If an object is not the one that was measured before.
     """
     digests: dict[tuple, set[str]] = {}
     there = set()
@@ -105,7 +105,7 @@ def missing(cells: Iterable[Cell], folder: Folder, column: str = "", kinds: Sequ
     for thing in {cell.thing for cell, _ in left}:
         if digests.get((thing.ndim, thing.name), set()) - {grid_of(thing).digest[:DIGEST]}:
             other = f"not the object that {folder.path} was measured on; choose another --out"
-            raise IndicatorError(f"{thing.path}: {other}")
+            raise ShapeError(f"{thing.path}: {other}")
     return left
 
 
@@ -162,7 +162,7 @@ def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
 
     made, device = MADE.get(variant.method), settings.get("device", "cpu")
     widths = tuple(width // (made.narrower if made else 1) for width in cell.column.hidden)
-    told = {"hidden": widths, "activation": settings.get("activation"), "leaves": variant.leaves}
+    reported = {"hidden": widths, "activation": settings.get("activation"), "leaves": variant.leaves}
     if variant.method == DISTANCE:
         known = [option.name for option in MlpDistance.options]
         options = {"query": "distance", "method": MlpDistance.method, "metric": METRICS[1]}
@@ -172,7 +172,7 @@ def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
         options = {"query": query.name, "method": method} | ({"length": settings["length"]} if query.has_length else {})
         if variant.last != variant.method and (found := load(folder.bounder(last.file), last, settings)) is not None:
             options["last"] = found
-    options |= {name: value for name, value in told.items() if name in known and value is not None}
+    options |= {name: value for name, value in reported.items() if name in known and value is not None}
     options |= {"budget": budget_of(settings, cell.column, variant), "seed": settings["seed"], "device": device}
     bounder = getattr(training, made.by if made else "fit")(cell.grid, **options, **(made.options if made else {}))
     heed()

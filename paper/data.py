@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from paper.table import words_of
-from warp_bounding import indicators
-from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators import IndicatorGrid
+from warp_bounding import shapes
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes import Grid
 
 PATTERNS = {2: "2D/*.png", 3: "3D/*.binvox", 4: "4D/*.npy"}
 CELLS, STEPS = 32, 10  # of our own: cells a side, and steps of time
@@ -40,21 +40,21 @@ def objects_in(data: Path, dimensions: Iterable[int]) -> list[Object]:
     """Every object of these dimensions in a data folder.
 
     Raises:
-        IndicatorError: If the folder, or a dimension in it, is missing, or a name cannot be written in a table.
+        ShapeError: If the folder, or a dimension in it, is missing, or a name cannot be written in a table.
     """
     if not data.is_dir():
-        raise IndicatorError(f"{data}: no such folder; it must hold {', '.join(PATTERNS.values())}")
+        raise ShapeError(f"{data}: no such folder; it must hold {', '.join(PATTERNS.values())}")
     found = []
     for ndim in dict.fromkeys(dimensions):
         own = [Object(ndim, p.stem, p) for p in sorted(data.glob(PATTERNS[ndim])) if p.is_file()]
         if not own:
-            raise IndicatorError(
+            raise ShapeError(
                 f"{data}: no {PATTERNS[ndim]} there; add the {ndim}D objects, or choose --columns without {ndim}d"
             )
         found += own
     for each in found:
         if not each.name.isprintable() or "|" in each.name:
-            raise IndicatorError(f"{each.path}: the name of an object must be printable and without '|'")
+            raise ShapeError(f"{each.path}: the name of an object must be printable and without '|'")
     return found
 
 
@@ -62,7 +62,7 @@ def select_objects(objects: Sequence[Object], text: str | None) -> list[Object]:
     """The objects that words name: ``bunny`` in every dimension that has it, ``2d/dragon1`` in one; all for ``None``.
 
     Raises:
-        IndicatorError: For a word that names none of them.
+        ShapeError: For a word that names none of them.
     """
     if text is None:
         return list(objects)
@@ -72,7 +72,7 @@ def select_objects(objects: Sequence[Object], text: str | None) -> list[Object]:
         found = [o for o in objects if o.name == name and (not slash or f"{o.ndim}d" == dimension.lower())]
         if not found:
             names = ", ".join(o.label for o in objects)
-            raise IndicatorError(f"objects must be among {names} (for the chosen columns), got {word!r}")
+            raise ShapeError(f"objects must be among {names} (for the chosen columns), got {word!r}")
         chosen |= dict.fromkeys(found)
     return list(chosen)
 
@@ -88,13 +88,13 @@ def grid_of(thing: Object) -> Any:
     """The cells of an object of a data folder, or of our own.
 
     Raises:
-        IndicatorError: If it cannot be read, or is of another dimension.
+        ShapeError: If it cannot be read, or is of another dimension.
     """
     if thing.path == OWN:
         return own_shape(thing.label)
-    grid = indicators.load_indicator(thing.path)
+    grid = shapes.load_shape(thing.path)
     if grid.ndim != thing.ndim:
-        raise IndicatorError(f"{thing.path}: {grid.ndim}D, expected {thing.ndim}D")
+        raise ShapeError(f"{thing.path}: {grid.ndim}D, expected {thing.ndim}D")
     return grid
 
 
@@ -114,11 +114,11 @@ def own_objects(dimensions: Iterable[int]) -> list[Object]:
 
 
 @cache
-def own_shape(label: str) -> IndicatorGrid:
-    """One of our own; ``IndicatorError`` if there is no such shape, or the mesh behind it is not installed."""
+def own_shape(label: str) -> Grid:
+    """One of our own; ``ShapeError`` if there is no such shape, or the mesh behind it is not installed."""
     if label not in SHAPES:
-        raise IndicatorError(f"shape must be one of {', '.join(SHAPES)}, got {label!r}")
-    return IndicatorGrid(SHAPES[label](), name=label.partition("/")[2], time=label.startswith("4d"))
+        raise ShapeError(f"shape must be one of {', '.join(SHAPES)}, got {label!r}")
+    return Grid(SHAPES[label](), name=label.partition("/")[2], time=label.startswith("4d"))
 
 
 def _centres(ndim: int) -> np.ndarray:
@@ -168,8 +168,8 @@ def _bunny() -> np.ndarray:
 
     path = Path(warp.examples.get_asset_directory()) / "bunny.usd"
     if not path.is_file():
-        raise IndicatorError(f"{path}: expected this mesh in the installed warp-lang; no such file")
-    cells = indicators.load_indicator(path).to_grid(resolution=BUNNY_CELLS).occupancy
+        raise ShapeError(f"{path}: expected this mesh in the installed warp-lang; no such file")
+    cells = shapes.load_shape(path).to_grid(resolution=BUNNY_CELLS).occupancy
     filled = np.zeros((CELLS,) * 3, dtype=bool)
     first = [(CELLS - size) // 2 for size in cells.shape]
     filled[tuple(slice(f, f + size) for f, size in zip(first, cells.shape, strict=True))] = cells

@@ -21,7 +21,7 @@ from paper import results
 from paper.data import PATTERNS, Object, grid_of, own_shape
 from paper.drawing import packed, raster
 from warp_bounding.cli import quiet_warp
-from warp_bounding.errors import BounderError, BoundingError, FileFormatError, IndicatorError
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16
 PAPER, OWN = "paper", "own"  # whose objects are shown: those of the paper's data, or our own (``data.py``)
@@ -103,7 +103,7 @@ class Work:
         if self.settings["objects"] != PAPER:
             return own_shape(self.stand_ins[label])
         if self.data is None:
-            raise IndicatorError(f"{label} of the paper's data is missing")
+            raise ShapeError(f"{label} of the paper's data is missing")
         return grid_of(Object(int(label[0]), label[3:], self.file(label)))
 
     def up(self, label: str) -> list[int]:
@@ -185,7 +185,7 @@ def command(
     if not chosen:
         raise BounderError(f"figure must be one of {', '.join(f.name for f in FIGURES)}, or all, got {name!r}")
     if line := work.lacking(chosen[0]):
-        raise IndicatorError(line)
+        raise ShapeError(line)
     for line in skipped:
         results.say(f"skipped: {line}")
     files = [f"{figure.name}.{ending}" for figure in FIGURES for ending in ("json", "png", "svg")]
@@ -203,7 +203,7 @@ def command(
             parts = computed(folder, figure, work)
             for ending, content in figure.draw(parts).items():
                 folder.write(f"{figure.name}.{ending}", content)
-            broken.extend(f"{figure.name}, {told}" for told in figure.broken(parts))
+            broken.extend(f"{figure.name}, {reported}" for reported in figure.broken(parts))
             return "drawn"
 
         done = results.work(folder, chosen, measure, lambda figure: figure.name)
@@ -241,7 +241,7 @@ def computed(folder: results.Folder, figure: Figure, work: Work) -> dict[str, An
     found, work.stand_ins = read(folder, figure), dict(figure.objects)
     digests = {label: work.shape(label).digest[:DIGEST] for label in figure.wanted(work.settings)}
     if other := [label for label, digest in found["objects"].items() if digests.get(label, digest) != digest]:
-        raise IndicatorError(f"{', '.join(other)}: not what {figure.name}.json was made of; choose another --out")
+        raise ShapeError(f"{', '.join(other)}: not what {figure.name}.json was made of; choose another --out")
     parts = figure.parts(work)
     for number, (name, compute) in enumerate(parts.items(), start=1):
         if name in found["parts"]:

@@ -19,8 +19,8 @@ from paper.figures import Figure, Work
 from paper.results import heed
 from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import BoundingError
-from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.indicators.parts import SIDES
+from warp_bounding.shapes import Grid
+from warp_bounding.shapes.parts import SIDES
 
 
 def labels_of(parts) -> list[str]:
@@ -97,9 +97,9 @@ class Teaser(Figure):
         return d.grid(rows, svg=False)
 
     def facts(self, parts):
-        told = "; ".join(f"{name} {part['fp']:.2f} %" for name, part in parts.items() if "fp" in part)
+        reported = "; ".join(f"{name} {part['fp']:.2f} %" for name, part in parts.items() if "fp" in part)
         missed = parts["2d occupancy"]
-        lines = [f"False positives of all points: {told}."]
+        lines = [f"False positives of all points: {reported}."]
         return [
             *lines,
             f"False negatives of `occupancy`: {missed['fn']:,} of {missed['samples']:,}; of all others none.",
@@ -137,8 +137,8 @@ class Progressive(Figure):
 
     def facts(self, parts):
         sizes = {name: part for name, part in parts.items() if "fp" in part}
-        told = "; ".join(f"{name} ({p['numbers']:,} parameters) {p['fp']:.2f} %" for name, p in sizes.items())
-        return [f"False positives: {told}. False negatives: {sum(p['fn'] for p in sizes.values())}."]
+        reported = "; ".join(f"{name} ({p['numbers']:,} parameters) {p['fp']:.2f} %" for name, p in sizes.items())
+        return [f"False positives: {reported}. False negatives: {sum(p['fn'] for p in sizes.values())}."]
 
 
 class Gallery(Figure):
@@ -178,8 +178,8 @@ class Gallery(Figure):
 
     def facts(self, parts):
         missed = sum(part.get("fn", 0) for part in parts.values())
-        told = "; ".join(f"`{method}` {mean_of(parts, method):.2f} %" for method in self.seconds)
-        return [f"Mean false positives: {told}; false negatives, all of `occupancy`: {missed:,}."]
+        reported = "; ".join(f"`{method}` {mean_of(parts, method):.2f} %" for method in self.seconds)
+        return [f"Mean false positives: {reported}; false negatives, all of `occupancy`: {missed:,}."]
 
 
 class Objects(Figure):
@@ -268,8 +268,8 @@ class Kdop(Figure):
 
     def facts(self, parts):
         fixed, learned = (mean_of(parts, method) for method in self.rows)
-        told = f"`kdop` {fixed:.2f} %, `learned-kdop` {learned:.2f} %: {learned / fixed:.2f} times"
-        return [f"Mean false positives with k = {self.k}: {told}."]
+        reported = f"`kdop` {fixed:.2f} %, `learned-kdop` {learned:.2f} %: {learned / fixed:.2f} times"
+        return [f"Mean false positives with k = {self.k}: {reported}."]
 
 
 class ReluFields(Figure):
@@ -313,8 +313,8 @@ class ReluFields(Figure):
         return d.grid([[flat(parts["object"], parts[n], TINTS[tint], self.titles[n]) for n, tint in tints]])
 
     def facts(self, parts):
-        told = (f"{title}: {numbered(parts[n])}, {parts[n]['seconds']:.0f} s" for n, title in self.titles.items())
-        return [f"{'; '.join(told)}."]
+        reported = (f"{title}: {numbered(parts[n])}, {parts[n]['seconds']:.0f} s" for n, title in self.titles.items())
+        return [f"{'; '.join(reported)}."]
 
 
 class Convergence(Figure):
@@ -347,10 +347,10 @@ class Convergence(Figure):
 
     def draw(self, parts):
         def plot(label: str, axes) -> None:
-            for loss, (told, colour) in self.losses.items():
+            for loss, (reported, colour) in self.losses.items():
                 part = parts[f"{label} {loss}"]
-                axes.plot(part["step"], part["fn"], color=colour, label=f"{told}, false negatives")
-                axes.plot(part["step"], part["fp"], ":", color=colour, label=f"{told}, false positives")
+                axes.plot(part["step"], part["fn"], color=colour, label=f"{reported}, false negatives")
+                axes.plot(part["step"], part["fp"], ":", color=colour, label=f"{reported}, false positives")
             for step in range(part["stage"], part["step"][-1], part["stage"]):
                 axes.axvline(step, color=d.PALE, linewidth=0.8, zorder=0)
             axes.set_yscale("symlog", linthresh=self.least, linscale=0.4)
@@ -366,8 +366,8 @@ class Convergence(Figure):
         return d.grid([[partial(plot, label) for label in labels]], inch=4.0, legend=True)
 
     def facts(self, parts):
-        told = [f"{name}: FP {part['fp'][-1]:.2f}, FN {part['fn'][-1]:.3f}" for name, part in parts.items()]
-        return [f"At the last record, %: {'; '.join(told)}."]
+        reported = [f"{name}: FP {part['fp'][-1]:.2f}, FN {part['fn'][-1]:.3f}" for name, part in parts.items()]
+        return [f"At the last record, %: {'; '.join(reported)}."]
 
 
 class Complexity(Figure):
@@ -465,7 +465,7 @@ class Hierarchy(Figure):
             at = np.stack(np.meshgrid(*[np.linspace(0, 1, 160)] * 2, indexing="ij"), axis=-1)
             cells = np.any([fish(at, (x, y), 1.25 * size, angle) for x, y, size, angle in self.school], axis=0)
             grid, steps = (
-                IndicatorGrid(cells, name="school"),
+                Grid(cells, name="school"),
                 max(1, round(work.choose(*self.steps) * work.settings["effort"])),
             )
             own, bounders = {"method": "mlp", "steps": steps, "seed": work.settings["seed"], "device": "cpu"}, {}
@@ -491,10 +491,10 @@ class Hierarchy(Figure):
 
     def facts(self, parts):
         levels = parts["school"]["levels"].items()
-        told = (
+        reported = (
             f"{self.titles[n]} {p['fp']:.2f} % ({p['nbytes'] / 1024:.1f} kB, {p['certificate']})" for n, p in levels
         )
-        return [f"False positives: {'; '.join(told)}."]
+        return [f"False positives: {'; '.join(reported)}."]
 
     def broken(self, parts):
         return super().broken(parts["school"]["levels"])
@@ -537,8 +537,12 @@ class Sides(Figure):
         lines = []
         for name in labels_of(parts):
             outer, inner = (parts[f"{name} {side}"] for side in SIDES)
-            told = f"maybe {outer['fp']:.2f} % outside and {inner['fp']:.2f} % inside, of {outer['samples']:,} points"
-            lines.append(f"{name[3:]} ({name[:2]}): {told} of which {100 - inner['positives']:.1f} % are in the object")
+            reported = (
+                f"maybe {outer['fp']:.2f} % outside and {inner['fp']:.2f} % inside, of {outer['samples']:,} points"
+            )
+            lines.append(
+                f"{name[3:]} ({name[:2]}): {reported} of which {100 - inner['positives']:.1f} % are in the object"
+            )
         return [f"{'; '.join(lines)}."]
 
 
@@ -569,17 +573,17 @@ class Distances(Figure):
         from warp_bounding.evaluation import evaluate
 
         bounder = work.fit(grid, work.choose(40, 6), "distance", method="mlp", hidden=(16, 16))
-        told, rates, s = work.rates(bounder, grid), [], work.settings
+        reported, rates, s = work.rates(bounder, grid), [], work.settings
         for radius in self.radii:
             found = evaluate(bounder, grid, s["samples"], seed=s["seed"] + 1, radius=radius)
             rates.append(round(float(found.fp_rate), 4))
-            told["fn"] += int(found.fn)
+            reported["fn"] += int(found.fn)
         truth = d.distances(grid, points)
         gap = truth - bounder.distance(points.reshape(-1, 2)).numpy().reshape(truth.shape).astype(np.float64)
         outside, corner, side = gap[truth > 0], points[0, 0], points[-1, -1] - points[0, 0]
-        told["box"] = [((end - corner) / side).tolist() for end in (bounder.domain.lower, bounder.domain.upper)]
-        told |= {"slack": bounder.slack, "mean": outside.mean(), "least": outside.min(), "most": outside.max()}
-        return told | {"rates": rates, "gap": d.pack_numbers(gap)}
+        reported["box"] = [((end - corner) / side).tolist() for end in (bounder.domain.lower, bounder.domain.upper)]
+        reported |= {"slack": bounder.slack, "mean": outside.mean(), "least": outside.min(), "most": outside.max()}
+        return reported | {"rates": rates, "gap": d.pack_numbers(gap)}
 
     def draw(self, parts):
         from matplotlib.colors import PowerNorm
@@ -606,20 +610,20 @@ class Distances(Figure):
         return d.grid([[partial(plot, label) for label in labels]], inch=4.2)
 
     def facts(self, parts):
-        told = []
+        reported = []
         for label in labels_of(parts):
             own = parts[f"{label} mlp"]
             rates = ", ".join(
                 f"{rate:.2f} % at {radius}" for radius, rate in zip(self.radii, own["rates"], strict=True)
             )
-            told.append(
+            reported.append(
                 f"{label}: {own['nbytes']:,} bytes, {own['certificate']}, slack {own['slack']:.2g}; the gap of points "
                 "outside "
                 f"is {own['mean']:.4f} on average, {own['least']:.4f} to {own['most']:.4f}; false positives "
                 f"{own['fp']:.2f} % "
                 f"at radius 0, {rates}; false negatives {own['fn']}."
             )
-        return told
+        return reported
 
 
 PROVEN, UNPROVEN = "mlp", "occupancy"
@@ -631,7 +635,7 @@ def run_demo(work: Work, name: str, file: str, quick: bool, width: int | None = 
 
     with tempfile.TemporaryDirectory() as folder:
         demo = import_module(f"sims.{name}")
-        told = demo.run(Path(folder), quick=quick, seed=0, device="cpu", console=output(stderr=True))
+        reported = demo.run(Path(folder), quick=quick, seed=0, device="cpu", console=output(stderr=True))
         heed()
         path = Path(folder) / file
         if not path.is_file():
@@ -639,9 +643,9 @@ def run_demo(work: Work, name: str, file: str, quick: bool, width: int | None = 
         png, lines = path.read_bytes(), path.with_suffix(".svg")
         found = {"lines": lines.read_text()} if lines.is_file() else {}
     keys = ("bounder", "section", "missed", "identical", "certificate", "fp_rate", "asked", "faster")
-    runs = [{key: run.get(key) for key in keys} for run in told["runs"]]
+    runs = [{key: run.get(key) for key in keys} for run in reported["runs"]]
     png = d.with_palette(png, width) if width else png
-    return found | {"runs": runs, "steps": told.get("steps"), "picture": base64.b64encode(png).decode()}
+    return found | {"runs": runs, "steps": reported.get("steps"), "picture": base64.b64encode(png).decode()}
 
 
 def broken_runs(parts, promised) -> list[str]:
@@ -710,10 +714,10 @@ class Applications(Figure):
         lines = []
         for name, part in parts.items():
             runs = [run for run in part["runs"] if run["bounder"] in (PROVEN, UNPROVEN)]
-            told = ", ".join(
+            reported = ", ".join(
                 f"`{r['bounder']}` {r['section'] or ''} missed {r['missed']:,}".replace("  ", " ") for r in runs
             )
-            lines.append(f"{name} (steps: {part['steps']}): {told}")
+            lines.append(f"{name} (steps: {part['steps']}): {reported}")
         return [f"What was missed (contacts, colliding states and edges, shadow pixels): {'; '.join(lines)}."]
 
     def broken(self, parts):

@@ -29,7 +29,6 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT64, gamma, round_up
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids import QuadricBounder
 from warp_bounding.bounders.learned_kdop import LearnedKdop
@@ -42,6 +41,7 @@ from warp_bounding.queries.base import UNIT_LIMIT, direction_rounding
 from warp_bounding.queries.boundary import CHUNK, ObjectSupport
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
+from warp_bounding.rounding import UNIT64, gamma, round_up
 
 SAMPLES = 20_000  # queries that a volume's form follows from
 TOLERANCE = 2e-3  # relative to the functional's size: a patch whose bound is so near to that at its centre is not split
@@ -501,8 +501,8 @@ def rates(volume: ParametricVolume, grid: Any, samples: int, protocol: str, *, s
     """False positives and false negatives of random queries: the very queries that ``evaluate`` asks."""
     query, length, rng = volume.domain.query, volume.domain.oracle_length, np.random.default_rng(seed)
     truth = truth_by(protocol, query, grid, device, length, seed)
-    told = {"protocol": protocol, "seed": int(seed), "truth": "cells", "indicator": grid.digest}
-    return counted(lambda count: sample(query, grid, count, rng), truth, volume.query, int(samples), None, **told)
+    reported = {"protocol": protocol, "seed": int(seed), "truth": "cells", "indicator": grid.digest}
+    return counted(lambda count: sample(query, grid, count, rng), truth, volume.query, int(samples), None, **reported)
 
 
 # --- learning half-spaces ---------------------------------------------------------------------------------------------

@@ -126,7 +126,7 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     )  # not the seed of any fit or certificate
     sampled, copy, started = float(hard.min()), bounder.to(str(bounder.device)), time.perf_counter()
     points = (
-        as_asked(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
+        as_queried(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
     )  # others are searched over other numbers
     search = prove(copy, grid, seconds=s["seconds"], eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
@@ -186,7 +186,7 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     }
 
 
-def as_asked(bounder: Any, x: np.ndarray) -> np.ndarray:
+def as_queried(bounder: Any, x: np.ndarray) -> np.ndarray:
     """``v`` of queries, without rays from outside the domain: a device moves these to where they enter it first."""
     v = bounder.domain.to_local(x)
     if not QUERIES[bounder.query_kind].has_length:
@@ -209,7 +209,9 @@ def hard_positives(bounder: Any, grid: Any, count: int, seed: int) -> tuple[np.n
 
 
 def counterexample(bounder: Any, grid: Any, found: dict, threshold: float) -> tuple[np.ndarray | None, float, str]:
-    """The deepest query found below a threshold, its f and who found one, once oracle and kernel have been asked again.
+    """The deepest query found below a threshold, its f and who found one.
+
+    Once oracle and kernel have been queried again.
 
     Args:
         bounder: Its own threshold plays no part.

@@ -129,7 +129,7 @@ def _line(row: dict[str, Any]) -> tuple[str, ...]:
     column, steps = column_of(row), row["steps_asked"]
     minutes = (steps or 0) * row["step_seconds"] / 60
     time = f"{minutes / 60:.1f} h" if minutes >= 57 else f"{minutes:.0f} min"
-    asked = ("–", "–") if steps is None else (f"{steps:,}", time)
+    queried = ("–", "–") if steps is None else (f"{steps:,}", time)
     rates = (f"{row['fp_rate']:.2f}{sign}", f"{row['fp_zero']:.2f}", f"{100 * row['fn_zero'] / row['samples']:.3f}")
     names = (column.title, row["object"], row["way"], f"{row['steps']:,}")
-    return *names, *asked, *rates, f"{Variant('mlp').paper(column):g}"
+    return *names, *queried, *rates, f"{Variant('mlp').paper(column):g}"

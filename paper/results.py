@@ -124,7 +124,7 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
         name: Of the command whose folder it is, and of its CSV.
         columns: Of the CSV; none where the command keeps its results in other files.
         defaults: All settings, with the values that they have where nothing is said.
-        given: Settings that were asked for; the others (``None``) are those of the folder, or the defaults.
+        given: Settings that were requested; the others (``None``) are those of the folder, or the defaults.
         create: Whether to begin a folder where there is none.
         owned: Names of further files that the command writes.
 
@@ -138,8 +138,8 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
         if not create:
             raise FileFormatError(f"{path}: no tables there yet; --data DIR is needed to make them")
         if strangers:
-            told = f"holds {', '.join(strangers)} but no {SETTINGS}"
-            raise FileFormatError(f"{path}: {told}; choose another folder for --out")
+            reported = f"holds {', '.join(strangers)} but no {SETTINGS}"
+            raise FileFormatError(f"{path}: {reported}; choose another folder for --out")
     try:
         path.mkdir(parents=True, exist_ok=True)
         lock = open(path / ".lock", "ab")  # noqa: SIM115  closed below
@@ -155,8 +155,8 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
         if not (path / SETTINGS).exists():
             _write_settings(path, wanted | {"library": __version__}, [])
         stored, commands = read_settings(path)
-        told = [(key, stored.get(key, defaults[key]), value) for key, value in given.items()]
-        if other := "; ".join(f"{key} {old} there, {new} now" for key, old, new in told if old != new):
+        reported = [(key, stored.get(key, defaults[key]), value) for key, value in given.items()]
+        if other := "; ".join(f"{key} {old} there, {new} now" for key, old, new in reported if old != new):
             raise FileFormatError(f"{path}: made with other settings: {other}. Use those, or another folder")
         yield Folder(path, name, columns, defaults | stored, commands)
 

@@ -99,14 +99,16 @@ def command(
         written = [time.monotonic()]
 
         def measure(cell: Cell) -> str:
-            told = []
+            reported = []
             for row in list(_measured(folder.settings, cell, work[cell], folder)):
                 folder.append(row)
-                told.append(f"{row['protocol']} {row['fp_rate']:.3f} % false positives, {row['fn']} false negatives")
+                reported.append(
+                    f"{row['protocol']} {row['fp_rate']:.3f} % false positives, {row['fn']} false negatives"
+                )
             if time.monotonic() - written[0] > PAGE_SECONDS:
                 folder.write(results.PAGE, page(folder))
                 written[0] = time.monotonic()
-            return f"{'; '.join(told)}; {row['certificate'] or 'no certificate'}"
+            return f"{'; '.join(reported)}; {row['certificate'] or 'no certificate'}"
 
         done = results.work(folder, list(work), measure, lambda cell: cell.title)
         drawn = not work and data is not None and (folder.path / "rank.png").exists()
@@ -115,8 +117,8 @@ def command(
         folder.write(results.PAGE, page(folder))
     broken = [r for r in folder.rows if r["fn"] and variant_of(r).conservative]
     for r in broken:
-        told = f"{column_of(r).name} {r['object']}: {variant_of(r).label}: {r['fn']} false negatives"
-        results.say(f"promise broken: {told}")
+        reported = f"{column_of(r).name} {r['object']}: {variant_of(r).label}: {r['fn']} false negatives"
+        results.say(f"promise broken: {reported}")
     print(f"{len(folder.rows):,} cells; the table is {folder.path / results.PAGE}")
     return int(bool(broken or not done))
 
@@ -125,7 +127,7 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
     """Rows of a cell, one a protocol."""
     from warp_bounding.evaluation import evaluate
 
-    variant, column, asked, started = cell.variant, cell.column, {}, time.perf_counter()
+    variant, column, queried, started = cell.variant, cell.column, {}, time.perf_counter()
     if variant.parametric:
         seconds = min(t.budget_of(s, column, variant), KDOP_SECONDS) if variant.learned else 0.0
         own = {"length": s["length"], "seed": s["seed"], "seconds": seconds}
@@ -134,11 +136,11 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
     else:
         bounder, spent = fitted(folder, cell, s), {}
     if variant.method == t.DISTANCE:
-        asked = {"query": column.query} | ({"length": s["length"]} if column.kind.has_length else {})
-        asked |= {"steps": t.DISTANCE_STEPS[column.query]} if column.query in t.DISTANCE_STEPS else {}
+        queried = {"query": column.query} | ({"length": s["length"]} if column.kind.has_length else {})
+        queried |= {"steps": t.DISTANCE_STEPS[column.query]} if column.query in t.DISTANCE_STEPS else {}
     rates = parametric.rates if variant.parametric else evaluate
     for protocol in kinds:
-        found = rates(bounder, cell.grid, s["samples"], protocol, seed=s["seed"] + 1, **asked)
+        found = rates(bounder, cell.grid, s["samples"], protocol, seed=s["seed"] + 1, **queried)
         results.heed()
         counts = {"fp_rate": float(found.fp_rate), "fn": int(found.fn), "positives": float(found.positives)}
         yield about(cell, bounder, s) | spent | {"protocol": protocol} | counts
@@ -222,11 +224,11 @@ class Means:
             for variant in variants:
                 own = [r for r in self.rows if variant_of(r) == variant]
                 missed, samples = sum(r["fn"] for r in own), sum(r["samples"] for r in own)
-                told = f"{missed:,} of {samples:,}" + (
+                reported = f"{missed:,} of {samples:,}" + (
                     ", **promise broken**" if missed and variant.conservative else ""
                 )
                 held = " / ".join(_size([r for r in own if r["dimension"] == n]) for n in dimensions)
-                lines.append([variant.label, *(self.cell(variant, c) for c in columns), told, held])
+                lines.append([variant.label, *(self.cell(variant, c) for c in columns), reported, held])
                 if not variant.conservative:
                     found = [self.groups.get((variant, c), ()) for c in columns]
                     rates = [f"{100 * _mean(g, 'fn') / g[0]['samples']:.3f}" if g else NO_METHOD for g in found]
@@ -248,8 +250,8 @@ class Means:
             if able:
                 rate, name = min(able)
                 lower += rate < theirs
-                told = f"**{rate:.2f}**" if rate < theirs else f"{rate:.2f}"
-                parts.append(f"{column.title} {told} ({theirs}, {name})")
+                reported = f"**{rate:.2f}**" if rate < theirs else f"{rate:.2f}"
+                parts.append(f"{column.title} {reported} ({theirs}, {name})")
         head = (
             "Our best network against the paper's best network (in brackets, with the name of ours), mean false "
             "positives %: "

@@ -16,26 +16,26 @@ import warp_bounding as wb
 __all__ = ["MESHES", "Shape", "asset_mesh", "obj", "once", "surface"]
 
 MESHES = ("bunny", "bear", "rocks")  # by the names of warp-lang's files
-Shape = wb.IndicatorMesh | wb.IndicatorMotion | wb.IndicatorGrid  # what a scene is made of, margin included
+Shape = wb.shapes.Mesh | wb.shapes.MovingMesh | wb.shapes.Grid  # what a scene is made of, margin included
 
 
-def asset_mesh(name: str) -> wb.IndicatorMesh:
+def asset_mesh(name: str) -> wb.shapes.Mesh:
     """A mesh that ships in warp-lang, such as the Stanford bunny; y up.
 
     Raises:
-        IndicatorError: If it is not there, or cannot be read.
+        ShapeError: If it is not there, or cannot be read.
     """
     import warp.examples
 
     path = Path(warp.examples.get_asset_directory()) / f"{name}.usd"
     if not path.is_file():
-        raise wb.IndicatorError(f"{path}: expected this mesh in the installed warp-lang; no such file")
-    return wb.load_indicator(path)
+        raise wb.ShapeError(f"{path}: expected this mesh in the installed warp-lang; no such file")
+    return wb.load_shape(path)
 
 
 def once(shape: Shape) -> Shape:
     """The shape; a mesh that caches its cells and decided points, since a demo needs them for each bounder."""
-    if not isinstance(shape, wb.IndicatorMesh | wb.IndicatorMotion):
+    if not isinstance(shape, wb.shapes.Mesh | wb.shapes.MovingMesh):
         return shape
     known: dict[tuple, Any] = {}
 
@@ -46,7 +46,7 @@ def once(shape: Shape) -> Shape:
                 known[key] = super().decide(x)
             return known[key]
 
-        def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> wb.IndicatorGrid:
+        def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> wb.shapes.Grid:
             key = self.digest, resolution, margin or self.margin
             if key not in known:
                 known[key] = super().to_grid(resolution=resolution, margin=margin)
@@ -57,7 +57,7 @@ def once(shape: Shape) -> Shape:
     return made
 
 
-def obj(shape: wb.IndicatorMesh) -> bytes:
+def obj(shape: wb.shapes.Mesh) -> bytes:
     """A mesh as an ``.obj`` file; its float32 numbers are read back to the bit."""
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.asarray(shape.vertices, np.float32)]
     lines += [f"f {a} {b} {c}" for a, b, c in shape.faces + 1]

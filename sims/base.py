@@ -222,8 +222,8 @@ class Demo(ABC):
         self.specs = self.SPECS if self.specs is None else self.specs
         shapes = {name: once(shape) for name, shape in self.set_up().items()}
         self.bounders = self.fit(shapes)
-        told = self.SAMPLES[self.quick], self.DISTANCES
-        self.rows = {name: bounder_rows(self.of_shape(name), shape, *told) for name, shape in shapes.items()}
+        reported = self.SAMPLES[self.quick], self.DISTANCES
+        self.rows = {name: bounder_rows(self.of_shape(name), shape, *reported) for name, shape in shapes.items()}
         runs, title, columns = self.simulate()
         self.console.print(run_table(title, runs, steps=self.steps, calls=self.CALLS, extra=columns))
         self.console.print(verdict(runs, self.MISSED))
@@ -235,10 +235,10 @@ class Demo(ABC):
         for note in self.notes:
             self.console.print(note)
         self.console.print(drawn.lines(), markup=False)
-        told = result(self.NAME, self.shape, self.steps, runs, drawn.paths, **self.more())
+        reported = result(self.NAME, self.shape, self.steps, runs, drawn.paths, **self.more())
         if self.taken:
-            told["chosen"] = {section: taken.to_dict() for section, taken in self.taken.items()}
-        return told | {"identical": kept(runs) and not self.notes}
+            reported["chosen"] = {section: taken.to_dict() for section, taken in self.taken.items()}
+        return reported | {"identical": kept(runs) and not self.notes}
 
     def fit(self, shapes: dict[str, Shape]) -> dict[str, dict[str, wb.Bounder]]:
         """All bounders, fitted or loaded, by name of the method, then of the shape."""

@@ -40,11 +40,11 @@ class Taken:
 
     def sentence(self, where: str = "") -> str:
         """What was taken, and at which price."""
-        told = [
+        reported = [
             f"{choice.label}{f' for {name}' if len(self.choices) > 1 else ''} at {choice.narrow_ns:.3g} ns a call"
             for name, choice in self.choices.items()
         ]
-        return f"{where}: choose takes {', '.join(told)}." if where else f"choose takes {', '.join(told)}."
+        return f"{where}: choose takes {', '.join(reported)}." if where else f"choose takes {', '.join(reported)}."
 
     def to_dict(self) -> dict:
         """All rows of all choices, JSON-ready."""
@@ -85,7 +85,7 @@ def take(
         taken.choices[name] = wb.choose(
             shape,
             query,
-            queries=x,
+            workload=x,
             narrow_ns=narrow_ns,
             methods=(),
             bounders=own,

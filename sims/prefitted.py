@@ -69,14 +69,14 @@ def stored(scene: str, name: str, folder: Path = FOLDER) -> Path:
 
 
 @lru_cache(maxsize=16)
-def _cells(shape: Shape, resolution: int) -> wb.IndicatorGrid:
+def _cells(shape: Shape, resolution: int) -> wb.shapes.Grid:
     """Cells of a shape that knows its margin; several bounders are made of the same."""
     return shape.to_grid(resolution=resolution)
 
 
 def bounded(spec: FitSpec, shape: Shape) -> Shape:
     """What a bounder of this spec bounds: the shape itself, or cells of it; a grid is its own cells."""
-    if spec.resolution is None or isinstance(shape, wb.IndicatorGrid):
+    if spec.resolution is None or isinstance(shape, wb.shapes.Grid):
         return shape
     return _cells(shape, spec.resolution)
 
@@ -118,7 +118,7 @@ def check_fit(bounder: wb.Bounder, shape: Shape, spec: FitSpec, source: str) -> 
             for cells in (own.resolution, bounder.info.get("resolution"))
         )
         raise wb.BounderError(f"{source}: expected a bounder of {expected}, got one of {got}")
-    digest = wb.Complement(own).digest if side == "inside" else own.digest
+    digest = wb.shapes.Complement(own).digest if side == "inside" else own.digest
     if bounder.info.get("indicator") != digest:
         made, here = str(bounder.info.get("indicator"))[:12], digest[:12]
         name = bounder.info.get("name")

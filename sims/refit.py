@@ -22,7 +22,7 @@ __all__ = ["main", "plan"]
 
 
 def plan(names: list[str]) -> list[tuple[str, str, FitSpec, Shape]]:
-    """Scene, name, spec and shape of every file that is asked for.
+    """Scene, name, spec and shape of every file that is requested.
 
     Args:
         names: Scenes, or ``scene-name``; all if empty.

@@ -93,8 +93,8 @@ def bounder_rows(
     """
     rows = []
     for name, bounder in shown(bounders.items(), "measuring bounders"):
-        asked = (distances or {}) if bounder.of_distances else {}
-        rates = wb.evaluate(bounder, shape, samples=samples, **asked)
+        queried = (distances or {}) if bounder.of_distances else {}
+        rates = wb.evaluate(bounder, shape, samples=samples, **queried)
         row = {"bounder": name, "query": bounder.query_kind, "fp_rate": rates.fp_rate}
         row |= {"fp_rate_cells": rates.fp_rate_cells, "undecided": rates.undecided, "fn": rates.fn}
         kind = bounder.certificate.kind if bounder.certificate else "none"

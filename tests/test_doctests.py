@@ -16,28 +16,32 @@ import warp as wp
 from reading_order import ROOT
 
 import warp_bounding as wb
-from warp_bounding.proof import soak
-from warp_bounding.proof.stress import Soak
+from warp_bounding.proof import stress_test
+from warp_bounding.proof.stress import StressResult
 
 pytest.importorskip("torch", reason="torch is not installed")
 
 PAGES = ("arms", "bounders", "choose", "composition", "distances")
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
-    wb.BounderLibrary: ("manifest", "names", "path", "query_pairs", "stack"),
-    wb.BounderStack: ("query",),
+    wb.baking.BounderLibrary: ("manifest", "names", "path", "query_pairs", "stack"),
+    wb.baking.BounderStack: ("query",),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
     wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),
-    wb.IndicatorFunction: ("refute",),
-    wb.IndicatorGrid: ("cell_coordinate", "contains", "position", "to_grid"),
-    wb.IndicatorMesh: ("to_grid",),
-    wb.IndicatorMotion: ("to_grid", "vertices_at"),
+    wb.shapes.Function: ("refute",),
+    wb.shapes.Grid: ("cell_coordinate", "contains", "position", "to_grid"),
+    wb.shapes.Mesh: ("to_grid",),
+    wb.shapes.MovingMesh: ("to_grid", "vertices_at"),
     wb.Rates: ("to_dict",),
-    Soak: ("complete", "rate", "to_dict"),
+    StressResult: ("complete", "rate", "to_dict"),
 }
 DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("DISTANCES", "METHODS", "__version__")}
-DOCUMENTED |= {"Soak": Soak} | {f"solids.{name}": getattr(wb.solids, name) for name in wb.solids.__all__}
+DOCUMENTED |= {"StressResult": StressResult} | {
+    f"shapes.{name}": getattr(wb.shapes, name) for name in wb.shapes.__all__ if name not in ("READERS", "ShapeLike")
+}
+DOCUMENTED |= {f"baking.{name}": getattr(wb.baking, name) for name in wb.baking.__all__}
+DOCUMENTED |= {f"proof.{name}": getattr(wb.proof, name) for name in ("clear_segments", "proven_share")}
 DOCUMENTED |= {f"arms.{name}": getattr(wb.arms, name) for name in wb.arms.__all__ if name != "WORLD"}  # a number
 DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in METHODS.items() for name in names}
 
@@ -51,16 +55,16 @@ def shown(page: str) -> str:
 def made() -> dict:
     """What examples share."""
     ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
-    grid, bounder = wb.load_indicator(ball), wb.fit(ball, method="obb", device="cpu")
+    grid, bounder = wb.load_shape(ball), wb.fit(ball, method="obb", device="cpu")
     vertices, faces = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
-    mesh = wb.IndicatorMesh(vertices, faces)
-    motion = wb.IndicatorMotion([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
+    mesh = wb.shapes.Mesh(vertices, faces)
+    motion = wb.shapes.MovingMesh([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
     points = np.random.default_rng(0).random((100, 3), dtype=np.float32)
     far = wb.fit(ball, "distance", "sphere", device="cpu")
     ball_distances = grid.distances(points)[:, 1]
     names = {"far": far, "ball_distances": ball_distances}
     names |= {"ball": ball, "grid": grid, "mesh": mesh, "motion": motion, "bounder": bounder, "points": points}
-    return names | {"np": np, "wp": wp, "wb": wb, "soak": soak, "__name__": __name__}
+    return names | {"np": np, "wp": wp, "wb": wb, "stress_test": stress_test, "__name__": __name__}
 
 
 def link(name: str) -> str:
@@ -108,7 +112,7 @@ def test_every_public_name_is_on_one_page_of_the_reference():
     pages = "\n".join(path.read_text() for path in (ROOT / "docs/api").glob("*.md"))
     shown = re.findall(r"^\.\. auto\w+:: warp_bounding\.([\w.]+)$", pages, re.MULTILINE)
     assert len(shown) == len(set(shown))
-    named = {name for name in ("DISTANCES", "METHODS", "__version__", "arms", "solids") if f"`wb.{name}`" in pages}
+    named = {name for name in ("DISTANCES", "METHODS", "__version__", "arms", "shapes") if f"`wb.{name}`" in pages}
     assert set(wb.__all__) - named <= set(shown)
-    assert {f"solids.{name}" for name in wb.solids.__all__} <= set(shown)
+    assert {f"shapes.{name}" for name in wb.shapes.__all__} - {"shapes.READERS", "shapes.ShapeLike"} <= set(shown)
     assert {f"arms.{name}" for name in wb.arms.__all__} - {"arms.WORLD"} <= set(shown)

@@ -12,15 +12,15 @@ import pytest
 from bounding_shapes import object_points
 
 import warp_bounding as wb
-from warp_bounding.arithmetic import TINY, UNIT64, gamma, round_up
 from warp_bounding.bounders import register, unregister
 from warp_bounding.bounders.bounder import Bounder, Option
-from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
-from warp_bounding.indicators import READERS
+from warp_bounding.errors import BounderError, FileFormatError, ShapeError
 from warp_bounding.kernels.source import Source
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.proof import soak
+from warp_bounding.proof import stress_test
 from warp_bounding.queries.domain import Domain
+from warp_bounding.rounding import TINY, UNIT64, gamma, round_up
+from warp_bounding.shapes import READERS
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Ball:
         away = [np.maximum(np.maximum(nearest[0] / scale - c, c - nearest[1] / scale), 0) for c in self.center]
         occupied = np.hypot(*np.meshgrid(*away, indexing="ij")) <= self.radius + margin
         scale, offset = np.full(2, scale), np.zeros(2)
-        return wb.IndicatorGrid(occupied, scale, offset, name=self.name, margin=margin, resolution=cells)
+        return wb.shapes.Grid(occupied, scale, offset, name=self.name, margin=margin, resolution=cells)
 
 
 @pytest.fixture(autouse=True)
@@ -118,12 +118,12 @@ def test_from_a_file_to_an_answer(ball, tmp_path, rng):
     certificate = wb.certify(loaded, str(ball))
     assert certificate.proven
     assert (certificate.object, certificate.margin, certificate.resolution) == ("b.ball", 0.25, 24)
-    grid = wb.load_indicator(ball).to_grid(resolution=24, margin=0.25)
+    grid = wb.load_shape(ball).to_grid(resolution=24, margin=0.25)
     inside = object_points(grid, rng, 20_000)
     assert loaded.query(inside).numpy().all()
     x = rng.uniform(grid.lower, grid.upper, (20_000, 2)).astype(np.float32)
-    asked = loaded.query(x).numpy()
-    assert 0 < asked.sum() < len(x)
+    queried = loaded.query(x).numpy()
+    assert 0 < queried.sum() < len(x)
     values, exact = loaded.values(x).numpy(), loaded.reference(loaded.domain.to_local(x))
     seen = np.isfinite(values)
     assert np.abs(values[seen] - exact[seen]).max() <= loaded.rounding_bound() + loaded.domain.delta.sum()
@@ -132,7 +132,7 @@ def test_from_a_file_to_an_answer(ball, tmp_path, rng):
     parts = [part.query(x).numpy() for part in whole.parts]
     assert (whole.query(x).numpy() == parts[0] & parts[1]).all()
     assert wb.evaluate(loaded, Ball([4.0, 3.5], 2.0), samples=10_000).fn == 0
-    assert soak(loaded, str(ball), 20_000).missed is None
+    assert stress_test(loaded, str(ball), 20_000).missed is None
 
 
 def test_what_is_not_registered_is_not_known(ball, tmp_path):
@@ -144,8 +144,8 @@ def test_what_is_not_registered_is_not_known(ball, tmp_path):
     register(Diamond)
     assert wb.load(tmp_path / "b.safetensors", device="cpu").method == "diamond"
     del READERS[".ball"]
-    with pytest.raises(IndicatorError, match=r"expected one of .* got '\.ball'"):
-        wb.load_indicator(ball)
+    with pytest.raises(ShapeError, match=r"expected one of .* got '\.ball'"):
+        wb.load_shape(ball)
     READERS[".ball"] = lambda path, _: Ball.read(path)
 
 

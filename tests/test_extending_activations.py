@@ -13,9 +13,9 @@ pytest.importorskip("torch", reason="torch is not installed")
 import warp_bounding as wb
 from warp_bounding import activations
 from warp_bounding.activations import ACTIVATIONS, Activation, register
-from warp_bounding.arithmetic import TINY
 from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.queries import oracle
+from warp_bounding.rounding import TINY
 
 
 @wp.func

@@ -14,7 +14,7 @@ from warp_bounding.geometry import (
     farthest,
     hull_corners,
 )
-from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.shapes import Grid
 
 FAMILIES = ("trace", "diagonal", "determinant")
 
@@ -25,7 +25,7 @@ def test_around_a_box_the_ellipsoid_is_known(family, sides):
     """Half sides h: the ball's radius is |h|, the semi-axes of the ellipsoids are h sqrt(n)."""
     occupancy = np.zeros([s + 4 for s in sides], dtype=bool)
     occupancy[tuple(slice(2, 2 + s) for s in sides)] = True
-    grid = IndicatorGrid(occupancy, cells_per_unit=np.ones(len(sides)), offset=np.zeros(len(sides)))
+    grid = Grid(occupancy, cells_per_unit=np.ones(len(sides)), offset=np.zeros(len(sides)))
     matrix, center = enclosing_of_points(extreme_corners(grid), family)
     half = np.array(sides) / 2
     np.testing.assert_allclose(center, 1.5 + half, atol=1e-2)

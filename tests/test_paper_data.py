@@ -12,7 +12,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids import QuadricBounder
 from warp_bounding.geometry import GAP
-from warp_bounding.indicators.formats.load import READERS
+from warp_bounding.shapes.formats.load import READERS
 
 DATA = Path(os.environ.get("WARP_BOUNDING_DATA") or Path(__file__).parents[2] / "shared" / "data")
 SHAPES = sorted(p for p in DATA.glob("[234]D/*") if p.suffix in READERS) if DATA.is_dir() else []
@@ -23,7 +23,7 @@ CLOSED = [name for name, kind in METHODS.items() if kind.exact_on_cells]
 @pytest.mark.skipif(not SHAPES, reason=f"the paper's shapes are not in {DATA}; set WARP_BOUNDING_DATA")
 @pytest.mark.parametrize("path", SHAPES, ids=lambda path: f"{path.parent.name}-{path.stem}")
 def test_closed_forms(path):
-    grid = wb.load_indicator(path)
+    grid = wb.load_shape(path)
     rates, sizes = {}, {}
     for method in CLOSED:
         bounder = wb.fit(grid, method=method, device="cpu")

@@ -13,8 +13,8 @@ from distances import far, thing
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.shape import Shape
 
 COPIES = {"pickle": lambda value: pickle.loads(pickle.dumps(value)), "deepcopy": copy.deepcopy}
 
@@ -91,9 +91,9 @@ def test_compositions(copied, rng, tmp_path):
     x = rng.random((500, 2), np.float32)
     for bounder in (wb.union(box, volume), wb.cascade(box, wb.union(box, volume))):
         check_bounder(copied, bounder, lambda b: b.query(x).numpy())
-    stack, numbers = wb.BounderStack([box, volume]), np.arange(500) % 2
+    stack, numbers = wb.baking.BounderStack([box, volume]), np.arange(500) % 2
     box.save(tmp_path / "box.safetensors")
-    library = wb.BounderLibrary(tmp_path, device="cpu")
+    library = wb.baking.BounderLibrary(tmp_path, device="cpu")
     for _ in range(2):  # before and after use
         assert (copied(stack).query(numbers, x).numpy() == stack.query(numbers, x).numpy()).all()
         assert copied(library)["box"].query(x).numpy().tobytes() == library["box"].query(x).numpy().tobytes()
@@ -107,14 +107,14 @@ def away(x: np.ndarray) -> np.ndarray:
     return np.linalg.norm(x, axis=1) - 0.5
 
 
-def _mesh() -> wb.IndicatorMesh:
+def _mesh() -> wb.shapes.Mesh:
     corners = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
-    return wb.IndicatorMesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    return wb.shapes.Mesh(corners, [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
 
 
-def _network() -> wb.IndicatorNetwork:
+def _network() -> wb.shapes.Network:
     layers = torch.nn.Sequential(torch.nn.Linear(2, 8), torch.nn.ReLU(), torch.nn.Linear(8, 1))
-    return wb.IndicatorNetwork(layers, [-1, -1], [1, 1])
+    return wb.shapes.Network(layers, [-1, -1], [1, 1])
 
 
 def _arm() -> wb.arms.ArmConfigurations:
@@ -126,15 +126,15 @@ def _arm() -> wb.arms.ArmConfigurations:
 SHAPES = {
     "grid": lambda: shape("c"),
     "dilated mesh": lambda: _mesh().dilated(0.1),
-    "motion": lambda: wb.IndicatorMotion([_mesh().vertices, _mesh().vertices + 0.5], _mesh().faces),
-    "blend shapes": lambda: wb.IndicatorBlendShapes(_mesh().vertices, [0.5 * _mesh().vertices], _mesh().faces),
-    "function": lambda: wb.IndicatorFunction(star, [-1, -1], [1, 1]),
-    "distance": lambda: wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=away),
+    "motion": lambda: wb.shapes.MovingMesh([_mesh().vertices, _mesh().vertices + 0.5], _mesh().faces),
+    "blend shapes": lambda: wb.shapes.BlendShapes(_mesh().vertices, [0.5 * _mesh().vertices], _mesh().faces),
+    "function": lambda: wb.shapes.Function(star, [-1, -1], [1, 1]),
+    "distance": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=away),
     "network": cache(_network),
-    "solids": lambda: (wb.solids.Sphere([0, 0], 0.7) - wb.solids.Box([0, 0], [1, 1])).dilated(0.1),
-    "mixed": lambda: wb.solids.Union(wb.solids.Sphere([0, 0, 0], 0.5), _mesh()),
-    "extrusion": lambda: wb.solids.Extrusion(wb.solids.Sphere([0, 0], 0.5), [0, 1], [[0, 0], [2, 1]]),
-    "complement": lambda: wb.Complement(_mesh()),
+    "solids": lambda: (wb.shapes.Sphere([0, 0], 0.7) - wb.shapes.Box([0, 0], [1, 1])).dilated(0.1),
+    "mixed": lambda: wb.shapes.Union(wb.shapes.Sphere([0, 0, 0], 0.5), _mesh()),
+    "extrusion": lambda: wb.shapes.Extrusion(wb.shapes.Sphere([0, 0], 0.5), [0, 1], [[0, 0], [2, 1]]),
+    "complement": lambda: wb.shapes.Complement(_mesh()),
     "arm": _arm,
 }
 
@@ -158,7 +158,7 @@ def test_every_shape(copied, name):
 
 
 def test_a_function_that_cannot_be_pickled_is_one_error():
-    local = wb.Complement(wb.IndicatorFunction(lambda x: star(x), [-1, -1], [1, 1]))
-    with pytest.raises(IndicatorError, match=r"^function: contains cannot be pickled .*define it in a module"):
+    local = wb.shapes.Complement(wb.shapes.Function(lambda x: star(x), [-1, -1], [1, 1]))
+    with pytest.raises(ShapeError, match=r"^function: contains cannot be pickled .*define it in a module"):
         pickle.dumps(local)
     assert copy.deepcopy(local).contains(np.zeros((1, 2))) == local.contains(np.zeros((1, 2)))

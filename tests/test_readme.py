@@ -63,7 +63,7 @@ def after(namespace: dict) -> dict:
             (values.values.numpy() >= values.bounder.threshold) == (values.mask.numpy() == 1)
         ).all(),
         "of_motion.query(": lambda: values.of_motion.certificate.proven and 0 < values.mask.numpy().mean() < 1,
-        "free = wb.clear_segments(": lambda: values.free.any() and not values.free.all(),
+        "free = wb.proof.clear_segments(": lambda: values.free.any() and not values.free.all(),
         "asked.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
         "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
         "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,
@@ -140,7 +140,7 @@ def run(text: str, folder: Path) -> set[str]:
         folder: The present one; snippets are written there, since Warp reads the source of kernels from files.
 
     Returns:
-        Which promises of ``after`` were asked.
+        Which promises of ``after`` were queried.
     """
     module = sys.modules["readme"] = types.ModuleType("readme")
     asked = set()

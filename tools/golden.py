@@ -96,7 +96,7 @@ def objects() -> dict[str, object]:
     animated = np.zeros((5, 7, 6, 8), bool)
     for step in range(5):
         animated[step, 1 + step // 2 : 3 + step // 2, 1:4, step : step + 3] = True
-    grid = wb.IndicatorGrid
+    grid = wb.shapes.Grid
     return {"2d": grid(two), "3d": grid(star), "4d": grid(animated, time=True)}
 
 
@@ -145,7 +145,7 @@ def ask(name: str, bounder, query: str, shape, placed: bool = False) -> None:
         found[f"placed {name}"] = sha(bounder.values(x, xform=turned, scale=1.5))
 
 
-def ask_distance(name: str, bounder, shape) -> None:
+def query_distance(name: str, bounder, shape) -> None:
     """Hash distances, radii, segments and boxes."""
     if bounder is None:
         return
@@ -186,11 +186,11 @@ def answers(folder: Path) -> None:
         for method in DISTANCES:
             if where == "4d" and method not in ("distance-grid", "mlp"):
                 continue
-            told = (FEW if method == "mlp" else LEARNED.get(method, {})) | (
+            reported = (FEW if method == "mlp" else LEARNED.get(method, {})) | (
                 {"metric": "spacetime"} if where == "4d" else {}
             )
-            bounder = made(folder, f"{method}-distance-{where}", shape, query="distance", method=method, **told)
-            ask_distance(f"{method} {where}", bounder, shape)
+            bounder = made(folder, f"{method}-distance-{where}", shape, query="distance", method=method, **reported)
+            query_distance(f"{method} {where}", bounder, shape)
     three = shapes["3d"]
     for query, method in CASCADES:
         bounder = made(folder, f"{method}-{query}-3d", three, query=query, method=method, **FEW | {"hidden": (6, 5)})
@@ -215,7 +215,7 @@ def bundled() -> None:
             lower, upper = -np.ones(size), np.ones(size)
 
         if hasattr(bounder, "distance_func"):
-            ask_distance(f"bundled {path.stem}", bounder, Box)
+            query_distance(f"bundled {path.stem}", bounder, Box)
         else:
             ask(f"bundled {path.stem}", bounder, bounder.query_kind, Box)
 
@@ -230,8 +230,8 @@ def certified(slow: bool) -> None:
         if slow or not file.startswith(SLOW):
             bounder = wb.load(stored(scene, name), device="cpu")
             own = bounded(spec, shape)
-            told = wb.certify(bounder, own, seconds=math.inf if slow else 20.0)
-            found[f"certify {file}"] = f"{told.kind} {float(bounder.threshold)!r}"
+            reported = wb.certify(bounder, own, seconds=math.inf if slow else 20.0)
+            found[f"certify {file}"] = f"{reported.kind} {float(bounder.threshold)!r}"
 
 
 def demos(names: list[str]) -> None:
@@ -271,28 +271,28 @@ def main() -> int:
     parser.add_argument("--demos", nargs="*", choices=list(DEMOS), default=list(DEMOS))
     parser.add_argument("--slow", action="store_true")
     parser.add_argument("--kept", action="store_true")
-    told = parser.parse_args()
-    globals()["kept_only"] = told.kept
+    reported = parser.parse_args()
+    globals()["kept_only"] = reported.kept
     wp.config.quiet = True
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     record_native()
     try:
-        if "answers" in told.only:
-            answers(told.folder)
-        if "bundled" in told.only:
+        if "answers" in reported.only:
+            answers(reported.folder)
+        if "bundled" in reported.only:
             bundled()
-        if "certify" in told.only:
-            certified(told.slow)
-        if "demos" in told.only:
-            demos(told.demos)
+        if "certify" in reported.only:
+            certified(reported.slow)
+        if "demos" in reported.only:
+            demos(reported.demos)
     finally:
         found.update({f"native {key}": name for key, name in native.items()})
-        if told.out:
+        if reported.out:
             lines = ",\n".join(f"{json.dumps(key)}: {json.dumps(found[key])}" for key in sorted(found))
-            told.out.write_text(f"{{\n{lines}\n}}\n")
-    if not told.compare:
+            reported.out.write_text(f"{{\n{lines}\n}}\n")
+    if not reported.compare:
         return 0
-    before = json.loads(told.compare.read_text())
+    before = json.loads(reported.compare.read_text())
     kinds = {key.split()[0] for key in found}
     before = {key: value for key, value in before.items() if key.split()[0] in kinds}
     differ = [key for key in sorted(before) if key in found and before[key] != found[key]]

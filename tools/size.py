@@ -64,7 +64,7 @@ def table() -> str:
 
 
 def main() -> None:
-    """Print the table, and write it where it belongs if that is asked for."""
+    """Print the table, and write it where it belongs if that is requested."""
     text = table()
     print(text, end="")
     if "--write" in sys.argv[1:]:

@@ -5,7 +5,7 @@ is *yes*:
 
     import warp_bounding as wb
 
-    shape = wb.load_indicator("bunny.obj")
+    shape = wb.load_shape("bunny.obj")
     bounder = wb.fit(shape, method="mlp", hidden=(50, 50), budget=60.0)
     print(bounder.certificate.message)
     mask = bounder.query(points)  # uint8, 1 = maybe
@@ -23,39 +23,27 @@ from warp_bounding.version import __version__
 __all__ = [
     "DISTANCES",
     "METHODS",
-    "Baked",
     "Bounder",
     "BounderError",
-    "BounderLibrary",
-    "BounderStack",
     "BoundingError",
     "BoundingWarning",
     "Certificate",
     "Choice",
-    "Complement",
     "Data",
     "DeviceError",
     "DistanceBounder",
     "FileFormatError",
-    "IndicatorBlendShapes",
-    "IndicatorError",
-    "IndicatorFunction",
-    "IndicatorGrid",
-    "IndicatorMesh",
-    "IndicatorMotion",
-    "IndicatorNetwork",
     "Prepared",
     "QueryError",
     "Rates",
+    "ShapeError",
     "TwoSided",
     "__version__",
     "arms",
-    "bake",
     "cascade",
     "certify",
     "choose",
     "choose_among",
-    "clear_segments",
     "compact",
     "device_of",
     "evaluate",
@@ -63,9 +51,8 @@ __all__ = [
     "hierarchy",
     "launch_on_cores",
     "load",
-    "load_indicator",
-    "proven_share",
-    "solids",
+    "load_shape",
+    "shapes",
     "two_sided",
     "union",
 ]
@@ -77,7 +64,7 @@ _HOMES = {
         "BoundingWarning",
         "DeviceError",
         "FileFormatError",
-        "IndicatorError",
+        "ShapeError",
         "QueryError",
     ),
     "warp_bounding.bounders": (
@@ -94,25 +81,14 @@ _HOMES = {
         "union",
     ),
     "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
-    "warp_bounding.indicators": (
-        "Complement",
-        "IndicatorFunction",
-        "IndicatorGrid",
-        "IndicatorMesh",
-        "IndicatorMotion",
-        "load_indicator",
-    ),
-    "warp_bounding.indicators.blend_shapes": ("IndicatorBlendShapes",),
-    "warp_bounding.networks.indicator_network": ("IndicatorNetwork",),
-    "warp_bounding.proof": ("certify", "clear_segments", "proven_share"),
+    "warp_bounding.shapes": ("load_shape",),
+    "warp_bounding.proof": ("certify",),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit", "hierarchy"),
-    "warp_bounding.baking.bake": ("Baked", "bake"),
-    "warp_bounding.baking.library": ("BounderLibrary", "BounderStack"),
     "warp_bounding.choice": ("Choice", "choose", "choose_among"),
     "warp_bounding.runtime.launch": ("device_of", "launch_on_cores"),
 }
-_MODULES = ("arms", "solids")
+_MODULES = ("arms", "baking", "newton", "proof", "shapes", "views")
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 
 

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes
+from warp_bounding.rounding import TINY, UNIT32, gamma
 from warp_bounding.runtime.native import literal
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Activation(ABC):
 
     @abstractmethod
     def value32(self, z: np.ndarray) -> np.ndarray:
-        """NumPy twin of ``statement``: the same float32 operations, without fused multiply-adds."""
+        """NumPy reference implementation of ``statement``: the same float32 operations, without fused multiply-adds."""
 
     @abstractmethod
     def error(self, limit: float) -> float:

@@ -32,10 +32,6 @@ from warp_bounding.bounders.mlp import RECIPES, Mlp, check_hidden
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
 from warp_bounding.evaluation import ASKED, parts_of
-from warp_bounding.indicators import IndicatorGrid, load_indicator
-from warp_bounding.indicators.parts import SIDES
-from warp_bounding.indicators.recentred import own_coordinates
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.region_domain import domain_of
@@ -49,6 +45,10 @@ from warp_bounding.runtime.launch import (
 )
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.runtime.whole_file import write_whole
+from warp_bounding.shapes import Grid, load_shape
+from warp_bounding.shapes.parts import SIDES
+from warp_bounding.shapes.recentred import own_coordinates
+from warp_bounding.shapes.shape import Shape
 from warp_bounding.training import fit
 from warp_bounding.training.fit import check_asked, check_numbers, is_number, trainer_of, warn_of_restriction
 from warp_bounding.training.samples import CallersQueries
@@ -102,7 +102,7 @@ def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...
     neural = [name for name in able if trainer_of(METHODS[name]).proves]
     for name in sorted(set(able) - set(neural), key=lambda name: [*SIZES, *able].index(name)):
         known = {option.name for option in METHODS[name].options if query in option.queries}
-        known |= set() if isinstance(shape, IndicatorGrid) else {"resolution"}
+        known |= set() if isinstance(shape, Grid) else {"resolution"}
         known -= set() if ndim == 3 else {"k"}
         sizes = [size for size in SIZES.get(name, [{}]) if known >= set(size)]
         found += [Candidate(name, size, query) for size in sizes or [{}]]
@@ -580,7 +580,7 @@ def choose(
     query: str = "point",
     *,
     narrow_ns: float,
-    queries=None,
+    workload=None,
     memory: int | None = None,
     device: str | None = None,
     budget: float = 120.0,
@@ -601,10 +601,10 @@ def choose(
     that it leaves to a narrow phase of this price (paper, Eq. 6). No bounder at all is one of the answers.
 
     Args:
-        shape: What ``load_indicator`` returns, or anything that it takes.
+        shape: What ``load_shape`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         narrow_ns: What your exact test takes for one query, nanoseconds.
-        queries: ``(Q, m)`` numbers, object space, as your simulation asks them, in its order; random ones if ``None``.
+        workload: ``(Q, m)`` numbers, object space, as your simulation asks them, in its order; random ones if ``None``.
             A few thousand at least: candidates are fitted to half of them and measured on the others.
         memory: Most bytes that a query may read (``Bounder.nbytes``).
         device: Warp device where it is measured, and of the bounder; the default device if ``None``.
@@ -628,7 +628,7 @@ def choose(
             ``False`` nothing. Ctrl-C ends fitting; what was fitted is then compared.
 
     Raises:
-        IndicatorError: If the shape cannot be read or bounded.
+        ShapeError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query, or queries that are none of it.
         BounderError: For a price, memory or budget that makes no sense, an unknown method, or too little memory.
         FileFormatError: For a folder that holds something else.
@@ -644,20 +644,20 @@ def choose(
     check_prices(query, narrow_ns, overhead_ns, memory, length, statistical)
     methods, device, budget = check_methods(methods), str(device_of(device)), float(budget)
     networks = check_networks(networks)
-    shape, length = own_coordinates(load_indicator(shape), "choose"), length or 1.0
+    shape, length = own_coordinates(load_shape(shape), "choose"), length or 1.0
     warn_of_restriction(shape)
     candidates = candidates_of(query, shape, networks, methods)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
-    given = sample(query, bounded, SAMPLES, rng) if queries is None else queries
+    given = sample(query, bounded, SAMPLES, rng) if workload is None else workload
     x = CallersQueries(given, bounded, domain_of(bounded, query, length), seed).x
     half = np.zeros(len(x), dtype=bool)
     half[rng.permutation(len(x))[: len(x) // 2]] = True
     fit_to, x = (x[half], x[~half]) if len(x) > 1 else (x, x)  # what is measured is in the caller's order
     options = {"margin": float(margin), "seed": int(seed)}
     options |= {"length": float(length)} if QUERIES[query].has_length else {}
-    given = None if queries is None else hashlib.sha256(fit_to.tobytes()).hexdigest()
+    given = None if workload is None else hashlib.sha256(fit_to.tobytes()).hexdigest()
     settings = {"shape": bounded.digest, "query": query, **options, "queries": given}
-    options["queries"], folder = None if queries is None else fit_to, None if folder is None else Path(folder)
+    options["workload"], folder = None if workload is None else fit_to, None if folder is None else Path(folder)
     limits = (float(narrow_ns), float(overhead_ns), memory, statistical, device, budget, folder)
     search, own = Search(shape, query, options, bounded, x, length, *limits), bounders or {}
     for label, bounder in own.items():

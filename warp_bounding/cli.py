@@ -22,7 +22,7 @@ from typing import Annotated, Any
 import typer
 from typer import Argument, Option
 
-from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, IndicatorError, QueryError
+from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, QueryError, ShapeError
 from warp_bounding.runtime import whole_file
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 from warp_bounding.version import __version__
@@ -105,7 +105,7 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
         reading = [p for name, p in inspect.signature(fit).parameters.items() if name in READING]
         _with_options(fit, *reading, *_method_options())
         _with_options(bake, *_bake_options().values())
-    commands = (fit, choose, bake, query, certify, soak, evaluate, info, show)
+    commands = (fit, choose, bake, query, certify, stress, evaluate, info, show)
     app = app_of("warp-bounding", ABOUT, {command.__name__: command for command in commands})
 
     def tell(wanted: bool) -> None:
@@ -133,7 +133,7 @@ Length = Annotated[float | None, Option(help="Length of a ray, object units; oth
 BounderFile = Annotated[str, Argument(metavar="FILE", help="A bounder that `fit` wrote (.safetensors).")]
 ShapeFile = Annotated[str, Argument(metavar="SHAPE", help="Image, voxel file, array, mesh or USD file.")]
 Output = Annotated[str, Option("--output", "-o", help="File to write the bounder to (.safetensors).")]
-Queries = Annotated[Text, Option(help="A .npy file, (Q, m), of your own queries: where false positives count.")]
+Workload = Annotated[Text, Option(help="A .npy file, (Q, m), of your own queries: where false positives count.")]
 READING = {  # how the file of a shape is read
     "threshold": "Which values of an array, or grey values of an image, are occupied: '<128', '<=0'.",
     "spacing": "Size of an array's or image's cells, one or one for each axis: 0.05 or 0.1,0.05; rows first.",
@@ -161,31 +161,31 @@ def reads_shape(command: Callable) -> Callable:
 
 
 def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a shape's file as keyword arguments of ``load_indicator``; ``IndicatorError`` for bad ones."""
+    """Options of a shape's file as keyword arguments of ``load_shape``; ``ShapeError`` for bad ones."""
     found = {name: options[name] for name in READING if options.get(name) is not None}
     for name in {"spacing", "origin"} & set(found):
         text = found[name]
         try:
             found[name] = [float(word) for word in text.split(",")]
         except ValueError:
-            raise IndicatorError(f"{name} must be numbers such as 0.05 or 0.1,0.05, got {text!r}") from None
+            raise ShapeError(f"{name} must be numbers such as 0.05 or 0.1,0.05, got {text!r}") from None
     if len(found.get("spacing", ())) == 1:
         found["spacing"] = found["spacing"][0]
     return found
 
 
 def read_shape(path: str, options: Mapping[str, Any]):
-    """``load_indicator`` of a file as options say; ``IndicatorError``, in one line, for what cannot be read."""
-    from warp_bounding.indicators import load_indicator
+    """``load_shape`` of a file as options say; ``ShapeError``, in one line, for what cannot be read."""
+    from warp_bounding.shapes import load_shape
 
-    return load_indicator(path, **reading_of(options))
+    return load_shape(path, **reading_of(options))
 
 
 def read_queries(path: str):
     """A ``.npy`` array; ``QueryError`` if there is no such file, or it holds something else."""
     from numpy.lib.format import read_array
 
-    from warp_bounding.indicators.formats.reading import reading
+    from warp_bounding.shapes.formats.reading import reading
 
     if not Path(path).is_file():
         raise QueryError(f"{path}: {'a folder, expected a file' if Path(path).is_dir() else 'no such file'}")
@@ -319,7 +319,7 @@ def fit(
     resolution: Annotated[int | None, Option(help="Cells along a mesh's longest axis, for methods of cells.")] = None,
     length: Length = None,
     side: Annotated[str, Option(help="outside, or inside: no is certainly in the object (points).")] = "outside",
-    queries: Queries = None,
+    workload: Workload = None,
     samples: Annotated[str, Option(help="Random queries to measure on, such as 1e6.")] = "1e6",
     device: Device = "cpu",
     json: Json = False,
@@ -341,14 +341,14 @@ def fit(
     given = {"query": query, "length": length, "margin": margin, "force": force, "resolution": resolution, "side": side}
     given |= {"budget": budget, "seed": seed, "device": device, "method": method}
     arguments, count = fit_arguments(rest | given), whole_number("samples", samples)
-    check_writable(output, shape, *([queries] if queries else []), kind=whole_file.BOUNDER_FILE)
-    own = None if queries is None else read_queries(queries)
-    indicator, started = read_shape(shape, rest), clock.perf_counter()
+    check_writable(output, shape, *([workload] if workload else []), kind=whole_file.BOUNDER_FILE)
+    own = None if workload is None else read_queries(workload)
+    loaded, started = read_shape(shape, rest), clock.perf_counter()
     with bar("fit") as update:
-        bounder = train(indicator, queries=own, progress=update, **arguments)
+        bounder = train(loaded, workload=own, progress=update, **arguments)
     seconds = clock.perf_counter() - started
     save(bounder, output)
-    rates, training = measure(bounder, indicator, samples=count), bounder.info["training"]
+    rates, training = measure(bounder, loaded, samples=count), bounder.info["training"]
     useless = bounder.query_kind == "distance" and bounder.slack >= bounder.size
     warning = _looser(bounder)
     if useless:
@@ -372,7 +372,7 @@ def fit(
         rate = f"{rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples"
         compiling = training["compile_seconds"]
         of_them = f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else ""
-        console().print(f"{bounder.method}: {rate}, {rates.truth_told}")
+        console().print(f"{bounder.method}: {rate}, {rates.reported_truth}")
         console().print(bounder.certificate.message if bounder.certificate else NOT_CONSERVATIVE)
         console().print(f"{seconds:.1f} s{of_them}; written to {output}")
     if warning:
@@ -444,7 +444,7 @@ def choose(
     output: Output,
     narrow_ns: Annotated[float, Option(help="What your exact test takes for one query, nanoseconds.")],
     query: Annotated[str, Option(help="Kind of query: point, ray, plane or box.")] = "point",
-    queries: Queries = None,
+    workload: Workload = None,
     memory: Annotated[Text, Option(help="Most bytes that a query may read, such as 16k or 4000.")] = None,
     margin: Margin = 0.0,
     length: Length = None,
@@ -475,16 +475,16 @@ def choose(
     given |= {"memory": memory, "budget": budget, "seed": seed, "device": device, "statistical": statistical}
     arguments = choose_arguments(given | {"networks": networks, "methods": methods})
     inputs, picture = (
-        [shape, *([queries] if queries else [])],
+        [shape, *([workload] if workload else [])],
         str(Path(output).with_suffix(whole_file.PICTURE_FILE.suffix)),
     )
     check_writable(output, *inputs, kind=whole_file.BOUNDER_FILE)
     check_writable(picture, *inputs, kind=whole_file.PICTURE_FILE)
-    own = None if queries is None else read_queries(queries)
-    indicator = read_shape(shape, reading)
+    own = None if workload is None else read_queries(workload)
+    loaded = read_shape(shape, reading)
     kept = Path(output).with_suffix(".choice") if folder is None else Path(folder)
     with bar("choose") as update:
-        choice = take(indicator, queries=own, folder=kept, progress=update, **arguments)
+        choice = take(loaded, workload=own, folder=kept, progress=update, **arguments)
     if choice.bounder is not None:
         choice.bounder.save(output)
     write_whole(picture, cost_plot(choice), whole_file.PICTURE_FILE)
@@ -495,7 +495,7 @@ def choose(
         return 1 if choice.about["interrupted"] else 0
     out, about = console(), choice.about
     where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device
-    whose, hint = ("your", "") if queries else ("random", "; --queries x.npy asks those of your simulation")
+    whose, hint = ("your", "") if workload else ("random", "; --workload x.npy asks those of your simulation")
     meet = f"{100 * choice.positives:.3g} % meet the object"
     out.print(f"{choice.queries:,} {whose} queries, {meet}; {where}{hint}")
     _print_rows(out, choice)
@@ -580,7 +580,7 @@ def bake(
     that was stopped or killed has ended. What is wrong with a shape is reported and listed, and the others go on; exit
     status 1 where there was any. Ctrl-C keeps what is there.
     """
-    from warp_bounding.baking.bake import LARGEST, SHEET, SchedulerError, bake_with
+    from warp_bounding.baking.engine import LARGEST, SHEET, SchedulerError, bake_with
     from warp_bounding.baking.library import MANIFEST
 
     quiet_warp(rest["device"])
@@ -631,7 +631,7 @@ def _parameters(command: Callable) -> dict[str, inspect.Parameter]:
 
 def _bake_options() -> dict[str, inspect.Parameter]:
     """All options of ``fit``, with fewer samples, and those that only ``choose`` has, none of which must be given."""
-    from warp_bounding.baking.bake import SAMPLES
+    from warp_bounding.baking.engine import SAMPLES
 
     found = _parameters(choose) | _parameters(fit)
     text = "Choose a bounder for each shape: what your exact test takes for one query, nanoseconds."
@@ -642,9 +642,9 @@ def _bake_options() -> dict[str, inspect.Parameter]:
 
 def _settings(given: dict[str, Any]):
     """How each shape is baked; ``BoundingError`` where options do not go together."""
-    from warp_bounding.baking.bake import Settings
+    from warp_bounding.baking.engine import Settings
 
-    samples, queries = whole_number("samples", given["samples"]), given["queries"]
+    samples, queries = whole_number("samples", given["samples"]), given["workload"]
     if queries is not None:
         read_queries(queries)
         queries = str(Path(queries).resolve())
@@ -733,9 +733,9 @@ def certify(
             raise BoundingError(f"{name} must be one that a bounder can have, got {expected[name]}")
     if query is not None:
         check_query(query, DISTANCE.name)
-    bounder, indicator = load_both(file, shape, "cpu", reading)
+    bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
-        found = prove(bounder, indicator, **expected, seconds=budget, progress=update, checkpoint=checkpoint)
+        found = prove(bounder, loaded, **expected, seconds=budget, progress=update, checkpoint=checkpoint)
     fitted = bounder.info.get("indicator")
     same = found.indicator == fitted
     if json:
@@ -750,13 +750,13 @@ def certify(
         if found.counterexample:
             out.print(f"counterexample: {found.counterexample}")
         out.print(f"{found.boxes:,} boxes, {found.seconds:.2f} s")
-    if restricted := getattr(indicator, "restriction", ""):
-        warn(f"warp-bounding: {indicator.name}: {restricted}")
+    if restricted := getattr(loaded, "restriction", ""):
+        warn(f"warp-bounding: {loaded.name}: {restricted}")
     return 0 if found.proven else 1
 
 
 @reads_shape
-def soak(
+def stress(
     file: BounderFile,
     shape: ShapeFile,
     count: Annotated[str, Option(help="Positives to ask, such as 1e8.")] = "1e8",
@@ -769,15 +769,15 @@ def soak(
     """Ask FILE hard positives of SHAPE, as it is deployed. Exit status 0: none missed; 1: a false negative, printed.
 
     Certain positives by construction, near the object's boundary: grazing rays, touching boxes, tangent planes, points
-    on faces and corners of cells; in float32, in float64, and of the shape placed in the world. A soak test proves
+    on faces and corners of cells; in float32, in float64, and of the shape placed in the world. A stress test proves
     nothing; it is there to contradict a proof. Ctrl-C ends it and says what was done until then.
     """
-    from warp_bounding.proof import soak as ask
+    from warp_bounding.proof import stress_test as ask
 
     wanted = whole_number("count", count)
-    bounder, indicator = load_both(file, shape, device, reading)
-    with bar("soak") as update:
-        found = ask(bounder, indicator, wanted, seed=seed, state=resume, progress=update)
+    bounder, loaded = load_both(file, shape, device, reading)
+    with bar("stress") as update:
+        found = ask(bounder, loaded, wanted, seed=seed, state=resume, progress=update)
     fitted, status = bounder.info.get("indicator"), 0 if found.missed is None else 1
     same = found.indicator == fitted
     if json:
@@ -823,10 +823,10 @@ def evaluate(
     from warp_bounding.evaluation import evaluate as measure
 
     count = whole_number("samples", samples)
-    bounder, indicator = load_both(file, shape, device, reading)
+    bounder, loaded = load_both(file, shape, device, reading)
     of_distance = {"radius": radius, "query": query, "length": length, "steps": steps}
     with bar("evaluate") as update:
-        rates = measure(bounder, indicator, count, protocol, seed=seed, progress=update, **of_distance)
+        rates = measure(bounder, loaded, count, protocol, seed=seed, progress=update, **of_distance)
     fitted = bounder.info.get("indicator")
     same = rates.indicator == fitted
     if json:
@@ -837,7 +837,7 @@ def evaluate(
         if not same:
             console().print(other_shape(shape, rates.indicator, fitted), style="yellow")
         text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
-        where = f"{rates.samples:,} samples ({rates.protocol}), {rates.truth_told}"
+        where = f"{rates.samples:,} samples ({rates.protocol}), {rates.reported_truth}"
         console().print(f"{text}, {rates.positives:.3f} % positives in {where}")
     return 0 if rates.fn == 0 else 1
 
@@ -850,7 +850,7 @@ def info(file: BounderFile, json: Json = False) -> int:
     from warp_bounding.bounders import load
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
-    from warp_bounding.indicators.parts import SIDES
+    from warp_bounding.shapes.parts import SIDES
 
     quiet_warp()
     bounder = load(file, device="cpu")
@@ -940,11 +940,11 @@ def show(
         if json:
             raise QueryError("--json is for --screenshot or --html; a window prints nothing")
         check_display()
-    bounder, indicator = load_both(file, shape, device, reading)
-    options = {"radii": radii or _radii(bounder, times), "times": times or _times(indicator, radii), "held": held}
+    bounder, loaded = load_both(file, shape, device, reading)
+    options = {"radii": radii or _radii(bounder, times), "times": times or _times(loaded, radii), "held": held}
     with bar("show") as update:
         options |= {"resolution": resolution, "samples": count, "seed": seed, "progress": update}
-        view = view_of(bounder, indicator, **options)
+        view = view_of(bounder, loaded, **options)
     if "Another shape" in view.facts:
         warn(view.facts["Another shape"])
     if html is not None:

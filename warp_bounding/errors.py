@@ -6,8 +6,8 @@ __all__ = [
     "BoundingWarning",
     "DeviceError",
     "FileFormatError",
-    "IndicatorError",
     "QueryError",
+    "ShapeError",
 ]
 
 
@@ -16,21 +16,21 @@ class BoundingError(ValueError):
 
     Example:
         >>> try:
-        ...     wb.load_indicator("nothing.obj")
+        ...     wb.load_shape("nothing.obj")
         ... except wb.BoundingError as error:
         ...     print(error)
         nothing.obj: no such file
     """
 
 
-class IndicatorError(BoundingError):
+class ShapeError(BoundingError):
     """A shape cannot be read, or there is nothing in it that can be bounded.
 
     Example:
-        >>> wb.load_indicator(np.zeros((4, 4), bool))
+        >>> wb.load_shape(np.zeros((4, 4), bool))
         Traceback (most recent call last):
         ...
-        warp_bounding.errors.IndicatorError: array: there is nothing to bound, all 16 cells are empty
+        warp_bounding.errors.ShapeError: array: there is nothing to bound, all 16 cells are empty
     """
 
 

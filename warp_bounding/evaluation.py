@@ -14,14 +14,14 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.volumes import Aabb
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.shapes import Grid
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Shape
 
 # --- report ----------------------------------------------------------------------------------------------------------
 #
@@ -70,7 +70,7 @@ class Rates:
     query: str | None = None
 
     @property
-    def truth_told(self) -> str:
+    def reported_truth(self) -> str:
         """Whose truth it is, and what accompanies the rate: that against cells, and what could not be decided."""
         told = [self.truth]
         if self.fp_rate_cells is not None:
@@ -91,9 +91,9 @@ class Rates:
         return asdict(self)
 
 
-def truth_told(judge: Shape, fitted: Shape) -> str:
+def reported_truth(judge: Shape, fitted: Shape) -> str:
     """Whose truth counts, in words: that of a judge, where the fit bounded a shape or its cells."""
-    if not isinstance(judge, IndicatorGrid):
+    if not isinstance(judge, Grid):
         return "of the shape itself"
     return "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
 
@@ -107,7 +107,7 @@ PROTOCOLS = ("exact", "sampled")
 
 def judge_of(shape, fitted: Shape, query: str, protocol: str) -> Shape:
     """Whose truth counts: that of the shape itself where it can decide, and else of the cells that the fit bounded."""
-    known = isinstance(shape, Shape) and not isinstance(shape, IndicatorGrid) and protocol == PROTOCOLS[0]
+    known = isinstance(shape, Shape) and not isinstance(shape, Grid) and protocol == PROTOCOLS[0]
     return shape.dilated(fitted.margin) if known and QUERIES[query].decides(shape) else fitted
 
 
@@ -193,11 +193,11 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
     """Which points lie within a radius of the object: called with ``(N, n)`` it answers as ``Shape.decide``.
 
     Raises:
-        IndicatorError: For a radius above 0, if the shape has no distances.
+        ShapeError: For a radius above 0, if the shape has no distances.
     """
     if radius == 0:
         return shape.decide
-    if isinstance(shape, IndicatorGrid):
+    if isinstance(shape, Grid):
 
         def decide(x: np.ndarray) -> np.ndarray:
             low, high = shape.distances(x).T
@@ -227,9 +227,9 @@ def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol
     if kind.is_region:
         length = 1.0 if told["length"] is None else float(told["length"])
         judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
-        asked = ASKED[query](bounder, length, {} if told["steps"] is None else {"steps": told["steps"]})
+        queried = ASKED[query](bounder, length, {} if told["steps"] is None else {"steps": told["steps"]})
         truth_of = truth_by(protocol, query, judge, bounder.device, length, seed)
-        return judge, judge, truth_of, lambda x: asked(*parts_of(query, x)), {"query": query}
+        return judge, judge, truth_of, lambda x: queried(*parts_of(query, x)), {"query": query}
     radius = float(told["radius"] or 0.0)
     judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
     return judge, around, truth_of, lambda x: bounder.query(x, radius), {"query": query, "radius": radius}
@@ -242,9 +242,9 @@ def _metric(bounder: DistanceBounder) -> str:
 def judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radius: float):
     """Whose truth counts for points within a radius, the shape around which they are drawn, and that truth."""
     margin = bounder.info.get("margin") or 0.0
-    judge = fitted if isinstance(shape, IndicatorGrid) else in_metric(shape, _metric(bounder))
+    judge = fitted if isinstance(shape, Grid) else in_metric(shape, _metric(bounder))
     around = judge if judge.margin else judge.dilated(margin)
-    if isinstance(judge, IndicatorGrid):
+    if isinstance(judge, Grid):
         return judge, around, within(judge, radius)
     return judge, around, within(judge, margin + radius) if not judge.margin else within(around, radius)
 
@@ -266,7 +266,7 @@ def evaluate(
 
     Args:
         bounder: Any bounder, or the path of its file.
-        shape: The ``IndicatorGrid`` or ``IndicatorMesh`` that it bounds, or anything that ``load_indicator`` takes. A
+        shape: The ``Grid`` or ``Mesh`` that it bounds, or anything that ``load_shape`` takes. A
             mesh or a function is the truth itself, also where the fit bounded its cells.
         samples: Number of queries, drawn as in the paper (about a grid: between the centres of the first and
             the last cells; other shapes: a tenth of the longest side around the box that holds the object).
@@ -316,7 +316,7 @@ def evaluate(
         around = judge = judge_of(shape, fitted, query, protocol)
         truth_of = truth_by(protocol, query, judge, bounder.device, bounder.domain.oracle_length, seed)
         ask, more = bounder.query, {}
-        if isinstance(fitted, IndicatorGrid) and judge is not fitted:
+        if isinstance(fitted, Grid) and judge is not fitted:
             more["of_cells"] = oracle(query, fitted, bounder.device, bounder.domain.oracle_length)
     rng = np.random.default_rng(seed)
     return counted(
@@ -327,7 +327,7 @@ def evaluate(
         progress,
         protocol=protocol,
         seed=seed,
-        truth=truth_told(judge, fitted),
+        truth=reported_truth(judge, fitted),
         indicator=fitted.digest,
         **more,
     )
@@ -360,8 +360,8 @@ def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> di
 
     def rate(b: Bounder) -> float:
         v = b.domain.to_local(x)
-        asked = (np.abs(v) <= b.domain.limit).all(axis=1) | (not b.domain.tested_as_point)
-        return 100 * int((asked & (b.reference(v) >= float(b.threshold))).sum()) / QUICK if len(x) else 0.0
+        queried = (np.abs(v) <= b.domain.limit).all(axis=1) | (not b.domain.tested_as_point)
+        return 100 * int((queried & (b.reference(v) >= float(b.threshold))).sum()) / QUICK if len(x) else 0.0
 
-    itself = not isinstance(judge, IndicatorGrid)
+    itself = not isinstance(judge, Grid)
     return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK, "itself": itself}

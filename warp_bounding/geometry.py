@@ -10,11 +10,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
-from warp_bounding.indicators.surfaces import distinct_rows
+from warp_bounding.rounding import UNIT64, gamma
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
+from warp_bounding.shapes.surfaces import distinct_rows
 
 # Connected components of a grid's closed cells, and few corners that have the same convex hull.
 #
@@ -137,7 +137,7 @@ def hull_corners(cells: np.ndarray) -> np.ndarray:
     return corners[kept]
 
 
-def hull_points(grid: IndicatorGrid) -> np.ndarray:
+def hull_points(grid: Grid) -> np.ndarray:
     """``(V, n)`` float64, object space: points of an object among which are all vertices of its convex hull."""
     return grid.position(hull_corners(grid.occupied) - 0.5)
 
@@ -161,7 +161,7 @@ _HULLS: WeakKeyDictionary[Shape, Hull] = WeakKeyDictionary()
 def hull_of(shape: Shape) -> Hull | None:
     """A convex set that holds a shape and is about its convex hull, rounding included; ``None`` where none is known."""
     if shape not in _HULLS:
-        if isinstance(shape, IndicatorGrid):
+        if isinstance(shape, Grid):
             _HULLS[shape] = Hull(hull_points(shape), 0.0)
         else:
             corners = shape.corners()
@@ -177,7 +177,7 @@ def whole_hull(shape: Shape) -> Hull | None:
 
     It takes no time to find, and is the one to ask about few directions.
     """
-    corners = None if isinstance(shape, IndicatorGrid) else shape.corners()
+    corners = None if isinstance(shape, Grid) else shape.corners()
     return None if corners is None else Hull(corners, shape.margin)
 
 
@@ -382,7 +382,7 @@ def _enclose(
     return mean, shape, goal, weights, False
 
 
-def extreme_corners(grid: IndicatorGrid) -> np.ndarray:
+def extreme_corners(grid: Grid) -> np.ndarray:
     """``(P, n)`` float64, object space: corners of cells that are first or last on every grid line through them."""
     return grid.position(line_ends(grid.occupied) - 0.5)
 

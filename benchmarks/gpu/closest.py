@@ -158,6 +158,6 @@ def grids(arguments) -> dict:
         if (arguments.data / f"{name}.safetensors").exists():
             rows.own(name, loaded(arguments, name))
         elif nodes == 32:
-            shape, options = wb.IndicatorMesh(kept["vertices"], kept["faces"]), {"nodes": nodes, "progress": False}
+            shape, options = wb.shapes.Mesh(kept["vertices"], kept["faces"]), {"nodes": nodes, "progress": False}
             rows.own(name, wb.fit(shape, "distance", "distance-grid", device=arguments.device, **options))
     return rows.found

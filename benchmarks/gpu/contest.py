@@ -1,4 +1,7 @@
-"""Who is asked, and for how long: networks on tensor cores and in float32, boxes, half-spaces, Warp's exact queries."""
+"""Who is queried, and for how long.
+
+Networks on tensor cores and in float32, boxes, half-spaces, Warp's exact queries.
+"""
 
 import time
 from pathlib import Path
@@ -55,7 +58,7 @@ def prepare(folder: Path) -> None:
     low, high = mesh.sample_lower, mesh.sample_upper
     np.savez(folder / "frame.npz", low=low, high=high)
     for widths in NETWORKS:
-        bounder, _ = network(Domain.of(wb.solids.Box(low, high)), "sin", widths)
+        bounder, _ = network(Domain.of(wb.shapes.Box(low, high)), "sin", widths)
         bounder.save(folder / f"points-{widths[0]}.safetensors")
     for method, options in (("bvh", {"leaves": 64}), ("kdop", {})):
         wb.fit(bunny, method=method, margin=MARGIN, **options).save(folder / f"points-{method}.safetensors")
@@ -547,7 +550,7 @@ def cull(arguments) -> dict:
 def choose(arguments) -> dict:
     """What ``choose`` takes on the device, for a narrow phase as expensive as the closest point without a limit."""
     frame = np.load(arguments.data / "bunny.npz")
-    shape, found = wb.IndicatorMesh(frame["vertices"], frame["faces"]), {}
+    shape, found = wb.shapes.Mesh(frame["vertices"], frame["faces"]), {}
     options = {"methods": ("aabb", "kdop", "bvh", "mlp"), "networks": ((24, 24),), "margin": MARGIN}
     own = {f"mlp {w[0]}-{w[0]}, fitted longer": loaded(arguments, f"bunny-{w[0]}") for w in ((24, 24), (50, 50))}
     choice = wb.choose(

@@ -100,9 +100,9 @@ class Browser:
             message = json.loads(entry["message"])["message"]
             if message["method"] != "Network.requestWillBeSent":
                 continue
-            asked = message["params"]["request"]["url"]
-            if asked.startswith("http") and not asked.startswith(address):
-                found.append(f"asks another host: {asked}")
+            queried = message["params"]["request"]["url"]
+            if queried.startswith("http") and not queried.startswith(address):
+                found.append(f"asks another host: {queried}")
         return found
 
     def photograph(self, path: Path, *, whole: bool = False) -> None:

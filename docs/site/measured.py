@@ -222,10 +222,10 @@ def gpu_closest(results: Path) -> str:
     """What distances cost on an H100, who promises never to overestimate, and how often the others do."""
     lines = []
     for part in ("closest", "grids"):
-        told = json.loads((results / f"gpu/h100/{part}.json").read_text(encoding="utf-8"))
-        for name, row in told["found"].items():
+        reported = json.loads((results / f"gpu/h100/{part}.json").read_text(encoding="utf-8"))
+        for name, row in reported["found"].items():
             exact = name.startswith("wp.mesh")
-            over = "exact" if exact else f"{row['over'] / told['count']:.1%}"
+            over = "exact" if exact else f"{row['over'] / reported['count']:.1%}"
             cells = ["", ""] if exact else [f"{row['most']:.2g}", f"{row['less']:.2g}"]
             lines.append([name, f"{row['ns'][0]:.3g}", f"{row['bytes'] / 1000:,.0f} kB", over, *cells])
     return table(["H100", "ns a point", "size", "too large", "by at most", "too small, on average"], lines)

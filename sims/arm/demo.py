@@ -105,7 +105,7 @@ class Trees(RrtConnect):
     """The same problems, each planned by itself."""
 
     SMALL: ClassVar = {"samples": WARM_UP, "problems": 1}
-    FEW = True  # states are asked at a time
+    FEW = True  # states are queried at a time
 
     def render(self, folder: Path) -> list[Path]:
         """Draw the arm along its longest path."""
@@ -204,7 +204,7 @@ class Demo(PlanningDemo):
     def more(self) -> dict[str, Any]:
         """``cells`` and ``bounders``: a row a cell and bounder."""
         rows = [{"cell": place.name, **row} for place in self.places for row in self.rows[place.scene]]
-        told = [
+        reported = [
             {
                 "cell": section,
                 "problems": len(examples["none"].problems),
@@ -213,7 +213,7 @@ class Demo(PlanningDemo):
             }
             for section, examples in self.examples.items()
         ]
-        return {"cells": told, "bounders": rows}
+        return {"cells": reported, "bounders": rows}
 
 
 run = Demo.run

@@ -62,12 +62,12 @@ class Stepped(Exact):
             return hit
         hit[still] = self.states(starts[still])
         for level in range(1, int(halvings.max(initial=0)) + 1):
-            asked = np.flatnonzero((halvings >= level) & ~hit)
+            queried = np.flatnonzero((halvings >= level) & ~hit)
             for odd in range(1, 2**level, 2):
-                asked = asked[~hit[asked]]
-                if not len(asked):
+                queried = queried[~hit[queried]]
+                if not len(queried):
                     break
-                x, rows = begin[asked] + (odd / 2**level) * way[asked], asked
+                x, rows = begin[queried] + (odd / 2**level) * way[queried], queried
                 if cleared is not None:
                     left = ~cleared(x)
                     x, rows = x[left], rows[left]
@@ -79,7 +79,7 @@ class Stepped(Exact):
     def _along(self, begin: np.ndarray, way: np.ndarray, halvings: int, cleared: Cleared | None) -> bool:
         """Whether one edge collides.
 
-        The broad phase is asked about all of it at once, since each call costs as much as many configurations.
+        The broad phase is queried about all of it at once, since each call costs as much as many configurations.
         """
         x = begin + _halving(halvings)[:, None] * way
         if cleared is not None and len(x):

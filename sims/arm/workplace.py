@@ -38,7 +38,7 @@ class Workplace(Place):
         """Between random free configurations.
 
         Raises:
-            IndicatorError: If none is found: obstacles that swallow the base leave no room.
+            ShapeError: If none is found: obstacles that swallow the base leave no room.
         """
         rng, free = np.random.default_rng([seed, 1]), np.zeros((0, self.shape.ndim), dtype=np.float32)
         for _ in range(100):
@@ -46,7 +46,7 @@ class Workplace(Place):
             free = np.concatenate([free, x[~self.shape.contains(x)]])
             if len(free) >= 2 * count:
                 return free[: 2 * count].reshape(count, 2, -1)
-        raise wb.IndicatorError(f"{self.name}: next to no configuration is free of collisions")
+        raise wb.ShapeError(f"{self.name}: next to no configuration is free of collisions")
 
     def measured(self, x: np.ndarray) -> np.ndarray:
         return np.asarray(x, dtype=np.float64)

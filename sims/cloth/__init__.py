@@ -20,7 +20,7 @@ run = Demo.run
 SCENE_SPECS = {f"field-{name}": FIELD_SPECS for name in SHAPES}  # for the scenes that do not take all of SPECS
 
 
-def shapes(device: str = "cpu") -> dict[str, wb.IndicatorMesh]:
+def shapes(device: str = "cpu") -> dict[str, wb.shapes.Mesh]:
     """By scene, that is the name under which bounders are stored, the shape that they are fitted to."""
     of_cloth = {f"cloth-{name}": dilated(name) for name in SHAPES}
     return of_cloth | {f"field-{name}": dilated(name, max(GAPS)) for name in SHAPES}

@@ -84,9 +84,9 @@ class Demo(base.Demo):
         (_, own, _), (asking, left, _) = (run.milliseconds() for run in runs)
         pairs, few = (float(np.median(run.calls)) for run in runs)
         price = 1e6 * max(own - left, 0.0) / max(pairs - few, 1.0)
-        asked = {name: self.scene.from_shape(name, np.concatenate(kept)) for name in self.shapes}
+        queried = {name: self.scene.from_shape(name, np.concatenate(kept)) for name in self.shapes}
         with threads_of(1):
-            return take(self.shapes, self.bounders, asked, price, overhead_ns=1e6 * asking / pairs)
+            return take(self.shapes, self.bounders, queried, price, overhead_ns=1e6 * asking / pairs)
 
     def tell(self, runs: list[Run]) -> None:
         """What a bounder saves, how deep the cloth has sunk, and the many meshes."""
@@ -143,8 +143,8 @@ def simulate(scene: Scene, bounders: dict[str, dict[str, wb.Bounder] | None], *,
 
 def saved(runs: list[Run]) -> str:
     """Whether a bounder makes the contact pass faster, its own cost included, and what that is of a step."""
-    asked = [run for run in runs if run.conservative and run.bounder != CHOSEN]
-    passes = {run.bounder: run.ms_broad + run.ms_narrow for run in asked}
+    queried = [run for run in runs if run.conservative and run.bounder != CHOSEN]
+    passes = {run.bounder: run.ms_broad + run.ms_narrow for run in queried}
     own = passes.pop("none")
     best = min(passes, key=passes.get)
     if passes[best] < own:

@@ -68,7 +68,7 @@ SPECS = {
 
 
 @cache
-def shape(name: str) -> wb.IndicatorMesh:
+def shape(name: str) -> wb.shapes.Mesh:
     """The bunny that ships in warp-lang, or the star; y up."""
     return star() if name == "star" else asset_mesh("bunny")
 
@@ -91,7 +91,7 @@ def margin(name: str, gap: float = GAP) -> float:
 
 
 @cache
-def dilated(name: str, gap: float = GAP) -> wb.IndicatorMesh:
+def dilated(name: str, gap: float = GAP) -> wb.shapes.Mesh:
     """What a bounder of a shape must hold: the mesh, dilated by its margin."""
     return shape(name).dilated(margin(name, gap))
 

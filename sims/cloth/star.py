@@ -16,7 +16,7 @@ TIP, NOTCH, HALF = 0.6, 0.28, 0.24  # distance of tips and notches from the axis
 CUTS = 4  # 20 triangles become 5,120
 
 
-def star(cuts: int = CUTS) -> wb.IndicatorMesh:
+def star(cuts: int = CUTS) -> wb.shapes.Mesh:
     """The star, its axis along y, its middle at the origin, its tips at distance 0.6.
 
     Args:
@@ -34,7 +34,7 @@ def star(cuts: int = CUTS) -> wb.IndicatorMesh:
     faces = np.array(faces)
     for _ in range(cuts):
         vertices, faces = _cut(vertices, faces)
-    return wb.IndicatorMesh(vertices.astype(np.float32), faces.astype(np.int32), name="star")
+    return wb.shapes.Mesh(vertices.astype(np.float32), faces.astype(np.int32), name="star")
 
 
 def _cut(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,7 +6,7 @@ likely, in 4, 5 or 12 dimensions, is bounded by a network of 25 and 25 neurons, 
 write; then the decoder is run for those pixels only that the bounder leaves. With a proof, images are the same, to the
 bit.
 
-What certifies boxes of that region are the bounds of networks, applied to the decoder (``wb.IndicatorNetwork``). With
+What certifies boxes of that region are the bounds of networks, applied to the decoder (``wb.shapes.Network``). With
 10 latent numbers no proof ends in minutes: that region is given as a function, and its certificate is statistical. What
 a proof reaches there is in ``sims.digits.neighbourhood``.
 
@@ -43,7 +43,7 @@ LARGE = 96  # pixels along a side of the picture's digits
 WARM_UP = 2  # images of the step that loads kernels outside the timed part
 
 
-class Ink(wb.IndicatorFunction):
+class Ink(wb.shapes.Function):
     """A function whose random queries come from its box: nobody decodes codes or pixels beyond it."""
 
     @property
@@ -55,12 +55,12 @@ class Ink(wb.IndicatorFunction):
         return self.upper
 
 
-def shapes(device: str = "cpu") -> dict[str, wb.IndicatorNetwork | wb.IndicatorFunction]:
+def shapes(device: str = "cpu") -> dict[str, wb.shapes.Network | wb.shapes.Function]:
     """The regions whose bounders come with the demo, by the name under which these lie."""
     return {f"digits-{latent}": shape_of(load(latent), latent) for latent in LATENTS}
 
 
-def shape_of(network: Sequential, latent: int) -> wb.IndicatorNetwork | wb.IndicatorFunction:
+def shape_of(network: Sequential, latent: int) -> wb.shapes.Network | wb.shapes.Function:
     """What is bounded: the decoder's region, or, where no proof is possible, the function that the decoder computes."""
     shape = region(network, latent)
     if latent <= PROVABLE:
@@ -70,7 +70,7 @@ def shape_of(network: Sequential, latent: int) -> wb.IndicatorNetwork | wb.Indic
         within = ((x >= shape.lower) & (x <= shape.upper)).all(axis=1)
         return within & (decode(network, x.astype(np.float32)) >= LEVEL)
 
-    return Ink(ink, shape.lower, shape.upper, name=shape.name)  # no proof in minutes: attested
+    return Ink(ink, shape.lower, shape.upper, name=shape.name)  # no proof in minutes: tested statistically
 
 
 def rate(bounder: wb.Bounder, shape, samples: int, seed: int = 0) -> tuple[float, int]:

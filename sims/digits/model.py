@@ -65,7 +65,7 @@ PIXELS = 8 * 8
 
 
 class Sine(nn.Module):
-    """``sin z``; ``wb.IndicatorNetwork`` knows modules of this name."""
+    """``sin z``; ``wb.shapes.Network`` knows modules of this name."""
 
     def forward(self, z: torch.Tensor) -> torch.Tensor:
         return torch.sin(z)
@@ -158,7 +158,7 @@ def train(
 # ---------------------------------------------------------------------------------------------
 
 
-def region(network: nn.Sequential, latent: int, *, largest: float = LARGEST, name: str = "") -> wb.IndicatorNetwork:
+def region(network: nn.Sequential, latent: int, *, largest: float = LARGEST, name: str = "") -> wb.shapes.Network:
     """All points of all digits: where the decoder's value reaches ``LEVEL``, in ``latent + 2`` dimensions.
 
     Args:
@@ -168,13 +168,13 @@ def region(network: nn.Sequential, latent: int, *, largest: float = LARGEST, nam
         name: For people.
 
     Raises:
-        IndicatorError: For a decoder of modules that no bounds are known for, or one that rounds more than ``LEVEL``.
+        ShapeError: For a decoder of modules that no bounds are known for, or one that rounds more than ``LEVEL``.
     """
     name = name or f"digits-{latent}"
     lower, upper = [-largest] * latent + [0.0] * 2, [largest] * latent + [1.0] * 2
-    shape = wb.IndicatorNetwork(network, lower, upper, level=LEVEL, name=name)
+    shape = wb.shapes.Network(network, lower, upper, level=LEVEL, name=name)
     if ROUNDING_ROOM * shape.rounding > -LEVEL:
-        raise wb.IndicatorError(
+        raise wb.ShapeError(
             f"{name}: expected float32 to round the decoder by less than {-LEVEL / ROUNDING_ROOM:g}, got "
             f"{shape.rounding:.3g}"
         )

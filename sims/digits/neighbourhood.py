@@ -23,12 +23,12 @@ CODES, SECONDS = 10, 10.0  # at each radius, and for each proof
 SEED = 11
 
 
-def neighbourhood(network, code: np.ndarray, radius: float) -> wb.IndicatorNetwork:
+def neighbourhood(network, code: np.ndarray, radius: float) -> wb.shapes.Network:
     """The region of codes whose latent numbers differ from a code's by at most ``radius``, and of all pixels."""
     code = np.asarray(code, dtype=np.float64)
     lower = np.append(np.maximum(code - radius, -LARGEST), [0.0, 0.0])
     upper = np.append(np.minimum(code + radius, LARGEST), [1.0, 1.0])
-    return wb.IndicatorNetwork(network, lower, upper, level=LEVEL, name=f"codes within {radius:g}")
+    return wb.shapes.Network(network, lower, upper, level=LEVEL, name=f"codes within {radius:g}")
 
 
 def reach(bounder: wb.Bounder, network, latent: int, *, count: int = CODES, seconds: float = SECONDS) -> list[dict]:
@@ -38,7 +38,7 @@ def reach(bounder: wb.Bounder, network, latent: int, *, count: int = CODES, seco
         Per radius: ``radius``, ``codes``, how many were ``proven``, ``refuted``, ``undecided``, and the mean ``boxes``
         of a proof.
     """
-    told = []
+    reported = []
     for radius in RADII:
         shapes = [neighbourhood(network, code, radius) for code in codes(count, latent, SEED)]
         found = [wb.certify(bounder, shape, seconds=seconds) for shape in shown(shapes, f"codes within {radius:g}")]
@@ -49,9 +49,9 @@ def reach(bounder: wb.Bounder, network, latent: int, *, count: int = CODES, seco
             "codes": count,
             **{kind: kinds.count(kind) for kind in ("proven", "refuted", "undecided")},
         }
-        told.append(row | {"boxes": round(sum(boxes) / len(boxes)) if boxes else None})
-        print(json.dumps(told[-1]), flush=True)
-    return told
+        reported.append(row | {"boxes": round(sum(boxes) / len(boxes)) if boxes else None})
+        print(json.dumps(reported[-1]), flush=True)
+    return reported
 
 
 if __name__ == "__main__":

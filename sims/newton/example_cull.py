@@ -221,12 +221,12 @@ class Example:
         if self.cull is None:
             return "\n".join([*lines, f"a contact pass: {took['without']:.2f} ms, without the cull"])
         ratio = took["without"] / took["with"]
-        told = (
+        reported = (
             f"{ratio:.2f} times as fast" if ratio >= 1.0 else f"{1.0 / ratio:.2f} times as long: it does not pay here"
         )
         lines += [f"  {name:<22} {tally} pairs culled" for name, tally in self.cull.tally().items()]
         passes = f"a contact pass: {took['without']:.2f} ms, with the cull {took['with']:.2f} ms"
-        lines += [f"{passes}, the cull's own time included: {told}"]
+        lines += [f"{passes}, the cull's own time included: {reported}"]
         return "\n".join(lines)
 
 

@@ -48,7 +48,7 @@ class MovingBox:
         wb.launch_on_cores(box_mask, count, inputs, [self._mask], self.device)
         return wb.compact(self._mask)
 
-    def fp_rate(self, shape: wb.IndicatorMotion, times: int = 50, seed: int = 1) -> float:
+    def fp_rate(self, shape: wb.shapes.MovingMesh, times: int = 50, seed: int = 1) -> float:
         """False positives in per cent of random points and times around the dilated motion, as of ``evaluate``."""
         rng, each, false = np.random.default_rng(seed), 8000, 0
         lower, upper = shape.sample_lower, shape.sample_upper

@@ -1,12 +1,13 @@
 """The demo ``particles``: 100,000 particles rain on the Stanford bunny while it turns, twists and swells.
 
-The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is asked about time and
-place, and is never refitted. A bounder of the *distance* to the motion is asked when a drop can first touch it, and
+The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is queried about time
+and place, and is never refitted. A bounder of the *distance* to the motion is queried when a drop can first touch it,
+and
 skips the steps until then. Two narrow phases, because the answer depends on them: robust *containment* looks for the
 closest point wherever a particle may be inside, near *contact* only as far as a particle falls in a step. And once the
 bunny is *porous*: drops seep through it, slowly, so that the narrow phase only has to say which ones are in it; there a
-bounder from the inside is asked, too, and what is certainly inside needs no narrow phase. Each simulation runs with no
-broad phase and with every bounder, from the same state; no contact may be missed, and all runs must end in the same
+bounder from the inside is queried, too, and what is certainly inside needs no narrow phase. Each simulation runs with
+no broad phase and with every bounder, from the same state; no contact may be missed, and all runs must end in the same
 state to the bit (see ``scene``).
 
     python -m sims particles --out out/demo
@@ -113,31 +114,31 @@ class Demo(base.Demo):
         sided = {f"{n}+{INNER_NAME}": OfSides(bounders[n], inner, self.scene) for n in SIDED if n in bounders}
         options, examples, runs = {"particles": self.particles, "steps": self.steps, "seed": self.seed}, {}, []
         for section, narrow in NARROW.items():
-            asked = {n: broad[n] for n in SEEPING if n in broad} if section == POROUS else broad
+            queried = {n: broad[n] for n in SEEPING if n in broad} if section == POROUS else broad
             own, known = self.bounders | {INNER_NAME: self.within}, rows
             if section == POROUS:
-                asked = asked | sided
+                queried = queried | sided
             else:
                 taken = self.taken[section] = self.take(narrow["reach"])
                 found = taken.bounders
-                asked = asked | {CHOSEN: None if found is None else OfMotion(found[SCENE], self.scene)}
+                queried = queried | {CHOSEN: None if found is None else OfMotion(found[SCENE], self.scene)}
                 own, known = own | {CHOSEN: found or {}}, rows + taken.rows(rows, SCENE)
-            asked = dict(sorted(asked.items(), key=lambda run: run[0] in UNPROVEN))  # what has no proof comes last
-            examples[section] = simulate(self.scene, asked, **narrow, **options)
+            queried = dict(sorted(queried.items(), key=lambda run: run[0] in UNPROVEN))  # what has no proof comes last
+            examples[section] = simulate(self.scene, queried, **narrow, **options)
             runs += base.compare(examples[section], own, known, section)
         self.examples = next(iter(examples.values()))
         about = f"{self.particles:,} particles, {self.steps} steps"
         return runs, f"{about}, by narrow phase: calls and milliseconds a step (median)", {}
 
     def take(self, reach: float) -> Taken:
-        """What ``choose`` takes for a narrow phase; a distance is asked when a drop is due, and is no candidate."""
+        """What ``choose`` takes for a narrow phase; a distance is queried when a drop is due, and is no candidate."""
         everyone = Everyone(KEPT, self.seed)
         run = Example(self.scene, everyone, reach=reach, particles=self.particles, seed=self.seed)
         for _ in range(min(self.steps, RECORDED)):
             run.step()
         price = 1e9 * sum(spent[1] for spent in run.seconds) / sum(run.calls)
-        asked, device = {SCENE: everyone.queries}, str(self.scene.device)
-        return take({SCENE: self.scene.shape}, self.bounders, asked, price, device=device)
+        queried, device = {SCENE: everyone.queries}, str(self.scene.device)
+        return take({SCENE: self.scene.shape}, self.bounders, queried, price, device=device)
 
     def draw(self) -> Drawn:
         bounders, examples, reference = self.of_shape(SCENE), self.examples, self.examples["none"]

@@ -2,7 +2,7 @@
 
 A distance to the moving mesh, with the speed of its points, bounds *when* a drop can first touch it: the drop's way
 over the next steps is a segment of time and space, and marching along it (``segments``) clears all steps before some
-time. Until then the drop is not asked again. A new life, and a drop that was pushed, is asked at once.
+time. Until then the drop is not asked again. A new life, and a drop that was pushed, is queried at once.
 
 *Why no contact is lost.* With the velocity v and the acceleration a of now, a drop is, k steps later, within ``k (k +
 1) / 2 |a| DT^2`` of ``x + k DT v``: drag makes the acceleration shrink from step to step (``kernels.integrate``). That
@@ -90,7 +90,7 @@ class WhenDue:
         scene: Whose motion it bounds.
 
     Attributes:
-        asked: ``(N,)`` uint8, 1 where a drop was asked in the last step.
+        asked: ``(N,)`` uint8, 1 where a drop was queried in the last step.
     """
 
     def __init__(self, bounder: wb.DistanceBounder, scene: Scene):

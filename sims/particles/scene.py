@@ -6,7 +6,7 @@ it finds a contact (``kernels``), and a particle with a contact is never left ou
 * An *outside* sign: the closest point that the narrow phase computes lies on some face, up to rounding, so a computed
   distance under the contact distance means a true one under contact distance + rounding. The bounder is proven for the
   object dilated by just that (``Scene.margin``), inside and all, at every time, not at samples of it, and with vertices
-  as the simulation rounds them (``IndicatorMotion.vertices_at``).
+  as the simulation rounds them (``MovingMesh.vertices_at``).
 * An *inside* sign: the particle is in the solid, which is a part of what the bounder is proven for, if the sign is
   right. ``mesh_query_point_sign_normal``, which Warp's example takes, is not always: where several faces are equally
   close it can name the wrong side. Of 8 million random points around the bunny at rest it called one *inside* that was
@@ -41,7 +41,7 @@ FALL = 0.9  # from the top of the rain to the bunny's
 ROUNDING = 32 * 2.0**-24  # of a computed distance, relative to the largest coordinate; see Scene.margin
 
 
-def moving(mesh: wb.IndicatorMesh) -> wb.IndicatorMotion:
+def moving(mesh: wb.shapes.Mesh) -> wb.shapes.MovingMesh:
     """A mesh that turns to and fro about the vertical, twists, swells and shrinks, once a period."""
     rest = mesh.vertices.astype(np.float64)
     lower, upper = mesh.bounds
@@ -56,7 +56,7 @@ def moving(mesh: wb.IndicatorMesh) -> wb.IndicatorMotion:
         frames.append(np.stack(turned, axis=1) + foot)
     times = np.linspace(0.0, PERIOD, KEYFRAMES)
     name = f"moving {os.path.basename(mesh.name)}"
-    return wb.IndicatorMotion(np.rint(np.array(frames) * GRAIN) / GRAIN, mesh.faces, times, TIME_CELLS, name=name)
+    return wb.shapes.MovingMesh(np.rint(np.array(frames) * GRAIN) / GRAIN, mesh.faces, times, TIME_CELLS, name=name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +68,7 @@ class Scene:
         device: Warp device.
     """
 
-    motion: wb.IndicatorMotion
+    motion: wb.shapes.MovingMesh
     device: wp.Device
 
     @classmethod
@@ -91,19 +91,19 @@ class Scene:
         return RADIUS + ROUNDING * float(np.abs(self.motion.bounds).max())
 
     @cached_property
-    def shape(self) -> wb.IndicatorMotion:
+    def shape(self) -> wb.shapes.MovingMesh:
         """What bounders must hold: the motion, dilated by the margin at every time."""
         return self.motion.dilated(self.margin)
 
     @cached_property
-    def core(self) -> wb.IndicatorMotion:
+    def core(self) -> wb.shapes.MovingMesh:
         """What bounders from the inside must lie in: what the narrow phase finds in contact whatever it rounds.
 
         That is the motion, dilated by the contact distance less the rounding error, where ``margin`` adds it.
         """
         return self.motion.dilated(2 * RADIUS - self.margin)
 
-    def grid(self, resolution: int = RESOLUTION) -> wb.IndicatorGrid:
+    def grid(self, resolution: int = RESOLUTION) -> wb.shapes.Grid:
         """The cells of time and space that ``shape`` meets, for methods that are made of cells."""
         return self.shape.to_grid(resolution=resolution)
 

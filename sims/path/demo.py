@@ -53,7 +53,7 @@ WARM_UP = 300  # states of the run that loads kernels outside the timed part
 WIDE = 116  # columns of a terminal, where the table has room for more than all demos' tables have
 
 
-def shapes(device: str = "cpu") -> dict[str, wb.IndicatorGrid]:
+def shapes(device: str = "cpu") -> dict[str, wb.shapes.Grid]:
     """The worlds whose bounders come with the demo, by the name under which these lie."""
     return {world.scene: world.grid for world in generated()}
 
@@ -74,7 +74,7 @@ class Demo(PlanningDemo):
     SPECS = SPECS
     SIZES: ClassVar = {"states": STATES, "problems": PROBLEMS}
 
-    def set_up(self) -> dict[str, wb.IndicatorGrid]:
+    def set_up(self) -> dict[str, wb.shapes.Grid]:
         self.choose_sizes()
         if self.budget is not None and not self.budget > 0:
             raise wb.BoundingError(f"budget must be a positive number of seconds, got {self.budget}")
@@ -82,7 +82,7 @@ class Demo(PlanningDemo):
         self.steps, self.shape = 1, ", ".join(world.name for world in self.worlds)
         return {world.scene: world.grid for world in self.worlds}
 
-    def fit(self, shapes: dict[str, wb.IndicatorGrid]) -> dict[str, dict[str, wb.Bounder]]:
+    def fit(self, shapes: dict[str, wb.shapes.Grid]) -> dict[str, dict[str, wb.Bounder]]:
         whose = None if self.bounder_file is None else owner(self.bounder_file, shapes, self.specs["mlp"])
         if self.bounder_file is not None and whose is None:
             expected = ", ".join(f"{world.name} ({world.grid.digest[:12]})" for world in self.worlds)
@@ -127,8 +127,10 @@ class Demo(PlanningDemo):
         exact = ExactWorld(world.grid, self.device or "cpu")
         run = Example(world, exact=exact, states=self.states, problems=self.problems, seed=self.seed)
         run.step()
-        asked = {name: partial(run.left_by, phase) for name, phase in broad.items() if name not in UNPROVEN}
-        return Taken({world.scene: wb.choose_among(asked, run.checks, narrow_ns=1e9 * run.seconds[0][1] / run.checks)})
+        queried = {name: partial(run.left_by, phase) for name, phase in broad.items() if name not in UNPROVEN}
+        return Taken(
+            {world.scene: wb.choose_among(queried, run.checks, narrow_ns=1e9 * run.seconds[0][1] / run.checks)}
+        )
 
     def tell(self, runs: list[Run]) -> None:
         """What collides, what is saved, what is solved, and whether it pays."""
@@ -143,8 +145,8 @@ class Demo(PlanningDemo):
     def draw(self) -> Drawn:
         names = ("mlp", "occupancy")
         pairs = [tuple(examples[name] for name in names) for examples in self.examples]
-        asked = [tuple(self.of_shape(world.scene)[name] for name in names) for world in self.worlds]
-        return Drawn([draw(self.out, pairs, asked, names)])
+        queried = [tuple(self.of_shape(world.scene)[name] for name in names) for world in self.worlds]
+        return Drawn([draw(self.out, pairs, queried, names)])
 
     def more(self) -> dict[str, Any]:
         """``worlds``, and ``bounders``: a row a world and bounder."""

@@ -143,7 +143,7 @@ class ExactWorld(Exact):
         checks: States and segments that were asked so far.
     """
 
-    def __init__(self, grid: wb.IndicatorGrid, device: str = "cpu"):
+    def __init__(self, grid: wb.shapes.Grid, device: str = "cpu"):
         """Copy the cells to a device.
 
         Args:
@@ -151,10 +151,10 @@ class ExactWorld(Exact):
             device: Warp device.
 
         Raises:
-            IndicatorError: If the grid is not 2D and at rest.
+            ShapeError: If the grid is not 2D and at rest.
         """
         if grid.ndim != 2 or grid.time:
-            raise wb.IndicatorError(f"{grid.name}: expected a world of 2 dimensions, got {grid.ndim}")
+            raise wb.ShapeError(f"{grid.name}: expected a world of 2 dimensions, got {grid.ndim}")
         self.grid, self.device, self.doubts = grid, wp.get_device(device), 0
         occupancy = wp.array(grid.occupancy.astype(np.uint8), dtype=wp.uint8, device=self.device)
         self._world = [wp.vec2d(*grid.cells_per_unit), wp.vec2d(*grid.offset), occupancy]

@@ -38,8 +38,8 @@ def price(runs: list[Run]) -> str:
         for key in ("narrow_calls", "ms_broad")
     )
     price = 1e3 * sum(run.ms_narrow for run in runs if run.bounder == "none") / calls["none"]
-    asked = {run.bounder for run in runs}
-    saved = {name: calls["none"] - calls[name] for name in PRICED if name in asked}
+    queried = {run.bounder for run in runs}
+    saved = {name: calls["none"] - calls[name] for name in PRICED if name in queried}
     costs = {name: 1e3 * broad[name] / count for name, count in saved.items() if count > 0}
     paid = ", ".join(f"{name} {cost:.2g} us" for name, cost in costs.items()) or "nothing is saved"
     paying = [name for name, cost in costs.items() if cost < price]

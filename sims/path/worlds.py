@@ -37,7 +37,7 @@ class World(Place):
     """
 
     name: str
-    grid: wb.IndicatorGrid
+    grid: wb.shapes.Grid
     scene: str
     fitted: bool = False
     problems: np.ndarray | None = None
@@ -58,7 +58,7 @@ def generated() -> list[World]:
     return [World(make.__name__, make(), f"path-{make.__name__}", fitted=True) for make in (rooms, maze)]
 
 
-def rooms(cells: int = 64, seed: int = 5) -> wb.IndicatorGrid:
+def rooms(cells: int = 64, seed: int = 5) -> wb.shapes.Grid:
     """A building of rooms with doors, columns and furniture, in an open yard.
 
     Args:
@@ -79,7 +79,7 @@ def rooms(cells: int = 64, seed: int = 5) -> wb.IndicatorGrid:
     for top, bottom, left, right in inside:
         row, column = rng.uniform((top + 4, left + 4), (max(top + 5, bottom - 4), max(left + 5, right - 4)))
         _disc(occupied, row, column, rng.uniform(1.2, 2.2))
-    return wb.IndicatorGrid(occupied, name="rooms")
+    return wb.shapes.Grid(occupied, name="rooms")
 
 
 def _divide(occupied: np.ndarray, room: tuple[int, int, int, int], inside: list, rng: np.random.Generator) -> None:
@@ -115,7 +115,7 @@ def _disc(occupied: np.ndarray, row: float, column: float, radius: float) -> Non
     occupied |= (rows - row) ** 2 + (columns - column) ** 2 <= radius**2
 
 
-def maze(lanes: int = LANES, seed: int = 3) -> wb.IndicatorGrid:
+def maze(lanes: int = LANES, seed: int = 3) -> wb.shapes.Grid:
     """A maze, by a random walk that goes back where it is stuck, and a few more openings.
 
     Args:
@@ -139,7 +139,7 @@ def maze(lanes: int = LANES, seed: int = 3) -> wb.IndicatorGrid:
     for _ in range(LOOPS):
         here = tuple(int(v) for v in rng.integers(0, lanes, 2))
         _carve(occupied, here, _next(here, lanes)[0])
-    return wb.IndicatorGrid(occupied, name="maze")
+    return wb.shapes.Grid(occupied, name="maze")
 
 
 def _next(here: tuple[int, int], lanes: int) -> list[tuple[int, int]]:
@@ -159,18 +159,18 @@ def worlds_at(path: str | Path) -> list[World]:
     """The worlds that a user names.
 
     Args:
-        path: An image or array file of 2 dimensions (as ``warp_bounding.load_indicator`` takes it), a ``.map`` file, or
+        path: An image or array file of 2 dimensions (as ``warp_bounding.load_shape`` takes it), a ``.map`` file, or
             a folder of such. A map's problems come from the ``.scen`` file beside it, if there is one.
 
     Raises:
-        IndicatorError: If there is nothing, or something that is no 2D world.
+        ShapeError: If there is nothing, or something that is no 2D world.
     """
     path = Path(path)
     if not path.is_dir():
         return [_world(path)]
     files = sorted(file for file in path.iterdir() if file.suffix.lower() in READABLE and file.is_file())
     if not files:
-        raise wb.IndicatorError(f"{path}: expected a folder with {' '.join(READABLE)} files, got none")
+        raise wb.ShapeError(f"{path}: expected a folder with {' '.join(READABLE)} files, got none")
     return [_world(file) for file in files]
 
 
@@ -178,15 +178,15 @@ def _world(path: Path) -> World:
     problems = None
     if path.exists() and path.suffix.lower() not in READABLE:
         got = repr(path.suffix) if path.suffix else "no extension"
-        raise wb.IndicatorError(f"{path}: expected a world, one of {' '.join(READABLE)}, got {got}")
+        raise wb.ShapeError(f"{path}: expected a world, one of {' '.join(READABLE)}, got {got}")
     if path.suffix.lower() == ".map":
         grid = read_map(path)
         scenario = scen_beside(path)
         problems = None if scenario is None else read_scen(scenario, grid)
     else:
-        grid = wb.load_indicator(path)
+        grid = wb.load_shape(path)
     if grid.ndim != 2 or grid.time:
-        raise wb.IndicatorError(f"{path}: expected a 2D world, got {grid.ndim} dimensions")
+        raise wb.ShapeError(f"{path}: expected a 2D world, got {grid.ndim} dimensions")
     name = "".join(letter if letter.isascii() and letter.isalnum() else "-" for letter in path.stem)
     return World(path.name, grid, f"path-{name}-{grid.digest[:8]}", problems=problems)
 
@@ -212,7 +212,7 @@ def problems_of(world: World, count: int, seed: int) -> np.ndarray:
     return free[: 2 * count].reshape(count, 2, 2)
 
 
-def random_states(grid: wb.IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+def random_states(grid: wb.shapes.Grid, count: int, rng: np.random.Generator) -> np.ndarray:
     """``(count, 2)`` float32, uniform in the world's domain, obstacles and all."""
     x = (grid.lower + rng.random((count, 2)) * (grid.upper - grid.lower)).astype(np.float32)
     inside = np.nextafter(grid.lower.astype(np.float32), np.float32(np.inf))

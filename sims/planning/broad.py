@@ -3,7 +3,7 @@
 An edge is a closed straight segment between float32 states. It is cleared
 
 * by a network of points, where bound propagation proves that the network denies every point of it
-  (``warp_bounding.clear_segments``);
+  (``warp_bounding.proof.clear_segments``);
 * by a bounder of boxes, where it denies the axis-aligned boxes of pieces that together cover it (``clear_by_boxes``);
 * by a bounder of distances, which marches along it: each distance is a step that nothing can stand in the way of
   (``Marching``);
@@ -161,7 +161,7 @@ class Segments(_OfPoints):
         self.halvings = halvings
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        return wb.clear_segments(self.bounder, starts, ends, depth=self.halvings)
+        return wb.proof.clear_segments(self.bounder, starts, ends, depth=self.halvings)
 
 
 class Marching(BroadPhase):
@@ -210,7 +210,7 @@ def _between(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 class Points(_OfPoints):
-    """A bounder of points that is asked about few states at a time, again and again; it clears no edge as a whole.
+    """A bounder of points that is queried about few states at a time, again and again; it clears no edge as a whole.
 
     A call of ``query`` takes longer than the answers to thousands of states; few of them are written to where a launch
     that is prepared once reads them.

@@ -38,7 +38,7 @@ class Place(ABC):
 
     @abstractmethod
     def measured(self, x: np.ndarray) -> np.ndarray:
-        """``(N, n)`` float64, states in the coordinates in which lengths are told."""
+        """``(N, n)`` float64, states in the coordinates in which lengths are reported."""
 
 
 Cleared = Callable[[np.ndarray], np.ndarray]

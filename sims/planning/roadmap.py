@@ -99,11 +99,11 @@ class Roadmap(Planner):
         lengths = np.linalg.norm(at[edges[:, 0]] - at[edges[:, 1]], axis=1)
         graph = coo_array((lengths, (edges[:, 0], edges[:, 1])), shape=(len(places),) * 2).tocsr()
         self.lengths, self.paths = np.full(count, np.inf), [None] * count
-        asked = np.flatnonzero(~self.blocked)
-        if not len(asked):
+        queried = np.flatnonzero(~self.blocked)
+        if not len(queried):
             return
-        distance, before = dijkstra(graph, indices=n + asked, return_predecessors=True)
-        for row, problem in enumerate(asked):
+        distance, before = dijkstra(graph, indices=n + queried, return_predecessors=True)
+        for row, problem in enumerate(queried):
             node = n + count + problem
             self.lengths[problem] = distance[row, node]
             if not np.isfinite(self.lengths[problem]):

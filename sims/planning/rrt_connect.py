@@ -79,7 +79,7 @@ class RrtConnect(Planner):
             exact: What decides.
             broad: What is asked first; nothing if ``None``.
             samples: Random states a problem, at most.
-            reach: Of a step, in the coordinates in which lengths are told.
+            reach: Of a step, in the coordinates in which lengths are reported.
             problems: How many, at most.
             seed: Of problems and random states.
         """

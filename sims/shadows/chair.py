@@ -122,7 +122,7 @@ def _parts() -> list[tuple[np.ndarray, np.ndarray]]:
     return parts
 
 
-def chair(place: tuple[float, float, float] = (0.0, 0.0, 0.0), turn: float = 0.0) -> wb.IndicatorMesh:
+def chair(place: tuple[float, float, float] = (0.0, 0.0, 0.0), turn: float = 0.0) -> wb.shapes.Mesh:
     """The chair as a closed mesh.
 
     Args:
@@ -137,4 +137,4 @@ def chair(place: tuple[float, float, float] = (0.0, 0.0, 0.0), turn: float = 0.0
     c, s = np.cos(turn), np.sin(turn)
     rotation = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
     points = np.concatenate(vertices) @ rotation.T + place
-    return wb.IndicatorMesh(np.rint(points * GRAIN) / GRAIN, np.concatenate(faces), name="chair")
+    return wb.shapes.Mesh(np.rint(points * GRAIN) / GRAIN, np.concatenate(faces), name="chair")

@@ -1,12 +1,12 @@
 """What the pictures of the demo ``shadows`` show: a bunny and a chair on a floor, a camera, and a sun that moves.
 
 A pixel that shows a surface which faces the sun sends one ray towards it, from ``LIFT`` above the surface. It lies in
-shadow if the narrow phase finds that an object stops the ray. With a bounder, the narrow phase is asked about those
+shadow if the narrow phase finds that an object stops the ray. With a bounder, the narrow phase is queried about those
 pairs of ray and object only which the object's bounder does not deny. The picture must be the same, *pixel for pixel*.
 Why it is:
 
-* Both are asked about the same ray: the same six float32 numbers. So the lift need not be covered by anything, nor what
-  rounding did when the ray was made. World and object coordinates are the same: there is no placement either.
+* Both are queried about the same ray: the same six float32 numbers. So the lift need not be covered by anything, nor
+  what rounding did when the ray was made. World and object coordinates are the same: there is no placement either.
 * A ray counts as stopped only where ``mesh_query_ray`` names a face, a point of it (u, v) and a time t, *and* this
   point, with u and v cut to the face, lies within ``TOLERANCE`` of o + t d. So it is of no account which ray-triangle
   test it is, how it rounds and on which machine, nor how thin the faces are. What is left is the rounding of this
@@ -98,7 +98,7 @@ class Scene:
         BoundingError: If a shadow ray may meet an object farther away than ``REACH``.
     """
 
-    shapes: dict[str, wb.IndicatorMesh]
+    shapes: dict[str, wb.shapes.Mesh]
     floor: float
     camera: Camera
     device: wp.Device
@@ -175,19 +175,19 @@ class Scene:
         )
 
 
-def objects() -> dict[str, wb.IndicatorMesh]:
+def objects() -> dict[str, wb.shapes.Mesh]:
     """The objects of the still life, in place."""
     bunny = asset_mesh("bunny")
     floor = float(bunny.bounds[0, 1])
     return {"bunny": bunny, "chair": chair((1.72, floor, 0.3), turn=np.deg2rad(118.0))}
 
 
-def margin_of(shape: wb.IndicatorMesh) -> float:
+def margin_of(shape: wb.shapes.Mesh) -> float:
     """See ``Scene.margin``."""
     return TOLERANCE + ROUNDING * (float(np.abs(shape.bounds).max()) + LENGTH)
 
 
-def shapes(device: str = "cpu") -> dict[str, wb.IndicatorMesh]:
+def shapes(device: str = "cpu") -> dict[str, wb.shapes.Mesh]:
     """The objects, dilated, by the name that the files of their bounders begin with."""
     return {SCENES + name: shape.dilated(margin_of(shape)) for name, shape in objects().items()}
 
@@ -215,7 +215,7 @@ def look(eye, at, angle: float, width: int, height: int) -> Camera:
     return camera
 
 
-def corner_normals(shape: wb.IndicatorMesh) -> np.ndarray:
+def corner_normals(shape: wb.shapes.Mesh) -> np.ndarray:
     """A normal for each corner of each face: of the faces around its vertex that lie nearly as it does, by their area.
 
     Returns:

@@ -5,7 +5,7 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
-from warp_bounding.baking.bake import Settings
+from warp_bounding.baking.engine import Settings
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,9 @@ import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.baking import bake as module
-from warp_bounding.baking.bake import SHEET, Job, Record, Settings, all_records, bake_shape, bake_with, jobs_of
-from warp_bounding.errors import BounderError, BoundingError, FileFormatError, IndicatorError
+from warp_bounding.baking import engine as module
+from warp_bounding.baking.engine import SHEET, Job, Record, Settings, all_records, bake_shape, bake_with, jobs_of
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
@@ -51,7 +51,7 @@ def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder,
     out = folder.parent / "out"
     done = bake_with(KDOP, folder, out)
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
-    library = wb.BounderLibrary(out, device="cpu")
+    library = wb.baking.BounderLibrary(out, device="cpu")
     rows = {row["name"]: row for row in library.manifest}
     assert (set(rows), library.names) == ({"blob", "star", "broken"}, ["blob", "star"])
     for name, bounder in library.items():
@@ -74,7 +74,7 @@ def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder,
     job.record.path_in(out).write_text("{")
     assert bake_with(KDOP, folder, out).baked == 1
     other = bake_with(Settings({"method": "aabb", "device": "cpu"}, samples=1000), folder, out)
-    assert (other.baked, other.kept, len(wb.BounderLibrary(out))) == (2, 0, 4)  # both stay
+    assert (other.baked, other.kept, len(wb.baking.BounderLibrary(out))) == (2, 0, 4)  # both stay
 
 
 def test_names_tell_shapes_settings_and_version_apart(folder, monkeypatch):
@@ -153,9 +153,9 @@ def test_folders_are_looked_through(folder):
     found, too_large, foreign = jobs_of(folder, folder / "out", KDOP, 0.1)
     assert [job.record.source for job in found] == ["blob.npy", "broken.stl", "star.npy", "inside/a.npy"]
     assert (too_large, foreign) == (["large.npy"], 1)
-    with pytest.raises(IndicatorError, match="no shapes, expected files of"):
+    with pytest.raises(ShapeError, match="no shapes, expected files of"):
         jobs_of(folder / ".hidden", folder, KDOP, 1e-6)
-    with pytest.raises(IndicatorError, match="no such folder"):
+    with pytest.raises(ShapeError, match="no such folder"):
         jobs_of(folder / "none", folder, KDOP, 1.0)
 
 
@@ -164,18 +164,18 @@ def test_only_one_bake_at_a_time_and_only_in_a_folder_of_its_own(folder):
     module.prepare(out)
     (left := out / ".blob-0123456789ab.safetensors.abc").write_bytes(b"half")  # by a worker that was killed
     with module.locked(out), pytest.raises(FileFormatError, match="another bake writes to it"):
-        wb.bake(folder, out, method="kdop", progress=False)
+        wb.baking.bake(folder, out, method="kdop", progress=False)
     assert not left.exists()
     (other := folder.parent / "other").mkdir()
     (other / "manifest.csv").write_text("mine")
     with pytest.raises(FileFormatError, match="holds other files"):
-        wb.bake(folder, other, method="kdop", progress=False)
+        wb.baking.bake(folder, other, method="kdop", progress=False)
     assert (other / "manifest.csv").read_text() == "mine"
     with pytest.raises(BounderError, match="another folder than that of the shapes"):
-        wb.bake(folder, folder, method="kdop", progress=False)
+        wb.baking.bake(folder, folder, method="kdop", progress=False)
     for options in ({"jobs": 0}, {"largest": 0}):
         with pytest.raises(BoundingError, match=f"{next(iter(options))} must be"):
-            wb.bake(folder, out, progress=False, **options)
+            wb.baking.bake(folder, out, progress=False, **options)
 
 
 # --- on processes of this machine ------------------------------------------------------------------------------------
@@ -193,6 +193,6 @@ def test_a_worker_that_is_killed_loses_nothing(folder):
     assert (folder.parent / "mark").exists()
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
     assert any("broken.stl: " in line and "got none" in line for line in lines)
-    library = wb.BounderLibrary(folder.parent / "out", device="cpu")
+    library = wb.baking.BounderLibrary(folder.parent / "out", device="cpu")
     assert library.names == ["blob", "star"]
     assert all(bounder.certificate.proven for bounder in library.values())

@@ -15,12 +15,12 @@ NAMES = ("blob", "half", "single", "star")
 def library(tmp_path):
     for number, name in enumerate(NAMES):
         wb.fit(shape(name), method="kdop" if number else "aabb", device="cpu").save(tmp_path / f"{name}.safetensors")
-    return wb.BounderLibrary(tmp_path, device="cpu")
+    return wb.baking.BounderLibrary(tmp_path, device="cpu")
 
 
 def test_nothing_is_loaded_before_it_is_asked(tmp_path):
     (tmp_path / "bad.safetensors").write_bytes(b"bad")
-    library = wb.BounderLibrary(tmp_path)
+    library = wb.baking.BounderLibrary(tmp_path)
     assert "bad" in library
     with pytest.raises(FileFormatError, match=r"bad\.safetensors"):
         library["bad"]
@@ -28,31 +28,31 @@ def test_nothing_is_loaded_before_it_is_asked(tmp_path):
     with pytest.raises(FileFormatError, match="no manifest of a bake"):
         _ = library.manifest
     with pytest.raises(FileFormatError, match="no such folder"):
-        wb.BounderLibrary(tmp_path / "none")
+        wb.baking.BounderLibrary(tmp_path / "none")
 
 
 def test_pairs_are_asked_as_one_by_one(library, rng):
     x = rng.random((3000, 3), dtype=np.float32) * 1.4 - 0.2
     x[0] = np.nan
-    asked = rng.integers(0, len(library), len(x))
-    expected = np.stack([bounder.query(x).numpy() for bounder in library.values()])[asked, np.arange(len(x))]
+    queried = rng.integers(0, len(library), len(x))
+    expected = np.stack([bounder.query(x).numpy() for bounder in library.values()])[queried, np.arange(len(x))]
     assert 0 < expected.mean() < 1
-    assert (library.query_pairs(asked, x).numpy() == expected).all()
+    assert (library.query_pairs(queried, x).numpy() == expected).all()
     stack = library.stack()
     assert len(stack.groups) == 2
     assert {len(group.members) for group in stack.groups} == {1, 3}
-    numbers = wp.array(asked, dtype=wp.int32, device="cpu")
+    numbers = wp.array(queried, dtype=wp.int32, device="cpu")
     assert (stack.query(numbers, wp.array(x, dtype=wp.vec3, device="cpu")).numpy() == expected).all()
     assert stack.query(np.empty(0, int), np.empty((0, 3), np.float32)).shape == (0,)
 
 
 def test_regions_are_asked_together(rng):
     bounders = [wb.fit(shape(name), "box", "kdop", device="cpu") for name in ("blob", "star")]
-    stack = wb.BounderStack(bounders)
+    stack = wb.baking.BounderStack(bounders)
     lower = rng.random((500, 3), dtype=np.float32)
-    x, asked = np.hstack([lower, lower + 0.05]), rng.integers(0, 2, 500)
-    expected = np.stack([bounder.query(x).numpy() for bounder in bounders])[asked, np.arange(500)]
-    assert (stack.query(asked, x).numpy() == expected).all()
+    x, queried = np.hstack([lower, lower + 0.05]), rng.integers(0, 2, 500)
+    expected = np.stack([bounder.query(x).numpy() for bounder in bounders])[queried, np.arange(500)]
+    assert (stack.query(queried, x).numpy() == expected).all()
 
 
 def test_a_group_is_asked_in_a_kernel_of_ones_own(library, rng):
@@ -93,8 +93,8 @@ def test_numbers_of_no_bounder_are_maybe_or_refused(library):
 
 def test_what_is_no_stack_is_refused():
     with pytest.raises(QueryError, match="at least one bounder"):
-        wb.BounderStack([])
+        wb.baking.BounderStack([])
     with pytest.raises(QueryError, match="of one kind, dimension and device"):
-        wb.BounderStack([fitted("aabb", "blob"), fitted("aabb", "c")])
+        wb.baking.BounderStack([fitted("aabb", "blob"), fitted("aabb", "c")])
     with pytest.raises(QueryError, match="a distance"):
-        wb.BounderStack([wb.fit(shape("star"), "distance", "sphere", device="cpu")])
+        wb.baking.BounderStack([wb.fit(shape("star"), "distance", "sphere", device="cpu")])

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 import warp as wp
 from asking import ask
-from bounding_shapes import domain_points, fitted, fitted_ball, object_points, shape, told_of
+from bounding_shapes import domain_points, fitted, fitted_ball, object_points, report_of, shape
 from region_cases import hard_regions
 from rewriting import rewrite
 
@@ -17,11 +17,11 @@ import warp_bounding as wb
 from warp_bounding.bounders import Cascade, Union, united
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.two_sided import MAYBE, NO, YES
-from warp_bounding.errors import BounderError, FileFormatError, IndicatorError
-from warp_bounding.indicators.parts import Complement, part_of
-from warp_bounding.indicators.shape import IN, OUT, Pieces
+from warp_bounding.errors import BounderError, FileFormatError, ShapeError
 from warp_bounding.kernels.source import DENIED, GRANTED
-from warp_bounding.proof import prove, soak
+from warp_bounding.proof import prove, stress_test
+from warp_bounding.shapes.parts import Complement, part_of
+from warp_bounding.shapes.shape import IN, OUT, Pieces
 
 CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp-early"), ("voxels", "mlp")]
 
@@ -107,7 +107,7 @@ def test_a_wrong_part_is_refuted(rng):
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
 def test_regions(query, rng):
     grid, small = shape("c"), {"hidden": (8,), "steps": 3}
-    parts = [wb.fit(grid, query, m, device="cpu", **told_of(m, query, **small)) for m in ("aabb", "mlp")]
+    parts = [wb.fit(grid, query, m, device="cpu", **report_of(m, query, **small)) for m in ("aabb", "mlp")]
     whole, x = wb.cascade(*parts), hard_regions(query, grid, rng, 1.0, 3000)
     answers = np.stack([part.query(x).numpy() for part in parts])
     assert (whole.query(x).numpy() == answers.all(axis=0)).all()
@@ -188,14 +188,14 @@ def test_what_cannot_be_put_together():
         with pytest.raises(BounderError):
             kind(whole.domain, dict(tensors), sizes, "cpu")
     for held in ([], [3], [-1], [0.0], [True]):
-        with pytest.raises(IndicatorError, match="expected some of the pieces 0 to 2"):
+        with pytest.raises(ShapeError, match="expected some of the pieces 0 to 2"):
             arm().piece(held)
     for of, held in ((shape("c"), 0), (arm().piece([1]), 2)):
-        with pytest.raises(IndicatorError, match=r"no pieces|no links"):
+        with pytest.raises(ShapeError, match=r"no pieces|no links"):
             of.piece([held])
 
 
-BALL = wb.solids.Sphere((0.2, 0.1, 0.0), 0.7)
+BALL = wb.shapes.Sphere((0.2, 0.1, 0.0), 0.7)
 
 
 @cache
@@ -344,7 +344,7 @@ def test_bounders_of_pieces_together(tmp_path, rng):
     assert wb.evaluate(again, own, samples=20_000).fn == 0
     starts, ends = (rng.uniform(own.lower, own.upper, (1000, 3)).astype(np.float32) for _ in range(2))
     ends = starts + np.float32(0.01) * (ends - starts)
-    clear = wb.clear_segments(whole, starts, ends)
+    clear = wb.proof.clear_segments(whole, starts, ends)
     assert clear.any()
     for t in np.linspace(0, 1, 33):
         assert not own.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear]).any()
@@ -393,7 +393,7 @@ def test_a_file_that_lies_about_pieces(tmp_path):
     ],
 )
 def test_a_hierarchy_is_proven(told, parts):
-    ball = wb.solids.Sphere((0.2, 0.1), 0.7)
+    ball = wb.shapes.Sphere((0.2, 0.1), 0.7)
     tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
     assert {each.method for part in tree.parts for each in part.parts} == parts
     assert tree.certificate.proven
@@ -416,7 +416,7 @@ def test_a_hierarchy_is_proven(told, parts):
 )
 def test_what_a_hierarchy_refuses(told, message):
     with pytest.raises(wb.BoundingError, match=message):
-        wb.hierarchy(wb.solids.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
+        wb.hierarchy(wb.shapes.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
 
 
 def test_a_union_around_a_shape_that_moves(rng):
@@ -436,8 +436,8 @@ def sided(name: str):
     if name == "touching":  # the object reaches the border of its grid
         cells = np.zeros((12, 12), bool)
         cells[:, 3:9] = True
-        return wb.load_indicator(cells)
-    return wb.load_indicator(trimesh.creation.icosphere(2, 0.5).apply_translation([3.0, 0.0, -1.0]))
+        return wb.load_shape(cells)
+    return wb.load_shape(trimesh.creation.icosphere(2, 0.5).apply_translation([3.0, 0.0, -1.0]))
 
 
 @cache
@@ -481,7 +481,7 @@ def test_no_is_certainly_inside(name, tmp_path):
     assert denied.any()  # it is of use
     assert (sided(name).decide(x[denied]) != OUT).all()
     assert wb.certify(bounder, sided(name)).proven
-    assert soak(bounder, sided(name), 20_000, seed=3).missed is None
+    assert stress_test(bounder, sided(name), 20_000, seed=3).missed is None
     rates = wb.evaluate(bounder, sided(name), samples=50_000)
     assert rates.fn == 0
     assert rates.fp_rate < 100 - rates.positives  # some of the inside is certain
@@ -493,7 +493,7 @@ def test_the_other_side_is_not_what_is_proven():
     outer = fit(sided("touching"))
     lie = inner("touching").to("cpu")
     assert wb.certify(outer, Complement(sided("touching"))).kind == "inapplicable"
-    assert wb.certify(lie, wb.load_indicator(~sided("touching").occupancy)).kind != "proven"
+    assert wb.certify(lie, wb.load_shape(~sided("touching").occupancy)).kind != "proven"
 
 
 def test_a_margin_dilates_the_object():
@@ -531,11 +531,11 @@ def test_both_sides_classify_in_a_kernel_and_placed():
 
 
 @cache
-def moving() -> wb.IndicatorMotion:
+def moving() -> wb.shapes.MovingMesh:
     """A ball that moves along x and swells, in four seconds."""
     ball = trimesh.creation.icosphere(2, 0.5)
     frames = [ball.vertices * size + [shift, 0, 0] for size, shift in ((1.0, 0.0), (1.5, 0.4), (1.2, 1.0))]
-    return wb.IndicatorMotion(np.array(frames), ball.faces, times=[0.0, 2.0, 4.0])
+    return wb.shapes.MovingMesh(np.array(frames), ball.faces, times=[0.0, 2.0, 4.0])
 
 
 def test_the_complement_of_a_motion_has_its_times_and_no_others():
@@ -571,7 +571,7 @@ def test_a_cascade_of_inner_bounders_is_one():
 
 
 def test_bad_input_has_one_clear_error():
-    outer, solid = fit(sided("touching")), wb.solids.Sphere([0, 0], 0.7)
+    outer, solid = fit(sided("touching")), wb.shapes.Sphere([0, 0], 0.7)
     for one, other, message in (
         (outer, outer, "inner must be fitted with side='inside'"),
         (inner("touching"), inner("touching"), "outer must be fitted with side='outside'"),
@@ -581,7 +581,7 @@ def test_bad_input_has_one_clear_error():
     ):
         with pytest.raises(BounderError, match=message):
             wb.two_sided(one, other)
-    told = wb.IndicatorFunction(
+    told = wb.shapes.Function(
         lambda x: (np.abs(x) <= 1).all(axis=1), [-1, -1], [1, 1], empty=lambda a, b: (a > 1).any(1) | (b < -1).any(1)
     )
     for of, query, method, side, message in (
@@ -593,4 +593,4 @@ def test_bad_input_has_one_clear_error():
         with pytest.raises(wb.BoundingError, match=message):
             wb.fit(of, query, method, side=side)
     with pytest.raises(BounderError, match="segments"):
-        wb.clear_segments(inner("touching"), np.zeros((1, 2)), np.ones((1, 2)))
+        wb.proof.clear_segments(inner("touching"), np.zeros((1, 2)), np.ones((1, 2)))

@@ -12,9 +12,9 @@ from distances import THINGS, TOLD, far, points_around, squared_distance_to_cell
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
 from warp_bounding.bounders.distance_grid import STORAGES, DistanceGrid
-from warp_bounding.errors import BounderError, FileFormatError, IndicatorError, QueryError
-from warp_bounding.proof import soak
-from warp_bounding.proof.distances import excesses, largest_excess
+from warp_bounding.errors import BounderError, FileFormatError, QueryError, ShapeError
+from warp_bounding.proof import stress_test
+from warp_bounding.proof.distances import excesses, largest_overestimate
 from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
 
 GRIDS = ("c", "blob", "anisotropic")
@@ -49,8 +49,8 @@ def test_never_above_the_distance(method, name, rng):
     if name in GRIDS:
         x = np.concatenate([x[:15], (x[-10:] - shape.lower) * 2.0 ** np.arange(0, 40, 4)[:, None] + shape.lower])
         x = x.astype(np.float32)
-        for point, told in zip(x, bounder.distance(x).numpy(), strict=True):
-            assert Fraction(float(told)) ** 2 <= squared_distance_to_cells(shape, point)
+        for point, reported in zip(x, bounder.distance(x).numpy(), strict=True):
+            assert Fraction(float(reported)) ** 2 <= squared_distance_to_cells(shape, point)
 
 
 @pytest.mark.parametrize("method", MARCHED)
@@ -89,9 +89,9 @@ def test_everywhere(method):
 def test_hard_positives_are_not_missed(method, name):
     positives = DistancePositives(far(method, name), thing(name))
     for chunk in range(2 * len(DISTANCE_FORMS)):
-        form, asked, missed = positives.ask(3, chunk, 3000)
+        form, queried, missed = positives.ask(3, chunk, 3000)
         assert missed is None, (form, missed)
-        assert asked > 1000
+        assert queried > 1000
 
 
 @pytest.mark.parametrize("method", MARCHED)
@@ -129,7 +129,7 @@ def test_what_only_touches_the_objects_box_is_not_cut_off(method, rng):
     """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass
     one along an axis, or are as near as the radius."""
     lower, upper = np.sort(rng.normal(size=(2, 3)).astype(np.float32), axis=0)
-    bounder = wb.fit(wb.solids.Box(lower, upper), "distance", method, device="cpu")
+    bounder = wb.fit(wb.shapes.Box(lower, upper), "distance", method, device="cpu")
     count = 3000
     p = np.clip(rng.normal(size=(count, 3)) * 2, lower, upper).astype(np.float32)
     axis, side = rng.integers(3, size=count), rng.integers(2, size=count)
@@ -279,7 +279,7 @@ def test_saved_loaded_certified(method, tmp_path, rng):
 @pytest.mark.parametrize("method", DISTANCES)
 def test_another_shape_is_refuted(method):
     cells, scale = np.pad(np.ones((15, 15, 15), bool), 1), thing("blob").cells_per_unit
-    larger = wb.IndicatorGrid(cells, cells_per_unit=scale, offset=[-4.0] * 3)
+    larger = wb.shapes.Grid(cells, cells_per_unit=scale, offset=[-4.0] * 3)
     proof = wb.certify(far(method, "blob"), larger)
     assert proof.kind == "refuted"
     x = np.array([proof.counterexample], np.float32)
@@ -308,8 +308,8 @@ def smaller_than(bounder: wb.DistanceBounder) -> wb.DistanceBounder:
 def test_edited_files(tmp_path):
     bounder, smaller = far("kdop", "blob"), smaller_than(far("kdop", "blob"))
     assert wb.certify(smaller, thing("blob")).kind == "refuted"
-    assert soak(bounder, thing("blob"), 100_000, seed=1).missed is None
-    assert soak(smaller, thing("blob"), 1_000_000, seed=1).missed is not None
+    assert stress_test(bounder, thing("blob"), 100_000, seed=1).missed is None
+    assert stress_test(smaller, thing("blob"), 1_000_000, seed=1).missed is not None
     bounder.to().freeze(float(bounder.threshold) / 2, bounder.certificate).save(tmp_path / "b.safetensors")
     with pytest.raises(FileFormatError, match="threshold"):
         wb.load(tmp_path / "b.safetensors")
@@ -322,7 +322,7 @@ def test_spacetime(rng):
     """Of an animated grid, time may be one more coordinate."""
     grid = thing("animated")
     bounder = wb.fit(grid, "distance", "bvh", metric="spacetime", device="cpu", **TOLD["bvh"])
-    still = wb.IndicatorGrid(grid.occupancy)
+    still = wb.shapes.Grid(grid.occupancy)
     x = points_around(still, 2000, rng)
     assert (bounder.distance(x).numpy() <= still.distances(x)[:, 1]).all()
     assert wb.certify(bounder, grid).proven
@@ -352,8 +352,8 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
     ):
         i = wp.tid()
         d[i] = wp.static(bounder.distance_func)(data, x[i])
-        told, when = wp.static(bounder.segment_func)(data, x[i], y[i], 0.05)
-        maybe[i] = wp.uint8(told)
+        reported, when = wp.static(bounder.segment_func)(data, x[i], y[i], 0.05)
+        maybe[i] = wp.uint8(reported)
         t[i] = when
         met, _where = wp.static(bounder.ray_func)(data, x[i], y[i] - x[i], 2.0, 0.0)
         hit[i] = wp.uint8(met)
@@ -371,10 +371,10 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
     error = 0.0 if exact else 2 * bounder.rounding_bound() * bounder.domain.unit
     assert np.abs(d - bounder.distance(x).numpy()).max() <= error
     for count in (1, 33, n):
-        told, when = (part.numpy() for part in bounder.segments(x[:count], y[:count], 0.05))
-        assert (maybe[:count] != told).mean() < 0.02  # sums round in another order
-        assert np.abs(t[:count] - when)[maybe[:count] == told].max() < 1e-3
-        assert told[::5].all()
+        reported, when = (part.numpy() for part in bounder.segments(x[:count], y[:count], 0.05))
+        assert (maybe[:count] != reported).mean() < 0.02  # sums round in another order
+        assert np.abs(t[:count] - when)[maybe[:count] == reported].max() < 1e-3
+        assert reported[::5].all()
         assert not when[::5].any()
     assert (hit != bounder.rays(np.concatenate([x, y - x], axis=1), length=2.0)[0].numpy()).mean() < 0.02
     differ = (boxed != bounder.boxes(np.minimum(x, y), np.maximum(x, y)).numpy())[numbers]
@@ -423,8 +423,8 @@ def test_bad_fits():
             wb.fit(thing("c"), "distance", "aabb", **{name: value})
     with pytest.raises(QueryError, match="point, ray, plane, box, distance"):
         wb.fit(thing("c"), "distances", "aabb")
-    inside = wb.IndicatorFunction(lambda x: (x**2).sum(axis=1) < 1, [-1, -1], [1, 1])
-    with pytest.raises((BounderError, IndicatorError), match=r"proven|certifies"):
+    inside = wb.shapes.Function(lambda x: (x**2).sum(axis=1) < 1, [-1, -1], [1, 1])
+    with pytest.raises((BounderError, ShapeError), match=r"proven|certifies"):
         wb.fit(inside, "distance", "aabb")
 
 
@@ -468,8 +468,8 @@ def test_forms_against_dense_points(method, name, rng):
     [*((each, "c", refine) for each in STORAGES for refine in (1, 4)), (STORAGES[-1], "tetrahedron", 4)],
 )
 def test_storages(storage, name, refine, rng, tmp_path):
-    shape, told = thing(name), {"nodes": 12 if refine == 1 else 6, "storage": storage, "refine": refine}
-    bounder = wb.fit(shape, "distance", "distance-grid", **told, device="cpu", progress=False)
+    shape, reported = thing(name), {"nodes": 12 if refine == 1 else 6, "storage": storage, "refine": refine}
+    bounder = wb.fit(shape, "distance", "distance-grid", **reported, device="cpu", progress=False)
     assert bounder.certificate.proven
     assert bounder.tensors["values"].dtype == storage
     assert bounder.refined.any() == (refine > 1)
@@ -512,7 +512,8 @@ def test_raised_values_are_not_proven():
 
 
 def test_excesses_hold(rng):
-    """No point of a box has a larger excess than what is certified, and the largest one is not far from what points
+    """No point of a box has a larger overestimate than what is certified, and the largest one is not far from what
+    points
     have."""
     shape, bounder = thing("c"), far("distance-grid", "c")
     tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.1)}
@@ -525,7 +526,7 @@ def test_excesses_hold(rng):
         v = rng.uniform(lower[cell], upper[cell], (400, 2))
         above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 1] / raised.domain.unit
         assert above.max() <= found[cell] + 1e-12
-    (most,), _, _, _ = largest_excess(raised, shape, 60.0)
+    (most,), _, _, _ = largest_overestimate(raised, shape, 60.0)
     v = rng.uniform(lower.min(axis=0), upper.max(axis=0), (100_000, 2))
     above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 0] / raised.domain.unit
     assert above.max() <= most <= above.max() + 0.01
@@ -557,7 +558,7 @@ def test_grids_that_are_refused():
     ):
         with pytest.raises(BounderError):
             DistanceGrid(refined.domain, tensors, sizes, "cpu")
-    unknown = wb.IndicatorFunction(
+    unknown = wb.shapes.Function(
         lambda x: (x**2).sum(axis=1) < 1,
         [-1, -1],
         [1, 1],

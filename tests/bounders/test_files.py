@@ -7,7 +7,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import safetensors.numpy
-from bounding_shapes import domain_points, fitted, random_mlp, shape, told_of
+from bounding_shapes import domain_points, fitted, random_mlp, report_of, shape
 from region_cases import REGIONS, hard_regions
 from rewriting import check_refused, rewrite
 
@@ -15,7 +15,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS, file_format
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.proof import attest, prove
+from warp_bounding.proof import prove, statistical_test
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.whole_file import check_writable
 
@@ -31,13 +31,13 @@ def saved(tmp_path):
 def test_round_trip(method, name, device, tmp_path, rng):
     bounder, path = fitted(method, name), tmp_path / "deep" / "b.safetensors"
     bounder.save(path)
-    twin, x = wb.load(path, device=device), domain_points(shape(name), 5000, rng)
-    assert (twin.query(x).numpy() == bounder.to(device).query(x).numpy()).all()
-    assert twin.values(x).numpy().tobytes() == bounder.to(device).values(x).numpy().tobytes()
+    reference, x = wb.load(path, device=device), domain_points(shape(name), 5000, rng)
+    assert (reference.query(x).numpy() == bounder.to(device).query(x).numpy()).all()
+    assert reference.values(x).numpy().tobytes() == bounder.to(device).values(x).numpy().tobytes()
     for of in (lambda b: (type(b), b.certificate, b.threshold, b.nbytes), lambda b: b.domain.to_dict()):
-        assert of(twin) == of(bounder)
-    assert all(twin.info[k] == v for k, v in bounder.info.items())
-    assert twin.info["library"] == wb.__version__
+        assert of(reference) == of(bounder)
+    assert all(reference.info[k] == v for k, v in bounder.info.items())
+    assert reference.info["library"] == wb.__version__
     again = tmp_path / "again.safetensors"
     bounder.save(again)
     assert again.read_bytes() == path.read_bytes()
@@ -46,10 +46,10 @@ def test_round_trip(method, name, device, tmp_path, rng):
 def test_what_is_not_proven_is_kept_too(tmp_path):
     bounder, path = random_mlp(shape("c"), octaves=1), tmp_path / "b.safetensors"
     bounder.freeze(0.25, None).save(path)
-    twin = wb.load(path, device="cpu")
-    assert twin.certificate is None
-    assert twin.threshold == np.float32(0.25)
-    assert twin.features == 4
+    reference = wb.load(path, device="cpu")
+    assert reference.certificate is None
+    assert reference.threshold == np.float32(0.25)
+    assert reference.features == 4
 
 
 def test_every_flipped_byte_and_every_shorter_or_longer_file_is_noticed(saved, rng):
@@ -226,9 +226,9 @@ def claim(**fields):
 def test_rates_are_kept_and_say_nothing_of_another_threshold(saved):
     bounder = wb.load(saved)
     assert bounder.info["rates"] == fitted("aabb", "c").info["rates"]
-    twin = bounder.to("cpu")
-    twin.freeze(float(twin.threshold) - 1, None)
-    assert "false positives" not in repr(twin)
+    reference = bounder.to("cpu")
+    reference.freeze(float(reference.threshold) - 1, None)
+    assert "false positives" not in repr(reference)
     assert "false positives" in repr(bounder)
 
 
@@ -237,8 +237,8 @@ LENGTH = 0.75
 
 @cache
 def classic(method: str, query: str, name: str):
-    told = told_of(method, query, length=LENGTH, steps=3)
-    return wb.fit(shape(name), query=query, method=method, device="cpu", **told)
+    reported = report_of(method, query, length=LENGTH, steps=3)
+    return wb.fit(shape(name), query=query, method=method, device="cpu", **reported)
 
 
 @cache
@@ -249,23 +249,23 @@ def network(query: str, name: str) -> Mlp:
     if query == "plane":
         prove(bounder, grid, eps=0.1)
     else:
-        attest(bounder, grid, least=-6.0, room=0.0, count=10_000)
+        statistical_test(bounder, grid, least=-6.0, room=0.0, count=10_000)
     bounder.info = {"indicator": grid.digest, "margin": 0.0, "seed": 0}
     return bounder
 
 
 def check_round_trip(bounder, path, rng) -> None:
     bounder.save(path)
-    twin, query = wb.load(path, device="cpu"), bounder.query_kind
+    reference, query = wb.load(path, device="cpu"), bounder.query_kind
     q = hard_regions(query, shape("animated" if bounder.domain.time else "c"), rng, LENGTH, 1000)
-    assert type(twin) is type(bounder)
-    assert twin.certificate == bounder.certificate
-    assert (twin.query_kind, twin.domain.length) == (query, bounder.domain.length)
-    assert twin.domain.to_dict() == bounder.domain.to_dict()
-    assert twin.data.parameters.numpy().tobytes() == bounder.data.parameters.numpy().tobytes()
-    assert (twin.query(q).numpy() == bounder.query(q).numpy()).all()
-    twin.info.pop("library")
-    twin.save(path)  # with the digests that ``load`` has brought up
+    assert type(reference) is type(bounder)
+    assert reference.certificate == bounder.certificate
+    assert (reference.query_kind, reference.domain.length) == (query, bounder.domain.length)
+    assert reference.domain.to_dict() == bounder.domain.to_dict()
+    assert reference.data.parameters.numpy().tobytes() == bounder.data.parameters.numpy().tobytes()
+    assert (reference.query(q).numpy() == bounder.query(q).numpy()).all()
+    reference.info.pop("library")
+    reference.save(path)  # with the digests that ``load`` has brought up
     before = path.read_bytes()
     wb.load(path, device="cpu").save(path)
     assert path.read_bytes() == before
@@ -283,8 +283,8 @@ def test_files_that_speak_of_moments(tmp_path):
     path, bounder = tmp_path / "b.safetensors", network("ray", "c")
     bounder.save(path)
     rewrite(path, lambda d: d["sizes"].update(moments=False))
-    twin = wb.load(path, device="cpu")
-    assert twin.data.parameters.numpy().tobytes() == bounder.data.parameters.numpy().tobytes()
+    reference = wb.load(path, device="cpu")
+    assert reference.data.parameters.numpy().tobytes() == bounder.data.parameters.numpy().tobytes()
     for other in (True, "yes"):
         rewrite(path, lambda d, other=other: d["sizes"].update(moments=other))
         check_refused(path, "moments")

@@ -11,10 +11,10 @@ import trimesh
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Lattice, packed, unpacked
 from warp_bounding.bounders.mlp_distance import MlpDistance
-from warp_bounding.errors import BounderError, IndicatorError, QueryError
-from warp_bounding.indicators.shape import IN
+from warp_bounding.errors import BounderError, QueryError, ShapeError
 from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
 from warp_bounding.queries.distance import DistanceDomain
+from warp_bounding.shapes.shape import IN
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")  # the sheet
 
@@ -29,22 +29,22 @@ TIMES = [2.0, 2.5, 4.0]
 
 
 @cache
-def moving(name: str, margin: float = 0.0) -> wb.IndicatorMotion:
+def moving(name: str, margin: float = 0.0) -> wb.shapes.MovingMesh:
     """A tetrahedron that is carried, turned and stretched, or two of its faces, which enclose nothing."""
     turned = CORNERS[:, [1, 2, 0]] * [1, -1, 1] + [1.5, 0.5, 0]
     frames = np.stack([CORNERS, turned, turned * 1.3 + [0, 0, 0.8]]).astype(np.float32)
-    motion = wb.IndicatorMotion(frames, SOLID if name == "solid" else SOLID[:2], TIMES, name=name)
+    motion = wb.shapes.MovingMesh(frames, SOLID if name == "solid" else SOLID[:2], TIMES, name=name)
     return motion.dilated(margin) if margin else motion
 
 
 @cache
 def far(name: str, margin: float = 0.0) -> wb.DistanceBounder:
     """Proven, on the CPU; never change it."""
-    told = {"hidden": (8,), "steps": 200, "budget": 6.0, "margin": margin}
-    return wb.fit(moving(name), "distance", "mlp", device="cpu", progress=False, **told)
+    reported = {"hidden": (8,), "steps": 200, "budget": 6.0, "margin": margin}
+    return wb.fit(moving(name), "distance", "mlp", device="cpu", progress=False, **reported)
 
 
-def moments(shape: wb.IndicatorMotion, count: int, rng: np.random.Generator) -> np.ndarray:
+def moments(shape: wb.shapes.MovingMesh, count: int, rng: np.random.Generator) -> np.ndarray:
     """Times at which the shape is there, keyframes among them, and places around it."""
     x = rng.uniform(shape.lower - 1, shape.upper + 1, (count, 4))
     x[:, 0] = rng.uniform(*np.array(TIMES)[[0, -1]], count)
@@ -60,7 +60,7 @@ def test_never_above_the_distance_of_the_mesh_at_that_time(name, margin, rng):
     x = moments(motion, 200, rng)
     g = bounder.distance(x).numpy()
     for point, bound in zip(x, g, strict=True):
-        mesh = wb.IndicatorMesh(motion.vertices_at(point[0]), motion.faces).dilated(margin)
+        mesh = wb.shapes.Mesh(motion.vertices_at(point[0]), motion.faces).dilated(margin)
         assert bound <= mesh.distances(point[None, 1:])[0, 1]
     known = moving(name, margin).distances(x)
     assert (g <= known[:, 1]).all()
@@ -120,9 +120,9 @@ def test_hard_positives_are_not_missed(name):
     margin = 0.0 if name == "solid" else 0.1  # no float32 point lies on a face for certain
     positives = DistancePositives(far(name, margin), moving(name, margin))
     for chunk in range(2 * len(DISTANCE_FORMS)):
-        form, asked, missed = positives.ask(3, chunk, 3000)
+        form, queried, missed = positives.ask(3, chunk, 3000)
         assert missed is None, (form, missed)
-        assert asked > 800
+        assert queried > 800
 
 
 def test_marching_depends_on_the_speed(rng):
@@ -150,17 +150,17 @@ def test_excesses_hold(name, margin, rng):
     key = np.clip(np.searchsorted(TIMES, low[:, 0], side="right") - 1, 0, 1)
     high[:, 0] = np.minimum(high[:, 0], np.array(TIMES)[key + 1])
     values = shape.distances((low + high) / 2)[:, :1] + rng.normal(size=(count, 16)) * 0.1
-    told = shape.excess(low, high, values, -9.0)
-    assert (told <= values.max(axis=1)).all()
-    assert (told < values.max(axis=1) - 1e-3).mean() > 0.3
-    assert (shape.excess(low, high, values, -9.0, enough=0.1) >= np.minimum(told, 0.1)).all()
+    reported = shape.overestimate(low, high, values, -9.0)
+    assert (reported <= values.max(axis=1)).all()
+    assert (reported < values.max(axis=1) - 1e-3).mean() > 0.3
+    assert (shape.overestimate(low, high, values, -9.0, enough=0.1) >= np.minimum(reported, 0.1)).all()
     for _ in range(40):
         u = rng.random((count, 4))
         weight = np.stack(
             [np.prod([u[:, k] if i >> k & 1 else 1 - u[:, k] for k in range(4)], axis=0) for i in range(16)]
         )
         f = (weight.T * values).sum(axis=1)
-        assert (f - shape.distances(low + u * (high - low))[:, 1] <= told).all()
+        assert (f - shape.distances(low + u * (high - low))[:, 1] <= reported).all()
 
 
 def test_saved_loaded_certified(tmp_path, rng):
@@ -171,7 +171,7 @@ def test_saved_loaded_certified(tmp_path, rng):
     assert (again.distance(x).numpy() == bounder.distance(x).numpy()).all()
     assert again.domain.speed == bounder.domain.speed > 0
     assert wb.certify(again, motion).proven
-    slower = wb.IndicatorMotion(motion.frames * np.float32(1.1), motion.faces, TIMES)
+    slower = wb.shapes.MovingMesh(motion.frames * np.float32(1.1), motion.faces, TIMES)
     assert not wb.certify(again, slower).proven
     assert wb.evaluate(again, motion, samples=5000, radius=0.1).fn == 0
 
@@ -189,13 +189,13 @@ def test_what_there_is_not():
         bounder.rays(np.zeros((1, 8), np.float32), length=1.0)
     with pytest.raises(BounderError, match="moves"):
         wb.fit(moving("solid"), "distance", "sphere", device="cpu")
-    grid = wb.IndicatorGrid(np.eye(4, dtype=bool)[None].repeat(3, 0), time=True)
-    with pytest.raises((BounderError, IndicatorError), match=r"moves|time"):
+    grid = wb.shapes.Grid(np.eye(4, dtype=bool)[None].repeat(3, 0), time=True)
+    with pytest.raises((BounderError, ShapeError), match=r"moves|time"):
         wb.fit(grid, "distance", "mlp", steps=1, device="cpu")
 
 
 @cache
-def closing() -> tuple[wb.IndicatorMotion, wb.DistanceBounder]:
+def closing() -> tuple[wb.shapes.MovingMesh, wb.DistanceBounder]:
     """A cup over which a lid closes and opens again; and a distance in it that falls faster than anything moves."""
 
     def box(lower, upper):
@@ -206,7 +206,7 @@ def closing() -> tuple[wb.IndicatorMotion, wb.DistanceBounder]:
     mesh = trimesh.util.concatenate(walls)
     low = mesh.vertices.copy()
     low[-8:, 2] -= 2.1
-    motion = wb.IndicatorMotion([mesh.vertices, low, mesh.vertices], mesh.faces, times=[0, 1, 2], name="cup")
+    motion = wb.shapes.MovingMesh([mesh.vertices, low, mesh.vertices], mesh.faces, times=[0, 1, 2], name="cup")
     domain = DistanceDomain.of(motion, 0.1)
     # relu(c - |x|_1 - c h(t)): as far as the walls; h goes from 0 at 0.8 to 1 at 0.9, and back from 1.1 to 1.2
     scale, middle = domain.scale.astype(float), domain.to_local(np.array([1.0, 0, 0, 0]))
@@ -258,7 +258,7 @@ def test_points_that_a_hole_closes_around_are_in_the_object(rng):
     a[1], b[1] = [0.8, 0, 0, 0], [0.97, 0, 0, 0]  # into it
     met = enclosed(motion, a, b)
     assert met[:2].all()
-    clear = wb.clear_segments(bounder, a, b)
+    clear = wb.proof.clear_segments(bounder, a, b)
     assert not (clear & met).any()
     assert clear.mean() > 0.5
     low, high = np.minimum(a, b).astype(np.float32), np.maximum(a, b).astype(np.float32)

@@ -21,7 +21,7 @@ from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED, GRANTED
-from warp_bounding.proof import charted, prove
+from warp_bounding.proof import parametrized, prove
 from warp_bounding.proof.prove import corners, in_part, meeting
 from warp_bounding.queries import sample
 from warp_bounding.queries.domain import Domain
@@ -87,8 +87,8 @@ def test_a_fit_is_proven_part_by_part_and_no_looser(case, tmp_path):
     finite = np.isfinite(bounder.thresholds)
     single = bounder.member.to("cpu").freeze(bounder.thresholds[finite].min() + float(bounder.threshold), None)
     x = sample(bounder.query_kind, grid, 20_000, np.random.default_rng(3)).astype(np.float32)
-    asked = finite[bounder.lattice.place(bounder.domain.to_local(x))]
-    assert (bounder.query(x).numpy() <= single.query(x).numpy())[asked].all()
+    queried = finite[bounder.lattice.place(bounder.domain.to_local(x))]
+    assert (bounder.query(x).numpy() <= single.query(x).numpy())[queried].all()
     assert case != "ray" or bounder.query(x).numpy().sum() < single.query(x).numpy().sum()
     bounder.save(tmp_path / "local.safetensors")
     again = wb.load(tmp_path / "local.safetensors", device="cpu")
@@ -110,8 +110,8 @@ def test_a_part_that_denies_a_part_of_the_object_is_found_out():
     levels = bounder.tensors["levels"].view(np.uint8)[: bounder.lattice.count]
     cells = grid.position(grid.occupied.astype(np.float64))
     places = np.bincount(bounder.lattice.place(bounder.domain.to_local(cells)), minlength=bounder.lattice.count)
-    told = (places > 0) & (levels < EVERYWHERE)  # parts with positives and a threshold
-    lowest = np.argmin(np.where(told, levels, NOWHERE))
+    reported = (places > 0) & (levels < EVERYWHERE)  # parts with positives and a threshold
+    lowest = np.argmin(np.where(reported, levels, NOWHERE))
     for part, wrong in ((np.argmax(places), NOWHERE), (lowest, NOWHERE), (lowest, EVERYWHERE - 1)):
         assert levels[part] != wrong
         changed = levels.copy()
@@ -196,10 +196,10 @@ def test_a_part_that_denies_a_positive_is_found_out(query):
     levels = bounder.tensors["levels"].view(np.uint8)[: bounder.lattice.count]
     met, step = met_by(bounder), float(bounder.tensors["scale"][1])
     places = bounder.lattice.place(bounder.domain.to_local(met))
-    told = (np.bincount(places, minlength=len(levels)) > 0) & (levels < EVERYWHERE)
-    lowest = np.argmin(np.where(told, levels, NOWHERE))
+    reported = (np.bincount(places, minlength=len(levels)) > 0) & (levels < EVERYWHERE)
+    lowest = np.argmin(np.where(reported, levels, NOWHERE))
     tried = [(lowest, NOWHERE), (lowest, EVERYWHERE - 1)]
-    for part in np.flatnonzero(told):  # raised by just as much as makes it deny a positive that was drawn
+    for part in np.flatnonzero(reported):  # raised by just as much as makes it deny a positive that was drawn
         least = bounder.values(met[places == part]).numpy().min()
         raised = int(levels[part]) + int(np.ceil((least - float(bounder.threshold)) / step)) + 1
         tried += [(part, raised)] if raised < EVERYWHERE else []
@@ -226,18 +226,18 @@ def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
 @pytest.mark.parametrize("query", REGIONS)
 def test_a_part_bounds_the_queries_in_it_and_no_others(query, name, rng):
     member = random_mlp(shape(name), domain=domain_of(shape(name), query, **REGIONS[query]))
-    cover, limit = charted(member, shape(name)), member.domain.limit.astype(np.float64)
+    cover, limit = parametrized(member, shape(name)), member.domain.limit.astype(np.float64)
     lattice = Lattice.of(-0.7 * limit, 0.6 * limit, (2,) * len(limit))
     row = rng.integers(len(cover.lower), size=300)
     share = np.sort(rng.random((2, 300, cover.lower.shape[1])), axis=0)
     lower, upper = (cover.lower[row] + s * (cover.upper - cover.lower)[row] for s in share)
     z = lower + rng.random((50, *lower.shape)) * (upper - lower)
     v = np.stack([cover.coordinates(each) for each in z])
-    low, high = cover.chart.hull(lower, upper, cover.numbers)
+    low, high = cover.parametrization.hull(lower, upper, cover.numbers)
     assert ((low <= v) & (v <= high)).all()
     f = np.stack([member.reference(each) for each in v])
     plain = cover.bound(lower, upper)
-    # The chart leaves out what is no query of the domain, and boxes that do not meet the object.
+    # The parametrization leaves out what is no query of the domain, and boxes that do not meet the object.
     held = ((np.abs(v) <= limit).all(axis=2) & np.isfinite(plain.lower)).T
     held &= _positive(cover, query, z).T
     tighter, place = 0, np.stack([lattice.place(each) for each in v]).T
@@ -334,26 +334,26 @@ def test_it_is_the_conjunction_of_its_parts(case, device):
         assert (answers[i] < np.delete(answers, i, 0).all(axis=0)).any()
     values, last = bounder.values(x).numpy(), parts[-1].values(x).numpy()
     passed = answers[:-1].all(axis=0)
-    asked = np.isfinite(last)
-    assert (values == np.where(passed | ~asked, last, np.float32(DENIED))).all()
+    queried = np.isfinite(last)
+    assert (values == np.where(passed | ~queried, last, np.float32(DENIED))).all()
 
 
 @pytest.mark.parametrize("case", EXITS)
 def test_the_reference(case, device):
     bounder, x = early(case, device)
     values = bounder.values(x).numpy().astype(np.float64)
-    asked = np.isfinite(values)
+    queried = np.isfinite(values)
     if bounder.query_kind == "ray":  # those that begin inside: `to_local` does not move the others
-        asked &= (np.abs(bounder.domain.base.to_local(x[:, : bounder.ndim])) <= 1).all(axis=1)
-    v = bounder.domain.to_local(x[asked])
-    exact, values = bounder.reference(v), values[asked]
+        queried &= (np.abs(bounder.domain.base.to_local(x[:, : bounder.ndim])) <= 1).all(axis=1)
+    v = bounder.domain.to_local(x[queried])
+    exact, values = bounder.reference(v), values[queried]
     agreed = (exact == DENIED) == (values == DENIED)
     assert agreed.mean() > 0.999
     assert (exact == DENIED).any() == (len(bounder.parts) > 1)
     slope = 1e-4  # the coordinates themselves are rounded
     assert (np.abs(values - exact)[agreed & (exact > DENIED)] <= bounder.rounding_bound() + slope).all()
     for part in bounder.parts:  # networks of every kind of query, two outputs among them
-        values = part.values(x[asked]).numpy()
+        values = part.values(x[queried]).numpy()
         assert (np.abs(values - part.reference(v)) <= part.rounding_bound() + slope).all()
 
 
@@ -394,8 +394,8 @@ def test_grants_are_told_in_turn_on_every_path(case, device):
     (without, x), bounder = early(case, device), granting(case, device)
     answers, values = bounder.query(x).numpy(), bounder.values(x).numpy()
     last = without.parts[-1].values(x).numpy()
-    asked = np.isfinite(last)
-    open_, expected = asked.copy(), last.copy()
+    queried = np.isfinite(last)
+    open_, expected = queried.copy(), last.copy()
     for i, part in enumerate(without.parts[:-1]):
         f, sure = part.values(x).numpy(), grant_part(bounder, i).values(x).numpy()
         denied = open_ & (f < part.threshold)

@@ -16,8 +16,8 @@ from bounding_shapes import (
     fitted,
     object_points,
     random_mlp,
+    report_of,
     shape,
-    told_of,
 )
 
 import warp_bounding as wb
@@ -86,17 +86,17 @@ TIMED = [(name, query) for name in ("kdop", "bvh") for query in ("ray", "plane",
 
 
 @cache
-def moving_box() -> wb.IndicatorMotion:
+def moving_box() -> wb.shapes.MovingMesh:
     """A small box that wanders from one corner to the other."""
     solid = trimesh.creation.box(extents=(0.2, 0.2, 0.2))
     frames = np.stack([solid.vertices + shift for shift in (-0.3, 0.1, 0.3)])
-    return wb.IndicatorMotion(frames, solid.faces, times=[SPAN[0], sum(SPAN) / 2, SPAN[1]], time_cells=3)
+    return wb.shapes.MovingMesh(frames, solid.faces, times=[SPAN[0], sum(SPAN) / 2, SPAN[1]], time_cells=3)
 
 
 @cache
 def bounded(method: str, query: str) -> wb.Bounder:
-    told = told_of(method, query, hidden=HIDDEN, steps=3)
-    return wb.fit(moving_box().to_grid(resolution=5), query=query, method=method, device="cpu", **told)
+    reported = report_of(method, query, hidden=HIDDEN, steps=3)
+    return wb.fit(moving_box().to_grid(resolution=5), query=query, method=method, device="cpu", **reported)
 
 
 def beyond(rng: np.random.Generator) -> np.ndarray:
@@ -147,7 +147,7 @@ def test_a_bounder_that_denies_beyond_the_keyframes_is_not_certified(query):
     """Such as one of cells that reach beyond them."""
     grid = moving_box().to_grid(resolution=5)
     wide = np.concatenate([grid.occupancy[:1], grid.occupancy, grid.occupancy[-1:]])
-    longer = wb.IndicatorGrid(wide, cells_per_unit=grid.cells_per_unit, offset=grid.offset - [1, 0, 0, 0], time=True)
+    longer = wb.shapes.Grid(wide, cells_per_unit=grid.cells_per_unit, offset=grid.offset - [1, 0, 0, 0], time=True)
     bounder = wb.fit(longer, query=query, method="bvh", device="cpu")
     assert wb.certify(bounder, longer).proven
     proof = wb.certify(bounder, grid)
@@ -173,7 +173,7 @@ def x(rng):
 
 @pytest.mark.parametrize("dtype", ["u1", "i8", ">i4"])
 def test_whole_numbers_that_float32_holds_exactly(dtype):
-    solid = wb.solids.Box([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
+    solid = wb.shapes.Box([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
     bounder, whole = wb.fit(solid, method="aabb", device="cpu"), np.indices((4, 4, 4)).reshape(3, -1).T
     expected = bounder.query(whole.astype(np.float32)).numpy()
     assert set(expected) == {0, 1}
@@ -297,11 +297,11 @@ def test_out(bounder, x, device):
 def test_candidates_are_the_ascending_ones(bounder, count, device, rng, monkeypatch):
     monkeypatch.setenv("WARP_BOUNDING_THREADS", "2")
     bounder, x = bounder.to(device), domain_points(shape("blob"), count, rng)
-    for asked in (x, np.full_like(x, np.nan), np.full_like(x, 99.0)):  # some, all, none
-        indices, number = bounder.candidates(asked)
+    for queried in (x, np.full_like(x, np.nan), np.full_like(x, 99.0)):  # some, all, none
+        indices, number = bounder.candidates(queried)
         assert indices.dtype == number.dtype == wp.int32
         assert (indices.shape, number.shape) == ((count,), (1,))
-        expected = np.flatnonzero(bounder.query(asked).numpy())
+        expected = np.flatnonzero(bounder.query(queried).numpy())
         assert number.numpy()[0] == len(expected)
         assert (indices.numpy()[: len(expected)] == expected).all()
 

@@ -43,7 +43,7 @@ def test_it_answers_as_query_does_and_what_is_written_to_x_next(method, device, 
     prepared = bounder.prepare(x, out=out)
     assert prepared.indices is None
     assert prepared.out is out
-    assert (out.numpy() == 7).all()  # nothing is asked before launch
+    assert (out.numpy() == 7).all()  # nothing is queried before launch
     for _ in range(3):
         assert prepared.launch() is prepared.out
         assert (out.numpy() == bounder.query(x).numpy()).all()

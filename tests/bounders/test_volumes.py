@@ -9,7 +9,6 @@ from bounding_shapes import domain_points, object_points, shape
 from region_cases import fitted_region
 
 import warp_bounding as wb
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.bvh import Bvh, build
 from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
 from warp_bounding.bounders.relu_field import FieldMap, ReluField, positive_boxes
@@ -18,6 +17,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.rounding import round_down
 from warp_bounding.training import fit
 from warp_bounding.training.learned_kdop import train_learned_kdop
 from warp_bounding.training.relu_field import train_relu_field
@@ -223,16 +223,19 @@ def test_kernels_of_fields(name, query, device):
     bounder = random_field(name, query).to(device)
     x = sample(query, shape(name), 3000, np.random.default_rng(2))
     values = bounder.values(x).numpy()
-    asked = np.isfinite(values)
-    assert asked.any()
-    error = np.abs(values - bounder.reference(bounder.domain.to_local(x)))[asked].max()
+    queried = np.isfinite(values)
+    assert queried.any()
+    error = np.abs(values - bounder.reference(bounder.domain.to_local(x)))[queried].max()
     # the reference starts from exact coordinates: what the map rounds comes on top
     assert error <= bounder.rounding_bound() + bounder.domain.delta @ np.abs(bounder._steepest * bounder.field.factor)
 
 
 def test_other_numbers_of_half_spaces_and_nodes():
-    for name, told in (("c", {"method": "kdop", "k": 6}), ("blob", {"method": "relu-field", "nodes": 7, "steps": 20})):
-        bounder = fit(shape(name), budget=1.0, device="cpu", progress=False, **told)
+    for name, reported in (
+        ("c", {"method": "kdop", "k": 6}),
+        ("blob", {"method": "relu-field", "nodes": 7, "steps": 20}),
+    ):
+        bounder = fit(shape(name), budget=1.0, device="cpu", progress=False, **reported)
         assert bounder.certificate.proven
         assert bounder.query(object_points(shape(name), np.random.default_rng(0)).astype(np.float32)).numpy().all()
 

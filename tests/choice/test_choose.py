@@ -12,7 +12,7 @@ from warp_bounding import choice as module
 from warp_bounding.choice import cost_plot
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.solids import Box, Sphere
+from warp_bounding.shapes import Box, Sphere
 
 DISK = np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5  # of cells: fitted in no time
 BALL = Sphere([0.0, 0.0, 0.0], 1.0).to_grid(resolution=12)
@@ -33,9 +33,9 @@ def points():
 
 @pytest.fixture(scope="module")
 def chosen(points, kept):
-    closed = wb.choose(BALL, narrow_ns=2000.0, queries=points, **kept)
+    closed = wb.choose(BALL, narrow_ns=2000.0, workload=points, **kept)
     room = closed.about["seconds"] + 8.0  # for one network
-    return wb.choose(BALL, narrow_ns=2000.0, queries=points, **{**kept, "networks": ((8,),), "budget": room})
+    return wb.choose(BALL, narrow_ns=2000.0, workload=points, **{**kept, "networks": ((8,),), "budget": room})
 
 
 def rows_of(choice):
@@ -61,7 +61,7 @@ def test_the_cheapest_is_chosen_and_proven(chosen, points, rng):
 
 
 def test_prices_overhead_and_memory_decide(points, kept):
-    given = {"queries": points, **kept}
+    given = {"workload": points, **kept}
     free = wb.choose(BALL, narrow_ns=0.0, **given)
     assert (free.bounder, free.label) == (None, "none")
     assert wb.choose(BALL, narrow_ns=500.0, **given).bounder is not None
@@ -78,7 +78,7 @@ def test_prices_overhead_and_memory_decide(points, kept):
 def test_bounders_of_ones_own_are_measured_and_wrong_ones_not_chosen(points, kept):
     own, wrong = (wb.fit(BALL, method="obb", device="cpu") for _ in range(2))
     wrong.freeze(0.9, wrong.certificate)
-    choice = wb.choose(BALL, narrow_ns=1e6, queries=points, bounders={"mine": own, "wrong": wrong}, **kept)
+    choice = wb.choose(BALL, narrow_ns=1e6, workload=points, bounders={"mine": own, "wrong": wrong}, **kept)
     rows = rows_of(choice)
     assert not rows["mine"].why_not
     assert rows["wrong"].missed > 0
@@ -93,7 +93,7 @@ def test_distances_answer_in_the_place_of_bounders(rng):
     far = wb.fit(BALL, "distance", "sphere", device="cpu")
     x = np.concatenate([rng.uniform(-2, 2, (4000, 3)), rng.normal(size=(4000, 3))], axis=1).astype(np.float32)
     given = {**SMALL, "methods": (), "bounders": {"far": far}}
-    choice = wb.choose(BALL, "ray", narrow_ns=1e7, queries=x, length=0.7, **given)
+    choice = wb.choose(BALL, "ray", narrow_ns=1e7, workload=x, length=0.7, **given)
     assert (choice.bounder.query_kind, [row.label for row in choice.rows]) == ("distance", ["far", "none"])
     assert choice.row.share == pytest.approx(far.rays(x, length=0.7)[0].numpy().mean(), abs=0.03)
 
@@ -162,9 +162,9 @@ def test_folders_of_others_are_left_alone(tmp_path):
         ({"networks": (24,)}, BounderError, "networks must be"),
         ({"memory": 0}, BounderError, "memory must be a whole number of bytes"),
         ({"memory": 1.5}, BounderError, "memory must be a whole number of bytes"),
-        ({"queries": np.zeros((0, 3))}, QueryError, "at least one of them"),
-        ({"queries": np.zeros((4, 2))}, QueryError, r"must be \(Q, 3\)"),
-        ({"queries": np.full((4, 3), np.nan)}, QueryError, "NaN"),
+        ({"workload": np.zeros((0, 3))}, QueryError, "at least one of them"),
+        ({"workload": np.zeros((4, 2))}, QueryError, r"must be \(Q, 3\)"),
+        ({"workload": np.full((4, 3), np.nan)}, QueryError, "NaN"),
         ({"length": 2.0}, BounderError, "length is for ray queries"),
         ({"query": "sphere"}, QueryError, "sphere"),
         ({"budget": 0}, BounderError, "budget"),
@@ -181,7 +181,7 @@ def test_bad_input_is_refused_in_one_line(given, error, words):
 # ----------
 
 BLOCK = Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
-GIVEN = {"narrow_ns": 1e5, "queries": np.random.default_rng(5).uniform(-2, 2, (4000, 3)).astype(np.float32), **QUIET}
+GIVEN = {"narrow_ns": 1e5, "workload": np.random.default_rng(5).uniform(-2, 2, (4000, 3)).astype(np.float32), **QUIET}
 SECONDS = {"aabb": 2.0, "sphere": 3.0, "kdop": 200.0, "voxels": 0.1}  # of a fit and its proof
 SETUP, ROUND = 2.0, 1.5  # seconds of every network's training, and of a hundred steps
 
@@ -268,14 +268,14 @@ def asking(seconds: float, left: int):
 
 
 def test_ones_own_code_is_timed():
-    asked = {"slow and tight": asking(0.02, 10), "quick and loose": asking(0.0, 500)}
-    expensive = wb.choose_among(asked, COUNT, narrow_ns=1e6)
+    queried = {"slow and tight": asking(0.02, 10), "quick and loose": asking(0.0, 500)}
+    expensive = wb.choose_among(queried, COUNT, narrow_ns=1e6)
     assert (expensive.label, expensive.bounder, expensive.positives) == ("slow and tight", None, 0.01)
     assert expensive.row.nanoseconds >= 1e9 * 0.02 / COUNT
-    cheap = wb.choose_among(asked, COUNT, narrow_ns=20_000.0)
+    cheap = wb.choose_among(queried, COUNT, narrow_ns=20_000.0)
     assert [stretch.label for stretch in cheap.prices] == ["none", "quick and loose", "slow and tight"]
     assert (cheap.label, cheap.more) == ("quick and loose", "")
-    assert wb.choose_among(asked, COUNT, narrow_ns=0.0).label == "none"
+    assert wb.choose_among(queried, COUNT, narrow_ns=0.0).label == "none"
     for bad in (({}, COUNT, -1.0), ({}, 0, 1.0), ({"a": lambda: np.zeros(3)}, COUNT, 1.0)):
         with pytest.raises(BounderError):
             wb.choose_among(*bad[:2], narrow_ns=bad[2])

@@ -28,7 +28,7 @@ def test_what_is_chosen_is_written_and_a_choice_goes_on(capsys, disk):
     assert "s a query in all" in out
     assert "Best by the narrow phase's price: none from 0 ns" in out
     assert f"candidates are kept in {output.with_suffix('.choice')}" in out
-    assert out.splitlines()[0].endswith("; --queries x.npy asks those of your simulation")
+    assert out.splitlines()[0].endswith("; --workload x.npy asks those of your simulation")
     assert output.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     assert wb.load(output, device="cpu").certificate.proven
     before = {path: path.stat().st_mtime_ns for path in (disk.parent / "c.choice").glob("*.safetensors")}
@@ -63,7 +63,7 @@ def test_a_folder_is_baked_once(folder, capsys):
     assert [found[name] for name in ("shapes", "baked", "kept", "failed", "proven", "foreign")] == [2, 2, 0, 0, 2, 1]
     assert found["too_large"] == ["large.npy"]
     assert "large.npy: left out" in err
-    assert wb.BounderLibrary(out, device="cpu").names == ["blob", "star"]
+    assert wb.baking.BounderLibrary(out, device="cpu").names == ["blob", "star"]
     status, text, _ = run(capsys, "bake", folder, *words)
     assert status == 0
     assert "2 shapes: 0 baked, 2 were there already, 0 failed; 2 proven" in text
@@ -76,7 +76,7 @@ def test_a_folder_is_baked_once(folder, capsys):
         (["--memory", "16k"], "--memory is for a choice, which --narrow-ns asks for; got '16k' without it"),
         (["--narrow-ns", 5, "--method", "kdop"], "--method is for a fit, and --narrow-ns asks for a choice"),
         (["--largest", 1e-6], "no shapes, expected files of"),
-        (["--queries", "nope.npy"], "nope.npy: no such file"),
+        (["--workload", "nope.npy"], "nope.npy: no such file"),
     ],
 )
 def test_what_would_be_wrong_for_every_shape_is_one_line(capsys, folder, options, words):

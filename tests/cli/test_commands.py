@@ -11,7 +11,7 @@ from PIL import Image
 from safetensors.numpy import load_file
 
 import warp_bounding as wb
-from warp_bounding.proof import attest
+from warp_bounding.proof import statistical_test
 
 CERTIFICATE_KEYS = {"kind", "query", "threshold", "lower_bound", "rounding_bound", "boxes", "seconds"}
 FEW = ("--samples", 5000)
@@ -73,7 +73,7 @@ def test_certify_tells_another_shape_and_never_proves_a_wrong_one(files, capsys)
     part = shape("c").occupancy.copy()  # the geometry decides: a part of the shape is proven, too
     part[2:4] = False
     np.save(files / "part.npy", part)
-    for words in (("certify",), ("soak", "--count", 1000)):
+    for words in (("certify",), ("stress", "--count", 1000)):
         status, out, _ = run(capsys, words[0], path, files / "part.npy", *words[1:])
         assert status == 0
         assert "part.npy is not the shape that the bounder was fitted to" in out.splitlines()[0]
@@ -104,7 +104,7 @@ def test_what_is_not_proven_is_said(files, capsys, monkeypatch):
     assert run(capsys, "info", path)[0] == 1
     assert as_json(capsys, "info", path, status=1)["certificate"] is None
     bounder = without_proof(monkeypatch)
-    attest(bounder, shape("c"), least=0.0, room=20.0, count=10_000)
+    statistical_test(bounder, shape("c"), least=0.0, room=20.0, count=10_000)
     bounder.save(path)
     status, out, err = run(capsys, "info", path)
     assert (status, err) == (1, "")
@@ -157,7 +157,7 @@ def test_a_map_in_metres_from_fit_to_soak(capsys, tmp_path):
     assert status == 0
     wall = np.array([[-0.5 + 4 * 0.05, 2 + 6 * 0.05], [-0.5 + 9 * 0.05, 2 + 6 * 0.05]], dtype=np.float32)
     assert wb.load(path, device="cpu").query(wall).numpy().tolist() == [1, 0]
-    for name, *more in (["certify"], ["evaluate", *FEW], ["soak", "--count", 1000]):
+    for name, *more in (["certify"], ["evaluate", *FEW], ["stress", "--count", 1000]):
         assert as_json(capsys, name, path, tmp_path / "map.png", *more, *options).get("same_indicator", True)
     assert run(capsys, "certify", path, tmp_path / "map.png", "--threshold", "<128")[0] == 1  # other cells
     status, out, err = run(capsys, "fit", tmp_path / "map.png", "-o", tmp_path / "new.safetensors", "--method", "aabb")
@@ -181,7 +181,7 @@ def test_a_distance_from_fit_to_soak(method, own, files, capsys):
     rates = as_json(capsys, "evaluate", path, source, "--radius", 0.1, *FEW)
     assert (rates["fn"], rates["radius"]) == (0, 0.1)
     check_bad(*run(capsys, "evaluate", path, source, "--radius", "nan"))
-    status, out, _ = run(capsys, "soak", path, source, "--count", "1e5", "--seed", 3)
+    status, out, _ = run(capsys, "stress", path, source, "--count", "1e5", "--seed", 3)
     assert (status, "none missed" in out) == (0, True)
 
 
@@ -208,9 +208,9 @@ def rays(files):
 
 
 def test_soak_finds_a_false_negative_where_there_is_one(rays, capsys):
-    status, out, _ = run(capsys, "soak", rays / "good.safetensors", rays / "c.npy", "--count", "1e5", "--seed", 7)
+    status, out, _ = run(capsys, "stress", rays / "good.safetensors", rays / "c.npy", "--count", "1e5", "--seed", 7)
     assert (status, "none missed" in out, "seed 7" in out) == (0, True, True)
-    words = ("soak", rays / "raised.safetensors", rays / "c.npy", "--count", "1e6", "--seed", 7)
+    words = ("stress", rays / "raised.safetensors", rays / "c.npy", "--count", "1e6", "--seed", 7)
     status, out, _ = run(capsys, *words)
     assert status == 1
     first, second = out.splitlines()

@@ -89,7 +89,7 @@ def test_assets_are_the_meshes_of_installed_packages(capsys, tmp_path):
     files = json.loads(out)["files"]
     assert [Path(file).name for file in files] == ["bunny.obj", "bear.obj", "rocks.obj"]
     for file in files:
-        read, there = wb.load_indicator(file), asset_mesh(Path(file).stem)
+        read, there = wb.load_shape(file), asset_mesh(Path(file).stem)
         assert (read.vertices == there.vertices).all()
         assert (read.faces == there.faces).all()
 

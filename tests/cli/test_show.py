@@ -49,7 +49,7 @@ def bounders(tmp_path_factory):
         ("of five", "five", "point"),
     ):
         names[name] = folder / f"{name.replace(' ', '-')}.safetensors"
-        wb.fit(wb.load_indicator(names[source]), query, "aabb", device="cpu").save(names[name])
+        wb.fit(wb.load_shape(names[source]), query, "aabb", device="cpu").save(names[name])
     return names
 
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import fitted, shape, told_of
+from bounding_shapes import fitted, report_of, shape
 from distances import far, thing
 
 import warp_bounding as wb
@@ -75,11 +75,11 @@ def test_the_stored_rate_of_a_mesh_is_against_the_mesh_itself(method, told):
 
     bar = trimesh.creation.box((1.0, 0.3, 0.2))
     bar.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
-    mesh = wb.IndicatorMesh(bar.vertices, bar.faces)
+    mesh = wb.shapes.Mesh(bar.vertices, bar.faces)
     bounder = wb.fit(mesh, method=method, margin=0.05, device="cpu", progress=False, **told)
-    asked = wb.evaluate(bounder, mesh, samples=100_000)
-    assert asked.truth == "of the shape itself"
-    assert bounder.info["rates"]["fp_rate"] == pytest.approx(asked.fp_rate, abs=0.7)
+    queried = wb.evaluate(bounder, mesh, samples=100_000)
+    assert queried.truth == "of the shape itself"
+    assert bounder.info["rates"]["fp_rate"] == pytest.approx(queried.fp_rate, abs=0.7)
 
 
 REGIONS = ("ray", "plane", "box")
@@ -90,7 +90,7 @@ CLASSICS = [("kdop", "ray"), ("sphere", "plane"), ("bvh", "box")]
 @cache
 def fitted_region(method: str, query: str, length: float = 0.6):
     """On the CPU; never change it."""
-    told = told_of(method, query, length=length)
+    told = report_of(method, query, length=length)
     return wb.fit(shape("star"), query=query, method=method, device="cpu", **told)
 
 

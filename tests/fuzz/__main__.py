@@ -33,10 +33,10 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="number of the first file")
     parser.add_argument("--among", default="", help="only subjects whose name holds this, such as 'learned-kdop plane'")
     parser.add_argument("--out", type=Path, default=Path("out/fuzz"), help="folder for what is found")
-    asked = parser.parse_args()
-    among = [subject for subject in subjects() if asked.among in subject.name]
+    queried = parser.parse_args()
+    among = [subject for subject in subjects() if queried.among in subject.name]
     if not among:
-        parser.error(f"--among must be part of a subject's name, got {asked.among!r}")
+        parser.error(f"--among must be part of a subject's name, got {queried.among!r}")
     shown = 0.0
 
     def progress(tally, number: int, seconds: float) -> None:
@@ -46,17 +46,17 @@ def main() -> int:
             print(f"{seconds / 60:6.1f} min, {tally.counts['files'] / seconds:5.1f} files/s: {tally}", flush=True)
 
     started = time.perf_counter()
-    options = {"iterations": asked.files, "seconds": 60 * asked.minutes, "first": asked.first, "among": among}
-    tally = fuzz(asked.seed, **options, out=asked.out, progress=progress)
+    options = {"iterations": queried.files, "seconds": 60 * queried.minutes, "first": queried.first, "among": among}
+    tally = fuzz(queried.seed, **options, out=queried.out, progress=progress)
     seconds = time.perf_counter() - started
     print(f"{seconds / 60:.1f} min, {tally.counts['files'] / max(seconds, 1e-9):.1f} files/s: {tally}")
-    asked.out.mkdir(parents=True, exist_ok=True)
-    summary = {"seed": asked.seed, "seconds": round(seconds, 1), **tally.counts, "proven by subject": tally.proven}
-    (asked.out / "summary.json").write_text(json.dumps(summary, indent=1))
-    among = f" --among {shlex.quote(asked.among)}" * bool(asked.among)
+    queried.out.mkdir(parents=True, exist_ok=True)
+    summary = {"seed": queried.seed, "seconds": round(seconds, 1), **tally.counts, "proven by subject": tally.proven}
+    (queried.out / "summary.json").write_text(json.dumps(summary, indent=1))
+    among = f" --among {shlex.quote(queried.among)}" * bool(queried.among)
     for record in tally.found[:20]:
         print(json.dumps({k: v for k, v in record.items() if k != "error"}))
-        print(f"again: python tests/fuzz --seed {asked.seed} --first {record['iteration']} --files 1{among}")
+        print(f"again: python tests/fuzz --seed {queried.seed} --first {record['iteration']} --files 1{among}")
         if "error" in record:
             print(record["error"].strip().splitlines()[-1])
     return 1 if tally.found else 0

@@ -2,7 +2,7 @@
 with no.
 
 The queries are certain positives of the claim that the certificate states: those of the stress test's stream, and
-regions on corners, faces and hulls, nudged by single floats, whose truth the exact oracles know. They are asked in
+regions on corners, faces and hulls, nudged by single floats, whose truth the exact oracles know. They are queried in
 batches, in the world, and one by one by the function for other kernels. Some proven bounders are walked downhill,
 besides.
 """
@@ -15,11 +15,11 @@ from bounding_shapes import object_points
 from region_cases import hard_regions
 
 from warp_bounding.bounders import Bounder
-from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.stress import DistancePositives, HardStream, Missed, Walk
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives
+from warp_bounding.shapes import Grid
+from warp_bounding.shapes.shape import Shape
 
 STEPS = 12  # of a walk
 
@@ -44,9 +44,9 @@ def attack(
         quick: Batches of float32 only: each other form needs a kernel of its own.
 
     Returns:
-        How many were asked, and the first that was denied.
+        How many were queried, and the first that was denied.
     """
-    asked, far = 0, bounder.of_distances
+    queried, far = 0, bounder.of_distances
     if far:
         stream = DistancePositives(bounder, shape)
         chunks = range(2 * len(stream.forms))
@@ -59,12 +59,12 @@ def attack(
         chunks = range(first, first + len(stream.cycle))
     for chunk in chunks:
         _, there, missed = stream.ask(seed, chunk, count)
-        asked += there
+        queried += there
         if missed is not None:
-            return asked, missed
+            return queried, missed
     if far:
-        return asked, None
-    if isinstance(shape, IndicatorGrid):
+        return queried, None
+    if isinstance(shape, Grid):
         near = _near(query, shape, length, int(rng.integers(4)))
         if walk:
             near = np.concatenate([near, Walk(bounder, shape, int(rng.integers(2**31))).down(near[:1024], STEPS)[0]])
@@ -77,10 +77,10 @@ def attack(
         near = _regions_through(query, held, rng, float(shape.extent.max()))
     answers = {"float32": bounder.query(near).numpy()} | ({} if quick else {"function": ask(bounder, near)})
     for form, answer in answers.items():
-        missed, asked = np.flatnonzero(answer == 0), asked + len(near)
+        missed, queried = np.flatnonzero(answer == 0), queried + len(near)
         if len(missed):
-            return asked, Missed(near[missed[0]].tolist(), form)
-    return asked, None
+            return queried, Missed(near[missed[0]].tolist(), form)
+    return queried, None
 
 
 def _held(shape: Shape, rng: np.random.Generator, count: int) -> np.ndarray:
@@ -114,13 +114,13 @@ def _positives(query: str, shape: Shape, length: float) -> HardPositives | HardS
     """One stream for all shapes that are the same; a shape's pool of border points takes a while."""
     key = query, shape.digest, shape.margin, shape.unbounded, length
     if key not in _KNOWN:
-        kind = HardPositives if isinstance(shape, IndicatorGrid) else HardShapePositives
+        kind = HardPositives if isinstance(shape, Grid) else HardShapePositives
         _KNOWN[key] = kind(query, shape, length, "cpu")
     return _KNOWN[key]
 
 
 @lru_cache(maxsize=256)
-def _near(query: str, grid: IndicatorGrid, length: float, number: int, count: int = 2000) -> np.ndarray:
+def _near(query: str, grid: Grid, length: float, number: int, count: int = 2000) -> np.ndarray:
     """Corners, faces and hulls, float32 neighbours included; all of them positives."""
     rng = np.random.default_rng(number)
     if query == "point":

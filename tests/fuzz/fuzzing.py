@@ -130,8 +130,8 @@ def judge(
         )
     claimed = as_fitted(bounder, subject.grid)
     claimed = subject.grid if claimed.digest == subject.grid.digest else claimed
-    asked, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED and not quick, quick=quick)
-    tally.counts["queries"] += asked
+    queried, denied = attack(bounder, claimed, rng, count, walk=rng.random() < WALKED and not quick, quick=quick)
+    tally.counts["queries"] += queried
     return denied
 
 

@@ -13,16 +13,16 @@ import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS, Bounder, file_format
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.certificates import Certificate
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import least_value
 from warp_bounding.proof.distances import KEY as CHECKPOINT
-from warp_bounding.proof.distances import largest_excess
+from warp_bounding.proof.distances import largest_overestimate
 from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.rounding import round_down
+from warp_bounding.shapes import Grid
 
 SEARCHED = 5000  # boxes, for the threshold of a spoilt network
 SEARCH_SECONDS = 0.5  # for that of a spoilt distance
@@ -493,7 +493,7 @@ MUTATIONS = {
 }
 
 
-def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Generator) -> None:
+def tighten(file: File, bounder: Bounder, grid: Grid, rng: np.random.Generator) -> None:
     """Make the most of the proof of a spoilt file, as a liar would: of voxels keep those that the proof counts on, and
     no others; raise
     (or lower) every threshold to the highest one that the proof of its part allows.
@@ -505,7 +505,9 @@ def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Ge
         rng: Whether to choose the voxels.
     """
     if bounder.of_distances:
-        least = 0.0 if bounder.volume is not None else -float(largest_excess(bounder, grid, SEARCH_SECONDS)[0].max())
+        least = (
+            0.0 if bounder.volume is not None else -float(largest_overestimate(bounder, grid, SEARCH_SECONDS)[0].max())
+        )
         tightest = float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf)))
         if np.isfinite(tightest):
             file.document["threshold"] = min(tightest, 0.0)
@@ -534,7 +536,7 @@ def tighten(file: File, bounder: Bounder, grid: IndicatorGrid, rng: np.random.Ge
     file.document["threshold"] = float(thresholds[-1])
 
 
-def _counted_on(part: Voxels, grid: IndicatorGrid) -> np.ndarray:
+def _counted_on(part: Voxels, grid: Grid) -> np.ndarray:
     """Bits of the cells in which the middles of the object's cells lie."""
     low, high = part.domain.widened(grid.position(grid.occupied - 0.5), grid.position(grid.occupied + 0.5))
     t = (low + high) / 2 * part.tensors["factor"].astype(np.float64) + part.tensors["summand"]

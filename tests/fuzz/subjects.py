@@ -15,13 +15,13 @@ from bounding_shapes import shape as grid_named
 from random_networks import random_monotone
 
 import warp_bounding as wb
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade, DistanceBounder
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
 ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}
@@ -98,18 +98,18 @@ def _two_boxes() -> trimesh.Trimesh:
 
 def _mesh():
     made = _two_boxes()
-    return wb.IndicatorMesh(made.vertices, made.faces)
+    return wb.shapes.Mesh(made.vertices, made.faces)
 
 
 def _motion():
     made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
     keys = [made.vertices + np.array(way) for way in ([0, 0, 0], [0.5, 0, 0.2], [0.5, 0.6, 0])]
-    return wb.IndicatorMotion(keys, made.faces, times=[0.0, 0.4, 1.0])
+    return wb.shapes.MovingMesh(keys, made.faces, times=[0.0, 0.4, 1.0])
 
 
 def _blend_shapes():
     made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
-    return wb.IndicatorBlendShapes(
+    return wb.shapes.BlendShapes(
         made.vertices, [made.vertices * [1.0, 0.0, 0.3]], made.faces, lower=[-0.4], upper=[0.8]
     )
 
@@ -135,8 +135,8 @@ OTHERS: dict[str, Callable] = {
     "mesh": _mesh,
     "motion": _motion,
     "blend": _blend_shapes,
-    "function": lambda: wb.IndicatorFunction(None, [-1.0, -1.0], [1.0, 1.0], distance=_star),
-    "solid": lambda: wb.solids.Sphere([0.0, 0.0, 0.0], 0.5) | wb.solids.Box([0.2, 0.2, 0.2], [0.8, 0.9, 1.0]),
+    "function": lambda: wb.shapes.Function(None, [-1.0, -1.0], [1.0, 1.0], distance=_star),
+    "solid": lambda: wb.shapes.Sphere([0.0, 0.0, 0.0], 0.5) | wb.shapes.Box([0.2, 0.2, 0.2], [0.8, 0.9, 1.0]),
     "arm": _arm,
 }
 
@@ -149,7 +149,7 @@ def shape(name: str):
 
 @dataclass(frozen=True)
 class Subject:
-    """One honest bounder, made when it is asked for."""
+    """One honest bounder, made when it is requested."""
 
     name: str
     shape: str
@@ -176,7 +176,7 @@ def _made(subject: Subject) -> Bounder:
     return bounder
 
 
-def settled(bounder: Bounder, name: str) -> Bounder:
+def resolved(bounder: Bounder, name: str) -> Bounder:
     """At the threshold that its proof gives."""
     least = least_value(bounder, shape(name), boxes=BOXES, eps=0.05).lower_bound
     return bounder.freeze(float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf))), None)
@@ -197,15 +197,15 @@ def made(method: str, name: str, query: str) -> Bounder:
     grid, kind = shape(name), METHODS[method]
     domain = domain_of(grid, query, LENGTH)
     if method == "monotone-mlp":
-        return settled(random_monotone(grid, HIDDEN), name)
+        return resolved(random_monotone(grid, HIDDEN), name)
     if method == "mlp-early":
         whole, first = network(name, query, EARLY), network(name, query, EARLY[:1])
         shared = {k: v for k, v in whole.tensors.items() if k.startswith("layers.0.")}
         first = Mlp(first.domain, first.tensors | shared, first.sizes, "cpu")
-        return MlpEarly.of([settled(first, name), settled(whole, name)])
+        return MlpEarly.of([resolved(first, name), resolved(whole, name)])
     if issubclass(kind, Mlp):
-        return settled(network(name, query), name)
-    return settled(kind.fit(grid, domain, device="cpu"), name)
+        return resolved(network(name, query), name)
+    return resolved(kind.fit(grid, domain, device="cpu"), name)
 
 
 def _maker(method: str, *which: str) -> Callable[[], Bounder]:

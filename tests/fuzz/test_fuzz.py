@@ -14,7 +14,7 @@ from attack import attack
 from bounding_shapes import shape
 from fuzzing import Tally, fuzz, judge, undistracted
 from mutations import File
-from subjects import made, network, settled, subjects
+from subjects import made, network, resolved, subjects
 
 import warp_bounding as wb
 from warp_bounding.bounders import learned_kdop
@@ -96,10 +96,10 @@ def test_voxels_that_run_backwards_are_refused(rng):
     reverse = tensors | {"factor": tensors["factor"] * np.float32([-1, 1])}
     with pytest.raises(BounderError, match="positive factors"):
         Voxels(domain, reverse, sizes, "cpu")
-    liar = Voxels(domain, tensors, sizes, "cpu").freeze(0.5, None)
-    liar.tensors = reverse  # past the check
-    assert proven(liar, shape("c"))
-    assert denied(liar, shape("c"), rng)
+    invalid = Voxels(domain, tensors, sizes, "cpu").freeze(0.5, None)
+    invalid.tensors = reverse  # past the check
+    assert proven(invalid, shape("c"))
+    assert denied(invalid, shape("c"), rng)
 
 
 def test_voxels_reach_less_than_half_a_cell():
@@ -114,13 +114,13 @@ def test_long_normals_cut_nothing_off(rng, monkeypatch):
     name = "c"
     honest, grid = made("learned-kdop", name, "plane"), shape(name)
     tensors = {k: t * np.float32(2.0**24) for k, t in honest.tensors.items()}
-    long = settled(type(honest)(honest.domain, tensors, {}, "cpu"), name)
+    long = resolved(type(honest)(honest.domain, tensors, {}, "cpu"), name)
     assert proven(long, grid)
     assert not denied(long, grid, rng)
     monkeypatch.setattr(learned_kdop, "second_faces", lambda normals, _: np.full(len(normals), -(2.0**20)))
-    liar = settled(type(honest)(honest.domain, tensors, {}, "cpu"), name)
-    assert proven(liar, grid)
-    assert denied(liar, grid, rng)
+    invalid = resolved(type(honest)(honest.domain, tensors, {}, "cpu"), name)
+    assert proven(invalid, grid)
+    assert denied(invalid, grid, rng)
 
 
 def wide_boxes():
@@ -136,15 +136,16 @@ def wide_boxes():
 
 
 def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
-    """Numbers of cells beyond 32 bits made the chart drop every box, and a least value of nothing was proof enough."""
-    liar, grid = wide_boxes()
-    assert denied(liar, grid, rng)
-    assert wb.certify(liar, grid, seconds=5).kind == "refuted"
+    """Numbers of cells beyond 32 bits made the parametrization drop every box, and a least value of nothing was proof
+    enough."""
+    invalid, grid = wide_boxes()
+    assert denied(invalid, grid, rng)
+    assert wb.certify(invalid, grid, seconds=5).kind == "refuted"
     with undistracted():
-        assert "cells of the shape" in wb.certify(liar, grid, seconds=5).message
+        assert "cells of the shape" in wb.certify(invalid, grid, seconds=5).message
     monkeypatch.setattr(covers, "MOST_CELLS", np.inf)
     with undistracted():
-        assert not wb.certify(liar, grid, seconds=5).proven
+        assert not wb.certify(invalid, grid, seconds=5).proven
 
 
 def test_a_flat_field_is_looked_up_inside_its_grid():

@@ -12,9 +12,9 @@ from random_networks import random_network, random_supports
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.marches import box_kernel, lanes_kernel, lines_kernel
-from warp_bounding.networks.bounds import NetworkShape, PlainChart
+from warp_bounding.networks.bounds import NetworkShape, PlainParametrization
 from warp_bounding.networks.bounds import _kernel as bound_kernel
-from warp_bounding.networks.charts import BoxChart, RayChart
+from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization
 from warp_bounding.proof.search import depth_first_kernel
 from warp_bounding.queries import QUERIES, registry
 
@@ -48,9 +48,13 @@ def test_networks(activation, tmp_path):
     check_compiles(bound_kernel(network.network.kernel_shape()), tmp_path / "bound")
 
 
-@pytest.mark.parametrize("chart", [PlainChart(3), RayChart(6), BoxChart(6)], ids=repr)
-def test_searches(chart, tmp_path):
-    shape = NetworkShape(chart.inputs, ((chart.inputs, 5, "sin", 0), (5, 4, "tanh", 0)), chart)
+@pytest.mark.parametrize(
+    "parametrization", [PlainParametrization(3), RayParametrization(6), BoxParametrization(6)], ids=repr
+)
+def test_searches(parametrization, tmp_path):
+    shape = NetworkShape(
+        parametrization.inputs, ((parametrization.inputs, 5, "sin", 0), (5, 4, "tanh", 0)), parametrization
+    )
     check_compiles(bound_kernel(shape), tmp_path / "bound")
     check_compiles(depth_first_kernel(shape), tmp_path / "search")
 

@@ -95,17 +95,17 @@ def kernel_in(bounder: wb.Bounder, module: wp.Module) -> wp.Kernel:
     """A kernel as a user would write it."""
     test, vector = bounder.func, vector_type(bounder.ndim)
 
-    def ask_point(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_point(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
         i = wp.tid()
         if wp.static(test)(data, q[i]):
             answer[i] = wp.uint8(1)
 
-    def ask_region(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_region(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.uint8)):
         i = wp.tid()
         if wp.static(test)(data, q[i, 0], q[i, 1]):
             answer[i] = wp.uint8(1)
 
-    ask = ask_point if bounder.query_kind == "point" else ask_region
+    ask = query_point if bounder.query_kind == "point" else query_region
     ask.__qualname__ = ask.__name__ = f"ask_{bounder.method.replace('-', '_')}"
     return wp.kernel(ask, module=module, enable_backward=False)
 

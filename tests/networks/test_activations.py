@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-from bounding_shapes import EARLY, HIDDEN, object_points, shape, told_of
+from bounding_shapes import EARLY, HIDDEN, object_points, report_of, shape
 from fused_activations import fused_sine, fused_tanh
 from region_cases import hard_regions, ray_length
 
@@ -33,8 +33,8 @@ def test_every_activation_in_every_network(method, query, name, activation, monk
     monkeypatch.setattr(networks, "REGION_PROOF_BOXES", 100_000)
     grid, kind = shape(name), METHODS[method]
     hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
-    told = told_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
-    bounder = wb.fit(grid, query, method, device="cpu", **told)
+    reported = report_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
+    bounder = wb.fit(grid, query, method, device="cpu", **reported)
     assert bounder.activation in (activation, ACTIVATIONS[activation].monotone.name)
     bounder.save(tmp_path / "b.safetensors")
     loaded = wb.load(tmp_path / "b.safetensors")
@@ -60,9 +60,9 @@ def test_what_the_registry_says_of_an_activation(name):
     assert activation.name == name
     assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
     assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
-    twin = activation.monotone
-    assert twin.monotone is twin
-    assert (np.diff(twin.value(x)) >= 0).all()
+    reference = activation.monotone
+    assert reference.monotone is reference
+    assert (np.diff(reference.value(x)) >= 0).all()
     assert activation.error(1.0) < 1e-5
     near, noise = np.full((1, len(x)), 0.1), np.full((1, len(x)), 1e-3)
     if activation.bends:

@@ -22,8 +22,8 @@ RADIUS, GAP, RECORDS = 0.02, 0.03, ("particle", "shape", "body_pos", "body_vel",
 
 
 @pytest.fixture(scope="module")
-def bunny() -> wb.IndicatorMesh:
-    return wb.load_indicator(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
+def bunny() -> wb.shapes.Mesh:
+    return wb.load_shape(os.path.join(warp.examples.get_asset_directory(), "bunny.usd"))
 
 
 def scene(bunny, *, moving=False, particles=1500):
@@ -161,7 +161,7 @@ def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
 def test_rotations_that_are_not_quite_ones(bunny, turn):
     """A mesh that lies far from its origin, turned by a quaternion of another length than 1: taken as Newton takes
     it."""
-    far = wb.IndicatorMesh(bunny.vertices + np.float32([0.0, 0.0, 9.0]), bunny.faces)
+    far = wb.shapes.Mesh(bunny.vertices + np.float32([0.0, 0.0, 9.0]), bunny.faces)
     mesh, place = newton.Mesh(far.vertices, far.faces.reshape(-1)), wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn))
     builder, rng = newton.ModelBuilder(up_axis=newton.Axis.Y), np.random.default_rng(0)
     shape = builder.add_shape_mesh(body=-1, mesh=mesh, xform=place)
@@ -197,7 +197,7 @@ def test_what_does_not_fit_is_refused(bunny):
         newton.CollisionPipeline(model).contacts(),
     )
     good = bounder_of(bunny, mesh, pipeline)
-    larger, flat = wb.IndicatorMesh(bunny.vertices * 1.5, bunny.faces), wb.IndicatorGrid(np.eye(4, dtype=bool))
+    larger, flat = wb.shapes.Mesh(bunny.vertices * 1.5, bunny.faces), wb.shapes.Grid(np.eye(4, dtype=bool))
     occupancy = wb.fit(bunny, method="occupancy", steps=5, margin=0.05, resolution=16, device="cpu")
     for bounders, message in (
         ([good], "mapping from indices of shapes to bounders, got list"),
@@ -517,7 +517,7 @@ def test_height_fields_say_once_that_they_have_no_test():
     tally = cull.tally()
     assert (tally["hfield"].culled, tally["plane"].culled) == (0, 20)
     assert str(tally["plane"]) == "20 of 20 (100.0 %)"
-    ParticleCull(pipeline, untested=[index])  # says nothing: it was asked for
+    ParticleCull(pipeline, untested=[index])  # says nothing: it was requested
 
 
 def test_untested_shapes_keep_all_their_pairs():

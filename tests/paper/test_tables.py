@@ -187,7 +187,7 @@ def run_proofs(capsys, data, table, *words):
     )
     out = table.parent / "out"
     status, _, err = run(capsys, "proofs", "--data", data, "--table", table, "--out", out, *own)
-    shape, found = wb.load_indicator(data / "2D/disc.png"), rows(out, "proofs")
+    shape, found = wb.load_shape(data / "2D/disc.png"), rows(out, "proofs")
     files = [out / f"bounders/2d-{row['query']}.disc.mlp.safetensors" for row in found]
     return status, [(row, wb.load(file, device="cpu")) for row, file in zip(found, files, strict=True)], shape, err
 
@@ -219,11 +219,11 @@ def test_a_contradiction_and_a_failed_proof_are_told(data, table, capsys, monkey
     def none(*_, **__):
         raise BounderError("no proof\nyet")
 
-    for fake, told in ((wrong, "the prover found a positive with f ="), (none, "2d-point disc: mlp: no proof yet")):
+    for fake, reported in ((wrong, "the prover found a positive with f ="), (none, "2d-point disc: mlp: no proof yet")):
         monkeypatch.setattr(proofs, "prove", fake)
         status, found, _, err = run_proofs(capsys, data, table, "--positives", "500")
         assert (status, found) == (1, [])
-        assert told in err
+        assert reported in err
 
 
 # --- what words select ------------------------------------------------------------------------------------------------
@@ -250,8 +250,8 @@ def test_objects(data):
     for word in ("", "dd", "4d/half", "/disc"):
         with pytest.raises(BoundingError, match="objects must be among"):
             select_objects(found, word)
-    for place, dimensions, told in ((data, (3,), r"no 3D/\*.binvox"), (data / "none", (2,), "no such folder")):
-        with pytest.raises(BoundingError, match=told):
+    for place, dimensions, reported in ((data, (3,), r"no 3D/\*.binvox"), (data / "none", (2,), "no such folder")):
+        with pytest.raises(BoundingError, match=reported):
             objects_in(place, dimensions)
 
 

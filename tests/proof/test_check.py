@@ -26,13 +26,13 @@ from warp_bounding.bounders.union import Union
 from warp_bounding.certificates import ABOUT
 from warp_bounding.certificates.claim import as_fitted, mismatch
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, QueryError
-from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.indicators.shape import IN
 from warp_bounding.proof import prove, settle
 from warp_bounding.queries.domain import Domain, rounding_of_map
 from warp_bounding.queries.placement import Placement, placement_error
+from warp_bounding.shapes import Grid
+from warp_bounding.shapes.shape import IN
 
-MESH = wb.IndicatorMesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
+MESH = wb.shapes.Mesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
 
 
 def copy_of(bounder, tensors=None, domain=None):
@@ -112,8 +112,8 @@ def test_what_is_spoilt_is_refuted(method):
     if len(denied):  # a network that is hardly trained may deny no cell
         occupancy = grid.occupancy.copy()
         occupancy[tuple(denied[0])] = True
-        assert check_refuted(bounder, IndicatorGrid(occupancy)).indicator != bounder.certificate.indicator
-        check_refuted(bounder, IndicatorGrid(~grid.occupancy))
+        assert check_refuted(bounder, Grid(occupancy)).indicator != bounder.certificate.indicator
+        check_refuted(bounder, Grid(~grid.occupancy))
 
 
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
@@ -122,7 +122,7 @@ def test_one_more_voxel_is_found_by_regions(method, query):
     grid = shape("c")
     occupancy = grid.occupancy.copy()
     occupancy[tuple(np.array(grid.shape) - 1)] = True
-    more = IndicatorGrid(occupancy, cells_per_unit=grid.cells_per_unit, offset=grid.offset)
+    more = Grid(occupancy, cells_per_unit=grid.cells_per_unit, offset=grid.offset)
     options = {"steps": 20} if method == "learned-kdop" else {}
     bounder = wb.fit(grid, method=method, query=query, device="cpu", **options)
     assert wb.certify(bounder, grid).proven
@@ -185,9 +185,9 @@ def test_another_shape_does_not_apply_or_is_refuted():
     bounder, grid = fitted("aabb", "blob"), shape("blob")
     for other in ("c", "animated", "five"):
         assert wb.certify(bounder, shape(other)).kind == "inapplicable"
-    still = IndicatorGrid(shape("animated").occupancy)
+    still = Grid(shape("animated").occupancy)
     assert wb.certify(fitted("aabb", "animated"), still).kind == "inapplicable"
-    moved = IndicatorGrid(grid.occupancy, offset=[3.0, 0.0, 0.0])
+    moved = Grid(grid.occupancy, offset=[3.0, 0.0, 0.0])
     assert "domain" in check_refuted(bounder, moved).message
     for shape_, words in ((moved, "domain"), (shape("c"), "2D")):
         with pytest.raises(BounderError, match=words):
@@ -341,16 +341,16 @@ CUBES[1:4, 2:4, 1:5] = True
 def thing(name: str):
     """A mesh, its cells, a motion, a solid, and a function whose distance is too short."""
     if name == "motion":
-        return wb.IndicatorMotion(FRAMES, BOX.faces, times=[0.0, 1.0, 2.0], time_cells=4)
+        return wb.shapes.MovingMesh(FRAMES, BOX.faces, times=[0.0, 1.0, 2.0], time_cells=4)
     if name == "grid":
-        return wb.IndicatorGrid(CUBES)
+        return wb.shapes.Grid(CUBES)
     if name == "solid":
-        return wb.solids.Box([-0.5, -0.6, -0.4], [0.5, 0.6, 0.4])
+        return wb.shapes.Box([-0.5, -0.6, -0.4], [0.5, 0.6, 0.4])
     if name == "function":
-        return wb.IndicatorFunction(
+        return wb.shapes.Function(
             None, [-1, -1, -1], [1, 1, 1], distance=lambda x: 0.5 * (np.linalg.norm(x, axis=1) - 1)
         )
-    return wb.IndicatorMesh(BOX.vertices, BOX.faces)
+    return wb.shapes.Mesh(BOX.vertices, BOX.faces)
 
 
 KINDS = {  # of bounders: shape, and what ``fit`` is told
@@ -379,11 +379,11 @@ def others(name: str):
     own = thing(name)
     yield "another margin", own.dilated(2 * MARGIN)
     yield "less margin", own.dilated(MARGIN / 2)
-    yield "the other side", wb.Complement(own)
-    yield "the other side of the dilated one", wb.Complement(own.dilated(MARGIN))
+    yield "the other side", wb.shapes.Complement(own)
+    yield "the other side of the dilated one", wb.shapes.Complement(own.dilated(MARGIN))
     if name == "motion":
-        yield "fewer times", wb.IndicatorMotion(FRAMES[:2], BOX.faces, times=[0.0, 1.0])
-        yield "other times", wb.IndicatorMotion(FRAMES, BOX.faces, times=[0.5, 1.0, 2.0])
+        yield "fewer times", wb.shapes.MovingMesh(FRAMES[:2], BOX.faces, times=[0.0, 1.0])
+        yield "other times", wb.shapes.MovingMesh(FRAMES, BOX.faces, times=[0.5, 1.0, 2.0])
         yield "no time", thing("mesh")
     else:
         yield "a time", thing("motion")
@@ -454,26 +454,26 @@ def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
     that it claims."""
     bounder, own = of_kind(kind), thing(KINDS[kind][0])
     try:
-        liar = wb.load(edited(bounder, tmp_path / "b.safetensors", LIES[lie]), device="cpu")
+        invalid = wb.load(edited(bounder, tmp_path / "b.safetensors", LIES[lie]), device="cpu")
     except FileFormatError:
         return
-    proof = wb.certify(liar, own, seconds=5.0)
+    proof = wb.certify(invalid, own, seconds=5.0)
     if not proof.proven:
         return
-    assert wb.certify(liar, own, margin=MARGIN).proven == (proof.margin == MARGIN)
-    claimed = as_fitted(liar, own)
-    assert (proof.margin, proof.query) == (claimed.margin, liar.query_kind)
-    if liar.query_kind in ("point", "distance"):
+    assert wb.certify(invalid, own, margin=MARGIN).proven == (proof.margin == MARGIN)
+    claimed = as_fitted(invalid, own)
+    assert (proof.margin, proof.query) == (claimed.margin, invalid.query_kind)
+    if invalid.query_kind in ("point", "distance"):
         x = (claimed.lower + rng.random((4000, claimed.ndim)) * (claimed.upper - claimed.lower)).astype(np.float32)
         x = x[claimed.decide(x) == IN]
         assert len(x)
-        assert liar.query(x).numpy().all()
+        assert invalid.query(x).numpy().all()
 
 
 def test_two_sides_are_of_one_object():
     """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of
     any object."""
-    flat = {"ball": wb.solids.Sphere([0, 0], 1.0), "box": wb.solids.Box([-2, -2], [2, 2])}
+    flat = {"ball": wb.shapes.Sphere([0, 0], 1.0), "box": wb.shapes.Box([-2, -2], [2, 2])}
     told = {"side": "inside", "hidden": (8,), "steps": 20, "budget": 20.0, "device": "cpu", "progress": False}
     which = (("ball", 0.0), ("ball", 0.25), ("box", 0.0))
     inner = {(name, margin): wb.fit(flat[name], margin=margin, **told) for name, margin in which}
@@ -532,8 +532,8 @@ def test_files_of_older_digests_stay_true(tmp_path):
 
 def test_parts_in_boxes_do_not_hold_what_has_no_end(tmp_path):
     """A union from the inside whose part denies nearly everything outside of its box is no proof about that."""
-    ball, big = wb.solids.Sphere([0, 0], 1.0), wb.solids.Sphere([0, 0], 5.0)
-    domain = Domain.of(wb.Complement(big))
+    ball, big = wb.shapes.Sphere([0, 0], 1.0), wb.shapes.Sphere([0, 0], 5.0)
+    domain = Domain.of(wb.shapes.Complement(big))
     reach = float(domain.scale[0]) * 2
     tensors = {
         "layers.0.weight": np.float32([[1, 0], [-1, 0]]),

@@ -16,14 +16,14 @@ from warp_bounding.proof import distances
 KEY = distances.KEY
 
 
-def ball(steep: float = 0.0) -> wb.IndicatorFunction:
+def ball(steep: float = 0.0) -> wb.shapes.Function:
     """Whose object does not tell how steep its distance is far away."""
 
     def distance(x):
         r = np.linalg.norm(x, axis=1)
         return r - 1 - steep * (r > 1.5)
 
-    return wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=distance, lipschitz=3.0)
+    return wb.shapes.Function(None, [-1, -1], [1, 1], distance=distance, lipschitz=3.0)
 
 
 @cache
@@ -81,7 +81,7 @@ def test_a_checkpoint_is_of_one_claim(left):
     dilated.info = far().info | {"margin": 0.01, "rates": None, "shape": None}
     tensors = far().tensors | {"values": far().tensors["values"] - np.float16(0.01)}
     lower = DistanceGrid(far().domain, tensors, far().sizes, "cpu").freeze(float(far().threshold), None)
-    other = wb.IndicatorFunction(None, [-1, -1], [1, 1], distance=lambda x: np.abs(x).max(axis=1) - 1)
+    other = wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: np.abs(x).max(axis=1) - 1)
     for bounder, shape in (
         (dilated, ball()),
         (lower, ball()),

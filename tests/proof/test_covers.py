@@ -1,4 +1,6 @@
-"""What a proof covers: bounds over charts hold with zero slack, covers hold every positive, no positive is denied.
+"""What a proof covers.
+
+Bounds over parametrizations hold with zero slack, covers hold every positive, no positive is denied.
 
 Queries lie at the edges of what devices compute, bounds are NaN, searches are cut short.
 """
@@ -12,13 +14,13 @@ from bounding_shapes import object_points, random_mlp, shape
 from random_networks import random_monotone, random_network, random_supports
 
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.indicators import IndicatorGrid
-from warp_bounding.proof import certify, charted, check, minimum, prove
+from warp_bounding.proof import certify, check, minimum, parametrized, prove
 from warp_bounding.proof.covers import LeastBox, SupportGap, of_points, single_cells
 from warp_bounding.proof.search import charted_minimum, prove_target
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.shapes import Grid
 from warp_bounding.training.samples import samples_of
 
 HIDDEN = (9, 7)  # of every network: each other size costs a compilation
@@ -34,37 +36,37 @@ SLOW = [pytest.param(query, "small", marks=pytest.mark.slow) for query in ("ray"
 CASES = [("ray", "c"), ("box", "c"), *SLOW]
 
 
-def grid_of(name: str) -> IndicatorGrid:
+def grid_of(name: str) -> Grid:
     if name != "small":
         return shape(name)
     occupancy = np.zeros((4, 3, 4), bool)
     occupancy[1, 1, 1] = occupancy[2, 1, 1] = occupancy[2, 2, 3] = occupancy[0, 0, 3] = True
-    return IndicatorGrid(occupancy)
+    return Grid(occupancy)
 
 
-def positives(bounder: Mlp, grid: IndicatorGrid, count: int, seed: int = 0) -> np.ndarray:
+def positives(bounder: Mlp, grid: Grid, count: int, seed: int = 0) -> np.ndarray:
     """Float32 queries that meet the object."""
     return np.concatenate(
         list(draw_positives(bounder.query_kind, grid, count, seed, "cpu", bounder.domain.oracle_length))
     )[:count]
 
 
-def small_grid(seed: int, *sizes: int) -> IndicatorGrid:
+def small_grid(seed: int, *sizes: int) -> Grid:
     """Cells of size 1 in a domain whose map is exact in float64, so that a point of a face is one."""
     occupancy = np.random.default_rng(seed).random(sizes) < 0.3
     occupancy.flat[:2] = True, False
-    return IndicatorGrid(occupancy, cells_per_unit=np.ones(len(sizes)), offset=np.full(len(sizes), 0.5))
+    return Grid(occupancy, cells_per_unit=np.ones(len(sizes)), offset=np.full(len(sizes), 0.5))
 
 
-def far_grid() -> IndicatorGrid:
+def far_grid() -> Grid:
     """An object so far from the origin that the domain's float32 centre is not its middle."""
-    return IndicatorGrid(shape("c").occupancy, cells_per_unit=[7.0, 7.0], offset=[40003.5, 40003.5])
+    return Grid(shape("c").occupancy, cells_per_unit=[7.0, 7.0], offset=[40003.5, 40003.5])
 
 
-def cropped_grid() -> IndicatorGrid:
+def cropped_grid() -> Grid:
     """The cells of ``c`` without the empty ones around them."""
     whole = shape("c")
-    return IndicatorGrid(
+    return Grid(
         whole.occupancy[2:10, 2:10], cells_per_unit=whole.cells_per_unit, offset=whole.offset + np.array([2.0, 2.0])
     )
 
@@ -106,7 +108,7 @@ def first_input_of(domain) -> Mlp:
 def test_bounds_hold_as_far_off_as_devices_compute(query, name, activation, octaves):
     grid, rng, count = grid_of(name), np.random.default_rng(2), 1000
     bounder = network_of(domain_of(grid, query), activation, octaves, seed=3)
-    cover, n = charted(bounder, grid), grid.ndim
+    cover, n = parametrized(bounder, grid), grid.ndim
     pick = rng.integers(len(cover.lower), size=count)
     size = cover.upper[pick] - cover.lower[pick]
     width = size * 2.0 ** -rng.integers(0, 14, (count, 1)) * rng.choice([0.0, 0.1, 1.0], size.shape, p=[0.1, 0.2, 0.7])
@@ -117,16 +119,16 @@ def test_bounds_hold_as_far_off_as_devices_compute(query, name, activation, octa
     for turn in range(40):
         u = rng.random(low.shape)
         v = cover.coordinates(low + np.where(rng.random(u.shape) < 0.5, np.round(u), u) * width)
-        asked = np.ones(count, bool)
+        queried = np.ones(count, bool)
         if query == "box":
-            asked = (v[:, :n] <= v[:, n:]).all(axis=1)
-            asked[asked] = truth(bounder.domain.to_object(v[asked]))
+            queried = (v[:, :n] <= v[:, n:]).all(axis=1)
+            queried[queried] = truth(bounder.domain.to_object(v[queried]))
         side = np.sign(bounds.slope) if turn % 2 else rng.choice([-1.0, 1.0], v.shape)
         v = v - side * bounder.domain.delta * (1 - 1e-12)
         if query == "ray":
-            asked &= (np.abs(v[:, :n]) <= limit).all(axis=1)
-        assert (bounder.reference(v)[asked] >= bounds.lower[asked]).all()
-        tried += asked.sum()
+            queried &= (np.abs(v[:, :n]) <= limit).all(axis=1)
+        assert (bounder.reference(v)[queried] >= bounds.lower[queried]).all()
+        tried += queried.sum()
     assert tried > 500
 
 
@@ -137,7 +139,7 @@ def test_every_ray_lies_in_a_box_where_it_first_enters(sizes, way):
     outside."""
     grid, rng, n = small_grid(len(sizes), *sizes), np.random.default_rng(4), len(sizes)
     bounder = network_of(domain_of(grid, "ray", 64.0), "relu")
-    cover = charted(bounder, grid)
+    cover = parametrized(bounder, grid)
     lower, upper = cover.lower, cover.upper
     if way == "single":
         lower, upper = (np.concatenate(side) for side in zip(*single_cells(bounder, grid), strict=True))
@@ -165,7 +167,7 @@ def test_every_ray_lies_in_a_box_where_it_first_enters(sizes, way):
 def test_every_box_that_a_device_makes_of_a_positive_lies_in_the_chart(name):
     domain, grid = OBJECTS[name]()
     assert domain.fault() is None
-    cover, n, base = charted(network_of(domain, "relu"), grid), grid.ndim, domain.base
+    cover, n, base = parametrized(network_of(domain, "relu"), grid), grid.ndim, domain.base
     x = next(iter(draw_positives("box", grid, 10_000, 5, "cpu")))
     x = np.concatenate([x, reaching_out(domain)])
     assert oracle("box", grid, "cpu", 1.0)(x).all()
@@ -192,10 +194,10 @@ def test_a_box_that_reaches_out_of_the_domain_is_not_denied_nor_is_a_threshold_t
 def test_certify_closes_no_box_whose_bound_is_nan(query, monkeypatch):
     grid = shape("c")
     bounder = network_of(domain_of(grid, query), "relu").freeze(1e6, None)
-    cover = charted(bounder, grid)
+    cover = parametrized(bounder, grid)
     broken = replace(cover, numbers=np.full_like(cover.numbers, np.nan))
     assert np.isnan(broken.bound(cover.lower, cover.upper).lower).any()
-    monkeypatch.setattr(check, "charted", lambda *_: broken)
+    monkeypatch.setattr(check, "parametrized", lambda *_: broken)
     assert certify(bounder, grid, seconds=0.2).kind != "proven"
 
 
@@ -210,7 +212,7 @@ def test_planes_have_no_bound_where_their_networks_have_none():
 def test_a_search_in_depth_that_is_cut_short_promises_nothing_false():
     grid = shape("c")
     bounder = network_of(domain_of(grid, "box"), "relu", seed=8)
-    cover, n = charted(bounder, grid), grid.ndim
+    cover, n = parametrized(bounder, grid), grid.ndim
     x = next(iter(draw_positives("box", grid, 100_000, 5, "cpu")))
     v = bounder.domain.to_local(x)
     least = float(bounder.reference(v[(v[:, :n] <= v[:, n:]).all(axis=1)]).min())
@@ -231,7 +233,8 @@ def test_a_search_in_depth_that_is_cut_short_promises_nothing_false():
     assert prove_target(many, -1e9).boxes == 10_000
 
 
-# --- searches over charts --------------------------------------------------------------------------------------------
+# --- searches over parametrizations
+# --------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("query", "name"), CASES)

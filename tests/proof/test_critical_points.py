@@ -17,12 +17,12 @@ from fused_activations import fused_sine, fused_tanh
 from random_networks import random_monotone, random_network, random_supports
 
 from warp_bounding.activations import activation_of
-from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
 from warp_bounding.proof import least_value, settle
 from warp_bounding.proof.stress import Walk, queries_at
 from warp_bounding.queries import oracle
+from warp_bounding.rounding import round_down, round_up
 
 F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights
@@ -139,14 +139,14 @@ def placement(n: int, seed: int, turned: bool):
 def known(bounder, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Which queries are asked, nearly all; of these ``v``, and the exact f."""
     v = coordinates(bounder, q)
-    asked = np.isfinite(v).all(axis=1)
-    assert asked.mean() > 0.8
-    return asked, v[asked], exact(bounder, v[asked])
+    queried = np.isfinite(v).all(axis=1)
+    assert queried.mean() > 0.8
+    return queried, v[queried], exact(bounder, v[queried])
 
 
 def check_values(compute, bounder, q: np.ndarray) -> None:
-    asked, v, f = known(bounder, q)
-    assert (computed := compute(bounder, q[asked], v)).dtype == F32
+    queried, v, f = known(bounder, q)
+    assert (computed := compute(bounder, q[queried], v)).dtype == F32
     assert (np.abs(computed - f) <= bounder.rounding_bound()).all()
 
 
@@ -168,10 +168,10 @@ def on_tensor_cores(bounder) -> float:
 
 def check_decisions(answer, bounder, q: np.ndarray) -> None:
     """A threshold as high as a proof may set it for the point, which must pass; and one above all that E allows."""
-    (asked, _, f), error = known(bounder, q), bounder.rounding_bound()
+    (queried, _, f), error = known(bounder, q), bounder.rounding_bound()
     for at in np.unique(np.quantile(f.astype(float), np.linspace(0, 1, 12), method="nearest")):
         for threshold in (round_down(np.nextafter(at - error, -np.inf)), round_up(np.nextafter(at + error, np.inf))):
-            answers = answer(bounder.freeze(float(threshold), None), q)[asked].astype(bool)
+            answers = answer(bounder.freeze(float(threshold), None), q)[queried].astype(bool)
             assert answers[f - error >= threshold].all()
             assert not answers[f + error < threshold - on_tensor_cores(bounder)].any()
 

@@ -10,12 +10,12 @@ from bounding_shapes import device_coordinates, object_points, random_bounder, r
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.mlp import Lattice, Local
-from warp_bounding.indicators.grid import blocks_of
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof import minimum, positive_boxes
 from warp_bounding.proof import search as module
 from warp_bounding.proof.prove import Lost
 from warp_bounding.proof.search import STACK, WORST, ShapePositives, _fill
+from warp_bounding.shapes.grid import blocks_of
 
 
 def brute_force(bounder, lower, upper, rng, count=200_000) -> float:
@@ -45,16 +45,16 @@ def test_bounds_hold_whenever_it_stops(method, rng):
     ("hidden", "activation", "octaves"), [((8,), "sin", 2), ((8,), "relu", 0), ((24, 24), "tanh", 0)]
 )
 def test_minimum_of_networks_is_what_brute_force_finds(hidden, activation, octaves, rng):
-    bounder, grid, told = random_mlp(shape("c"), hidden, activation, octaves), shape("c"), []
+    bounder, grid, reported = random_mlp(shape("c"), hidden, activation, octaves), shape("c"), []
     lower, upper = positive_boxes(bounder, grid)
-    progress = lambda *numbers: told.append(numbers)  # noqa: E731
+    progress = lambda *numbers: reported.append(numbers)  # noqa: E731
     search = minimum(bounder, lower, upper, eps=1e-3, boxes=5_000_000, progress=progress)
     found = brute_force(bounder, lower, upper, rng)
     assert search.complete
     assert search.lower_bound <= found
     assert search.upper_bound - search.lower_bound <= 1e-3
     assert search.lower_bound >= found - 0.02  # the sample comes close, too
-    assert all(done > 0 and waiting >= 0 for done, waiting, _ in told)
+    assert all(done > 0 and waiting >= 0 for done, waiting, _ in reported)
     values = bounder.reference(search.worst)
     assert len(search.worst) <= WORST
     assert (np.diff(values) >= -1e-9).all()
@@ -92,10 +92,10 @@ def test_boxes_hold_all_that_devices_compute(name, rng):
         grid = shape(name)
         v = device_coordinates(bounder, object_points(grid, rng, 300))
         lower, upper = positive_boxes(bounder, grid)
-        asked = (np.abs(v) <= bounder.domain.limit).all(axis=1)  # outside of time: maybe, without asking
+        queried = (np.abs(v) <= bounder.domain.limit).all(axis=1)  # outside of time: maybe, without asking
         inside = ((v[:, None] >= lower) & (v[:, None] <= upper)).all(axis=2).any(axis=1)
-        assert (inside | ~asked).all()
-        assert grid.time or asked.all()
+        assert (inside | ~queried).all()
+        assert grid.time or queried.all()
 
 
 # --- many boxes, and groups of them ----------------------------------------------------------------------------------
@@ -105,14 +105,14 @@ def test_boxes_hold_all_that_devices_compute(name, rng):
 def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng):
     for name, value in (("MANY", many), ("TOO_MANY", too_many), ("CHUNK", 512)):
         monkeypatch.setattr(module, name, value)
-    own = wb.solids.Sphere([0.0, 0.0, 0.0], 0.4) - wb.solids.Sphere([0.0, 0.0, 0.0], 0.3)
+    own = wb.shapes.Sphere([0.0, 0.0, 0.0], 0.4) - wb.shapes.Sphere([0.0, 0.0, 0.0], 0.3)
     bounder = random_mlp(own)
     x = rng.uniform(own.lower, own.upper, (100_000, 3))
     held = own.contains(x)
     positives, negatives = bounder.domain.to_local(x[held]), bounder.domain.to_local(x[~held][:20_000])
     found = ShapePositives(bounder, own)
-    told = {"eps": 1e-4, "boxes": 20_000, "points": positives[:100], "positives": found}
-    search = minimum(found, *found.boxes(), **told)
+    reported = {"eps": 1e-4, "boxes": 20_000, "points": positives[:100], "positives": found}
+    search = minimum(found, *found.boxes(), **reported)
     assert -np.inf < search.lower_bound <= bounder.reference(positives).min()
     halves = np.arange(2)
     lower, upper = (np.repeat(side, 2, axis=0) for side in found.boxes())
@@ -124,7 +124,7 @@ def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng
     least = np.full(2, np.inf)
     np.minimum.at(least, part(positives[:100]), bounder.reference(positives[:100]))
     price = Lost(bounder.reference(negatives), part(negatives), least)
-    search = minimum(found, lower, upper, groups=halves, group_of=part, group_count=2, price=price, **told)
+    search = minimum(found, lower, upper, groups=halves, group_of=part, group_count=2, price=price, **reported)
     for number in halves:
         assert search.by_group[number] <= bounder.reference(positives[part(positives) == number]).min()
     assert search.by_group.min() == search.lower_bound
@@ -171,9 +171,7 @@ def network_shape(activation: str = "Sine", n: int = 3):
     network[-1].weight.mul_(5.0)
     lower, upper = [-1.0] * (n - 1) + [0.0], [1.0] * n
     x = np.random.default_rng(0).uniform(lower, upper, (999, n))
-    return wb.IndicatorNetwork(
-        network, lower, upper, level=float(network(torch.tensor(x, dtype=torch.float32)).median())
-    )
+    return wb.shapes.Network(network, lower, upper, level=float(network(torch.tensor(x, dtype=torch.float32)).median()))
 
 
 def random_boxes(lower, upper, count, rng):

@@ -9,9 +9,9 @@ from bounding_shapes import fitted as hardly_fitted
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import prove
 from warp_bounding.proof import segments as segments_module
+from warp_bounding.shapes import Grid
 
 CASES = [("mlp", "c"), *((m, "blob") for m in ("mlp", "mlp-early", "local", "mlp-early|mlp&local", "kdop", "bvh"))]
 
@@ -29,7 +29,7 @@ def fitted(method: str, name: str) -> wb.Bounder:
     return wb.fit(shape(name), method=method, hidden=hidden, steps=100, device="cpu")
 
 
-def segments(grid: IndicatorGrid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
+def segments(grid: Grid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
     """From everywhere to everywhere, also from outside the domain; some short, some along an axis, some without a
     length."""
     size = grid.upper - grid.lower
@@ -44,7 +44,7 @@ def segments(grid: IndicatorGrid, count: int, rng) -> tuple[np.ndarray, np.ndarr
 def test_cleared_segments_meet_no_point_of_the_object(method, name, rng):
     bounder, grid = fitted(method, name), shape(name)
     starts, ends = segments(grid, 20_000, rng)
-    clear = wb.clear_segments(bounder, starts, ends)
+    clear = wb.proof.clear_segments(bounder, starts, ends)
     for t in np.linspace(0, 1, 101):
         assert not (grid.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear])).any()
     assert clear.any()
@@ -56,8 +56,8 @@ def test_segments_that_end_in_the_object_are_never_cleared(rng):
     cells = grid.occupied[rng.integers(len(grid.occupied), size=5000)]
     ends = grid.position(cells + rng.choice([-0.5, 0.0, 0.5], cells.shape))
     starts = segments(grid, 5000, rng)[0]
-    assert not wb.clear_segments(bounder, starts, ends).any()
-    assert not wb.clear_segments(bounder, ends, ends).any()
+    assert not wb.proof.clear_segments(bounder, starts, ends).any()
+    assert not wb.proof.clear_segments(bounder, ends, ends).any()
 
 
 def test_segments_through_the_object_from_far_away_are_not_cleared(rng):
@@ -65,8 +65,8 @@ def test_segments_through_the_object_from_far_away_are_not_cleared(rng):
     through = grid.position(grid.occupied[rng.integers(len(grid.occupied), size=200)]).astype(np.float64)
     for size in (1e3, 1e9, 1e300, 1.7e308):
         way = np.array([[size, 0.0]])
-        assert not wb.clear_segments(bounder, through - way, through + way).any()
-        assert not wb.clear_segments(bounder, through, through + way).any()
+        assert not wb.proof.clear_segments(bounder, through - way, through + way).any()
+        assert not wb.proof.clear_segments(bounder, through, through + way).any()
 
 
 def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
@@ -78,8 +78,8 @@ def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
     )
     away = corners + rng.normal(size=(20, len(corners), 2)) * 10.0 ** rng.uniform(-6, 0, (20, len(corners), 1))
     for ends in away:
-        assert not wb.clear_segments(bounder, corners, ends).any()
-        assert not wb.clear_segments(bounder, ends, corners).any()
+        assert not wb.proof.clear_segments(bounder, corners, ends).any()
+        assert not wb.proof.clear_segments(bounder, ends, corners).any()
 
 
 @pytest.mark.parametrize(("activation", "octaves"), [("relu", 0), ("sin", 2)])
@@ -104,11 +104,11 @@ def test_bounds_along_segments_hold(activation, octaves, rng):
 def test_bad_input():
     bounder = fitted("mlp", "blob")
     with pytest.raises(BounderError, match="network or a volume of points"):
-        wb.clear_segments(hardly_fitted("voxels", "blob"), np.zeros((1, 3)), np.zeros((1, 3)))
+        wb.proof.clear_segments(hardly_fitted("voxels", "blob"), np.zeros((1, 3)), np.zeros((1, 3)))
     with pytest.raises(QueryError, match=r"\(N, 3\)"):
-        wb.clear_segments(bounder, np.zeros((1, 2)), np.zeros((1, 2)))
+        wb.proof.clear_segments(bounder, np.zeros((1, 2)), np.zeros((1, 2)))
     bad = np.array([[np.nan, 0, 0], [np.inf, 0, 0]])
-    assert not wb.clear_segments(bounder, bad, np.zeros((2, 3))).any()
+    assert not wb.proof.clear_segments(bounder, bad, np.zeros((2, 3))).any()
     with pytest.raises(QueryError, match="depth must be at least 0, got -1"):
-        wb.clear_segments(bounder, np.zeros((1, 3)), np.zeros((1, 3)), depth=-1)
-    assert len(wb.clear_segments(bounder, np.zeros((0, 3)), np.zeros((0, 3)))) == 0
+        wb.proof.clear_segments(bounder, np.zeros((1, 3)), np.zeros((1, 3)), depth=-1)
+    assert len(wb.proof.clear_segments(bounder, np.zeros((0, 3)), np.zeros((0, 3)))) == 0

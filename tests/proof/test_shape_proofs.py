@@ -11,14 +11,14 @@ from random_networks import random_network
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.geometry import few_points, hull_of
-from warp_bounding.indicators.parts import Clipped
-from warp_bounding.indicators.shape import IN, OUT
-from warp_bounding.proof import least_value, minimum, prove, soak
+from warp_bounding.proof import least_value, minimum, prove, stress_test
 from warp_bounding.proof.prove import ShapeRegions, coarse_cells
 from warp_bounding.proof.search import ShapePositives
 from warp_bounding.proof.stress import CHUNK
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
+from warp_bounding.shapes.parts import Clipped
+from warp_bounding.shapes.shape import IN, OUT
 
 VOLUMES = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "learned-kdop")
 REGIONS = ("ray", "plane", "box")
@@ -34,22 +34,22 @@ def fit(shape, query="point", method="mlp", **told) -> wb.Bounder:
     return wb.fit(shape, query, method, device="cpu", progress=False, **told)
 
 
-def balls(ndim: int) -> wb.IndicatorFunction:
+def balls(ndim: int) -> wb.shapes.Function:
     """Three overlapping balls."""
     rng = np.random.default_rng(ndim)
-    shape = wb.solids.Sphere(rng.uniform(-0.4, 0.4, ndim), 0.3)
+    shape = wb.shapes.Sphere(rng.uniform(-0.4, 0.4, ndim), 0.3)
     for _ in range(2):
-        shape = shape | wb.solids.Sphere(rng.uniform(-0.4, 0.4, ndim), rng.uniform(0.2, 0.35))
+        shape = shape | wb.shapes.Sphere(rng.uniform(-0.4, 0.4, ndim), rng.uniform(0.2, 0.35))
     return shape
 
 
 @cache
-def mesh(margin: float = 0.0) -> wb.IndicatorMesh:
+def mesh(margin: float = 0.0) -> wb.shapes.Mesh:
     """A ball and a turned bar that sticks out of it, in coordinates far from 0 and with unequal sides."""
     ball, bar = trimesh.creation.icosphere(2, 0.4), trimesh.creation.box((1.6, 0.2, 0.3))
     bar.apply_transform(trimesh.transformations.rotation_matrix(0.7, (1, 2, 3)))
     both = trimesh.util.concatenate([ball, bar])
-    return wb.IndicatorMesh(np.asarray(both.vertices) + MIDDLE, both.faces).dilated(margin)
+    return wb.shapes.Mesh(np.asarray(both.vertices) + MIDDLE, both.faces).dilated(margin)
 
 
 def denied_positives(bounder: wb.Bounder, shape, count: int = 100_000) -> int:
@@ -85,14 +85,14 @@ def test_functions_are_proven(method, ndim):
 
 @pytest.mark.parametrize(("method", "hidden"), [("mlp-early", (6, 5)), ("aabb+mlp", (8,))])
 def test_other_learned_methods(method, hidden):
-    shape = wb.solids.Torus([0, 0, 0], 0.7, 0.2)
+    shape = wb.shapes.Torus([0, 0, 0], 0.7, 0.2)
     check_proven(wb.fit(shape, method=method, steps=50, device="cpu", progress=False, hidden=hidden), shape)
 
 
 def test_certify_refutes_what_is_too_tight():
     shape = balls(2)
     bounder = fit(shape, method="sphere")
-    assert wb.certify(bounder, wb.solids.Sphere([0.9, 0.0], 0.6)).kind in ("refuted", "undecided")
+    assert wb.certify(bounder, wb.shapes.Sphere([0.9, 0.0], 0.6)).kind in ("refuted", "undecided")
     bounder.freeze(float(bounder.threshold) + 0.02, bounder.certificate)
     certificate = wb.certify(bounder, shape)
     assert certificate.kind == "refuted"
@@ -102,7 +102,7 @@ def test_certify_refutes_what_is_too_tight():
 
 
 def test_a_mesh_is_bounded_itself(tmp_path):
-    shape = wb.IndicatorMesh(*TETRAHEDRON)
+    shape = wb.shapes.Mesh(*TETRAHEDRON)
     bounder = fit(shape, steps=100, margin=0.02)
     assert bounder.certificate.proven
     assert (bounder.certificate.margin, bounder.certificate.cells) == (0.02, 0)
@@ -113,13 +113,13 @@ def test_a_mesh_is_bounded_itself(tmp_path):
     rates = wb.evaluate(bounder, shape, 50_000)
     assert rates.truth == "of the shape itself"
     assert rates.fn == 0
-    result = soak(bounder, shape, 2_000_000, seed=2)
+    result = stress_test(bounder, shape, 2_000_000, seed=2)
     assert result.missed is None
     assert all(result.forms.values())
 
 
 def test_cells_are_laid_where_they_are_asked_for():
-    shape = wb.IndicatorMesh(*TETRAHEDRON)
+    shape = wb.shapes.Mesh(*TETRAHEDRON)
     for query, method, told in (("point", "aabb", {"resolution": 16}), ("box", "bvh", {"leaves": 8})):
         bounder = fit(shape, query, method, margin=0.2, **told)
         assert bounder.info["resolution"] is not None
@@ -127,14 +127,14 @@ def test_cells_are_laid_where_they_are_asked_for():
         rates = wb.evaluate(bounder, shape, 20_000)
         assert rates.fn == 0
         assert rates.fp_rate_cells <= rates.fp_rate
-    assert fit(wb.solids.Sphere([0, 0], 1.0), "plane", "aabb").info["resolution"] is not None
+    assert fit(wb.shapes.Sphere([0, 0], 1.0), "plane", "aabb").info["resolution"] is not None
 
 
 def test_a_function_that_certifies_nothing_is_attested_and_a_false_one_is_an_error():
     def contains(x):
         return np.linalg.norm(x, axis=1) <= 0.5
 
-    shape = wb.IndicatorFunction(contains, [-0.5, -0.5], [0.5, 0.5])
+    shape = wb.shapes.Function(contains, [-0.5, -0.5], [0.5, 0.5])
     for bounder in (fit(shape, method="sphere"), fit(shape, steps=100)):
         assert bounder.certificate.kind == "statistical"
         assert wb.certify(bounder, shape).kind == "statistical"
@@ -142,8 +142,8 @@ def test_a_function_that_certifies_nothing_is_attested_and_a_false_one_is_an_err
     def empty(lower, upper):
         return np.linalg.norm((lower + upper) / 2, axis=1) > 0.2
 
-    with pytest.raises(wb.IndicatorError, match="function: "):
-        fit(wb.IndicatorFunction(contains, [-0.5, -0.5], [0.5, 0.5], empty=empty), method="sphere")
+    with pytest.raises(wb.ShapeError, match="function: "):
+        fit(wb.shapes.Function(contains, [-0.5, -0.5], [0.5, 0.5], empty=empty), method="sphere")
 
 
 def test_vacant_boxes_hold_nothing():
@@ -161,14 +161,14 @@ def test_vacant_boxes_hold_nothing():
 
 @pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")
 def test_open_surfaces_and_what_fills_its_box_are_bounded():
-    sheet = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0.2], [0, 1, 0.1], [1, 1, 0.4]], [[0, 1, 2], [2, 1, 3]])
+    sheet = wb.shapes.Mesh([[0, 0, 0], [1, 0, 0.2], [0, 1, 0.1], [1, 1, 0.4]], [[0, 1, 2], [2, 1, 3]])
     for margin, method in ((0.0, "obb"), (0.01, "obb"), (0.01, "mlp")):
         bounder = fit(sheet, method=method, margin=margin, **({"steps": 100} if method == "mlp" else {}))
         assert bounder.certificate.proven
         x = np.concatenate([sheet.points(100_000, np.random.default_rng(0)).astype(np.float32), sheet.vertices])
         held = sheet.dilated(margin).decide(x) == IN
         assert not (held & (bounder.query(x).numpy() == 0)).any()
-    box = wb.solids.Box([0, 0, 0], [1, 2, 3])
+    box = wb.shapes.Box([0, 0, 0], [1, 2, 3])
     assert wb.evaluate(fit(box, method="aabb"), box, 100_000).fp_rate < 0.1
     assert fit(box, steps=50).certificate.proven
 
@@ -192,7 +192,11 @@ def test_the_hull_of_a_mesh_holds_it_with_its_margin():
     assert ((x @ m.T).max(axis=0) <= reach).all()
     bounder, low, high = fit(mesh(), method="kdop"), mesh().lower, mesh().upper
     assert bounder.exact_on_hull(mesh())
-    for other in (wb.solids.Sphere([0, 0, 0], 1.0), wb.Complement(mesh()), Clipped(mesh(), low, (low + high) / 2)):
+    for other in (
+        wb.shapes.Sphere([0, 0, 0], 1.0),
+        wb.shapes.Complement(mesh()),
+        Clipped(mesh(), low, (low + high) / 2),
+    ):
         assert hull_of(other) is None or not bounder.exact_on_hull(other)
 
 
@@ -226,7 +230,7 @@ def test_the_hull_decides_what_a_search_brackets(method, margin, monkeypatch):
     def refuse(*_):
         raise AssertionError("a box was asked about")
 
-    monkeypatch.setattr(wb.IndicatorMesh, "empty", refuse)
+    monkeypatch.setattr(wb.shapes.Mesh, "empty", refuse)
     assert wb.certify(bounder, mesh()).proven
 
 
@@ -256,7 +260,7 @@ def test_volumes_of_a_mesh_are_proven_for_regions(method, query):
     assert bounder.info["resolution"] is None
     assert bounder.query(positives_of(query)).numpy().all()
     assert wb.certify(bounder, mesh()).proven
-    larger = wb.IndicatorMesh((mesh().vertices - MIDDLE) * 1.2 + MIDDLE, mesh().faces)
+    larger = wb.shapes.Mesh((mesh().vertices - MIDDLE) * 1.2 + MIDDLE, mesh().faces)
     assert wb.certify(bounder, larger).kind != "proven"  # a larger object does not fit into the volume
 
 
@@ -284,12 +288,12 @@ def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are
 @pytest.mark.parametrize("query", REGIONS)
 def test_a_stress_test_asks_certain_positives_only(query):
     bounder = fit(mesh(), query, "sphere", margin=MARGIN)
-    result = soak(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64
+    result = stress_test(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64
     assert result.missed is None
     assert result.forms["float64"]
     assert result.forms["placed"] == 0
     raised = bounder.freeze(float(bounder.threshold) + 0.2, None)
-    assert soak(raised, mesh(), 300_000, seed=2).missed is not None
+    assert stress_test(raised, mesh(), 300_000, seed=2).missed is not None
 
 
 @pytest.mark.parametrize("query", ["ray", "box"])
@@ -325,7 +329,7 @@ def test_what_needs_cells_and_what_is_undecided():
     with pytest.raises(BounderError, match="give a resolution"):
         prove(bounder, mesh())
     with pytest.raises(QueryError, match="give a resolution"):
-        QUERIES["plane"].decide(wb.solids.Sphere([0, 0], 1.0), np.ones((1, 4), np.float32))
+        QUERIES["plane"].decide(wb.shapes.Sphere([0, 0], 1.0), np.ones((1, 4), np.float32))
     edge = np.array([[0.0, 0.0, 1.0, 3.0, -2.0, mesh().upper[2]]], np.float32)  # touches the mesh at its top vertex
     told = QUERIES["plane"].decide(mesh(), edge)[0]
     assert QUERIES["plane"].oracle(mesh())(edge)[0] == (told != OUT)

@@ -7,7 +7,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import CONSERVATIVE, shape, told_of, without_proof
+from bounding_shapes import CONSERVATIVE, report_of, shape, without_proof
 from random_networks import random_network, random_supports
 from scipy.stats import beta
 
@@ -15,20 +15,20 @@ import warp_bounding as wb
 from warp_bounding.bounders import supports
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.proof import (
     attempt_confidence,
-    attest,
     certify,
     fn_rate_bound,
     fresh_seed,
     prove,
-    soak,
+    statistical_test,
+    stress_test,
     try_positives,
 )
 from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
+from warp_bounding.shapes import Grid
 
 LENGTH = 0.75
 
@@ -145,12 +145,12 @@ def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be
     bounder, grid = fitted("box"), shape("c")
     proven = float(bounder.threshold)
     high = proven + 0.5 * abs(proven) + 1.0
-    certificate = attest(bounder, grid, least=high, room=0.0, count=100_000, seed=4)
+    certificate = statistical_test(bounder, grid, least=high, room=0.0, count=100_000, seed=4)
     assert certificate.restarts > 0
     assert certificate.fn_rate_bound == fn_rate_bound(certificate.samples, attempt_confidence(certificate.restarts))
     assert bounder.threshold < high
     assert try_positives(bounder, grid, 300_000, 99)[2] is None or certificate.worst_margin < 1e-2
-    assert attest(bounder, grid, least=proven + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
+    assert statistical_test(bounder, grid, least=proven + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
     assert bounder.threshold <= proven
     assert certify(bounder, grid).proven
     assert try_positives(bounder, grid, 1_000_000, 1, seconds=0.0) == (0, np.inf, None)
@@ -163,7 +163,7 @@ def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be
 
 def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
     bounder = without_proof(monkeypatch)
-    certificate = attest(bounder, shape("c"), least=10.0, room=0.0)
+    certificate = statistical_test(bounder, shape("c"), least=10.0, room=0.0)
     assert certificate.kind == "statistical"
     assert certificate.samples >= 1_000_000
     judged = attempt_confidence(certificate.restarts)
@@ -174,7 +174,9 @@ def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
     bounder.save(tmp_path / "s.safetensors")
     again = wb.load(tmp_path / "s.safetensors", device="cpu")
     assert again.certificate == certificate
-    attest(again, shape("c"), least=0.0, room=20.0, count=10_000)  # far below any value: no fresh positive refutes it
+    statistical_test(
+        again, shape("c"), least=0.0, room=20.0, count=10_000
+    )  # far below any value: no fresh positive refutes it
     assert certify(again, shape("c")).kind == "statistical"
     with pytest.raises(BounderError, match="no proof"):
         prove(bounder, shape("c"))
@@ -186,7 +188,7 @@ def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
     narrow = replace(bounder.domain.base, limit=bounder.domain.base.limit / 4)
     wrong = Mlp(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
     with pytest.raises(BounderError, match="limit does not fit its corners"):
-        attest(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
+        statistical_test(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
     assert certify(wrong, shape("c")).kind != "proven"
 
 
@@ -219,8 +221,8 @@ def test_a_walk_goes_down_over_positives(query):
 
 @cache
 def _made(method, query, name):
-    told = told_of(method, query, hidden=(8,), steps=20, length=LENGTH)
-    return wb.fit(shape(name), query=query, method=method, device="cpu", **told)
+    reported = report_of(method, query, hidden=(8,), steps=20, length=LENGTH)
+    return wb.fit(shape(name), query=query, method=method, device="cpu", **reported)
 
 
 def made(method, query, name="blob", raised=0.0):
@@ -230,13 +232,15 @@ def made(method, query, name="blob", raised=0.0):
 
 @pytest.mark.parametrize("query", QUERY_KINDS)
 def test_what_is_proven_is_not_contradicted(query):
-    told = []
-    result = soak(made("kdop", query), shape("blob"), 8 * CHUNK - 100_000, seed=1, progress=lambda *a: told.append(a))
+    reported = []
+    result = stress_test(
+        made("kdop", query), shape("blob"), 8 * CHUNK - 100_000, seed=1, progress=lambda *a: reported.append(a)
+    )
     assert result.missed is None
     assert result.complete
     assert all(result.forms[form] > 0 for form in FORMS)
     assert sum(result.forms.values()) == result.done >= result.wanted
-    assert told[-1][:2] == (result.wanted, result.wanted)
+    assert reported[-1][:2] == (result.wanted, result.wanted)
 
 
 @pytest.mark.slow
@@ -246,13 +250,13 @@ def test_what_is_proven_is_not_contradicted(query):
 def test_no_method_misses_any(method, query, name):
     if not supports(method, query, shape(name).ndim):
         pytest.skip("not of this dimension")
-    assert soak(made(method, query, name), shape(name), 16 * CHUNK, seed=2).missed is None
+    assert stress_test(made(method, query, name), shape(name), 16 * CHUNK, seed=2).missed is None
 
 
 @pytest.mark.parametrize("query", QUERY_KINDS)
 def test_a_raised_threshold_is_caught(query):
     raised = made("kdop", query, raised=2e-2)
-    result = soak(raised, shape("blob"), 4 * CHUNK, seed=1)
+    result = stress_test(raised, shape("blob"), 4 * CHUNK, seed=1)
     assert result.missed is not None
     assert result.complete
     x = np.array([result.missed], np.float32)
@@ -265,7 +269,7 @@ def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
     assert set(CYCLE) == set(FORMS)
     monkeypatch.setattr("warp_bounding.proof.stress.CYCLE", (form,))
     raised = made("kdop", "ray", raised=1e-2)
-    result = soak(raised, shape("blob"), 4 * CHUNK, seed=1)
+    result = stress_test(raised, shape("blob"), 4 * CHUNK, seed=1)
     assert result.missed_form == form
     options = result.missed_world or {}
     assert bool(options) == (form == "placed")
@@ -275,23 +279,23 @@ def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
 
 def test_it_goes_on_where_it_stopped(tmp_path):
     bounder, grid, state = made("aabb", "box"), shape("blob"), tmp_path / "state.json"
-    first = soak(bounder, grid, 2 * CHUNK - 1000, seed=11, state=state)
+    first = stress_test(bounder, grid, 2 * CHUNK - 1000, seed=11, state=state)
     held = json.loads(state.read_text())
     assert (held["done"], held["chunks"], held["seed"]) == (first.done, first.chunks, 11)
-    more = soak(bounder, grid, 4 * CHUNK - 1000, state=state)
-    straight = soak(bounder, grid, 4 * CHUNK - 1000, seed=11)
+    more = stress_test(bounder, grid, 4 * CHUNK - 1000, state=state)
+    straight = stress_test(bounder, grid, 4 * CHUNK - 1000, seed=11)
     assert (more.done, more.chunks, more.forms, more.seed) == (straight.done, straight.chunks, straight.forms, 11)
     bounder.save(tmp_path / "b.safetensors")  # it knows its bounder by what the file holds
     again = wb.load(tmp_path / "b.safetensors", device="cpu")
-    assert soak(again, grid, 1000, state=state).chunks == more.chunks
-    for asked, what in (
+    assert stress_test(again, grid, 1000, state=state).chunks == more.chunks
+    for queried, what in (
         ((bounder, grid, 12), "another seed"),
         ((made("kdop", "box"), grid, None), "another bounder"),
         ((again.freeze(again.threshold - 1.0, None), grid, None), "another bounder"),
-        ((bounder, IndicatorGrid(~grid.occupancy), None), "another shape"),
+        ((bounder, Grid(~grid.occupancy), None), "another shape"),
     ):
         with pytest.raises(FileFormatError, match=what):
-            soak(*asked[:2], 1000, seed=asked[2], state=state)
+            stress_test(*queried[:2], 1000, seed=queried[2], state=state)
 
 
 def test_a_state_that_is_damaged_or_of_another_version_is_refused_and_kept(tmp_path):
@@ -301,21 +305,21 @@ def test_a_state_that_is_damaged_or_of_another_version_is_refused_and_kept(tmp_p
         if done >= 2 * 0.95 * CHUNK:
             raise KeyboardInterrupt
 
-    result = soak(bounder, shape("blob"), 10**9, seed=1, state=state, progress=stop)
+    result = stress_test(bounder, shape("blob"), 10**9, seed=1, state=state, progress=stop)
     assert result.interrupted
     assert result.chunks == json.loads(state.read_text())["chunks"] >= 2
-    assert not soak(bounder, shape("blob"), 1000, state=state).interrupted
+    assert not stress_test(bounder, shape("blob"), 1000, state=state).interrupted
     whole = json.loads(state.read_text())
     damaged = [{"done": -1}, {"forms": {}}, {"seconds": None}, {"more": 1}, {"soak": 1}]
     for text in (*(json.dumps(whole | change) for change in damaged), "prose", "[1]"):
         state.write_text(text)
         with pytest.raises(FileFormatError):
-            soak(bounder, shape("blob"), 1000, state=state)
+            stress_test(bounder, shape("blob"), 1000, state=state)
         assert state.read_text() == text
-    assert soak(bounder, shape("blob"), 1000, seconds=0).done == 0
-    for of, told in (("blob", {"count": 0}), ("blob", {"count": 1.5}), ("blob", {"seed": -1}), ("c", {})):
+    assert stress_test(bounder, shape("blob"), 1000, seconds=0).done == 0
+    for of, reported in (("blob", {"count": 0}), ("blob", {"count": 1.5}), ("blob", {"seed": -1}), ("c", {})):
         with pytest.raises(QueryError):
-            soak(bounder, shape(of), **{"count": 10, **told})
+            stress_test(bounder, shape(of), **{"count": 10, **reported})
 
 
 # --- how much is proven of what was only sampled ---------------------------------------------------------------------
@@ -338,7 +342,7 @@ def attested() -> wb.Bounder:
 
 
 def share(bounder, boxes=20_000, **options):
-    return wb.proven_share(bounder, arm(), boxes=boxes, seconds=600, **options)
+    return wb.proof.proven_share(bounder, arm(), boxes=boxes, seconds=600, **options)
 
 
 def test_the_proven_share_grows_with_time_and_falls_with_a_threshold_that_is_too_high():
@@ -364,7 +368,7 @@ def test_what_has_no_share():
     with pytest.raises(BounderError, match="single bounders of points"):
         share(wb.cascade(wb.fit(arm(), method="aabb", device="cpu", progress=False), bounder))
     with pytest.raises(BounderError, match="the shape is"):
-        wb.proven_share(bounder, arm().piece([0]))
+        wb.proof.proven_share(bounder, arm().piece([0]))
     for options in ({"places": 0}, {"places": 5, "side": 0.0}, {"places": 5, "side": 2.0}):
         with pytest.raises(BounderError, match="at least one place"):
             share(bounder, **options)

@@ -10,7 +10,7 @@ from bounding_shapes import random_mlp, shape
 import warp_bounding as wb
 from warp_bounding import activations
 from warp_bounding.networks import bounds, network
-from warp_bounding.networks.bounds import PlainChart
+from warp_bounding.networks.bounds import PlainParametrization
 from warp_bounding.proof import check, search, settle, taylor
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.prove import least_value
@@ -46,12 +46,12 @@ def samples(lower, upper, rng, count=64):
 def test_no_value_lies_under_a_bound(ndim, activation, octaves, rng):
     """Nor under the linear one of the same kernel, nor under what is linear between its corners."""
     f = random_network(rng, ndim, (12, 9, 7), activation, octaves)
-    own, chart = taylor.TaylorBounds(), PlainChart(ndim)
+    own, parametrization = taylor.TaylorBounds(), PlainParametrization(ndim)
     for width in WIDTHS:
         center = rng.uniform(-1, 1, (200, ndim))
         radius = width / 2 * rng.uniform(0.2, 1, (200, ndim))
         lower, upper = center - radius, center + radius
-        found = own.boxes(f, chart, lower, upper, f.limit + width)
+        found = own.boxes(f, parametrization, lower, upper, f.limit + width)
         v = samples(lower, upper, rng)
         values = f(v.reshape(-1, ndim)).reshape(v.shape[:2])
         assert (found.lower[:, None] <= values).all()
@@ -60,7 +60,7 @@ def test_no_value_lies_under_a_bound(ndim, activation, octaves, rng):
         np.testing.assert_allclose(found.value, f(found.point), rtol=0, atol=1e-9)
         if width == 0:
             assert (found.lower >= values[:, 0] - 1e-6).all()  # a point's bound is its value
-    assert (own.corners(f, chart, lower, upper).min(axis=1) <= values.min(axis=1)).all()
+    assert (own.corners(f, parametrization, lower, upper).min(axis=1) <= values.min(axis=1)).all()
 
 
 def test_it_is_of_third_order(rng):
@@ -71,7 +71,9 @@ def test_it_is_of_third_order(rng):
         lower, upper = center - radius, center + radius
         v = samples(lower, upper, rng, 400)
         least = f(v.reshape(-1, 2)).reshape(v.shape[:2]).min(axis=1)
-        gaps.append(np.median(least - taylor.TaylorBounds().boxes(f, PlainChart(2), lower, upper, f.limit).lower))
+        gaps.append(
+            np.median(least - taylor.TaylorBounds().boxes(f, PlainParametrization(2), lower, upper, f.limit).lower)
+        )
     assert gaps[1] < gaps[0] / 3
 
 
@@ -79,7 +81,7 @@ def test_it_is_of_third_order(rng):
 def test_positives_of_charts_lie_above(query, rng):
     grid = shape("c")
     bounder = random_mlp(grid, domain=domain_of(grid, query, 1.0))
-    cover = COVERS[query].charted(bounder, grid)
+    cover = COVERS[query].parametrized(bounder, grid)
     lower, upper = cover.lower, cover.upper
     with taylor.taylor_bounds():
         for _ in range(9):
@@ -89,7 +91,7 @@ def test_positives_of_charts_lie_above(query, rng):
             corners = found.boxes[np.isfinite(found.lower)]
             row, axis = np.arange(len(corners)), found.axis[np.isfinite(found.lower)]
             lower, upper = corners[:, 0].copy(), corners[:, 1].copy()
-            middle = cover.chart.middle(lower[row, axis], upper[row, axis])
+            middle = cover.parametrization.middle(lower[row, axis], upper[row, axis])
             side = rng.random(len(row)) < 0.5
             lower[row, axis] = np.where(side, lower[row, axis], middle)
             upper[row, axis] = np.where(side, middle, upper[row, axis])
@@ -160,7 +162,9 @@ def closed_early(monkeypatch):
 
 def half_boxes(monkeypatch):
     monkeypatch.setattr(
-        PlainChart, "expand", PlainChart.expand.replace("(high[k] - low[k]) * 0.5", "(high[k] - low[k]) * 0.25")
+        PlainParametrization,
+        "expand",
+        PlainParametrization.expand.replace("(high[k] - low[k]) * 0.5", "(high[k] - low[k]) * 0.25"),
     )
 
 
@@ -208,7 +212,7 @@ HARM = (0.3, 0.1, 0.03, 0.01, 0.003, 1e-3, 3e-4, 1e-4)  # how far above f's leas
 
 def harm_of(bounder, grid, least: float) -> float:
     """By how much of ``HARM`` a search overstates the least f, or 0; values that it finds do not help it."""
-    cover = COVERS["point"].charted(bounder, grid)
+    cover = COVERS["point"].parametrized(bounder, grid)
     claims = [search.prove_target(cover, least + each, boxes=300_000).complete for each in HARM]
     return HARM[claims.index(True)] if any(claims) else 0.0
 
@@ -236,17 +240,17 @@ def test_a_bounder_of_a_faulty_search_is_not_proven(fault, monkeypatch, anew):
     assert harm > 0
     threshold = np.float32(found.upper_bound + harm - bounder.rounding_bound())
     bounder.freeze(float(np.nextafter(threshold, np.float32(-np.inf))), None)
-    told = wb.certify(bounder, grid)
-    assert told.kind in ("refuted", "undecided"), told
+    reported = wb.certify(bounder, grid)
+    assert reported.kind in ("refuted", "undecided"), reported
 
 
 def test_a_delta_without_a_term_is_refused(monkeypatch):
     """Far from its origin what a point's coordinates round is most of delta."""
-    solid = wb.solids.Sphere([3000.0, 0.0], 1.0)
+    solid = wb.shapes.Sphere([3000.0, 0.0], 1.0)
     assert wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid).proven
     monkeypatch.setattr(domain, "input_rounding", lambda center, scale, extent, *_: domain.rounding_of_map(extent))
     monkeypatch.setattr(domain, "DELTA_SHARE", 0.0)
-    told = wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid)
-    assert told.kind == "inapplicable"
-    assert "delta" in told.message
+    reported = wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid)
+    assert reported.kind == "inapplicable"
+    assert "delta" in reported.message
     assert check.uncovered(domain.Domain.of(solid))

@@ -15,13 +15,13 @@ COUNT = 4000
 BALL = trimesh.creation.icosphere(subdivisions=2)
 
 
-def motion() -> wb.IndicatorMotion:
+def motion() -> wb.shapes.MovingMesh:
     frames = [BALL.vertices, BALL.vertices * 1.2 + 0.3, BALL.vertices + np.array([0.5, 0.0, 0.0])]
-    return wb.IndicatorMotion(np.array(frames), BALL.faces, times=[0.5, 1.0, 3.0])
+    return wb.shapes.MovingMesh(np.array(frames), BALL.faces, times=[0.5, 1.0, 3.0])
 
 
-def blend() -> wb.IndicatorBlendShapes:
-    return wb.IndicatorBlendShapes(
+def blend() -> wb.shapes.BlendShapes:
+    return wb.shapes.BlendShapes(
         BALL.vertices, [BALL.vertices * [1.0, 0.0, 0.0]], BALL.faces, lower=[-0.3], upper=[0.7]
     )
 
@@ -47,5 +47,5 @@ def test_a_positive_walks_along_the_end_that_it_has_come_to(rng):
     beyond = np.array([[3.4, 0.8, 0.1, 0.0]])
     assert shape.contains(inside).all()
     state = [torch.from_numpy(domain.to_local(x).astype(np.float32).T.copy()) for x in (inside, beyond)]
-    settled = domain.to_object(samples.settled(*state).T.double().numpy())[0]
-    assert np.abs(settled - [3.0, 0.8, 0.1, 0.0]).max() < 1e-5
+    resolved = domain.to_object(samples.resolved(*state).T.double().numpy())[0]
+    assert np.abs(resolved - [3.0, 0.8, 0.1, 0.0]).max() < 1e-5

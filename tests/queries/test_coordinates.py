@@ -12,10 +12,10 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.region_domain import RegionDomain, domain_of, region_rounding
+from warp_bounding.shapes import Grid
 
 NAMES = ("c", "blob", "anisotropic", "mesh", "animated", pytest.param("five", marks=pytest.mark.slow))
 COUNT = 4000
@@ -50,7 +50,7 @@ def test_unit_vectors_stay_within_the_limit(device, rng):
     """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with
     n."""
     n = 9
-    grid = IndicatorGrid(np.arange(2**n).reshape((2,) * n) == 0)
+    grid = Grid(np.arange(2**n).reshape((2,) * n) == 0)
     domain = domain_of(grid, "ray")
     d = rng.normal(size=(COUNT, n)) * 10.0 ** rng.uniform(-9, 0, (COUNT, 1))
     d[np.arange(COUNT), rng.integers(n, size=COUNT)] = rng.normal(size=COUNT)
@@ -70,13 +70,13 @@ def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: b
     """Whatever a device makes of a region, it passes each point of the region that is in the domain, within the bound.
 
     Returns:
-        The share of regions that a bounder is asked about.
+        The share of regions that a bounder is queried about.
     """
     n, needed = domain.space_ndim, region_rounding(domain.base, domain.query, domain.length)
     assert (needed <= domain.base.delta).all()
     v, testable, inside = located(domain, q, device, lanes)
-    asked = testable & inside
-    assert (np.abs(v[asked]) <= domain.limit).all()
+    queried = testable & inside
+    assert (np.abs(v[queried]) <= domain.limit).all()
     if domain.query == "box":
         low, high = corners(domain)
         first, last = to_local(domain, q[:, :n]), to_local(domain, q[:, n:])
@@ -89,11 +89,11 @@ def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: b
     else:
         y, good = plane_points(domain, q, rng)
         off = np.abs((v[:, :n].astype(EXACT) * y).sum(axis=1) - v[:, n])[:, None]
-        assert (v[asked, :n].max(axis=1) == 1).all()  # exactly, which the proof over a cube's faces takes for granted
+        assert (v[queried, :n].max(axis=1) == 1).all()  # exactly, which the proof over a cube's faces takes for granted
     assert good.mean() > 0.3
     assert inside[good & testable].all()
-    assert (off[good & asked] <= needed).all()
-    return float(asked.mean())
+    assert (off[good & queried] <= needed).all()
+    return float(queried.mean())
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -113,7 +113,7 @@ def test_tiny_and_huge_objects(query, exponent, device, rng):
     """Normals of 1e-41 have few bits left in float32; where the domain is huge, its size would hide that."""
     occupancy = np.zeros((8, 6, 5), bool)
     occupancy[3:5, 3:5, 2:4] = True
-    grid = IndicatorGrid(occupancy, cells_per_unit=[2.0**-exponent] * 3, offset=[0.0] * 3)
+    grid = Grid(occupancy, cells_per_unit=[2.0**-exponent] * 3, offset=[0.0] * 3)
     domain = domain_of(grid, query, 4 * 2.0**exponent)
     q = wide_regions(query, grid, 4 * 2.0**exponent, 3 * COUNT, rng, np.float64)
     if query != "box":

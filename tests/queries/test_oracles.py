@@ -1,4 +1,6 @@
-"""Each kind's oracle is its rational twin, query by query, above all where queries only touch; samples are the
+"""Each kind's oracle is its rational reference implementation, query by query, above all where queries only touch.
+
+Samples are the
 paper's."""
 
 import numpy as np
@@ -9,7 +11,6 @@ from region_queries import SHAPES, lattice_points, odd_queries, one_cell, small_
 
 from warp_bounding.errors import QueryError
 from warp_bounding.geometry import components
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.queries import QUERIES, SampledOracle, check_query, oracle, sample
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.directions import sample_directions
@@ -19,6 +20,7 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import MOST_JUMP, RAY, empty_distance
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.queries.registry import locate
+from warp_bounding.shapes import Grid
 
 LOW, HIGH = np.float32(0.375), np.float32(0.625)  # of one_cell
 
@@ -176,7 +178,7 @@ def test_supporting_planes_of_a_shape_are_decided_by_the_kernel(device, rng):
 def test_rounding_onto_a_face_is_noticed(device):
     """The cell coordinate of a tiny number rounds onto the face at 3/2, but the point is on one side of it."""
     for cell in (1, 2):
-        grid = IndicatorGrid(np.arange(4) == cell, cells_per_unit=[3.0], offset=[-1.5])
+        grid = Grid(np.arange(4) == cell, cells_per_unit=[3.0], offset=[-1.5])
         q = np.float32([[x, x] for x in (-1e-30, 0.0, 1e-30)])
         expected = [cell == 1, True, cell == 2]
         np.testing.assert_array_equal(BOX.truth(grid, q), expected)
@@ -322,7 +324,7 @@ def test_points_and_boxes_are_the_papers(name, rng):
 def test_rays_are_the_papers(ndim, rng):
     occupancy = np.zeros((4,) * ndim, dtype=bool)
     occupancy.flat[0] = True
-    q = RAY.sample(IndicatorGrid(occupancy), 20_000, rng)
+    q = RAY.sample(Grid(occupancy), 20_000, rng)
     assert q.dtype == np.float32
     origin, d = q[:, :ndim], q[:, ndim:].astype(np.float64)
     assert ((origin >= 0) & (origin <= 1)).all()

@@ -12,11 +12,11 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.placement import Placement, placement_error
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.shapes import Grid
 
 
 def inner_points(grid, rng) -> np.ndarray:
@@ -220,11 +220,11 @@ def signed_permutation(s: int, rng) -> np.ndarray:
 
 
 @cache
-def dyadic(time: bool) -> IndicatorGrid:
+def dyadic(time: bool) -> Grid:
     """Its faces are float32 numbers, and still are after a shift."""
     occupancy = np.random.default_rng(7).random((5, 9, 9, 5) if time else (9, 9, 5)) < 0.1
     occupancy.flat[:2] = True, False
-    return IndicatorGrid(occupancy, time=time)
+    return Grid(occupancy, time=time)
 
 
 @cache

@@ -58,16 +58,18 @@ def asking_kernel(test, query: str) -> wp.Kernel:
     vector = vector_type(2)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def ask_point(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_point(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
         i = wp.tid()
         answer[i] = wp.uint8(test(data, a[i]))
 
     @wp.kernel(module="unique", enable_backward=False)
-    def ask_region(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_region(
+        data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)
+    ):
         i = wp.tid()
         answer[i] = wp.uint8(test(data, a[i], b[i]))
 
-    return ask_point if query == "point" else ask_region
+    return query_point if query == "point" else query_region
 
 
 def ask(bounder, data: Data) -> np.ndarray:

@@ -24,12 +24,14 @@ def asking_kernel(test, ndim: int, region: bool = False) -> wp.Kernel:
             answer[i] = wp.uint8(1)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def ask_region(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_region(
+        data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)
+    ):
         i = wp.tid()
         if test(data, a[i], b[i]):
             answer[i] = wp.uint8(1)
 
-    return ask_region if region else ask
+    return query_region if region else ask
 
 
 def ask(bounder, x: np.ndarray) -> np.ndarray:

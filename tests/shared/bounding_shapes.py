@@ -11,10 +11,10 @@ from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp import Mlp, encoding_tensors
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.indicators import IndicatorGrid
 from warp_bounding.networks import tensor_cores
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.shapes import Grid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits
@@ -27,45 +27,45 @@ NETWORKS = [  # of random weights, where sizes matter: below, on and above multi
 ]
 
 
-def _blob(shape, seed, share=0.35, **options) -> IndicatorGrid:
+def _blob(shape, seed, share=0.35, **options) -> Grid:
     occupancy = np.random.default_rng(seed).random(shape) < share
     occupancy.flat[:2] = True, False
-    return IndicatorGrid(occupancy, **options)
+    return Grid(occupancy, **options)
 
 
-def _c() -> IndicatorGrid:
+def _c() -> Grid:
     occupancy = np.zeros((12, 12), bool)
     occupancy[2:10, 2:10] = True
     occupancy[4:8, 4:] = False
-    return IndicatorGrid(occupancy)
+    return Grid(occupancy)
 
 
-def _star() -> IndicatorGrid:
+def _star() -> Grid:
     t = np.abs(np.stack(np.meshgrid(*[np.linspace(-1, 1, 11)] * 3, indexing="ij")))
-    return IndicatorGrid(np.sqrt(t).sum(axis=0) < 1.3)
+    return Grid(np.sqrt(t).sum(axis=0) < 1.3)
 
 
-def _animated() -> IndicatorGrid:
+def _animated() -> Grid:
     occupancy = np.zeros((5, 7, 6, 8), bool)
     for step in range(5):
         occupancy[step, 1 + step // 2 : 3 + step // 2, 1:4, step : step + 3] = True
-    return IndicatorGrid(occupancy, time=True)
+    return Grid(occupancy, time=True)
 
 
-def _half() -> IndicatorGrid:
+def _half() -> Grid:
     occupancy = np.zeros((10, 4, 4), bool)
     occupancy[:5] = True  # reaches the border: most of it touches no empty cell
-    return IndicatorGrid(occupancy)
+    return Grid(occupancy)
 
 
-def _single() -> IndicatorGrid:
+def _single() -> Grid:
     occupancy = np.zeros((5, 1, 3), bool)  # an axis of one cell
     occupancy[2, 0, 1] = True
-    return IndicatorGrid(occupancy)
+    return Grid(occupancy)
 
 
 SHAPES = {
-    "line": lambda: IndicatorGrid(np.array([0, 1, 1, 0, 0, 1, 0, 0, 0], bool)),
+    "line": lambda: Grid(np.array([0, 1, 1, 0, 0, 1, 0, 0, 0], bool)),
     "c": _c,
     "blob": lambda: _blob((8, 9, 7), 1),
     "star": _star,
@@ -79,7 +79,7 @@ SHAPES = {
 
 
 @cache
-def shape(name: str) -> IndicatorGrid:
+def shape(name: str) -> Grid:
     return SHAPES[name]()
 
 
@@ -91,11 +91,11 @@ def fitted(method: str, name: str) -> wb.Bounder:
 
 @cache
 def _fitted(method: str, name: str) -> wb.Bounder:
-    told = told_of(method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3)
-    return without_grants(wb.fit(shape(name), method=method, device="cpu", **told), shape(name))
+    reported = report_of(method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3)
+    return without_grants(wb.fit(shape(name), method=method, device="cpu", **reported), shape(name))
 
 
-def without_grants(bounder: wb.Bounder, grid: IndicatorGrid) -> wb.Bounder:
+def without_grants(bounder: wb.Bounder, grid: Grid) -> wb.Bounder:
     """The same without grants: the exits of a network that has learnt nothing would grant every query."""
     if not isinstance(bounder, MlpEarly):
         return bounder
@@ -106,7 +106,7 @@ def without_grants(bounder: wb.Bounder, grid: IndicatorGrid) -> wb.Bounder:
     return plain
 
 
-def told_of(method: str, query: str = "point", **options) -> dict:
+def report_of(method: str, query: str = "point", **options) -> dict:
     """Of these options of ``fit`` those that the method, or a part of a cascade, takes for the query."""
     known = {*taken((METHODS[part] for part in method.split("+")), query)}
     known |= {"length"} if query == "ray" else set()
@@ -115,7 +115,7 @@ def told_of(method: str, query: str = "point", **options) -> dict:
 
 def few(name="blob", method="mlp", query="point", **options):
     """A fit of few steps; what a test does not name itself is told to the methods that take it."""
-    small = told_of(method, query, hidden=HIDDEN, steps=3) if method in tuple(wb.METHODS) else {}
+    small = report_of(method, query, hidden=HIDDEN, steps=3) if method in tuple(wb.METHODS) else {}
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 
@@ -141,7 +141,7 @@ def crossed(methods, names, kinds=None, few=("aabb", "mlp")) -> list:
     """Each method with each shape, but with ``--slow`` only, since they have kernels of their own: in one dimension and
     in five all
     but a few; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two dimensions
-    and in four all but these ``kinds``, if they are told.
+    and in four all but these ``kinds``, if they are reported.
     """
     rare = [(m, n) for n in ("line", "five") for m in methods if m not in few]
     rare += [(m, n) for m in ("voxels", "relu-field") for n in ("star", "half", "single", "anisotropic")]
@@ -185,13 +185,13 @@ def device_coordinates(bounder, x: np.ndarray) -> np.ndarray:
     return ((x - d.center) * d.scale).astype(np.float64)
 
 
-def domain_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+def domain_points(grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
     """Uniform float32 points of the domain, and a little around it."""
     size = grid.upper - grid.lower
     return (grid.lower - 0.02 * size + rng.random((count, grid.ndim)) * 1.04 * size).astype(np.float32)
 
 
-def object_points(grid: IndicatorGrid, rng: np.random.Generator, count: int = 4000) -> np.ndarray:
+def object_points(grid: Grid, rng: np.random.Generator, count: int = 4000) -> np.ndarray:
     """Points of the object, float32, all of them: random ones, and corners, faces and centres nudged both ways."""
     cells = grid.occupied[rng.integers(len(grid.occupied), size=count)]
     kind = rng.integers(3, size=count)[:, None]
@@ -213,6 +213,6 @@ def without_proof(monkeypatch) -> Mlp:
     return bounder
 
 
-def fitted_ball(ball: wb.solids.Sphere) -> wb.Bounder:
+def fitted_ball(ball: wb.shapes.Sphere) -> wb.Bounder:
     """The box of a ball."""
     return wb.fit(ball, method="aabb", device="cpu", progress=False)

@@ -13,7 +13,7 @@ def denying(bounder, points):
 
 
 class Everything(BroadPhase):
-    """It clears whatever it is asked."""
+    """It clears whatever it is queried."""
 
     def states(self, x):
         return np.ones(len(x), dtype=bool)

@@ -8,7 +8,7 @@ import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding import solids
+from warp_bounding import shapes as solids
 from warp_bounding.bounders import DISTANCES
 
 TOLD = {
@@ -27,7 +27,7 @@ def thing(name: str):
             [[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]],
             [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
         )
-        return wb.IndicatorMesh(np.array(vertices) * 3 + 7, faces)
+        return wb.shapes.Mesh(np.array(vertices) * 3 + 7, faces)
     if name == "torus":
         return solids.Torus([0.5, 0, 1], 1.0, 0.3)
     return shape(name)
@@ -45,12 +45,12 @@ def far(method: str, name: str, margin: float = 0.0) -> wb.DistanceBounder:
         return wb.fit(thing(name), "distance", method, margin=margin, nodes=4, device="cpu", progress=False)
     if method == "bvh" and name == "torus":
         return wb.fit(thing(name), "distance", method, margin=margin, resolution=24, device="cpu", **TOLD[method])
-    told = dict(TOLD.get(method, {}))
+    reported = dict(TOLD.get(method, {}))
     if (
-        "budget" in told and thing(name).ndim <= 3
+        "budget" in reported and thing(name).ndim <= 3
     ):  # seconds enough for the finest search on a slow machine; it ends when it is done
-        told["budget"] = 100.0
-    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **told)
+        reported["budget"] = 100.0
+    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **reported)
 
 
 def points_around(thing, count: int, rng: np.random.Generator, reach: float = 1.0) -> np.ndarray:
@@ -62,7 +62,7 @@ def points_around(thing, count: int, rng: np.random.Generator, reach: float = 1.
     return np.concatenate([x, near]).astype(np.float32)
 
 
-def squared_distance_to_cells(grid: wb.IndicatorGrid, x: np.ndarray) -> Fraction:
+def squared_distance_to_cells(grid: wb.shapes.Grid, x: np.ndarray) -> Fraction:
     """From a point to the nearest occupied cell, exactly."""
     p = [Fraction(float(v)) for v in x]
     per_unit, offset = ([Fraction(float(v)) for v in values] for values in (grid.cells_per_unit, grid.offset))

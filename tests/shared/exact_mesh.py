@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from warp_bounding.indicators import IndicatorMesh
+from warp_bounding.shapes import Mesh
 
 
 def _fractions(x) -> list[Fraction]:
@@ -154,16 +154,16 @@ def plane_meets(vertices: np.ndarray, faces: np.ndarray, margin: float, normal: 
 SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])  # of a tetrahedron
 
 
-def _tetrahedra(corners: list[np.ndarray]) -> IndicatorMesh:
+def _tetrahedra(corners: list[np.ndarray]) -> Mesh:
     faces = np.concatenate([SIDES + 4 * i for i in range(len(corners))])
-    return IndicatorMesh(np.concatenate(corners).astype(np.float32), faces)
+    return Mesh(np.concatenate(corners).astype(np.float32), faces)
 
 
 def _random(rng, size=1.0, shift=0.0):
     return (rng.uniform(-size, size, (4, 3)) + shift).astype(np.float32)
 
 
-def mesh_case(name: str, rng) -> tuple[IndicatorMesh, list[np.ndarray]]:
+def mesh_case(name: str, rng) -> tuple[Mesh, list[np.ndarray]]:
     """A mesh, and the corners of the tetrahedra (three at most, so that they enclose no hollow) that it encloses."""
     one = _random(rng)
     if name == "tetrahedron":
@@ -172,10 +172,10 @@ def mesh_case(name: str, rng) -> tuple[IndicatorMesh, list[np.ndarray]]:
         mesh = _tetrahedra([one])
         faces = mesh.faces.copy()
         faces[1:3] = faces[1:3, ::-1]
-        return IndicatorMesh(mesh.vertices, faces), [one]
+        return Mesh(mesh.vertices, faces), [one]
     if name == "doubled":
         mesh = _tetrahedra([one])
-        return IndicatorMesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:3], [[0, 0, 1]]])), [one]
+        return Mesh(mesh.vertices, np.concatenate([mesh.faces, mesh.faces[:3], [[0, 0, 1]]])), [one]
     if name == "nested":
         inner = (one.mean(axis=0) + 0.25 * (one - one.mean(axis=0))).astype(np.float32)
         return _tetrahedra([one, inner]), [one, inner]
@@ -196,11 +196,11 @@ def mesh_case(name: str, rng) -> tuple[IndicatorMesh, list[np.ndarray]]:
         return mesh_case(name, rng) if flat else (_tetrahedra([one]), [one])
     if name == "open":
         mesh = _tetrahedra([one])
-        return IndicatorMesh(mesh.vertices, mesh.faces[1:]), []
+        return Mesh(mesh.vertices, mesh.faces[1:]), []
     if name == "soup":
         vertices = rng.uniform(-1, 1, (30, 3)).astype(np.float32)
         faces = np.concatenate([np.arange(30).reshape(10, 3), [[0, 1, 1], [2, 2, 2]]])
-        return IndicatorMesh(vertices, faces), []
+        return Mesh(vertices, faces), []
     raise AssertionError(name)
 
 
@@ -210,7 +210,7 @@ NAMES = (
 )  # fmt: skip
 
 
-def hard_points(mesh: IndicatorMesh, margin: float, rng, count: int) -> np.ndarray:
+def hard_points(mesh: Mesh, margin: float, rng, count: int) -> np.ndarray:
     """At random, near faces, at the margin from faces, and on round numbers, vertices and edges."""
     size = np.ptp(mesh.bounds, axis=0).max()
     low, high = mesh.bounds[0] - margin - 0.2 * size, mesh.bounds[1] + margin + 0.2 * size

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from warp_bounding.indicators import load_indicator
+from warp_bounding.shapes import load_shape
 
 V = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float32)
 QUADS = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -27,7 +27,7 @@ class Case(NamedTuple):
     write: Callable[[Path], Path]
     words: str = ""
     check: Callable[[Any], None] = lambda shape: None
-    load: Callable[[Path], Any] = load_indicator
+    load: Callable[[Path], Any] = load_shape
 
 
 def file(name: str, content: str | bytes) -> Callable[[Path], Path]:

@@ -12,7 +12,7 @@ import numpy as np
 from format_cases import Case, T, V, file
 from PIL import Image
 
-from warp_bounding.indicators import load_indicator
+from warp_bounding.shapes import load_shape
 
 BITS = np.zeros((4, 6), bool)
 BITS[1:3, 2:4] = True
@@ -41,7 +41,7 @@ def at(lower, upper) -> Callable:
 
 
 def case(write, words="", check=lambda shape: None, **options) -> Case:
-    return Case(write, words, check, partial(load_indicator, **options))
+    return Case(write, words, check, partial(load_shape, **options))
 
 
 def png(values, mode=None, **options) -> Callable[[Path], Path]:

@@ -1,5 +1,5 @@
 """The coordinates that a device computes with, written out by the very text that bounders compile, and their exact
-twin."""
+reference implementation."""
 
 from functools import cache
 from typing import NamedTuple

@@ -4,10 +4,10 @@ outside."""
 import numpy as np
 from bounding_shapes import object_points
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders import METHODS
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.rounding import round_down
 
 VOLUMES = ("aabb", "obb", "kdop", "sphere", "ellipsoid", "oriented-ellipsoid", "bvh")
 REGIONS = ("ray", "plane", "box")

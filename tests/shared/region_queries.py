@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from warp_bounding.indicators import IndicatorGrid
+from warp_bounding.shapes import Grid
 
 SHAPES = ("line", "c", "blob", "half", "single", "anisotropic", "mesh", "animated", "five")
 ODD = np.float32([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, -1e-45, 1e-38, 1e10, -1e10, 3e38, -3e38])
 
 
-def lattice_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+def lattice_points(grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
     """``(N, n)`` float32 points on centres, faces, edges and corners of cells, some one float beside them."""
     t = np.round(rng.uniform(-2, np.array(grid.shape) + 1, (count, grid.ndim)) * 2) / 2
     x = grid.position(t).astype(np.float32)
@@ -23,20 +23,20 @@ def small_vectors(ndim: int, count: int, rng: np.random.Generator) -> np.ndarray
     return d
 
 
-def odd_queries(grid: IndicatorGrid, ordinary: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def odd_queries(grid: Grid, ordinary: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """The queries with some of their numbers replaced: NaN, infinities, zeros, subnormal and huge numbers."""
     return np.where(rng.random(ordinary.shape) < 0.25, rng.choice(ODD, ordinary.shape), ordinary)
 
 
-def sparse_grid(shape: tuple[int, ...], cells: int, seed: int = 0, **options) -> IndicatorGrid:
+def sparse_grid(shape: tuple[int, ...], cells: int, seed: int = 0, **options) -> Grid:
     """Few occupied cells, far apart."""
     occupancy = np.zeros(shape, dtype=bool)
     occupancy.flat[np.random.default_rng(seed).choice(occupancy.size, cells, replace=False)] = True
-    return IndicatorGrid(occupancy, **options)
+    return Grid(occupancy, **options)
 
 
-def one_cell(ndim: int = 3) -> IndicatorGrid:
+def one_cell(ndim: int = 3) -> Grid:
     """Five cells along each axis, the middle one occupied: coordinates 3/8 to 5/8."""
     occupancy = np.zeros((5,) * ndim, dtype=bool)
     occupancy[(2,) * ndim] = True
-    return IndicatorGrid(occupancy)
+    return Grid(occupancy)

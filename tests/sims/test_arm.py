@@ -34,8 +34,8 @@ def bounders(place):
     own["occupancy"] = {"hidden": (16, 16), "steps": 120}
     made = {}
     for name, spec in SPECS.items():
-        told = {"query": spec.query, "method": spec.method, "resolution": spec.resolution} | own.get(name, {})
-        made[name] = wb.fit(place.shape, **told, device="cpu", progress=False)
+        reported = {"query": spec.query, "method": spec.method, "resolution": spec.resolution} | own.get(name, {})
+        made[name] = wb.fit(place.shape, **reported, device="cpu", progress=False)
     return made
 
 
@@ -61,7 +61,7 @@ def test_roadmaps_are_the_same_with_proven_bounders_and_what_clears_everything_i
 def test_edges_do_not_miss_a_collision_and_what_is_cleared_along_them_is_not_checked(place, rng):
     a, b = place.draw(200, rng), place.draw(200, rng)
     whole, part, none = Hulls(place), Hulls(place), Hulls(place)
-    hit, asked = whole.segments(a, b), []
+    hit, queried = whole.segments(a, b), []
     t = np.linspace(0, 1, 4097)[1:-1, None]
     pairs = zip(a.astype(float), b.astype(float), strict=True)
     every = np.array([place.shape.contains(p + t * (q - p)).any() for p, q in pairs])
@@ -70,13 +70,13 @@ def test_edges_do_not_miss_a_collision_and_what_is_cleared_along_them_is_not_che
     assert whole.checks < sum(np.linalg.norm(b - a, axis=1)) / STEP  # they stop at the first collision
 
     def cleared(x):
-        asked.append(len(x))
+        queried.append(len(x))
         free = ~place.shape.contains(x)
         free[::2] = False
         return free
 
     assert (part.segments(a, b, cleared) == hit).all()
-    assert part.checks < 0.8 * whole.checks == 0.8 * sum(asked)
+    assert part.checks < 0.8 * whole.checks == 0.8 * sum(queried)
     assert not none.segments(a, b, lambda x: np.ones(len(x), bool)).any()
     assert none.checks == 0
     one = Hulls(place)
@@ -93,7 +93,7 @@ def test_mistakes(place):
     with pytest.raises(wb.QueryError, match="as many ends"):
         exact.segments(np.zeros((3, 2), np.float32), np.zeros((2, 2), np.float32))
     swallowed = Cell("full", "Full", planar((0.5,)), (wb.arms.Body.sphere([0, 0, 0], 1.0),))
-    with pytest.raises(wb.IndicatorError, match="free of collisions"):
+    with pytest.raises(wb.ShapeError, match="free of collisions"):
         Workplace(swallowed).problems_of(2, 0)
 
 

@@ -21,10 +21,12 @@ def run(monkeypatch, capsys, *arguments: str) -> str:
 
 
 def test_it_ends_in_the_state_of_the_run_without(monkeypatch, capsys):
-    told = run(monkeypatch, capsys, "--viewer", "null", "--headless", "--num-frames", "12", "--test", "--device", "cpu")
-    assert "289 particles, 4 shapes, cpu" in told
-    assert "mesh with a bounder" in told
-    assert "the cull's own time included" in told
+    reported = run(
+        monkeypatch, capsys, "--viewer", "null", "--headless", "--num-frames", "12", "--test", "--device", "cpu"
+    )
+    assert "289 particles, 4 shapes, cpu" in reported
+    assert "mesh with a bounder" in reported
+    assert "the cull's own time included" in reported
 
 
 def test_a_state_that_differs_is_found():

@@ -7,7 +7,7 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from bounding_shapes import told_of
+from bounding_shapes import report_of
 from broken import Everything, denying
 from rich.console import Console
 
@@ -34,7 +34,7 @@ def small(name):
         return spec
     more = {"steps": 300} if "side" in spec.options or spec.query == "distance" else {}
     more |= {"side": spec.options["side"]} if "side" in spec.options else {}
-    return FitSpec(spec.method, query=spec.query, options=told_of(spec.method, spec.query, **SMALL) | more)
+    return FitSpec(spec.method, query=spec.query, options=report_of(spec.method, spec.query, **SMALL) | more)
 
 
 def walls():
@@ -45,7 +45,7 @@ def walls():
 
 @pytest.fixture(scope="module")
 def world():
-    return World("walls", wb.IndicatorGrid(walls(), name="walls"), "path-walls")
+    return World("walls", wb.shapes.Grid(walls(), name="walls"), "path-walls")
 
 
 @pytest.fixture(scope="module")
@@ -95,11 +95,11 @@ def test_a_broken_bounder_is_found_out(world, bounders, name):
     cells = np.argwhere(~walls()) if name == "inside" else world.grid.occupied
     points = world.grid.position(cells[::5]).astype(np.float32)
     broken = denying(bounders[name], np.concatenate([points, points], axis=1) if name == "bvh" else points)
-    asked = {"bvh": bounders["bvh"], name: broken}
-    runs = simulate(world, asked, states=STATES, problems=PROBLEMS)
-    wrong, told = ("bvh+inside", "said to collide") if name == "inside" else (name, "were cleared that collide")
+    queried = {"bvh": bounders["bvh"], name: broken}
+    runs = simulate(world, queried, states=STATES, problems=PROBLEMS)
+    wrong, reported = ("bvh+inside", "said to collide") if name == "inside" else (name, "were cleared that collide")
     assert runs[wrong].missed() > 0
-    with pytest.raises(AssertionError, match=told):
+    with pytest.raises(AssertionError, match=reported):
         runs[wrong].test_final(runs["none"])
 
 
@@ -126,7 +126,7 @@ def test_blocked_and_unsolvable_problems_are_counted(world):
     occupied[:, 7:9] = True  # a wall from side to side
     left, right, wall = (2 / 15, 2 / 15), (12 / 15, 13 / 15), (0.5, 0.5)
     problems = np.float32([[left, (13 / 15, 2 / 15)], [left, right], [wall, right], [left, wall]])
-    parted = World("wall", wb.IndicatorGrid(occupied), "path-wall", problems=problems)
+    parted = World("wall", wb.shapes.Grid(occupied), "path-wall", problems=problems)
     example = Example(parted, states=300, problems=4)
     example.step()
     assert example.blocked.tolist() == [False, False, True, True]
@@ -159,8 +159,8 @@ def test_nothing_that_collides_is_cleared_and_nothing_free_is_said_to_collide(wo
         assert broad[name].edges(edges[0][:0], edges[1][:0]).shape == (0,)
     for name in ("bvh", "mlp", "aabb+mlp", "distance", "distance-grid"):
         sided = TwoSided(broad[name], bounders["inside"])
-        for asked, truth in (((x,), exact.states(x)), (edges, exact.segments(*edges))):
-            found, without = sided.classify(*asked), broad[name].classify(*asked)
+        for queried, truth in (((x,), exact.states(x)), (edges, exact.segments(*edges))):
+            found, without = sided.classify(*queried), broad[name].classify(*queried)
             assert not truth[found == FREE].any()
             assert truth[found == HIT].all()
             assert (found[without == FREE] == FREE).all()

@@ -33,7 +33,7 @@ def meets_world(grid, start, end):
 def random_world(shape, seed, share=0.15, **placed):
     occupied = np.random.default_rng(seed).random(shape) < share
     occupied[0, 0], occupied[-1, -1] = True, False
-    return wb.IndicatorGrid(occupied, **placed)
+    return wb.shapes.Grid(occupied, **placed)
 
 
 WORLDS = {
@@ -79,7 +79,7 @@ def test_segments_and_states(name):
 def test_touching_counts_and_integers_decide_it():
     occupied = np.zeros((9, 9), dtype=bool)
     occupied[4, 4] = True
-    grid = wb.IndicatorGrid(occupied)  # the cell spans 3.5 / 8 to 4.5 / 8 along both axes
+    grid = wb.shapes.Grid(occupied)  # the cell spans 3.5 / 8 to 4.5 / 8 along both axes
     low, high = 3.5 / 8, 4.5 / 8
     touching = [  # along a face, through a corner, ending in a corner, ending on a face, a point on a corner
         ((low, 0.0), (low, 1.0)),
@@ -106,7 +106,7 @@ def test_lines_through_a_corner_that_float64_cannot_tell():
     occupied = np.zeros((8, 8), dtype=bool)
     occupied[4, 4] = True
     scale = np.float32([7.1234565, 5.9876547]).astype(np.float64)
-    grid = wb.IndicatorGrid(
+    grid = wb.shapes.Grid(
         occupied, cells_per_unit=scale, offset=np.full(2, -3.5)
     )  # the cell has a corner in the origin
     rng = np.random.default_rng(9)
@@ -131,5 +131,5 @@ def test_bad_input_is_refused():
         world.segments(x, x + np.float32(1e12))
     with pytest.raises(wb.QueryError, match="as many"):
         world.segments(x, x[:2])
-    with pytest.raises(wb.IndicatorError, match="2 dimensions"):
-        ExactWorld(wb.IndicatorGrid(np.eye(3, dtype=bool)[None].repeat(2, 0)))
+    with pytest.raises(wb.ShapeError, match="2 dimensions"):
+        ExactWorld(wb.shapes.Grid(np.eye(3, dtype=bool)[None].repeat(2, 0)))

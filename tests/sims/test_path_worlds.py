@@ -67,20 +67,20 @@ BAD = (  # which text, what is replaced in it, and what is said
 def test_what_is_no_map_and_no_scenario(map_file, text, old, new, message):
     changed = text.replace(old, new, 1)
     (map_file if text is MAP else map_file.with_name("m.scen")).write_text(changed, encoding="utf-8")
-    with pytest.raises(wb.IndicatorError, match=message) as caught:
+    with pytest.raises(wb.ShapeError, match=message) as caught:
         read_scen(map_file.with_name("m.scen"), read_map(map_file))
     assert "\n" not in str(caught.value)
 
 
 def test_what_is_no_world(tmp_path):
-    with pytest.raises(wb.IndicatorError, match="expected a folder with"):
+    with pytest.raises(wb.ShapeError, match="expected a folder with"):
         worlds_at(tmp_path)
-    with pytest.raises(wb.IndicatorError, match="no such file"):
+    with pytest.raises(wb.ShapeError, match="no such file"):
         worlds_at(tmp_path / "nothing.png")
     (tmp_path / "mesh.obj").write_text("v 0 0 0")
-    with pytest.raises(wb.IndicatorError, match=r"expected a world, one of .map .png .npy .npz, got '.obj'"):
+    with pytest.raises(wb.ShapeError, match=r"expected a world, one of .map .png .npy .npz, got '.obj'"):
         worlds_at(tmp_path / "mesh.obj")
     solid = tmp_path / "solid.npy"
     np.save(solid, np.eye(4, dtype=bool)[None].repeat(2, 0))
-    with pytest.raises(wb.IndicatorError, match="expected a 2D world, got 3 dimensions"):
+    with pytest.raises(wb.ShapeError, match="expected a 2D world, got 3 dimensions"):
         worlds_at(solid)

@@ -10,9 +10,9 @@ from sims.prefitted import FitSpec, bounder_from, bounders_of, check_fit, fit, s
 MLP = FitSpec("mlp", options={"hidden": (8,), "steps": 10})
 
 
-def disc(radius=0.3, resolution=16) -> wb.IndicatorGrid:
+def disc(radius=0.3, resolution=16) -> wb.shapes.Grid:
     x = np.stack(np.meshgrid(*[np.linspace(0, 1, resolution)] * 2, indexing="ij"), axis=-1)
-    return wb.IndicatorGrid(np.linalg.norm(x - 0.5, axis=-1) < radius)
+    return wb.shapes.Grid(np.linalg.norm(x - 0.5, axis=-1) < radius)
 
 
 def test_closed_forms_are_fitted_and_networks_loaded(tmp_path, monkeypatch):
@@ -37,7 +37,7 @@ def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
     with pytest.raises(wb.BounderError, match=r"too small a margin, expected 0\.05, got 0"):
         check_fit(bounder, grid.to_grid(margin=0.05), MLP, "file")
     cells = FitSpec("aabb", resolution=8)
-    mesh = wb.IndicatorMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    mesh = wb.shapes.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
     for own, other, got in (
         (cells, FitSpec("aabb"), "itself, got one of its cells at resolution 8"),
         (FitSpec("aabb"), cells, "cells at resolution 8, got one of the shape itself"),

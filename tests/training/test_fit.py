@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bounding_shapes import HIDDEN, few, object_points, shape, told_of
+from bounding_shapes import HIDDEN, few, object_points, report_of, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders.bvh import Bvh, build
@@ -43,8 +43,8 @@ def test_it_runs(name, options, monkeypatch, rng):
     assert bounder.certificate.proven
     grid = shape(name)
     values = bounder.reference(bounder.domain.to_local(object_points(grid, rng, 1000)))
-    asked = values[np.isfinite(values)]
-    assert (asked >= bounder.threshold).all()
+    queried = values[np.isfinite(values)]
+    assert (queried >= bounder.threshold).all()
     record = bounder.info["training"]
     assert 1 <= record["steps"] <= 3
     assert record["recipe"] == options.get("recipe", "default")
@@ -107,7 +107,7 @@ def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(rng):
 
 def parts_of(name, method, query="point", **options):
     known = all(part in wb.METHODS for part in method.split("+"))
-    small = told_of(method, query, hidden=HIDDEN, steps=20) if known else {}
+    small = report_of(method, query, hidden=HIDDEN, steps=20) if known else {}
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 

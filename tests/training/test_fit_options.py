@@ -10,8 +10,8 @@ import trimesh
 from bounding_shapes import few, shape
 
 import warp_bounding as wb
-from warp_bounding.errors import BounderError, BoundingError, IndicatorError, QueryError
-from warp_bounding.indicators import IndicatorMotion
+from warp_bounding.errors import BounderError, BoundingError, QueryError, ShapeError
+from warp_bounding.shapes import MovingMesh
 
 WRONG = {
     "query": "cone",
@@ -37,7 +37,7 @@ WRONG = {
 def test_wrong_options(option, value):
     with pytest.raises(BoundingError) as error:
         few(**{option: value})
-    assert isinstance(error.value, BounderError | QueryError | IndicatorError)
+    assert isinstance(error.value, BounderError | QueryError | ShapeError)
     assert "\n" not in str(error.value)
     assert str(error.value).count("got") == 1
 
@@ -76,10 +76,10 @@ def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypa
 
     monkeypatch.setattr(import_module("warp_bounding.training.fit"), "Problem", begin)
     for option, value in {**TOLD, "speed": 9}.items():
-        told = {option: value}
+        reported = {option: value}
         expected = BegunError if option in TAKEN[method, query] else BounderError
         with pytest.raises(expected) as error:
-            wb.fit(shape("blob"), query, method, device="cpu", **told)
+            wb.fit(shape("blob"), query, method, device="cpu", **reported)
         if expected is BounderError:
             assert option in str(error.value)
 
@@ -90,7 +90,7 @@ def test_a_name_that_is_typed_wrong_is_told_with_the_one_that_was_meant(tmp_path
     with pytest.raises(BounderError, match="did you mean 'levels'"):
         wb.hierarchy(shape("blob"), method="kdop", device="cpu", level=1)
     with pytest.raises(BounderError, match="there is no option 'sample'"):
-        wb.bake(tmp_path, tmp_path / "out", method="kdop", sample=1000)
+        wb.baking.bake(tmp_path, tmp_path / "out", method="kdop", sample=1000)
 
 
 def test_wrong_numbers_of_half_spaces_shapes_and_places_of_arguments():
@@ -98,7 +98,7 @@ def test_wrong_numbers_of_half_spaces_shapes_and_places_of_arguments():
         with pytest.raises(BounderError, match="kdop offers"):
             few(method="kdop", k=k)
     for source in ("nowhere.npy", None, np.zeros((3, 3)), np.ones((3, 3)), np.array(["a"])):
-        with pytest.raises(IndicatorError):
+        with pytest.raises(ShapeError):
             wb.fit(source, method="aabb")
     with pytest.raises(QueryError, match="'mlp' is a method, which comes after the query: method='mlp'"):
         wb.fit(shape("blob"), "mlp")
@@ -111,7 +111,7 @@ BALL = np.linalg.norm(np.mgrid[-1:1:9j, -1:1:9j], axis=0) < 0.5
 
 
 def motion():
-    return IndicatorMotion(np.stack([BOX.vertices, BOX.vertices + 0.1]), BOX.faces, time_cells=2)
+    return MovingMesh(np.stack([BOX.vertices, BOX.vertices + 0.1]), BOX.faces, time_cells=2)
 
 
 @pytest.mark.parametrize(
@@ -120,14 +120,14 @@ def motion():
     ids=["mesh", "motion", "grid"],
 )
 def test_a_margin_beyond_the_extent_is_an_error_unless_forced(given, extent, monkeypatch):
-    shape = wb.load_indicator(given)
+    shape = wb.load_shape(given)
     too_large = extent * 1.01
     with monkeypatch.context() as patch:
         patch.setattr(type(shape), "to_grid", lambda *_, **__: pytest.fail("work was begun"))
         with pytest.raises(wb.BounderError) as caught:
             wb.fit(shape, method="aabb", margin=too_large)
         assert f"the object's extent, {extent:.4g}, got {too_large:g}; force=True" in str(caught.value)
-    options = {} if isinstance(shape, wb.IndicatorGrid) else {"resolution": 6}
+    options = {} if isinstance(shape, wb.shapes.Grid) else {"resolution": 6}
     assert wb.fit(shape, method="aabb", margin=too_large, force=True, **options).certificate.proven
     assert wb.fit(shape, method="aabb", margin=extent * 0.99, **options).certificate.proven
 

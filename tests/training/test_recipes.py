@@ -11,7 +11,7 @@ from warp_bounding.bounders.mlp import MonotoneMlp
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle, sample
-from warp_bounding.solids import Sphere
+from warp_bounding.shapes import Sphere
 from warp_bounding.training.recipes.early import COST
 
 STEPS = {"point": 200, "plane": 300}
@@ -71,11 +71,11 @@ def wrong(bounder: wb.Bounder, x: np.ndarray) -> float:
 @pytest.mark.slow
 def test_false_positives_are_fewer_where_it_is_asked(rng):
     """In the mean of two fits, since one is tighter than another by itself."""
-    asked, others = above(rng, 20_000), above(rng, 50_000)
+    queried, others = above(rng, 20_000), above(rng, 50_000)
     rates = []
-    for queries in (None, asked):
+    for queries in (None, queried):
         for seed in range(2):
-            own = {"k": 14, "steps": 150, "queries": queries, "seed": seed}
+            own = {"k": 14, "steps": 150, "workload": queries, "seed": seed}
             bounder = wb.fit(BALL, method="learned-kdop", device="cpu", progress=False, **own)
             assert bounder.certificate.proven
             assert wb.evaluate(bounder, BALL, samples=20_000).fn == 0
@@ -87,7 +87,7 @@ def test_false_positives_are_fewer_where_it_is_asked(rng):
 def test_every_method_takes_own_queries(method, rng):
     options = {} if method == "aabb" else {"hidden": (8,), "steps": 60}
     bounder = wb.fit(
-        BALL, method=method, queries=above(rng, 500), resolution=8, device="cpu", progress=False, **options
+        BALL, method=method, workload=above(rng, 500), resolution=8, device="cpu", progress=False, **options
     )
     if bounder.conservative:
         assert wb.evaluate(bounder, BALL.to_grid(resolution=8), samples=20_000).fn == 0
@@ -104,10 +104,10 @@ def test_every_method_takes_own_queries(method, rng):
 )
 def test_what_are_no_queries_is_refused_in_one_line(queries, told):
     with pytest.raises(QueryError, match=told) as error:
-        wb.fit(BALL, queries=queries, device="cpu")
+        wb.fit(BALL, workload=queries, device="cpu")
     assert "\n" not in str(error.value)
 
 
 def test_a_distance_takes_no_queries():
-    with pytest.raises(BounderError, match="queries are not for distances"):
-        wb.fit(BALL, "distance", queries=np.zeros((5, 3)), device="cpu")
+    with pytest.raises(BounderError, match="a workload is not for distances"):
+        wb.fit(BALL, "distance", workload=np.zeros((5, 3)), device="cpu")

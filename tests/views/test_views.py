@@ -116,7 +116,7 @@ def test_a_shape_that_moves_is_seen_at_its_times_and_in_slices():
 
 def test_from_the_inside_what_is_held_is_in_the_object():
     x = np.stack(np.meshgrid(*[np.linspace(-1, 1, 24)] * 2, indexing="ij"), axis=-1)
-    disc = wb.load_indicator(np.hypot(x[..., 0], x[..., 1]) < 0.8)
+    disc = wb.load_shape(np.hypot(x[..., 0], x[..., 1]) < 0.8)
     bounder = wb.fit(disc, method="sphere", side="inside", device="cpu")
     seen = view_of(bounder, disc, **FEW)
     assert seen.within

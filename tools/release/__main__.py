@@ -96,7 +96,7 @@ TESTS = (
         "cli/test_commands.py",
         "cli/test_usage.py",
         "evaluation",
-        "indicators/test_formats.py",
+        "shapes/test_formats.py",
         "kernels/test_functions.py",
     ),
     *("newton", "proof/test_check.py", "sims/test_prefitted.py", "training/test_fit.py"),
@@ -117,7 +117,7 @@ def lowest() -> int:
 
 
 def main() -> int:
-    """Do the task that is asked for; exit status."""
+    """Do the task that is requested; exit status."""
     parser = argparse.ArgumentParser(prog="tools/release", description=__doc__)
     tasks = parser.add_subparsers(required=True)
     task = tasks.add_parser("dist", help="build sdist and wheel, and look into them")

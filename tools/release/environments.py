@@ -66,11 +66,11 @@ def _variables() -> dict[str, str]:
 
 
 def needed(requirements: Iterable[str], extras: Iterable[str] = ()) -> dict[str, metadata.Distribution]:
-    """The distributions that are asked for, directly or in turn, by name, as they are installed beside this.
+    """The distributions that are requested, directly or in turn, by name, as they are installed beside this.
 
     Args:
         requirements: As in ``Requires-Dist``.
-        extras: Of whom they are asked for.
+        extras: Of whom they are requested.
 
     Raises:
         LookupError: If one is not installed here, or not in a version that will do.

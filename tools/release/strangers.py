@@ -116,14 +116,14 @@ def core_alone(stay: Stay) -> str:
 def extras_are_named(stay: Stay) -> str:
     """What needs an extra says in one line which one."""
     (stay.folder / "ball.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
-    asked = {"train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "mlp"]}
-    for extra, words in asked.items():
+    queried = {"train": ["fit", "ball.obj", "-o", "ball.safetensors", "--method", "mlp"]}
+    for extra, words in queried.items():
         said = stay.run(["warp-bounding", *words], status=2).stderr.strip().splitlines()
         _expect(
             len(said) == 1 and f"pip install 'warp-bounding[{extra}]'" in said[0],
             f"{words[0]} without {extra} says {said}",
         )
-    return ", ".join(asked)
+    return ", ".join(queried)
 
 
 def quickstart(stay: Stay) -> str:
@@ -136,8 +136,8 @@ def quickstart(stay: Stay) -> str:
         if language == "python":
             snippets.append(body)
             continue
-        told = commands(body)  # the others set up a checkout
-        ours = [words for words in told if words[0] == "warp-bounding" or words[1:3] == ["-m", "sims"]]
+        reported = commands(body)  # the others set up a checkout
+        ours = [words for words in reported if words[0] == "warp-bounding" or words[1:3] == ["-m", "sims"]]
         (behind if snippets else before).extend(ours)
     for words in before:
         stay.run(words)

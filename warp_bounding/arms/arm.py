@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from warp_bounding.errors import IndicatorError
+from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.arrays import Picklable
 
 # --- Bodies -----------------------------------------------------------------------------------------------------------
@@ -37,7 +37,7 @@ class Body(Picklable):
         name: For people.
 
     Raises:
-        IndicatorError: For points or a radius that are none.
+        ShapeError: For points or a radius that are none.
 
     Example:
         >>> forearm = wb.arms.Body.capsule([0, 0, 0], [0.4, 0, 0], 0.05, link=1)
@@ -54,12 +54,12 @@ class Body(Picklable):
     def __post_init__(self):
         points = np.array(self.points, dtype=np.float64)
         if points.ndim != 2 or points.shape[1:] != (3,) or not 1 <= len(points) <= MOST_POINTS:
-            raise IndicatorError(f"{self.name}: expected 1 to {MOST_POINTS} points of 3 numbers, got {points.shape}")
+            raise ShapeError(f"{self.name}: expected 1 to {MOST_POINTS} points of 3 numbers, got {points.shape}")
         if not (np.abs(points) <= LARGEST).all():
-            raise IndicatorError(f"{self.name}: expected points of finite numbers up to {LARGEST:g}")
+            raise ShapeError(f"{self.name}: expected points of finite numbers up to {LARGEST:g}")
         radius = float(self.radius)
         if not 0 <= radius <= LARGEST:
-            raise IndicatorError(f"{self.name}: expected a radius from 0 to {LARGEST:g}, got {self.radius!r}")
+            raise ShapeError(f"{self.name}: expected a radius from 0 to {LARGEST:g}, got {self.radius!r}")
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "radius", radius)
@@ -79,9 +79,7 @@ class Body(Picklable):
         """A box between two corners ``(3,)``, rounded by a radius, at a ``(4, 4)`` pose."""
         corners = np.array([lower, upper], dtype=np.float64)
         if corners.shape != (2, 3) or not (corners[0] <= corners[1]).all():
-            raise IndicatorError(
-                f"{name}: expected two corners of 3 numbers, the lower one first, got {lower} and {upper}"
-            )
+            raise ShapeError(f"{name}: expected two corners of 3 numbers, the lower one first, got {lower} and {upper}")
         index = np.indices((2, 2, 2)).reshape(3, -1).T
         return cls(corners[index, np.arange(3)], radius, link, name).moved(pose)
 
@@ -110,15 +108,15 @@ def checked_pose(pose, name: str) -> np.ndarray:
     """A rigid motion ``(4, 4)``, its rotation made exactly one, up to float64.
 
     Raises:
-        IndicatorError: If it is none.
+        ShapeError: If it is none.
     """
     pose = np.array(pose, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
-        raise IndicatorError(f"{name}: expected a pose of shape (4, 4) with the last row 0 0 0 1, got {pose.tolist()}")
+        raise ShapeError(f"{name}: expected a pose of shape (4, 4) with the last row 0 0 0 1, got {pose.tolist()}")
     u, _, v = np.linalg.svd(pose[:3, :3])
     rotation = u @ v
     if np.abs(rotation - pose[:3, :3]).max() > RIGID or np.linalg.det(rotation) < 0:
-        raise IndicatorError(f"{name}: expected a rotation without a scale or a mirror, got {pose[:3, :3].tolist()}")
+        raise ShapeError(f"{name}: expected a rotation without a scale or a mirror, got {pose[:3, :3].tolist()}")
     pose[:3, :3] = rotation
     return pose
 
@@ -146,7 +144,7 @@ class Joint(Picklable):
             those of one turn.
 
     Raises:
-        IndicatorError: For numbers that are none, or limits in the wrong order or too far, or of a joint without any.
+        ShapeError: For numbers that are none, or limits in the wrong order or too far, or of a joint without any.
 
     Example:
         >>> elbow = wb.arms.Joint(axis=[0, 2, 0], lower=-2.0, upper=2.0)
@@ -166,19 +164,19 @@ class Joint(Picklable):
         axis = np.array(self.axis, dtype=np.float64)
         length = np.linalg.norm(axis) if axis.shape == (3,) else np.nan
         if not 1e-6 < length < 1e6:
-            raise IndicatorError(f"{self.name}: expected an axis of 3 numbers that are not all 0, got {self.axis}")
-        for what, told in (("slides", self.slides), ("continuous", self.continuous)):
-            if not isinstance(told, bool | np.bool_):
-                raise IndicatorError(f"{self.name}: expected {what} to be True or False, got {told!r}")
+            raise ShapeError(f"{self.name}: expected an axis of 3 numbers that are not all 0, got {self.axis}")
+        for what, reported in (("slides", self.slides), ("continuous", self.continuous)):
+            if not isinstance(reported, bool | np.bool_):
+                raise ShapeError(f"{self.name}: expected {what} to be True or False, got {reported!r}")
         lower, upper = float(self.lower), float(self.upper)
         farthest = 1e6 if self.slides else FARTHEST
         if not -farthest <= lower < upper <= farthest:
-            raise IndicatorError(
+            raise ShapeError(
                 f"{self.name}: expected limits from {-farthest:.4g} to {farthest:.4g}, the lower one first, got "
                 f"{lower} and {upper}"
             )
         if self.continuous and (self.slides or (lower, upper) != (-np.pi, np.pi)):
-            raise IndicatorError(f"{self.name}: a continuous joint turns, and has no limits, got {lower} and {upper}")
+            raise ShapeError(f"{self.name}: a continuous joint turns, and has no limits, got {lower} and {upper}")
         for name, value in (
             ("origin", checked_pose(self.origin, self.name)),
             ("axis", axis / length),
@@ -216,7 +214,7 @@ class Arm:
         note: As given.
 
     Raises:
-        IndicatorError: For no joint, too many, or bodies of links that are not there.
+        ShapeError: For no joint, too many, or bodies of links that are not there.
 
     Example:
         >>> def link(i):
@@ -243,16 +241,16 @@ class Arm:
     ):
         self.joints, self.bodies, self.name, self.note = tuple(joints), tuple(bodies), name, note
         if not 1 <= len(self.joints) <= MOST_JOINTS:
-            raise IndicatorError(f"{name}: expected 1 to {MOST_JOINTS} joints, got {len(self.joints)}")
+            raise ShapeError(f"{name}: expected 1 to {MOST_JOINTS} joints, got {len(self.joints)}")
         links = range(WORLD, len(self.joints))
         if not any(body.link != WORLD for body in self.bodies):
-            raise IndicatorError(f"{name}: expected at least one body that a joint moves")
+            raise ShapeError(f"{name}: expected at least one body that a joint moves")
         for body in self.bodies:
             if body.link not in links:
-                raise IndicatorError(f"{name}: {body.name} is of link {body.link}, and there are -1 to {links[-1]}")
+                raise ShapeError(f"{name}: {body.name} is of link {body.link}, and there are -1 to {links[-1]}")
         for pair in touching:
             if len(pair) != 2 or not all(link in links for link in pair):
-                raise IndicatorError(f"{name}: expected pairs of links from -1 to {links[-1]}, got {pair}")
+                raise ShapeError(f"{name}: expected pairs of links from -1 to {links[-1]}, got {pair}")
         self.touching = frozenset((min(pair), max(pair)) for pair in touching)
 
     def __repr__(self) -> str:
@@ -265,10 +263,10 @@ class Arm:
         """The arm that ends behind its first ``count`` joints, with what these move.
 
         Raises:
-            IndicatorError: For no joints, or more than there are.
+            ShapeError: For no joints, or more than there are.
         """
         if not 1 <= count <= len(self.joints):
-            raise IndicatorError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
+            raise ShapeError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
         bodies = [body for body in self.bodies if body.link < count]
         touching = [pair for pair in self.touching if pair[1] < count]
         return Arm(self.joints[:count], bodies, touching=touching, name=self.name, note=self.note)

@@ -2,7 +2,7 @@
 
 Everything that a shape answers comes from float64 kernels (``kernels``): truth, certified boxes, half-spaces and
 distances. Configurations beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer
-*maybe* there (``indicators.joints``). The limits are rounded outwards to float32, so that a query at a limit is asked
+*maybe* there (``shapes.joints``). The limits are rounded outwards to float32, so that a query at a limit is asked
 about, and the shape reaches beyond them by what float32 rounds. Of a continuous joint q and q + 2 pi k are the same.
 """
 
@@ -14,14 +14,14 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.arms.arm import WORLD, Arm, Body, ball_of
 from warp_bounding.arms.kernels import ALLOWANCE, BLUR, FREE, FULL, HALVES, Bodies, Chain, Collisions, kernels_of
-from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.formula import Formula
-from warp_bounding.indicators.joints import BEYOND, TWO_PI, WIDER, Joints, turned_back
-from warp_bounding.indicators.shape import UNDECIDED, HalfSpaces, Pieces, Shape, checked_margin, checked_number
+from warp_bounding.errors import ShapeError
+from warp_bounding.rounding import round_down, round_up
 from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.shapes.formula import Formula
+from warp_bounding.shapes.joints import BEYOND, TWO_PI, WIDER, Joints, turned_back
+from warp_bounding.shapes.shape import UNDECIDED, HalfSpaces, Pieces, Shape, checked_margin, checked_number
 
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
 LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
@@ -54,7 +54,7 @@ class ArmConfigurations(Formula):
         pairs: ``(P, 2)``, pairs of bodies that are checked: numbers of the arm's, and behind these of the obstacles.
 
     Raises:
-        IndicatorError: For obstacles that move, numbers that are none, or nothing that could touch.
+        ShapeError: For obstacles that move, numbers that are none, or nothing that could touch.
 
     Example:
         >>> arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
@@ -86,18 +86,18 @@ class ArmConfigurations(Formula):
         )
         for body in self.obstacles:
             if body.link != WORLD:
-                raise IndicatorError(f"{name}: {body.name} is an obstacle, and it is of link {body.link}")
+                raise ShapeError(f"{name}: {body.name} is an obstacle, and it is of link {body.link}")
         weights = np.ones(len(arm.joints)) if weights is None else np.array(weights, dtype=np.float64)
         if weights.shape != (len(arm.joints),):
-            raise IndicatorError(f"{name}: expected a weight for each of {len(arm.joints)} joints, got {weights}")
+            raise ShapeError(f"{name}: expected a weight for each of {len(arm.joints)} joints, got {weights}")
         self.weights = np.array([checked_number(weight, "a weight", name) for weight in weights])
         if not ((self.weights >= LEAST_WEIGHT) & (self.weights <= 1 / LEAST_WEIGHT)).all():
-            raise IndicatorError(f"{name}: expected weights from 2^-20 to 2^20, got {weights}")
+            raise ShapeError(f"{name}: expected weights from 2^-20 to 2^20, got {weights}")
         self.weights.setflags(write=False)
         self.pairs = self._paired()
         self.pairs.setflags(write=False)
         if not len(self.pairs):
-            raise IndicatorError(
+            raise ShapeError(
                 f"{name}: there is nothing that could touch; give obstacles, or ask for collisions with itself"
             )
 
@@ -229,7 +229,7 @@ class ArmConfigurations(Formula):
         return found
 
     def decide(self, x: np.ndarray) -> np.ndarray:
-        return self._ask_points(x)[0]
+        return self._query_points(x)[0]
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         """Lower bounds ``(N,)`` of the distance from configurations to a colliding one, in the shape's coordinates."""
@@ -237,9 +237,11 @@ class ArmConfigurations(Formula):
         # beyond the limits bodies sweep farther than what bounds their speeds
         within = np.clip(x, *self.known)
         beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
-        return np.where(np.isfinite(x).all(axis=1), np.hypot(self._ask_points(within)[1], beyond) * (1 / OUTWARD), 0.0)
+        return np.where(
+            np.isfinite(x).all(axis=1), np.hypot(self._query_points(within)[1], beyond) * (1 / OUTWARD), 0.0
+        )
 
-    def _ask_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _query_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         given = np.asarray(x, dtype=np.float64)
         x = turned_back(given, self._periods)
         c, kernels = self._collisions, kernels_of(self.ndim)
@@ -247,7 +249,7 @@ class ArmConfigurations(Formula):
         answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
         inputs = [c, self._array(x), near]
         launch_on_cores(kernels.points, len(x), inputs, [answers, distances], DEVICE)
-        lost = np.isnan(x).any(axis=1) & np.isfinite(given).all(axis=1)  # more turns than float64 tells apart
+        lost = np.isnan(x).any(axis=1) & np.isfinite(given).all(axis=1)  # more turns than float64 distinguishes
         return np.where(lost, np.uint8(UNDECIDED), answers.numpy()), distances.numpy()
 
     def _array(self, x: np.ndarray) -> wp.array:
@@ -257,7 +259,7 @@ class ArmConfigurations(Formula):
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         (lower, upper), apart, _ = self._within(lower, upper)
-        return apart | (self._ask_boxes(lower, upper, FREE)[0] == FREE)
+        return apart | (self._query_boxes(lower, upper, FREE)[0] == FREE)
 
     def _within(
         self, lower: np.ndarray, upper: np.ndarray
@@ -284,11 +286,11 @@ class ArmConfigurations(Formula):
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         (low, high), _, _ = self._within(lower, upper)
         held = ((low <= lower) & (high >= upper) | self._turns).all(axis=1)  # nothing was cut off
-        return held & (self._ask_boxes(low, high, FULL)[0] == FULL)
+        return held & (self._query_boxes(low, high, FULL)[0] == FULL)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
         (lower, upper), apart, away = self._within(lower, upper)
-        answers, level, slope, axis, loss = self._ask_boxes(lower, upper, HALVES)
+        answers, level, slope, axis, loss = self._query_boxes(lower, upper, HALVES)
         center = lower * 0.5 + upper * 0.5
         if away.any():  # these half-spaces are of another turn
             level, loss = np.where(away, 1.0, level), np.where(away, 0.0, loss)
@@ -303,7 +305,7 @@ class ArmConfigurations(Formula):
             found = (self.distance(lower / 2 + upper / 2) - half) * (1 / OUTWARD)
         return np.where((lower <= upper).all(axis=1) & (found > 0), found, 0.0)
 
-    def _ask_boxes(self, lower: np.ndarray, upper: np.ndarray, asked: int) -> tuple[np.ndarray, ...]:
+    def _query_boxes(self, lower: np.ndarray, upper: np.ndarray, asked: int) -> tuple[np.ndarray, ...]:
         count = len(lower)
         size = count if asked == HALVES else 0
         vector = wp.types.vector(length=self.ndim, dtype=wp.float64)
@@ -331,7 +333,7 @@ class ArmConfigurations(Formula):
             held: Numbers of links.
 
         Raises:
-            IndicatorError: For numbers of no links, links of another piece, or links that could touch nothing.
+            ShapeError: For numbers of no links, links of another piece, or links that could touch nothing.
 
         Example:
             >>> links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(2)]
@@ -343,7 +345,7 @@ class ArmConfigurations(Formula):
         own = self.pieces
         asked = Pieces.of(own.whole, own.count, held, self.name)
         if not set(asked.held) <= set(own.held):
-            raise IndicatorError(f"{self.name}: a piece of links {own.held} has no links {asked.held}")
+            raise ShapeError(f"{self.name}: a piece of links {own.held} has no links {asked.held}")
         if asked == own:
             return self
         count = asked.held[-1] + 1
@@ -357,10 +359,10 @@ class ArmConfigurations(Formula):
         """Itself for 0.
 
         Raises:
-            IndicatorError: For any other margin: bodies are dilated by ``safety``, in metres.
+            ShapeError: For any other margin: bodies are dilated by ``safety``, in metres.
         """
         if self._new_margin(margin) is not None:
-            raise IndicatorError(
+            raise ShapeError(
                 f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, in "
                 "metres, "
                 "to ArmConfigurations"

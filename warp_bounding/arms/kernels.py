@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import warp as wp
 
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED
 from warp_bounding.runtime.native import named
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 
 # --- How far two hulls are apart --------------------------------------------------------------------------------------
 #

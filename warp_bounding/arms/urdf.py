@@ -17,8 +17,8 @@ from xml.etree import ElementTree
 import numpy as np
 
 from warp_bounding.arms.arm import MOST_POINTS, WORLD, Arm, Body, Joint
-from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.formats.load import read_mesh_data
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.formats.load import read_mesh_data
 
 SIDES = 16  # of a prism around a cylinder
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
@@ -73,7 +73,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
         name: For people; the robot's own if ``None``.
 
     Raises:
-        IndicatorError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one
+        ShapeError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one
             that mimics a joint that moves, a value beyond its joint's limits, joints in no chain, no joint that moves,
             or if yourdfpy is not installed.
 
@@ -84,16 +84,16 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
     """
     (robot, notes), held = _read(Path(path)), {} if held is None else held
     if not isinstance(held, Mapping):
-        raise IndicatorError(f"{path}: expected held to give a value for each name of a joint, got {held!r}")
+        raise ShapeError(f"{path}: expected held to give a value for each name of a joint, got {held!r}")
     held = {joint: _value(value, joint, path) for joint, value in held.items()}
     if unknown := sorted(map(str, set(held) - {joint.name for joint in robot.joints})):
-        raise IndicatorError(f"{path}: held names no joint of it: {', '.join(unknown)}")
+        raise ShapeError(f"{path}: held names no joint of it: {', '.join(unknown)}")
     children: dict[str, list[Any]] = {}
     for joint in robot.joints:
         children.setdefault(joint.parent, []).append(joint)
     roots = {link.name for link in robot.links} - {joint.child for joint in robot.joints}
     if len(roots) != 1:
-        raise IndicatorError(f"{path}: expected one base, got {', '.join(sorted(roots)) or 'none'}")
+        raise ShapeError(f"{path}: expected one base, got {', '.join(sorted(roots)) or 'none'}")
     links, bodies, steps = {link.name: link for link in robot.links}, [], []
     named = {joint.name: joint for joint in robot.joints}
 
@@ -108,13 +108,13 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
                 visit(joint.child, number, origin @ _moved(joint, value))
                 continue
             if joint.mimic is not None:
-                raise IndicatorError(
+                raise ShapeError(
                     f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}"
                 )
             onward.append(_Step(joint, origin))
         for step in onward:
             if len(steps) != number + 1:
-                raise IndicatorError(
+                raise ShapeError(
                     f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither moves "
                     "the other; hold one, "
                     f"held={{{step.joint.name!r}: value}}"
@@ -124,7 +124,7 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
 
     visit(roots.pop(), WORLD, np.eye(4))
     if not steps:
-        raise IndicatorError(f"{path}: no joint moves; all are fixed, held, or between equal limits")
+        raise ShapeError(f"{path}: no joint moves; all are fixed, held, or between equal limits")
     name, note = name or robot.name or Path(path).stem, "; ".join(dict.fromkeys(notes))
     return Arm([_joint(*step, path) for step in steps], bodies, touching=touching, name=name, note=note)
 
@@ -134,9 +134,9 @@ def _read(path: Path) -> tuple[Any, list[str]]:
     try:
         import yourdfpy
     except ImportError as error:
-        raise IndicatorError("URDF files need yourdfpy: pip install 'warp-bounding[arms]'") from error
+        raise ShapeError("URDF files need yourdfpy: pip install 'warp-bounding[arms]'") from error
     if not path.is_file():
-        raise IndicatorError(f"{path}: no such file")
+        raise ShapeError(f"{path}: no such file")
     try:
         robot = ElementTree.fromstring(path.read_bytes())
         notes = _looked_through(robot)
@@ -144,7 +144,7 @@ def _read(path: Path) -> tuple[Any, list[str]]:
         return yourdfpy.URDF.load(same, build_scene_graph=False, load_meshes=False).robot, notes
     except Exception as error:  # whatever its reader raises, of XML and of what is in it
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise IndicatorError(f"{path}: no URDF that can be read ({reason})") from error
+        raise ShapeError(f"{path}: no URDF that can be read ({reason})") from error
 
 
 def _looked_through(robot: ElementTree.Element) -> list[str]:
@@ -213,11 +213,11 @@ def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = (
 def _value(value, joint, path) -> float:
     """A value at which a joint is held; the limits are checked where it stands."""
     if isinstance(value, bool | np.bool_ | str | bytes) or np.ndim(value):
-        raise IndicatorError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}")
+        raise ShapeError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}")
     try:
         return float(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise IndicatorError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}") from error
+        raise ShapeError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}") from error
 
 
 def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, followed: int = 0) -> float | None:
@@ -225,21 +225,21 @@ def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, fol
     value, limit = held.get(joint.name), joint.limit
     if joint.type not in (*TURNING, *SLIDING, *FIXED) and value != 0:
         known = ", ".join((*TURNING, *SLIDING, *FIXED))
-        raise IndicatorError(
+        raise ShapeError(
             f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}; "
             f"hold it at 0, held={{{joint.name!r}: 0}}"
         )
     limited = joint.type != "continuous" and limit is not None and None not in (limit.lower, limit.upper)
     if value is not None:
         if not np.isfinite(value) or (limited and joint.type not in FIXED and not limit.lower <= value <= limit.upper):
-            raise IndicatorError(f"{path}: joint {joint.name} is held at {value}, which is not within its limits")
+            raise ShapeError(f"{path}: joint {joint.name} is held at {value}, which is not within its limits")
         return float(value)
     if joint.type in FIXED:
         return 0.0
     if joint.mimic is not None:
         leader = named.get(joint.mimic.joint)
         if leader is None or followed > len(named):
-            raise IndicatorError(f"{path}: joint {joint.name} mimics {joint.mimic.joint}, which is no joint of its own")
+            raise ShapeError(f"{path}: joint {joint.name} mimics {joint.mimic.joint}, which is no joint of its own")
         value = _standing(leader, named, held, path, followed + 1)
         return None if value is None else joint.mimic.multiplier * value + joint.mimic.offset
     return float(limit.lower) if limited and limit.lower == limit.upper else None
@@ -262,7 +262,7 @@ def _joint(joint, origin: np.ndarray, path) -> Joint:
     if not continuous:
         limit = joint.limit
         if limit is None or limit.lower is None or limit.upper is None:
-            raise IndicatorError(f"{path}: joint {joint.name} has no limits")
+            raise ShapeError(f"{path}: joint {joint.name} has no limits")
         lower, upper = limit.lower, limit.upper
     return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name, continuous)
 
@@ -272,22 +272,22 @@ def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> 
     found = []
     for part in link.collisions:
         pose = at @ (np.eye(4) if part.origin is None else part.origin)
-        shape, told = part.geometry, {"link": number, "name": part.name or link.name}
+        shape, reported = part.geometry, {"link": number, "name": part.name or link.name}
         if shape.sphere is not None:
-            body = Body.sphere([0, 0, 0], shape.sphere.radius, **told)
+            body = Body.sphere([0, 0, 0], shape.sphere.radius, **reported)
         elif shape.box is not None:
             half = np.asarray(shape.box.size, dtype=np.float64) / 2
-            body = Body.box(-half, half, **told)
+            body = Body.box(-half, half, **reported)
         elif shape.cylinder is not None:
             turn = 2 * np.pi * np.arange(SIDES) / SIDES
             around = shape.cylinder.radius / np.cos(np.pi / SIDES) * OUTWARD
             ring = np.stack([np.cos(turn) * around, np.sin(turn) * around], axis=1)
             ends = [np.column_stack([ring, np.full(SIDES, side * shape.cylinder.length / 2)]) for side in (-1, 1)]
-            body = Body(np.concatenate(ends), **told)
+            body = Body(np.concatenate(ends), **reported)
         elif shape.mesh is not None:
-            body = hull_of(_points(shape.mesh, path, notes), **told)
+            body = hull_of(_points(shape.mesh, path, notes), **reported)
         else:
-            raise IndicatorError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
+            raise ShapeError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
         found.append(body.moved(pose))
     return found
 
@@ -297,15 +297,15 @@ def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
     scale = np.asarray(1.0 if mesh.scale is None else mesh.scale, dtype=np.float64)
     found = _mesh_file(mesh.filename, path)
     if found is None:
-        raise IndicatorError(
+        raise ShapeError(
             f"{path}: mesh {mesh.filename} is missing: not beside the file nor in the folders above "
             "it, or in no package of that name there"
         )
-    vertices, faces, told = read_mesh_data(found)
-    told += ("glTF, whose y is up by its standard, is taken as it stands",) * (
+    vertices, faces, reported = read_mesh_data(found)
+    reported += ("glTF, whose y is up by its standard, is taken as it stands",) * (
         found.suffix.lower() in (".glb", ".gltf")
     )
-    notes.extend(f"{found.name}: {note}" for note in told)
+    notes.extend(f"{found.name}: {note}" for note in reported)
     return vertices[np.unique(faces)] * scale
 
 
@@ -339,7 +339,7 @@ def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Bod
     """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all.
 
     Raises:
-        IndicatorError: For points without a hull, such as all in a plane.
+        ShapeError: For points without a hull, such as all in a plane.
     """
     from scipy.spatial import ConvexHull, QhullError
     from trimesh.triangles import closest_point
@@ -352,7 +352,7 @@ def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Bod
         chosen = corners[_spread(corners)]
         hull = ConvexHull(chosen)
     except (QhullError, ValueError) as error:
-        raise IndicatorError(f"{name}: its points have no convex hull of a volume") from error
+        raise ShapeError(f"{name}: its points have no convex hull of a volume") from error
     outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
     triangles, off = chosen[hull.simplices], 0.0
     for x in outside:  # any point of the hull is no nearer than its nearest one

@@ -1,6 +1,6 @@
 """A folder of bounders as a mapping by name, and many bounders in one launch; both need no more than loading one does.
 
-``BounderLibrary`` loads bounders when they are asked for. In a ``BounderStack`` each query names the bounder that it
+``BounderLibrary`` loads bounders when they are requested. In a ``BounderStack`` each query names the bounder that it
 asks: bounders of equal sizes share one ``wp.Func`` and differ in their data, so they are a *group*: an array of
 ``Data``, and for each bounder its place in it. A stack asks one kernel a group; in a kernel of your own,
 ``wp.static(group.func)(group.data[group.slots[s]], q)`` asks bounder s.
@@ -66,7 +66,7 @@ class BounderLibrary(Picklable, Mapping):
 
     Example:
         >>> bounder.save("bounders/ball.safetensors")
-        >>> library = wb.BounderLibrary("bounders", device="cpu")
+        >>> library = wb.baking.BounderLibrary("bounders", device="cpu")
         >>> library.names, len(library), "ball" in library
         (['ball'], 1, True)
         >>> library["ball"].certificate.proven
@@ -93,7 +93,7 @@ class BounderLibrary(Picklable, Mapping):
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
-            >>> wb.BounderLibrary("bounders").names
+            >>> wb.baking.BounderLibrary("bounders").names
             ['ball']
         """
         return list(self._keys)
@@ -103,7 +103,7 @@ class BounderLibrary(Picklable, Mapping):
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
-            >>> wb.BounderLibrary("bounders").path("ball").name
+            >>> wb.baking.BounderLibrary("bounders").path("ball").name
             'ball.safetensors'
         """
         return self.folder / f"{self._keys[name]}{BOUNDER_FILE.suffix}"
@@ -131,7 +131,7 @@ class BounderLibrary(Picklable, Mapping):
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
-            >>> wb.BounderLibrary("bounders").manifest  # of a folder that no bake wrote
+            >>> wb.baking.BounderLibrary("bounders").manifest  # of a folder that no bake wrote
             []
         """
         path = self.folder / MANIFEST
@@ -148,7 +148,7 @@ class BounderLibrary(Picklable, Mapping):
             raise FileFormatError(f"{path}: no manifest of a bake ({error})") from error
 
     def stack(self, names: Iterable[str] | None = None) -> "BounderStack":
-        """Bounders that are asked together, by number; all of the library if ``None``.
+        """Bounders that are queried together, by number; all of the library if ``None``.
 
         Args:
             names: Which, in the order of their numbers; all, in the order of ``names``, if ``None``.
@@ -159,7 +159,7 @@ class BounderLibrary(Picklable, Mapping):
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
-            >>> stack = wb.BounderLibrary("bounders", device="cpu").stack(["ball"])
+            >>> stack = wb.baking.BounderLibrary("bounders", device="cpu").stack(["ball"])
             >>> bool((stack.query(np.zeros(100, np.int32), points).numpy() == bounder.query(points).numpy()).all())
             True
         """
@@ -180,7 +180,7 @@ class BounderLibrary(Picklable, Mapping):
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
-            >>> library = wb.BounderLibrary("bounders", device="cpu")
+            >>> library = wb.baking.BounderLibrary("bounders", device="cpu")
             >>> library.query_pairs(np.zeros(100, np.int32), points).shape
             (100,)
         """
@@ -217,7 +217,7 @@ class BounderGroup:
 
 
 class BounderStack:
-    """Bounders that are asked together, each by its number.
+    """Bounders that are queried together, each by its number.
 
     Args:
         bounders: Of the same kind of query, dimension and device. Thresholds are those of now.
@@ -226,7 +226,7 @@ class BounderStack:
         QueryError: If they are of several kinds, or there are none.
 
     Example:
-        >>> stack = wb.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
+        >>> stack = wb.baking.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
         >>> stack
         <stack of 2 bounders, 2 functions, 3D point queries>
     """
@@ -290,7 +290,7 @@ class BounderStack:
             QueryError: For a wrong shape, dtype, device or number.
 
         Example:
-            >>> stack = wb.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
+            >>> stack = wb.baking.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
             >>> stack.query([0, 1, 1], points[:3]).shape
             (3,)
         """

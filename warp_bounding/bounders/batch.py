@@ -15,7 +15,6 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.indicators.recentred import Frame
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
 from warp_bounding.kernels.source import LABEL, Source
 from warp_bounding.queries import QUERIES
@@ -24,10 +23,11 @@ from warp_bounding.queries.placement import Placement
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.arrays import Compaction, compact, flat_queries, memory_of, new_output
 from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.shapes.recentred import Frame
 
 # --- origins ---------------------------------------------------------------------------------------------------------
 #
-# Bounders of shapes that have an origin (``indicators.recentred``): world coordinates from Python, local ones in
+# Bounders of shapes that have an origin (``shapes.recentred``): world coordinates from Python, local ones in
 # kernels.
 #
 # One rule: ``query`` and its like take world coordinates, float32 or float64, as exactly the numbers that they are, and

@@ -27,19 +27,19 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders.batch import Asking
 from warp_bounding.bounders.file_format import save
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain
+from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.launch import device_of
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 # --- options ---------------------------------------------------------------------------------------------------------
 #
@@ -135,7 +135,7 @@ def unknown_option(name: str, method: str, known: Iterable[str], asked: str, cal
     return f"there is no option {name!r}; did you mean {near!r}? {takes[0].upper() + takes[1:] if beside else takes}"
 
 
-def settled(
+def resolved(
     classes: list[type], query: str, given: dict[str, Any], callers: Iterable[Callable] = ()
 ) -> list[dict[str, Any]]:
     """The value of every option of each class of bounders: as given, else the class's default.
@@ -323,7 +323,7 @@ class Bounder(Asking):
         return None
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: AnyDomain, *, device: str | None = None, **options) -> "Bounder":
+    def fit(cls, grid: Grid, domain: AnyDomain, *, device: str | None = None, **options) -> "Bounder":
         """The method's volume of a grid, in closed form; ``prove`` sets its threshold.
 
         Args:
@@ -337,7 +337,7 @@ class Bounder(Asking):
         """
         raise BounderError(f"{cls.method}: there is no closed form")
 
-    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+    def least(self, grid: Grid) -> tuple[float, int]:
         """Certified least ``f`` over all v that a positive query can give, by one pass over the cells of an object.
 
         It is the proof where the class is ``exact_on_cells``.

@@ -19,14 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_down, round_up
 from warp_bounding.bounders.bounder import Bounder, Option, whole
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.mlp import HIDDEN
 from warp_bounding.bounders.volumes import CLIP, ROOM
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.box_distances import BoxDistances
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
@@ -35,6 +32,9 @@ from warp_bounding.queries.base import GUARD, PARALLEL
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain
+from warp_bounding.rounding import TINY, UNIT32, gamma, round_down, round_up
+from warp_bounding.shapes.box_distances import BoxDistances
+from warp_bounding.shapes.grid import Grid
 
 # --- hierarchies of boxes --------------------------------------------------------------------------------------------
 
@@ -185,7 +185,7 @@ def inner_nodes(leaves: int) -> int:
     return -(-(leaves - 1) // (ARITY - 1))
 
 
-def build(grid: IndicatorGrid, leaves: int, seconds: float = math.inf) -> Hierarchy:
+def build(grid: Grid, leaves: int, seconds: float = math.inf) -> Hierarchy:
     """Arrange the occupied cells in so many leaf boxes; fewer where the object consists of fewer.
 
     Where the seconds for splits are over, boxes stay as large as they are; the emptiest are split first.
@@ -389,7 +389,7 @@ class Bvh(Bounder):
     @classmethod
     def fit(
         cls,
-        grid: IndicatorGrid,
+        grid: Grid,
         domain: AnyDomain,
         *,
         leaves: int | None = LEAVES,
@@ -571,7 +571,7 @@ TOUCHING = {"point": _boxes_touch, "ray": _rays_touch, "plane": _planes_touch, "
 #
 # *Rounding*: the way to a box is the larger of two differences on each axis, off by ``u (|v_k| + |corner|)``; n of them
 # by ``root(n)`` times as much, and squares, sum and root by ``(n + 4) u`` of the result. That the way is short for some
-# nodes decides only which are asked, up to a factor ``1 + 2 (n + 4) u`` that the result's own rounding has room for.
+# nodes decides only which are queried, up to a factor ``1 + 2 (n + 4) u`` that the result's own rounding has room for.
 
 FARTHEST = 3e38  # a squared distance that nothing is farther than
 

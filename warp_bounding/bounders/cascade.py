@@ -29,10 +29,10 @@ from warp_bounding.bounders.mlp_early import MlpEarly, bounds_of_all, denied_ear
 from warp_bounding.certificates import Certificate, conjunction
 from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, words_at
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.runtime.native import literal
+from warp_bounding.shapes.shape import Shape
 
 MOST_PARTS = 8
 

@@ -6,7 +6,7 @@ them:
 * ``source``: a ``DistanceSource`` with the native text of F (``body``), and ``whole``, whether F is
   a bound everywhere or in the domain only; and ``weights()``, the float32 numbers that both read;
 * ``reference(v)``: the same F in plain NumPy float64, which tests and proofs evaluate;
-* ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is asked, ``FLUSHED`` included; where ``whole``, also
+* ``rounding_bound()``: ``E >= computed F - exact F`` wherever F is queried, ``FLUSHED`` included; where ``whole``, also
   ``growth()``;
 * ``volume``, a proven bounder of points, where F is the distance to a volume that holds the object; else ``corners``,
   certified upper bounds of F over boxes, ``pieces``, the boxes that a proof begins with, and ``steepness``;
@@ -24,7 +24,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, round_down, round_up
 from warp_bounding.bounders.bounder import Bounder, Option, taken
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
@@ -44,6 +43,7 @@ from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain
 from warp_bounding.queries.domain import Domain, json_number
 from warp_bounding.queries.point import POINT
+from warp_bounding.rounding import TINY, UNIT32, UNIT64, round_down, round_up
 from warp_bounding.runtime.arrays import compact, new_output
 from warp_bounding.runtime.launch import launch_blocks
 
@@ -211,12 +211,12 @@ class DistanceBounder(Bounder):
         """``(N,)`` int, the parts in which local coordinates ``(N, n)`` lie."""
         return np.zeros(len(v), dtype=np.int64)
 
-    def relieve(self, excess: np.ndarray) -> None:
+    def relieve(self, overestimate: np.ndarray) -> None:
         """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
 
         Args:
-            excess: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest stays
-                as it is.
+            overestimate: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest
+                stays as it is.
         """
 
     @property
@@ -402,7 +402,7 @@ class DistanceBounder(Bounder):
         Args:
             x: As for ``distance``.
             radius: Number of at least 0, or one per query; object units. float64 is rounded up to float32.
-            xform: Not taken: a distance is asked in object space.
+            xform: Not taken: a distance is queried in object space.
             scale: Not taken.
             out: ``(N,)`` uint8 to write to, instead of a new array.
 

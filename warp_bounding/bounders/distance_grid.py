@@ -22,14 +22,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT32, round_down
 from warp_bounding.bounders.bounder import Option, one_of, whole
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.distances import FLUSHED, DistanceSource
 from warp_bounding.kernels.source import Lanes, fill
 from warp_bounding.queries.distance import DistanceDomain
+from warp_bounding.rounding import UNIT32, round_down
+from warp_bounding.shapes.shape import Shape
 
 # --- stored values ---------------------------------------------------------------------------------------------------
 #
@@ -201,7 +201,7 @@ class DistanceGridSource(DistanceSource):
 
 # --- the grid --------------------------------------------------------------------------------------------------------
 
-NODES = 32  # along the longest side, where none are asked for
+NODES = 32  # along the longest side, where none are requested
 MOST_NODES = 2**24  # in all: their indices are float32 numbers, exactly
 MOST_AXES = 6  # 2^n values are read for each query
 REFINED = (1, 2, 4, 8, 16)  # finer cells along each axis of a refined one
@@ -291,13 +291,13 @@ class DistanceGrid(DistanceBounder):
             corner = (at[tuple(cells.T)]).reshape(-1, *[1] * len(counts), len(counts))
             blocks = signed(corner + inside * side)
         first = cls._of(domain, values, blocks, cells, STORAGES[0], refine, device)
-        excess = lowered(first) * (1 + 1e-6)
+        overestimate = lowered(first) * (1 + 1e-6)
         plain = ~first.refined
-        _take_off(values, np.argwhere(plain), excess[: plain.sum()])
+        _take_off(values, np.argwhere(plain), overestimate[: plain.sum()])
         if refine > 1:
             fine = np.stack(np.meshgrid(*[np.arange(refine)] * len(counts), indexing="ij"), -1).reshape(-1, len(counts))
             block = np.repeat(np.arange(len(cells)), len(fine))
-            _take_off(blocks, np.tile(fine, (len(cells), 1)), excess[plain.sum() :], block)
+            _take_off(blocks, np.tile(fine, (len(cells), 1)), overestimate[plain.sum() :], block)
         return cls._of(domain, values, blocks, cells, storage, refine, device)
 
     @classmethod
@@ -474,12 +474,12 @@ def _as_words(values: np.ndarray) -> np.ndarray:
     return np.frombuffer(raw + b"\0" * (-len(raw) % 4), dtype=np.uint32)
 
 
-def _take_off(values: np.ndarray, cells: np.ndarray, excess: np.ndarray, block: np.ndarray | None = None) -> None:
-    """Lower the values at the nodes of cells ``(N, n)`` in place, each by the largest excess of its cells.
+def _take_off(values: np.ndarray, cells: np.ndarray, overestimate: np.ndarray, block: np.ndarray | None = None) -> None:
+    """Lower the values at the nodes of cells ``(N, n)`` in place, each by the largest overestimate of its cells.
 
-    Each cell has ``block`` ``(N,)`` and excess ``(N,)``.
+    Each cell has ``block`` ``(N,)`` and overestimate ``(N,)``.
     """
     off, first = np.zeros(values.shape), () if block is None else (block,)
     for corner in product((0, 1), repeat=cells.shape[1]):
-        np.maximum.at(off, (*first, *(cells + corner).T), excess)
+        np.maximum.at(off, (*first, *(cells + corner).T), overestimate)
     values -= off

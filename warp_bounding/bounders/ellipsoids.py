@@ -10,21 +10,21 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_up
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.volumes import SHORTENED, VolumeBounder, VolumeSource, VolumeTest, frame_norm
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import checked_inverse, enclosing_of_hull, enclosing_of_points, extreme_corners, whole_hull
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.boundary import ObjectSupport, outline
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
+from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma, round_up
 from warp_bounding.runtime.native import literal
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 # --- ellipsoids ------------------------------------------------------------------------------------------------------
 
@@ -418,7 +418,7 @@ class QuadricBounder(VolumeBounder):
             radii = hull.radius * (np.arange(grid.ndim) >= int(grid.time))
             matrix, center = enclosing_of_hull(hull.points, radii, cls.family)
         else:
-            points = extreme_corners(grid) if isinstance(grid, IndicatorGrid) else outline(grid)
+            points = extreme_corners(grid) if isinstance(grid, Grid) else outline(grid)
             matrix, center = enclosing_of_points(points, cls.family)
         return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
 

@@ -17,10 +17,10 @@ import safetensors.numpy
 
 from warp_bounding.certificates import Subject
 from warp_bounding.errors import FileFormatError
-from warp_bounding.indicators.formats.load import MESH_READERS, READERS
-from warp_bounding.indicators.formats.usd import USD_SUFFIXES
 from warp_bounding.queries.region_domain import SPACE
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
+from warp_bounding.shapes.formats.load import MESH_READERS, READERS
+from warp_bounding.shapes.formats.usd import USD_SUFFIXES
 from warp_bounding.version import __version__
 
 FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, gamma, round_up
 from warp_bounding.bounders.bounder import STEPS, Option
 from warp_bounding.bounders.volumes import (
     BY_VERTICES,
@@ -28,10 +27,11 @@ from warp_bounding.bounders.volumes import (
 )
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.queries.base import GUARD, PARALLEL
 from warp_bounding.queries.boundary import ObjectSupport
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
+from warp_bounding.rounding import TINY, gamma, round_up
+from warp_bounding.shapes.grid import Grid
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
@@ -207,16 +207,14 @@ class LearnedKdop(FaceBounder):
         return super().supports(query, ndim) and (query not in BY_VERTICES or ndim <= MOST_VERTEX_DIMENSIONS)
 
     @classmethod
-    def fit(
-        cls, grid: IndicatorGrid, domain: AnyDomain, *, k: int | None = None, device: str | None = None
-    ) -> "LearnedKdop":
+    def fit(cls, grid: Grid, domain: AnyDomain, *, k: int | None = None, device: str | None = None) -> "LearnedKdop":
         """Where training starts: the half-spaces of ``kdop``, each on its own; ``k`` as ``kdop`` offers it."""
         return cls.of_normals(grid, domain, classic_normals(domain, k), device=device)
 
     @classmethod
     def of_normals(
         cls,
-        grid: IndicatorGrid,
+        grid: Grid,
         domain: AnyDomain,
         normals: np.ndarray,
         *,

@@ -11,13 +11,13 @@ from warp_bounding.bounders.file_format import INFO_FIELDS, read
 from warp_bounding.certificates import Certificate
 from warp_bounding.certificates.claim import check_claims
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError
-from warp_bounding.indicators.recentred import Frame
-from warp_bounding.indicators.shape import Pieces, dilated_digest
 from warp_bounding.queries.distance import DISTANCE, DistanceDomain
 from warp_bounding.queries.domain import json_number
 from warp_bounding.queries.region_domain import SPACE, RegionDomain
 from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.whole_file import file_path
+from warp_bounding.shapes.recentred import Frame
+from warp_bounding.shapes.shape import Pieces, dilated_digest
 
 
 def load(path: str | os.PathLike, device: str | None = None) -> Bounder:

@@ -14,7 +14,6 @@ from typing import ClassVar
 import numpy as np
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
-from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, whole
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
@@ -26,6 +25,7 @@ from warp_bounding.networks.network import Network, head_of
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.domain import GROWTH, Domain
+from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma
 from warp_bounding.runtime.native import literal
 
 # --- networks --------------------------------------------------------------------------------------------------------

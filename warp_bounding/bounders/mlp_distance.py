@@ -12,7 +12,6 @@ from math import prod
 import numpy as np
 
 from warp_bounding.activations import activation_of
-from warp_bounding.arithmetic import UNIT32, UNIT64
 from warp_bounding.bounders.bounder import STEPS
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.mlp import (
@@ -32,8 +31,9 @@ from warp_bounding.kernels.source import PER_WORD, Lanes, level_text
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network
+from warp_bounding.rounding import UNIT32, UNIT64
 
-MOST_AXES = 8  # 2^n corners of each box are asked for
+MOST_AXES = 8  # 2^n corners of each box are requested
 RELIEF_ROUNDING = 4.0  # units: more than a sum rounds in float64
 NORMS = 1 + 1e-9  # outweighs what float64 rounds in products of norms
 
@@ -184,11 +184,11 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         """See ``DistanceBounder``."""
         return super().part_of(v) if self.lattice is None else self.lattice.place(v)
 
-    def relieve(self, excess: np.ndarray) -> None:
+    def relieve(self, overestimate: np.ndarray) -> None:
         """See ``DistanceBounder``: what a part is better than the worst, rounded down to a level."""
         if self.lattice is None:
             return
-        room = (excess.max() - excess) * (1 - 2.0**-40)
+        room = (overestimate.max() - overestimate) * (1 - 2.0**-40)
         step = 2.0 ** np.clip(np.ceil(np.log2(max(float(room.max()), 2.0**-60) / LEVELS)), -60, 10)
         levels = np.clip(np.floor(room / step), 0, LEVELS).astype(np.uint8)
         self.tensors = self.tensors | {"levels": packed(levels), "step": np.array([step], np.float32)}

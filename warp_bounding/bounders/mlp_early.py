@@ -3,7 +3,7 @@
 Behind each hidden layer but the last stands an *exit*, two linear outputs on that layer's activations with a
 threshold each. Where the first is below its threshold the answer is *no*, which is proven: an exit that denies is a
 shorter network whose layers are shared, and every part is proven by itself, as an ordinary ``Mlp`` (``parts``, ``of``).
-Where else the second, the *grant*, is above its threshold the answer is *maybe*, and no more is asked. That needs no
+Where else the second, the *grant*, is above its threshold the answer is *maybe*, and no more is queried. That needs no
 proof, because *maybe* is never wrong; it may cost false positives, of which its threshold allows a few
 (``training.recipes.early``). Without grants an exit would pay only where most queries are denied: where they mostly
 meet the object, as rays, planes and boxes do, it is the *maybe* that can be told early.

@@ -15,16 +15,16 @@ from math import prod
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT64, gamma
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, whole
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import components
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.base import direction_rounding
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
+from warp_bounding.rounding import TINY, UNIT64, gamma
+from warp_bounding.shapes.grid import Grid
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
@@ -99,7 +99,7 @@ WIDENED = 1 + 1e-9
 Boxes = tuple[np.ndarray, np.ndarray]
 
 
-def positive_boxes(grid: IndicatorGrid, domain: AnyDomain, field) -> Iterator[Boxes]:
+def positive_boxes(grid: Grid, domain: AnyDomain, field) -> Iterator[Boxes]:
     """Boxes ``(N, m)`` lower and upper, in chunks; those of planes are cut at the nodes of the ``FieldMap``."""
     kind = {"point": _points, "box": _boxes, "plane": _planes, "ray": _rays}[domain.query]
     for lower, upper in kind(grid, domain, field):
@@ -107,7 +107,7 @@ def positive_boxes(grid: IndicatorGrid, domain: AnyDomain, field) -> Iterator[Bo
             yield lower, upper
 
 
-def positive_cells(grid: IndicatorGrid, domain: AnyDomain, field) -> np.ndarray:
+def positive_cells(grid: Grid, domain: AnyDomain, field) -> np.ndarray:
     """Which nodes belong to a field cell that may hold a positive: bool, one a node."""
     marked = np.zeros(field.nodes, dtype=bool)
     for lower, upper in positive_boxes(grid, domain, field):
@@ -118,13 +118,13 @@ def positive_cells(grid: IndicatorGrid, domain: AnyDomain, field) -> np.ndarray:
     return marked
 
 
-def _points(grid: IndicatorGrid, domain: Domain, field) -> Iterator[Boxes]:
+def _points(grid: Grid, domain: Domain, field) -> Iterator[Boxes]:
     for start in range(0, len(grid.occupied), CHUNK):
         part = grid.occupied[start : start + CHUNK]
         yield domain.widened(grid.position(part - 0.5), grid.position(part + 0.5))
 
 
-def _table(grid: IndicatorGrid) -> np.ndarray:
+def _table(grid: Grid) -> np.ndarray:
     """Summed-area table, one row and column of zeros before it."""
     return np.pad(grid.occupancy, [(1, 0)] * 2).astype(np.int32).cumsum(axis=0).cumsum(axis=1)
 
@@ -137,7 +137,7 @@ def _count(table: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray
     return table[c, d] - table[a, d] - table[c, b] + table[a, b]
 
 
-def _boxes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
+def _boxes(grid: Grid, domain: RegionDomain, field) -> Iterator[Boxes]:
     base, table = domain.base, _table(grid)
     reach, limit = base.delta * WIDENED + 1e-14, base.limit.astype(np.float64)
     edges = [_on_axis(grid, base, k, np.arange(r + 1) - 0.5) for k, r in enumerate(grid.shape)] * 2
@@ -152,14 +152,14 @@ def _boxes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
         yield np.where(cells == 0, -ends, lower), np.where(cells == last, ends, upper)
 
 
-def _on_axis(grid: IndicatorGrid, base: Domain, axis: int, t: np.ndarray) -> np.ndarray:
+def _on_axis(grid: Grid, base: Domain, axis: int, t: np.ndarray) -> np.ndarray:
     """Local coordinates of points on one axis of the grid, at cell coordinates t."""
     full = np.zeros((len(t), grid.ndim))
     full[:, axis] = t
     return base.to_local(grid.position(full))[:, axis]
 
 
-def _planes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
+def _planes(grid: Grid, domain: RegionDomain, field) -> Iterator[Boxes]:
     base = domain.base
     # The computed plane passes a point within delta on every axis, and entries of m are at most 1.
     room, limit = float(base.delta.sum()) * WIDENED + 1e-13, domain.limit.astype(np.float64)
@@ -183,7 +183,7 @@ def _planes(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]
             yield lower, upper
 
 
-def _rays(grid: IndicatorGrid, domain: RegionDomain, field) -> Iterator[Boxes]:
+def _rays(grid: Grid, domain: RegionDomain, field) -> Iterator[Boxes]:
     base, table = domain.base, _table(grid)
     reach, limit = base.delta * WIDENED + 1e-14, base.limit.astype(np.float64)
     stretch, slack = domain.stretch.astype(np.float64), 2 * direction_rounding(2)
@@ -247,7 +247,7 @@ class FieldMap:
     nodes: tuple[int, ...]
 
     @classmethod
-    def of(cls, grid: IndicatorGrid, domain: AnyDomain, along: int | None = None) -> "FieldMap":
+    def of(cls, grid: Grid, domain: AnyDomain, along: int | None = None) -> "FieldMap":
         """Nodes at the cells' centres for coordinates of points, corners and origins; evenly spaced for other numbers.
 
         Of points, there may be ``along`` nodes along each axis instead, even from the first to the last cell's centre.
@@ -318,9 +318,7 @@ class ReluField(Bounder):
         return super().supports(query, ndim) and 1 <= ndim <= 4
 
     @classmethod
-    def fit(
-        cls, grid: IndicatorGrid, domain: AnyDomain, *, nodes: int | None = None, device: str | None = None
-    ) -> "ReluField":
+    def fit(cls, grid: Grid, domain: AnyDomain, *, nodes: int | None = None, device: str | None = None) -> "ReluField":
         """Where training starts: 1 at nodes of field cells that may hold a positive, else 0; ``nodes`` by axis."""
         field = FieldMap.of(grid, domain, nodes)
         return cls.of_values(domain, field, positive_cells(grid, domain, field).astype(np.float32), device)
@@ -410,7 +408,7 @@ class ReluField(Bounder):
             best = np.minimum(best, value)
         return best, point
 
-    def least(self, grid: IndicatorGrid) -> tuple[float, int]:
+    def least(self, grid: Grid) -> tuple[float, int]:
         """See ``Bounder``; for regions over boxes that cover all positives, but those with all nodes higher."""
         if self.domain.tested_as_point:
             return super().least(grid)

@@ -8,12 +8,12 @@ import warp as wp
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.parts import SIDES
 from warp_bounding.kernels.functions import Data
 from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named, vector_type
+from warp_bounding.shapes.parts import SIDES
 
 NO, MAYBE, YES = 0, 1, 2  # answers of ``classify``
 

@@ -5,7 +5,7 @@ it may then have fewer coordinates, the first ones), or what lies in a *region*,
 what it holds; what is left to show is that nothing of the object is held by no part (``Union.obligations``), which
 ``certify`` does from the shape alone.
 
-f is 1 where a part says *maybe*, else ``DENIED``. The parts are asked in order, on a CPU in full lanes of the queries
+f is 1 where a part says *maybe*, else ``DENIED``. The parts are queried in order, on a CPU in full lanes of the queries
 that no part has granted yet. In memory a row for each part comes first (``ROW`` numbers: which code it has, where its
 own numbers and its words begin, its threshold), then the numbers of the parts, each at a multiple of
 ``kernels.source.ALIGN``: so the code depends on how many parts there are and on the different sources among them.
@@ -31,13 +31,13 @@ from warp_bounding.bounders.cascade import ABOUT, check_objects
 from warp_bounding.certificates import Certificate, together
 from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.parts import part_of
-from warp_bounding.indicators.shape import Pieces, Shape
 from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, words_at
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.native import literal
+from warp_bounding.shapes.parts import part_of
+from warp_bounding.shapes.shape import Pieces, Shape
 
 # --- covers ----------------------------------------------------------------------------------------------------------
 #
@@ -48,7 +48,7 @@ from warp_bounding.runtime.native import literal
 
 Region = tuple[np.ndarray, np.ndarray]  # corners of a box, object space
 SMALLEST = 2.0**-12  # of the longest side: pieces between the boxes that are not halved any more
-MOST = 1_000_000  # pieces between the boxes that are asked about
+MOST = 1_000_000  # pieces between the boxes that are queried about
 
 
 def check_cover(shape: Shape, boxes: list[Region]) -> None:
@@ -64,14 +64,14 @@ def check_cover(shape: Shape, boxes: list[Region]) -> None:
         low, high = _outside(low, high, first, last)
         if len(low) > MOST:
             raise BounderError(f"{shape.name}: {len(boxes)} boxes leave too many pieces between them to be looked at")
-    smallest, asked = SMALLEST * float(shape.extent.max()), 0
+    smallest, queried = SMALLEST * float(shape.extent.max()), 0
     while len(low):
         left = ~shape.empty(low, high)
-        low, high, asked = low[left], high[left], asked + len(left)
+        low, high, queried = low[left], high[left], queried + len(left)
         middle = low + (high - low) / 2
         held = np.flatnonzero(shape.contains(middle))
         small = np.flatnonzero(((high - low) <= smallest).all(axis=1))
-        if len(held) or len(small) or asked > MOST:
+        if len(held) or len(small) or queried > MOST:
             place = middle[[*held, *small, 0][0]]
             point = ", ".join(f"{x:.6g}" for x in place)
             found = "is" if len(held) else "may be"
@@ -527,5 +527,5 @@ def united(parts: list[Bounder], regions: list[Region], shape: Shape) -> Union:
 
 def _pieces(bounder: Bounder) -> Pieces | None:
     """The pieces that a bounder holds; ``None`` where it is not known to hold any, or holds the shape."""
-    told = bounder.info.get("pieces")
-    return None if told is None else Pieces.from_dict(told)
+    reported = bounder.info.get("pieces")
+    return None if reported is None else Pieces.from_dict(reported)

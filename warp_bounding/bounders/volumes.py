@@ -15,13 +15,10 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
 from warp_bounding.bounders.bounder import Bounder, Option
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS, checked_inverse, polytope_vertices, whole_hull
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
@@ -31,6 +28,9 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
+from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma, round_down, round_up
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 # --- volumes ---------------------------------------------------------------------------------------------------------
 #
@@ -121,7 +121,7 @@ class VolumeBounder(Bounder):
 
     def least(self, grid: Shape) -> tuple[float, int]:
         """See ``Bounder``; of a shape without cells over the hull of the object (``geometry``)."""
-        if isinstance(grid, IndicatorGrid):
+        if isinstance(grid, Grid):
             return super().least(grid)
         hull, volume = whole_hull(grid), self.volume or self
         if hull is None:
@@ -550,7 +550,7 @@ class SlabBounder(FaceBounder):
 
         ``options`` are those of ``sampled_directions``.
         """
-        base, gridded = domain.base, isinstance(grid, IndicatorGrid)
+        base, gridded = domain.base, isinstance(grid, Grid)
         points = np.empty((0, base.ndim))
         if cls.of_samples:
             points = grid.position(grid.occupied) if gridded else outline(grid)
@@ -564,7 +564,7 @@ class SlabBounder(FaceBounder):
         return cls._of_faces(domain, local, low - room, high + room, device)
 
     @staticmethod
-    def _faces_of_cells(grid: IndicatorGrid, base: Domain, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _faces_of_cells(grid: Grid, base: Domain, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         cells = _ends(grid.occupancy)
         low, high = np.full(len(local), np.inf), np.full(len(local), -np.inf)
         for start in range(0, len(cells), AT_ONCE):

@@ -10,16 +10,16 @@ from math import prod
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.domain import GROWTH, Domain
+from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
+from warp_bounding.shapes.grid import Grid
 
 MOST_CELLS = 2**31 - 1  # kernels count cells in 32 bits
-MOST_ALONG = 2**24  # cells along an axis, which float32 can tell apart
+MOST_ALONG = 2**24  # cells along an axis, which float32 can distinguish
 
 
 _TEXT = """
@@ -95,7 +95,7 @@ class Voxels(Bounder):
     bit_fields = ("bits",)
 
     @classmethod
-    def fit(cls, grid: IndicatorGrid, domain: Domain, *, device: str | None = None) -> "Voxels":
+    def fit(cls, grid: Grid, domain: Domain, *, device: str | None = None) -> "Voxels":
         packed = np.packbits(grid.occupancy.reshape(-1), bitorder="little")
         bits = np.pad(packed, (0, -len(packed) % 4)).view("<u4").astype(np.uint32)
         scale, center, limit = (x.astype(np.float64) for x in (domain.scale, domain.center, domain.limit))

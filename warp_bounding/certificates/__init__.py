@@ -8,12 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 
 from warp_bounding.errors import FileFormatError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.recentred import Frame
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.placement import placement_allowance
 from warp_bounding.queries.region_domain import RegionDomain
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.recentred import Frame
+from warp_bounding.shapes.shape import Shape
 
 ARITHMETIC = (
     "float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
@@ -188,9 +188,9 @@ def document(
         boxes=int(boxes),
         seconds=round(float(seconds), 3),
         indicator="" if grid is None else grid.digest,
-        cells=len(grid.occupied) if isinstance(grid, IndicatorGrid) else 0,
+        cells=len(grid.occupied) if isinstance(grid, Grid) else 0,
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message if grid is None else _told(bounder, grid, message, numbers),
+        message=message if grid is None else _reported(bounder, grid, message, numbers),
         object=None if grid is None else grid.name,
         margin=None if grid is None else float(grid.margin),
         length=bounder.domain.length,
@@ -200,7 +200,7 @@ def document(
     )
 
 
-def _told(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
+def _reported(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
     """A message, with what it is about."""
     sentences = [f"{message.strip().rstrip('.')}.", about(bounder, grid), numbers, _placed(bounder)]
     return " ".join(filter(None, sentences))
@@ -209,7 +209,7 @@ def _told(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
 def about(bounder: Subject, grid: Shape) -> str:
     """What a certificate is about, in words: object, margin, cells, length of rays, and restrictions."""
     words = [grid.name, f"dilated by {float(grid.margin)} of its own units" if grid.margin else "not dilated"]
-    if isinstance(grid, IndicatorGrid):
+    if isinstance(grid, Grid):
         fineness = "" if grid.resolution is None else f", resolution {grid.resolution}"
         words.append(f"as {len(grid.occupied):,} of {' x '.join(map(str, grid.shape))} cells{fineness}")
     rays = "" if bounder.domain.length is None else f" Rays have length {bounder.domain.length}."
@@ -249,14 +249,14 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
         return certificates[0]
     worst, last = min(certificates, key=lambda c: ORDER.index(c.kind)), certificates[-1]
     statistical = worst.kind == "statistical"
-    told = f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
+    reported = f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
     return replace(
         last,
         kind=worst.kind,
         boxes=sum(c.boxes for c in certificates),
         seconds=round(sum(c.seconds for c in certificates), 3),
         counterexample=worst.counterexample,
-        message=told if worst.kind in ("proven", "statistical") else worst.message,
+        message=reported if worst.kind in ("proven", "statistical") else worst.message,
         samples=min(c.samples for c in certificates) if statistical else last.samples,
         fn_rate_bound=sum(c.fn_rate_bound or 0.0 for c in certificates) if statistical else None,
         confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
@@ -277,12 +277,12 @@ def together(bounder: Subject, certificates: list[Certificate], indicator: str) 
         known = replace(known, delta=delta, placement=placement_allowance(bounder.domain).tolist())
     if known.kind not in ("proven", "statistical"):
         return replace(known, threshold=float(bounder.threshold))
-    told = f"{len(certificates)} tests put together, each proven by itself, and they cover the object; the last: "
+    reported = f"{len(certificates)} tests put together, each proven by itself, and they cover the object; the last: "
     return replace(
         known,
         threshold=float(bounder.threshold),
         lower_bound=COMPOSED,
         rounding_bound=bounder.rounding_bound(),
         indicator=indicator,
-        message=told + certificates[-1].message,
+        message=reported + certificates[-1].message,
     )

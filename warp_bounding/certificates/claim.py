@@ -15,16 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.certificates import Certificate, Subject, fn_rate_bound
-from warp_bounding.errors import FileFormatError, IndicatorError
-from warp_bounding.indicators import load_indicator
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.parts import SIDES, Complement, outside_of
-from warp_bounding.indicators.recentred import Frame, own_coordinates, parted
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.queries.distance import DISTANCE, METRICS, in_metric
 from warp_bounding.queries.domain import DELTA_LARGEST_SHARE
+from warp_bounding.rounding import round_down
+from warp_bounding.shapes import load_shape
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.parts import SIDES, Complement, outside_of
+from warp_bounding.shapes.recentred import Frame, own_coordinates, parted
+from warp_bounding.shapes.shape import Shape
 
 OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 
@@ -36,12 +36,12 @@ def in_local(bounder: Subject, shape) -> tuple:
     """A bounder and its shape, both in local coordinates.
 
     Raises:
-        IndicatorError: If their origins are not the same, or the shape cannot be read.
+        ShapeError: If their origins are not the same, or the shape cannot be read.
     """
-    local, frame = parted(load_indicator(shape))
+    local, frame = parted(load_shape(shape))
     if frame != bounder.frame:
-        told = [_framed(each) for each in (bounder.frame, frame)]
-        raise IndicatorError(f"{local.name}: expected the bounder's origin, {told[0]}, got {told[1]}")
+        reported = [_framed(each) for each in (bounder.frame, frame)]
+        raise ShapeError(f"{local.name}: expected the bounder's origin, {reported[0]}, got {reported[1]}")
     return bounder.local, local
 
 
@@ -51,7 +51,7 @@ def _framed(frame: Frame | None) -> str:
 
 def of_side(bounder: Subject, shape) -> Shape:
     """The shape that is given, in a distance's metric; its complement where the bounder is about that."""
-    shape = own_coordinates(load_indicator(shape), "this")
+    shape = own_coordinates(load_shape(shape), "this")
     bounder.expect_local("this")
     if bounder.query_kind == DISTANCE.name:
         return in_metric(shape, bounder.sizes.get("metric", METRICS[0]))
@@ -62,7 +62,7 @@ def as_fitted(bounder: Subject, shape) -> Shape:
     """What the fit bounded: the shape dilated by the bounder's margin, or its cells where these were bounded."""
     shape, margin = of_side(bounder, shape), bounder.info.get("margin") or 0.0
     resolution = bounder.info.get("resolution")
-    if isinstance(shape, Shape) and (resolution is None or isinstance(shape, IndicatorGrid)):
+    if isinstance(shape, Shape) and (resolution is None or isinstance(shape, Grid)):
         return shape.dilated(margin)
     return shape.to_grid(resolution=resolution, margin=margin)
 
@@ -84,10 +84,10 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
         sides = SIDES[domain.unbounded], SIDES[shape.unbounded]
         return f"the bounder holds an object from the {sides[0]}, the shape is one from the {sides[1]}"
     for name in ("margin", "resolution"):
-        told, own = bounder.info.get(name), getattr(shape, name)
-        if told is not None and told != own:
-            return f"the bounder is for {name} {told}, the shape has {'none' if own is None else own}"
-    if not isinstance(shape, IndicatorGrid):
+        reported, own = bounder.info.get(name), getattr(shape, name)
+        if reported is not None and reported != own:
+            return f"the bounder is for {name} {reported}, the shape has {'none' if own is None else own}"
+    if not isinstance(shape, Grid):
         for part in bounder.parts if bounder.query_kind != DISTANCE.name else ():
             if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind):
                 what = f"{part.query_kind} queries of {part.method} are bounded over cells"
@@ -120,8 +120,8 @@ def _other_times(bounder: Subject, shape: Shape) -> str | None:
     """
     base, known = bounder.domain.base, shape.known_times
     if base.lower[0] < known[0] or base.upper[0] > known[1]:
-        known, asked = (f"{first:.7g} to {last:.7g}" for first, last in (known, (base.lower[0], base.upper[0])))
-        return f"the shape is known at times from {known}, the bounder denies queries from {asked}"
+        known, queried = (f"{first:.7g} to {last:.7g}" for first, last in (known, (base.lower[0], base.upper[0])))
+        return f"the shape is known at times from {known}, the bounder denies queries from {queried}"
     if bounder.query_kind == DISTANCE.name and not (shape.speed is not None and base.speed >= shape.speed):
         moves = "by no speed that is known" if shape.speed is None else f"by up to {shape.speed:.6g} a unit of time"
         return f"the shape moves {moves}, the bounder knows {base.speed:.6g}"
@@ -130,7 +130,7 @@ def _other_times(bounder: Subject, shape: Shape) -> str | None:
 
 def _reaches_outside(bounder: Subject, shape: Shape) -> bool:
     """Whether a shape may have points outside the bounder's domain."""
-    if isinstance(shape, IndicatorGrid):
+    if isinstance(shape, Grid):
         return len(outside(bounder, shape)) > 0
     domain = bounder.domain.base
     if domain.unbounded:  # all that the domain's limit lets through is searched, and the rest is maybe
@@ -148,7 +148,7 @@ def _reaches_outside(bounder: Subject, shape: Shape) -> bool:
     return False
 
 
-def outside(bounder: Subject, grid: IndicatorGrid) -> np.ndarray:
+def outside(bounder: Subject, grid: Grid) -> np.ndarray:
     """The occupied cells that reach outside the bounder's domain."""
     domain, cells = bounder.domain.base, grid.occupied
     lower, upper = grid.position(cells - 0.5), grid.position(cells + 0.5)
@@ -182,35 +182,35 @@ def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", 
         names: Fields of the claims that must be equal, too.
     """
     for name in names:
-        told = [_told(bounder, name) for bounder in (one, other)]
-        if told[0] != told[1]:
-            return f"{name} {told[0]} and {told[1]}"
+        reported = [_reported(bounder, name) for bounder in (one, other)]
+        if reported[0] != reported[1]:
+            return f"{name} {reported[0]} and {reported[1]}"
     if one.frame != other.frame:
         return f"origin {_framed(one.frame)} and {_framed(other.frame)}"
     objects = [object_of(bounder) for bounder in (one, other)]
     if None in objects:  # cells of a shape that an older file does not name
-        objects = [_told(bounder, "indicator") for bounder in (one, other)]
+        objects = [_reported(bounder, "indicator") for bounder in (one, other)]
     if one.domain.unbounded != other.domain.unbounded:
         if None in objects:
-            return "an indicator that is not known"
+            return "a shape that is not known"
         objects[int(one.domain.unbounded)] = outside_of(objects[int(one.domain.unbounded)])
     return None if objects[0] == objects[1] else f"indicator {objects[0]} and {objects[1]}"
 
 
 def object_of(bounder: Subject) -> str | None:
     """The digest of the geometry that is bounded, without margin and cells; ``None`` where that is not known."""
-    if told := bounder.info.get("shape"):
-        return told
-    in_cells = bounder.info.get("grid_shape") is not None or _told(bounder, "resolution") is not None
-    undivided = not in_cells or (_told(bounder, "resolution") is None and not _told(bounder, "margin"))
-    return _told(bounder, "indicator") if undivided else None
+    if reported := bounder.info.get("shape"):
+        return reported
+    in_cells = bounder.info.get("grid_shape") is not None or _reported(bounder, "resolution") is not None
+    undivided = not in_cells or (_reported(bounder, "resolution") is None and not _reported(bounder, "margin"))
+    return _reported(bounder, "indicator") if undivided else None
 
 
-def _told(bounder: Subject, name: str):
+def _reported(bounder: Subject, name: str):
     """What a bounder says of its object: in its ``info``, or without one in its certificate."""
-    if (told := bounder.info.get(name)) is None and bounder.certificate is not None:
-        told = getattr(bounder.certificate, name, None)
-    return (told or 0.0) if name == "margin" else told
+    if (reported := bounder.info.get(name)) is None and bounder.certificate is not None:
+        reported = getattr(bounder.certificate, name, None)
+    return (reported or 0.0) if name == "margin" else reported
 
 
 # --- a stored certificate and the bounder in its file ------------------------------------------------------------

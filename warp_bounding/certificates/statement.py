@@ -10,9 +10,9 @@ from math import floor, log10
 import numpy as np
 
 from warp_bounding.certificates import Certificate, Subject, least_allowance, shown
-from warp_bounding.indicators.joints import TURNS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.shapes.joints import TURNS
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
 

@@ -30,9 +30,9 @@ NaN or minus infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' un
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from warp_bounding.arithmetic import UNIT32
 from warp_bounding.kernels.source import LABEL, TOOLS, Source, aligned, fill
 from warp_bounding.queries.distance import DISTANCE
+from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.native import literal, native_text
 
 text = native_text("distances.h")
@@ -67,7 +67,7 @@ class DistanceSource(Source):
     """What a distance's native code depends on; a method adds its sizes.
 
     ``parameters`` begin with the label, then ``center[n] limit[n] scale unit threshold share``, and of a shape that
-    moves ``time_scale speed pace``; the method's numbers follow from ``start`` on. Only methods that are asked in the
+    moves ``time_scale speed pace``; the method's numbers follow from ``start`` on. Only methods that are queried in the
     domain know time.
     """
 

@@ -32,11 +32,11 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32
 from warp_bounding.kernels.distances import HEADER, HEADER_OF_TIME, DistanceSource, text
 from warp_bounding.kernels.functions import Data, Words, function_snippet, lanes_of
 from warp_bounding.kernels.source import LABEL, Lanes, fill
 from warp_bounding.queries.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
+from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.native import Numbers, literal, named, unique_name, vector_type
 
 # From when to when may a segment meet the object at all? Only while it is in the box that holds the object, dilated by
@@ -137,10 +137,10 @@ def clock_func(source: DistanceSource) -> wp.Function:
 
     @_named(source, "clock").func
     def clock(data: Data) -> wp.vec3:
-        told, w = wp.vec3(), data.parameters
+        reported, w = wp.vec3(), data.parameters
         if time and w.shape[0] > numbers + 5:
-            told = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
-        return told
+            reported = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
+        return reported
 
     return clock
 

@@ -19,12 +19,12 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.indicators.joints import NUMBERS
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.registry import locate
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity, native_text
+from warp_bounding.shapes.joints import NUMBERS
 
 text = native_text("batch.h")
 
@@ -65,7 +65,7 @@ class Source:
     ``locate`` needs in addition; the method's numbers follow from ``start`` on.
 
     Attributes:
-        ndim: Dimension n of the indicator.
+        ndim: Dimension n of the shape.
         time: Coordinate 0 is time.
         query: Kind of query.
         unbounded: Outside the domain the answer is *maybe*, as it is outside a range of time.

@@ -1,6 +1,6 @@
 """Bounds of a network over boxes by one fused native kernel in float64, one box per SIMD lane: text and kernel.
 
-A chart turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
+A parametrization turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
 1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards,
 each neuron is a cubic or a line (``activations``) in the linear part of its argument, plus a quadratic form of zeta,
 plus noise. Backwards, these curves are weighed by the output's actual coefficients and added to one cubic polynomial of
@@ -9,12 +9,12 @@ neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply
 middle and half-range, centre, noise and columns forwards, one coefficient backwards; and fewer than ``C^3 H`` of the
 polynomial. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
 rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by.
-``tests/shared/plain_bounds.py`` computes the same in NumPy, for boxes of the inputs themselves (``PlainChart``),
-without constraints.
+``tests/shared/plain_bounds.py`` computes the same in NumPy, for boxes of the inputs themselves
+(``PlainParametrization``), without constraints.
 
 The C text of bounds comes first, then that of the polynomial to which they lead; ``body`` puts them together for the
-shape of a network and its chart. K are the network's inputs, Z the numbers of a box, C the columns, the entries of zeta
-(``Chart``).
+shape of a network and its parametrization. K are the network's inputs, Z the numbers of a box, C the columns, the
+entries of zeta (``Parametrization``).
 """
 
 from dataclasses import dataclass
@@ -35,20 +35,21 @@ text = native_text("bounds.h")
 
 
 class BoxBounds(NamedTuple):
-    """Bounds of ``f`` over N boxes of m numbers: a query's coordinates, or the numbers of a network's chart.
+    """Bounds of ``f`` over N boxes of m numbers: a query's coordinates, or the numbers of a network's parametrization.
 
     Attributes:
-        lower: ``(N,)`` float64, certified lower bounds; infinity where a box of a chart holds no positive.
+        lower: ``(N,)`` float64, certified lower bounds; infinity where a box of a parametrization holds no positive.
         axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
-        point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a chart, a positive.
-        value: ``(N,)`` float64, ``f`` there; infinity where a box of a chart holds no positive.
+        point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a parametrization, a
+            positive.
+        value: ``(N,)`` float64, ``f`` there; infinity where a box of a parametrization holds no positive.
         next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and the attributes below may be ``None``.
         slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It is one of this very
             ``f``: whoever makes the bounds of another function of these makes them without what follows.
-        level: ``(N,)``, networks only: where the chart's numbers are the inputs themselves, ``f >= level + slope .
-            (v - center)`` on the box.
-        boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the chart cut off, which holds no
-            positive.
+        level: ``(N,)``, networks only: where the parametrization's numbers are the inputs themselves, ``f >= level +
+            slope . (v - center)`` on the box.
+        boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the parametrization cut off, which holds
+            no positive.
     """
 
     lower: np.ndarray
@@ -69,7 +70,8 @@ class BoxBounds(NamedTuple):
 #
 # A proof searches over boxes of numbers that parametrise positive queries (a point; the point where a ray enters the
 # object, its parameter there and its direction; a box's corners). The network's inputs are a linear function of these
-# numbers plus a rest. A chart writes this down as C text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
+# numbers plus a rest. A parametrization writes this down as C text over a type V (a box a SIMD lane on a CPU, a double
+# on CUDA):
 #
 # * ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero),
 #   ``V noise[K]`` (all that is left over), ``V rest[K]`` (that without the quadratic terms that ``bend`` adds) and ``V
@@ -89,8 +91,8 @@ class BoxBounds(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Chart:
-    """What the kernels need to know of a chart; the C texts are explained above.
+class Parametrization:
+    """What the kernels need to know of a parametrization; the C texts are explained above.
 
     Attributes:
         inputs: Inputs K of the network.
@@ -127,11 +129,14 @@ class Chart:
         return []
 
     def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """The twin of ``split``: where intervals ``(N,)`` of a number are halved."""
+        """The reference implementation of ``split``: where intervals ``(N,)`` of a number are halved."""
         return (a + b) * 0.5
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Coordinates ``v`` of a query ``(N, K)`` for points ``(N, Z)`` of a chart with these ``numbers``, float64."""
+        """Coordinates ``v`` of a query ``(N, K)`` for points ``(N, Z)`` of a parametrization with these ``numbers``.
+
+        Float64.
+        """
         raise NotImplementedError
 
     def hull(self, lower: np.ndarray, upper: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,8 +145,8 @@ class Chart:
 
 
 @dataclass(frozen=True)
-class PlainChart(Chart):
-    """The chart of points, whose numbers are the inputs themselves."""
+class PlainParametrization(Parametrization):
+    """The parametrization of points, whose numbers are the inputs themselves."""
 
     noisy = False
     expand = "for (int k = 0; k < K; ++k) { center[k] = (low[k] + high[k]) * 0.5; gen[k] = (high[k] - low[k]) * 0.5; }"
@@ -177,20 +182,20 @@ class NetworkShape:
     """What a kernel of bounds is compiled for.
 
     Attributes:
-        ndim: Inputs K of the network, as many as the chart has: the length of v, so 2n of rays.
+        ndim: Inputs K of the network, as many as the parametrization has: the length of v, so 2n of rays.
         layers: ``(inputs, neurons, activation's name, leading linear rows)`` of each hidden layer.
-        chart: How a box becomes inputs.
+        parametrization: How a box becomes inputs.
     """
 
     ndim: int
     layers: tuple[tuple[int, int, str, int], ...]
-    chart: Chart
+    parametrization: Parametrization
 
     name = "network_bound"
 
 
 def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
-    """What stands before the text of ``body``: types, tools and the chart's names, on a CPU and on CUDA.
+    """What stands before the text of ``body``: types, tools and the parametrization's names, on a CPU and on CUDA.
 
     Args:
         shape: What the kernel is compiled for.
@@ -205,8 +210,10 @@ def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
 def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False) -> str:
     """C statements that bound f over one box a lane.
 
-    They read the box ``V low[Z], high[Z]``, which the chart may shrink, the weights ``w`` (``Network.packed``), the
-    rounding ``padding`` of each layer and the chart's ``numbers`` and ``table``. They set, each of type ``V``:
+    They read the box ``V low[Z], high[Z]``, which the parametrization may shrink, the weights ``w``
+    (``Network.packed``), the rounding ``padding`` of each layer and the parametrization's ``numbers`` and ``table``.
+    They set, each of type ``V``:
+    ``V``:
 
     * ``least``, a certified lower bound of f on the box, and ``level``, the constant of the linear bound;
     * ``gradient[K]``, the slopes of the linear bound in the inputs;
@@ -216,8 +223,8 @@ def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False)
       it.
 
     The arrays of a hidden layer are explained at ``LAYER``; ``back`` are the output's coefficients of its
-    neurons. Of the inputs, ``center``, ``gen``, ``noise`` and ``rest`` are explained in ``Chart``. ``lost`` is
-    what noise takes from the bound; ``tilt``, ``square`` and ``cubes`` are explained at ``BACKWARDS``.
+    neurons. Of the inputs, ``center``, ``gen``, ``noise`` and ``rest`` are explained in ``Parametrization``. ``lost``
+    is what noise takes from the bound; ``tilt``, ``square`` and ``cubes`` are explained at ``BACKWARDS``.
 
     Args:
         shape: What the kernel is compiled for.
@@ -225,13 +232,15 @@ def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False)
         multilinear: Leave products of different columns in ``square`` and ``cubes``, for ``CORNERS``: then
             ``least`` is no bound, and ``level`` the constant of a multilinear one.
     """
-    chart, layers, places = shape.chart, list(enumerate(shape.layers)), [0]
+    parametrization, layers, places = shape.parametrization, list(enumerate(shape.layers)), [0]
     # Where each layer begins in ``w``: its biases, its weights and their absolute values (``Network.packed``).
     for inputs, neurons, _, _ in shape.layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
-    squares = [(k, m) for k in range(chart.columns) for m in range(k, chart.columns)]
-    n, bends = chart.columns, any(activation_of(name).bends for _, _, name, _ in shape.layers)
-    sizes = constants(K=shape.ndim, C=n, Z=chart.size, NOISY=int(chart.noisy), MULTILINEAR=int(multilinear))
+    squares = [(k, m) for k in range(parametrization.columns) for m in range(k, parametrization.columns)]
+    n, bends = parametrization.columns, any(activation_of(name).bends for _, _, name, _ in shape.layers)
+    sizes = constants(
+        K=shape.ndim, C=n, Z=parametrization.size, NOISY=int(parametrization.noisy), MULTILINEAR=int(multilinear)
+    )
     sizes += constants(SQUARES=len(squares), CUBES=n * (n + 1) * (n + 2) // 6)
     last, at, count = len(layers) - 1, places[-1], shape.layers[-1][1]
     join = "\n".join
@@ -240,7 +249,7 @@ def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False)
 constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};
 constexpr double THIRD = {constant(1 / 3)};
 V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero, level = zero, bulk = zero;
-V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K];
+V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K];
 V score[C], slope[C], owner[C], tilt[C], square[SQUARES], cubes[CUBES];
 (void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;
 const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; const auto place = entry; (void)place;
@@ -249,8 +258,8 @@ const auto triple = [&](int a, int b, int d) {{  // the place of a <= b <= d in 
     for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
     return before + place(b, d) - place(a, a);
 }}; (void)triple;
-{chart.expand}
-{chart.owners}
+{parametrization.expand}
+{parametrization.owners}
 for (int k = 0; k < C; ++k) score[k] = tilt[k] = zero;
 for (int i = 0; i < SQUARES; ++i) square[i] = zero;
 for (int i = 0; i < CUBES; ++i) cubes[i] = zero;
@@ -264,21 +273,21 @@ for (int j = 0; j < {count}; ++j) {{
 if (NOISY) {{
     for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * rest[i];
     least -= lost;
-    {chart.blame}
+    {parametrization.blame}
 }}
 {" ".join(f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m)}
-{{ {chart.bend} }}
+{{ {parametrization.bend} }}
 {{
     V all = absolute(square[0]);
     for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
     bulk += all;
 }}
-{f"{{ {text.STRAIGHTEN} }} {_lean(chart)}" * bends}
-{" ".join(f"slope[{k}] = {_product(chart, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(chart.columns))}
-{join(_constrain(chart, start, factors) for start, factors in chart.constraints())}
+{f"{{ {text.STRAIGHTEN} }} {_lean(parametrization)}" * bends}
+{" ".join(f"slope[{k}] = {_product(parametrization, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(parametrization.columns))}
+{join(_constrain(parametrization, start, factors) for start, factors in parametrization.constraints())}
 {{ {text.CLOSE} }}
 if ({tried}) {{
-    {chart.realize}
+    {parametrization.realize}
     const V* y = h;
     {join(_values(shape, index, places[index]) for index, _ in layers)}
     value = zero + w[{at}];
@@ -287,15 +296,15 @@ if ({tried}) {{
 """  # noqa: E501
 
 
-def _product(chart: Chart, column: int, of: str) -> str:
+def _product(parametrization: Parametrization, column: int, of: str) -> str:
     """C sum over the inputs i of ``of`` times generators of a column; those that are always 0 are left out."""
-    pairs = enumerate(chart.pairs)
+    pairs = enumerate(parametrization.pairs)
     return " + ".join(f"{of.format(i=i)} * gen[{entry}]" for entry, (i, k) in pairs if k == column)
 
 
-def _lean(chart: Chart) -> str:
+def _lean(parametrization: Parametrization) -> str:
     """Where columns are inputs, each its own, C that moves the slopes ``tilt`` into ``gradient``."""
-    if chart.pairs != [(k, k) for k in range(chart.inputs)]:
+    if parametrization.pairs != [(k, k) for k in range(parametrization.inputs)]:
         return ""
     share = "tilt[k] / (gen[k] > zero ? gen[k] : zero + 1.0)"
     return f"for (int k = 0; k < C; ++k) {{ gradient[k] += gen[k] > zero ? {share} : zero; tilt[k] = zero; }}"
@@ -318,17 +327,22 @@ def _bent(shape: NetworkShape, index: int) -> bool:
 
 
 def _forwards(shape: NetworkShape, index: int, at: int) -> str:
-    """One hidden layer's means, slopes, spreads and generators, from those of the layer below or from the chart's."""
-    chart, (_, neurons, activation, _) = shape.chart, shape.layers[index]
+    """One hidden layer's means, slopes, spreads and generators.
+
+    From those of the layer below or from the parametrization's.
+    """
+    parametrization, (_, neurons, activation, _) = shape.parametrization, shape.layers[index]
     if index == 0:
-        generators = " ".join(f"g[{k}] = {_product(chart, k, 'x[{i}]')};" for k in range(chart.columns))
+        generators = " ".join(
+            f"g[{k}] = {_product(parametrization, k, 'x[{i}]')};" for k in range(parametrization.columns)
+        )
         neurons_text = text.FIRST.replace("GENERATORS", generators)
     else:
         bent = _bent(shape, index)
         neurons_text = f"const auto& below = layer{index - 1};"
         if bent:
-            neurons_text += "\n".join(_in_blocks(each, neurons) for each in _tiles(chart.columns))
-        neurons_text += _in_blocks(text.LATER, neurons, chart.columns + 2 + bent)
+            neurons_text += "\n".join(_in_blocks(each, neurons) for each in _tiles(parametrization.columns))
+        neurons_text += _in_blocks(text.LATER, neurons, parametrization.columns + 2 + bent)
     bends = activation_of(activation).bends
     neurons_text = neurons_text.replace("NEURON\n", text.NEURON.replace("RELAX", CURVES if bends else LINES))
     return f"""
@@ -377,10 +391,10 @@ def _in_blocks(body: str, neurons: int, sums: int = 1) -> str:
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 
 
-def _constrain(chart: Chart, start: str, factors: list[tuple[int, str]]) -> str:
-    """Add a constraint of the chart (``Chart.constraints``) to the bound."""
+def _constrain(parametrization: Parametrization, start: str, factors: list[tuple[int, str]]) -> str:
+    """Add a constraint of the parametrization (``Parametrization.constraints``) to the bound."""
     terms: dict[int, list[str]] = {}
-    for entry, (i, k) in enumerate(chart.pairs):
+    for entry, (i, k) in enumerate(parametrization.pairs):
         terms.setdefault(k, []).extend(f"{factor} * gen[{entry}]" for j, factor in factors if j == i)
     moved = [k for k in sorted(terms) if terms[k]]
     values = ", ".join(" + ".join(terms[k]) for k in moved)
@@ -404,7 +418,7 @@ def snippet(shape: NetworkShape) -> str:
 def stored(shape: NetworkShape, bounds: str, store: str) -> str:
     """A kernel's body: C that loads boxes, does what ``bounds`` says for those of all lanes, and ``store`` for each."""
     names = "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;\n"
-    names += constants(BOX=shape.chart.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
+    names += constants(BOX=shape.parametrization.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
     cpu, cuda = lanes_text(shape, names)
     return f"""
 #if !defined(__CUDA_ARCH__)
@@ -473,15 +487,15 @@ def bound_boxes(
     """Bounds of a network over boxes.
 
     Args:
-        shape: The network's shape, and the chart.
+        shape: The network's shape, and the parametrization.
         weights: ``Network.packed``: float64, per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and
             their absolute values, then the output's bias and weights.
         padding: ``Network.padding``: float64, a bound of what each layer's float64 arithmetic rounds, the output's
             last.
-        lower: ``(N, Z)`` float64, lower corners in the chart's numbers.
+        lower: ``(N, Z)`` float64, lower corners in the parametrization's numbers.
         upper: ``(N, Z)`` float64, upper corners.
-        numbers: float64 parameters of the chart.
-        table: int32 parameters of the chart.
+        numbers: float64 parameters of the parametrization.
+        table: int32 parameters of the parametrization.
         device: Warp device.
     """
     count, size = lower.shape
@@ -536,7 +550,7 @@ def bound_corners(
     """Numbers at the corners of boxes: f is at least what is multilinear between them, certified.
 
     Args:
-        shape: The network's shape, and the plain chart.
+        shape: The network's shape, and the plain parametrization.
         weights: ``Network.packed``.
         padding: ``Network.padding``.
         lower: ``(N, n)`` float64, lower corners.

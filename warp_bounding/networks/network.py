@@ -23,20 +23,20 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.activations import SINE, Activation, activation_of
-from warp_bounding.arithmetic import LARGEST, TINY, UNIT64, gamma
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.bounds import (
     BoxBounds,
-    Chart,
     NetworkShape,
-    PlainChart,
+    Parametrization,
+    PlainParametrization,
     bound_boxes,
     bound_corners,
 )
+from warp_bounding.rounding import LARGEST, TINY, UNIT64, gamma
 
 # What a network rounds: the error of any float32 evaluation, and that of bounds in float64, layer by layer.
 #
-# The error model is that of ``arithmetic``: a sum of K products in any order, fused or not. Activations have slopes
+# The error model is that of ``rounding``: a sum of K products in any order, fused or not. Activations have slopes
 # between -1 and 1, so an error of a layer's sums is passed on undiminished at worst, and each activation adds its own
 # ``error``.
 
@@ -79,8 +79,9 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
     ``rounding`` the distance of the computed z from the exact one. For bounds in float64, ``operations`` is more than
     the roundings on any path so far: in each layer at most 4 sums of ``terms`` products (centre, linear parts, noise,
     and the way back), and fewer than 32 operations of a relaxation; 4 more sums and 96 operations more of quadratic
-    forms (entries, middle and half of the range) where a layer bends; 16 are left for the chart and the last steps.
-    ``chain`` bounds the sum of absolute terms on a path, with activations of slope 1 and parabolas whose heights, at
+    forms (entries, middle and half of the range) where a layer bends; 16 are left for the parametrization and the last
+    steps. ``chain`` bounds the sum of absolute terms on a path, with activations of slope 1 and parabolas whose
+    heights, at
     most 1, are in the term 1.0 of each layer. A mean differs from the value at the box's centre by no more than its
     noise, so sums of means are values and noise. The entries of quadratic forms together are at most twice the
     parabolas' heights: hence the factor 2.
@@ -88,8 +89,8 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
     Args:
         layers: The output last.
         limit: ``(n,)``, largest size of the inputs, which are exact.
-        terms: ``(n,)``, bound of the sum of the absolute terms of which a chart makes an input over a box: its centre,
-            linear and quadratic parts and noise; ``limit`` if ``None``.
+        terms: ``(n,)``, bound of the sum of the absolute terms of which a parametrization makes an input over a box:
+            its centre, linear and quadratic parts and noise; ``limit`` if ``None``.
 
     Raises:
         BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is
@@ -181,10 +182,13 @@ class Network:
         self.errors = np.array(errors, dtype=np.float64)
         self.padding = [p + e for p, e in zip(self.padding, errors, strict=True)]
 
-    def kernel_shape(self, chart: Chart | None = None) -> NetworkShape:
-        """What kernels of bounds are compiled for; boxes are of the inputs themselves if there is no chart."""
+    def kernel_shape(self, parametrization: Parametrization | None = None) -> NetworkShape:
+        """What kernels of bounds are compiled for.
+
+        Boxes are of the inputs themselves if there is no parametrization.
+        """
         layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name, x.linear) for x in self.hidden)
-        return NetworkShape(len(self.limit), layers, chart or PlainChart(len(self.limit)))
+        return NetworkShape(len(self.limit), layers, parametrization or PlainParametrization(len(self.limit)))
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
@@ -208,11 +212,11 @@ class Network:
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
-        return self.bound_charted(PlainChart(len(self.limit)), lower, upper, self.limit)
+        return self.bound_charted(PlainParametrization(len(self.limit)), lower, upper, self.limit)
 
     def bound_charted(
         self,
-        chart: Chart,
+        parametrization: Parametrization,
         lower: np.ndarray,
         upper: np.ndarray,
         limit: np.ndarray,
@@ -221,38 +225,42 @@ class Network:
         table: np.ndarray | None = None,
         device="cpu",
     ) -> BoxBounds:
-        """The same over boxes ``(N, Z)`` of a chart's numbers.
+        """The same over boxes ``(N, Z)`` of a parametrization's numbers.
 
         Args:
-            chart: How a box becomes inputs.
+            parametrization: How a box becomes inputs.
             lower: Float64.
             upper: Float64.
             limit: ``(K,)``, largest size of the inputs.
             terms: ``(K,)``, of the sum of an input's absolute terms over a box; ``limit`` if ``None``.
-            numbers: Float64 parameters of the chart.
-            table: Int32 parameters of the chart.
+            numbers: Float64 parameters of the parametrization.
+            table: Int32 parameters of the parametrization.
             device: Warp device.
         """
-        return BOUNDS.get().boxes(self, chart, lower, upper, limit, terms, numbers, table, device)
+        return BOUNDS.get().boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Multilinear bounds under f over boxes of its inputs, as ``bound_corners`` gives them."""
-        return BOUNDS.get().corners(self, PlainChart(len(self.limit)), lower, upper)
+        return BOUNDS.get().corners(self, PlainParametrization(len(self.limit)), lower, upper)
 
 
 class SearchBounds:
     """How networks are bounded, but in ``certify`` (``proof.taylor``): by the kernels of ``networks.bounds``."""
 
     def boxes(
-        self, network, chart, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
+        self, network, parametrization, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
     ) -> BoxBounds:
         """See ``Network.bound_charted``."""
         padding = np.array(network.padding) if limit is network.limit else network.padding_for(limit, terms)
-        return bound_boxes(network.kernel_shape(chart), network.packed, padding, lower, upper, numbers, table, device)
+        return bound_boxes(
+            network.kernel_shape(parametrization), network.packed, padding, lower, upper, numbers, table, device
+        )
 
-    def corners(self, network, chart, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def corners(self, network, parametrization, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``Network.corners``."""
-        return bound_corners(network.kernel_shape(chart), network.packed, np.array(network.padding), lower, upper)
+        return bound_corners(
+            network.kernel_shape(parametrization), network.packed, np.array(network.padding), lower, upper
+        )
 
 
 BOUNDS: ContextVar = ContextVar("bounds", default=SearchBounds())  # noqa: B039  (it has no state)

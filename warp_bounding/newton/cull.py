@@ -6,8 +6,8 @@ lets the pipeline go through the others, in the order that it had them. Contacts
 record by record, and so is every step that a solver makes.
 
 A shape is a plane or another primitive, which has a test in closed form (``placing``); a mesh, of which at least the
-box is tested; or a mesh with a bounder, which is asked about what its box leaves. Height fields and whatever else keep
-all their pairs.
+box is tested; or a mesh with a bounder, which is queried about what its box leaves. Height fields and whatever else
+keep all their pairs.
 
 Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of
 the particle, in the mesh's own coordinates, and makes a contact only where there is one. A bounder of points is
@@ -38,7 +38,7 @@ import warp as wp
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.newton import kernels, lists
-from warp_bounding.newton.kernels import BLOCKS, CPU_BLOCK, ask_distances_in_lanes, ask_hulls, runs_of
+from warp_bounding.newton.kernels import BLOCKS, CPU_BLOCK, query_distances_in_lanes, query_hulls, runs_of
 from warp_bounding.newton.placing import Hull, Placed, place_shapes
 from warp_bounding.newton.shapes import Shapes, contact_gap
 from warp_bounding.runtime.arrays import Compaction
@@ -136,8 +136,10 @@ class ParticleCull:
         if getattr(pipeline, "requires_grad", False):
             raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
         if getattr(pipeline, "enable_rigid_soft_full_surface_contact", False):
-            told = "only pairs of particles and shapes are culled; full-surface soft contacts test every edge and face"
-            warnings.warn(told, BoundingWarning, stacklevel=2)
+            reported = (
+                "only pairs of particles and shapes are culled; full-surface soft contacts test every edge and face"
+            )
+            warnings.warn(reported, BoundingWarning, stacklevel=2)
         self._reads_back = reads_back
         self._all = pipeline.soft_rigid_contact_pairs.contiguous()
         self.pairs = len(self._all)
@@ -294,7 +296,7 @@ class ParticleCull:
         places = [0, *self._shapes.inputs(state, gap)]
         launch = partial(BlockLaunch, device=device)
         placing = launch(place_shapes, shapes, places, [self._placed, self._hulls], first_index=0, block=1)
-        asking = [self._ask(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)]
+        asking = [self._query(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)]
         if self._in_lists:
             inputs = [0, self._all, state.particle_q, model.particle_radius, self._hulls]
             outputs = [self._keep, self._undecided, self._listed, self._counts]
@@ -305,7 +307,7 @@ class ParticleCull:
         return [
             placing,
             launch(kernels.split_particles, particles, rows, [self._rows], first_index=0, block=1),
-            launch(ask_hulls, self.pairs, hulls, left, first_index=3, block=CPU_BLOCK),
+            launch(query_hulls, self.pairs, hulls, left, first_index=3, block=CPU_BLOCK),
             *asking,
         ]
 
@@ -357,16 +359,22 @@ class ParticleCull:
         """The kernel that asks a bounder."""
         if self._in_lists:
             return lists.ask_listed(bounder.source)
-        return (ask_distances_in_lanes if bounder.of_distances else kernels.ask_bounders)(bounder.source)
+        return (query_distances_in_lanes if bounder.of_distances else kernels.query_bounders)(bounder.source)
 
     def _kernels(self) -> list[wp.Kernel]:
         if self._in_lists:
             own = [lists.sift, lists.arrange, lists.count_cells, lists.sort_by_cells]
         else:
-            own = [kernels.split_particles, kernels.gather_pairs, kernels.find_far, kernels.gather_or_repeat, ask_hulls]
+            own = [
+                kernels.split_particles,
+                kernels.gather_pairs,
+                kernels.find_far,
+                kernels.gather_or_repeat,
+                query_hulls,
+            ]
         return [place_shapes, *own, *map(self._asking, self._shapes.bounders)]
 
-    def _ask(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:
+    def _query(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:
         """Ask a bounder about the pairs of its shapes that the hulls have left."""
         model, device, data = self.model, self._device, bounder.data
         where, dilated = [self._placed, self._hulls], bounder.info.get("margin") or 0.0

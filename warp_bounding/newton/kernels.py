@@ -1,8 +1,8 @@
 """Kernels of the cull on a CPU: which pairs a bounder lets through, and their list; those of a GPU are in ``lists``.
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
-shape, or outside its box as it lies in the world (``placing``), and lists the others (``ask_hulls``); only those go
-to the bounder. A bounder of distances is asked about many of them at a time (``ask_distances_in_lanes``).
+shape, or outside its box as it lies in the world (``placing``), and lists the others (``query_hulls``); only those go
+to the bounder. A bounder of distances is queried about many of them at a time (``query_distances_in_lanes``).
 """
 
 from functools import cache
@@ -112,8 +112,8 @@ def gather_or_repeat(
 
 
 @cache
-def ask_bounders(source: Source) -> wp.Kernel:
-    """The kernel that asks a bounder of this source about the pairs of its shapes that ``ask_hulls`` has listed."""
+def query_bounders(source: Source) -> wp.Kernel:
+    """The kernel that asks a bounder of this source about the pairs of its shapes that ``query_hulls`` has listed."""
     test = point_func(source)
 
     @named(unique_name(source, "newton")).kernel
@@ -231,7 +231,7 @@ left.data[block] = found;
 
 
 @named("wb_ask_hulls").block_kernel(fill(_TEXT.replace("LANES", str(PAIRS_AT_ONCE)), one=ONE_PAIR))
-def ask_hulls(
+def query_hulls(
     pairs: wp.array(dtype=wp.vec2i),
     count: int,
     size: int,
@@ -262,7 +262,7 @@ def runs_of(pairs: np.ndarray) -> np.ndarray:
 
 # --- Distances, many at a time ----------------------------------------------------------------------------------------
 #
-# Asking a bounder of distances about the pairs that ``ask_hulls`` has listed, on a CPU: one pair in each lane of a
+# Asking a bounder of distances about the pairs that ``query_hulls`` has listed, on a CPU: one pair in each lane of a
 # vector.
 #
 # Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
@@ -318,7 +318,7 @@ if (m > 0) ask();
 
 
 @cache
-def ask_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
+def query_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
     """The kernel of a bounder of this source; see module, and ``lists.ask_listed``."""
     texts = source.around(placed=False, values=True) | {
         "lanes": lanes_of(source),

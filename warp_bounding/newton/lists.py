@@ -1,7 +1,7 @@
 """The pairs that may touch, listed on a GPU: a launch for the hulls, one for each bounder, and one for the layout.
 
 A pair takes its place in a list from a counter, so the order is by chance, as that of Newton's contacts is there. A
-bounder is asked about the listed pairs alone, one after another, so that no thread of a warp idles.
+bounder is queried about the listed pairs alone, one after another, so that no thread of a warp idles.
 
 Nothing is read back, so Newton launches a thread for each of all pairs, and ``arrange`` decides which threads get the
 survivors. Threads of a warp that search a mesh from different places wait for each other: 32 of them take about three
@@ -24,7 +24,8 @@ from warp_bounding.newton.placing import Hull, Placed
 from warp_bounding.runtime.native import named, unique_name
 
 WARP = wp.constant(32)
-# Places in ``counts``: how many pairs stay, and how many a bounder is asked about; and the index, plus one, of a denied
+# Places in ``counts``: how many pairs stay, and how many a bounder is queried about; and the index, plus one, of a
+# denied
 # pair that is far away, and of any denied one.
 STAYING, UNDECIDED, FAR, DENIED = (wp.constant(k) for k in range(4))
 OUT, STAYS, ASK = (wp.constant(k) for k in range(3))  # what a hull says of a pair
@@ -67,15 +68,18 @@ def sift(
     listed: wp.array(dtype=wp.vec2i),
     counts: wp.array(dtype=wp.int32),
 ):
-    """List the pairs that stay by their hull, and those that a bounder is asked about, which count as denied so far."""
+    """List the pairs that stay by their hull, and those that a bounder is queried about.
+
+    Which count as denied so far.
+    """
     i = first + wp.tid()
     pair = pairs[i]
     q = particle_q[pair[0]]
-    told = _ask_hull(hulls, pair[1], q, particle_radius[pair[0]])
-    keep[i] = wp.uint8(told == STAYS)
-    if told == STAYS:
+    reported = _ask_hull(hulls, pair[1], q, particle_radius[pair[0]])
+    keep[i] = wp.uint8(reported == STAYS)
+    if reported == STAYS:
         listed[_claim(counts, STAYING)] = pair
-    elif told == ASK:
+    elif reported == ASK:
         undecided[_claim(counts, UNDECIDED)] = i
     elif counts[FAR] == 0:  # whoever is last is as good
         hull = hulls[pair[1]]

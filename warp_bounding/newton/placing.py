@@ -13,7 +13,7 @@ seen from the shape and of the places that it is made of.
 import newton
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32
+from warp_bounding.rounding import UNIT32
 
 # --- Primitives -------------------------------------------------------------------------------------------------------
 #
@@ -231,7 +231,7 @@ class Hull:
     # infinite for a mesh whose hull grows, minus infinity for a shape without a hull, or one whose quaternion is far
     # from a rotation
     margin: float
-    stays: int  # 1 where no bounder is asked: a pair that the hull does not deny stays
+    stays: int  # 1 where no bounder is queried: a pair that the hull does not deny stays
 
 
 @wp.func
@@ -364,7 +364,7 @@ def place_shapes(
         _off_unit(wp.transform_get_rotation(place)), _off_unit(wp.transform_get_rotation(shape_transform[s]))
     )
     if not wp.max(wp.abs(length - 1.0), parts_off) <= _UNIT_ROTATION:
-        beyond = wp.inf  # the bounder itself is asked, in the coordinates of Newton's pass
+        beyond = wp.inf  # the bounder itself is queried, in the coordinates of Newton's pass
     hull.radius += beyond
     hull.half += wp.vec3(beyond)
     axes = wp.mat33()
@@ -374,7 +374,7 @@ def place_shapes(
         axes[k] = wp.quat_rotate(turn, axis)
     hull.axes = axes
     if not wp.max(length, 1.0 + parts_off) <= _LONGEST_ROTATION:
-        hull.margin = -wp.inf  # no bounder is asked: rounding is more than what is added
+        hull.margin = -wp.inf  # no bounder is queried: rounding is more than what is added
     if role == _UNTESTED:
         hull.margin = -wp.inf
     hull.stays = wp.where(role == _BOUNDED, 0, 1)

@@ -9,13 +9,13 @@ import newton
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
-from warp_bounding.indicators import IndicatorMesh
 from warp_bounding.newton import placing
 from warp_bounding.newton.placing import IN_MESH, IN_WORLD, PRIMITIVES
 from warp_bounding.queries import QUERIES
+from warp_bounding.rounding import UNIT32
+from warp_bounding.shapes import Mesh
 
 # --- Meshes -----------------------------------------------------------------------------------------------------------
 #
@@ -105,7 +105,8 @@ def _margin_for(coordinates: float, reach: float, world: float, scale: float) ->
     # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most
     # reach.
     way = reach / min(scale, 1.0)
-    # The most that ``ask_hulls`` compares with the margin (``placing.Hull``): how far the pass looks, and what float32
+    # The most that ``query_hulls`` compares with the margin (``placing.Hull``): how far the pass looks, and what
+    # float32
     # does in the mesh and in the world. There |x| + |y| + |z| counts, at most 3 world for the particle and, turned back
     # into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of 2^-24, and
     # the rounding of the margin to float32.
@@ -183,7 +184,7 @@ def _digest(vertices: np.ndarray, indices: np.ndarray, resolution: int | None, m
 @lru_cache(maxsize=64)
 def _digest_of(vertices: bytes, indices: bytes, resolution: int | None, margin: float) -> str:
     vertices, faces = np.frombuffer(vertices, np.float32), np.frombuffer(indices, np.int32)
-    mesh = IndicatorMesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), margin=margin)
+    mesh = Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), margin=margin)
     return mesh.digest if resolution is None else mesh.to_grid(resolution=resolution).digest
 
 
@@ -245,8 +246,10 @@ class Shapes:
             elif collides[shape]:
                 unknown[newton.GeoType(kind).name.lower()] += 1
         if unknown:
-            told = ", ".join(f"{name} ({number})" for name, number in sorted(unknown.items()))
-            warnings.warn(f"shapes that keep all their pairs, having no test: {told}", BoundingWarning, stacklevel=3)
+            reported = ", ".join(f"{name} ({number})" for name, number in sorted(unknown.items()))
+            warnings.warn(
+                f"shapes that keep all their pairs, having no test: {reported}", BoundingWarning, stacklevel=3
+            )
         on_device = [(self.roles, wp.int32), (self._domains, wp.vec3)]
         on_device += [(values, wp.float32) for values in (self._margins, self._grows, self._sizes)]
         on_device.insert(1, (self._ids, wp.uint64))

@@ -3,38 +3,38 @@
 from warp_bounding.certificates import conjunction
 from warp_bounding.proof.check import Share, certify, proven_share
 from warp_bounding.proof.covers import positive_boxes
-from warp_bounding.proof.prove import charted, least_value, prove, prove_or_attest, settle
+from warp_bounding.proof.prove import least_value, parametrized, prove, prove_or_test, settle
 from warp_bounding.proof.search import Search, minimum
 from warp_bounding.proof.segments import clear_segments
 from warp_bounding.proof.stress import (
-    Soak,
+    StressResult,
     attempt_confidence,
-    attest,
     fn_rate_bound,
     fresh_seed,
-    soak,
+    statistical_test,
+    stress_test,
     try_positives,
 )
 
 __all__ = [
     "Search",
     "Share",
-    "Soak",
+    "StressResult",
     "attempt_confidence",
-    "attest",
     "certify",
-    "charted",
     "clear_segments",
     "conjunction",
     "fn_rate_bound",
     "fresh_seed",
     "least_value",
     "minimum",
+    "parametrized",
     "positive_boxes",
     "prove",
-    "prove_or_attest",
+    "prove_or_test",
     "proven_share",
     "settle",
-    "soak",
+    "statistical_test",
+    "stress_test",
     "try_positives",
 ]

@@ -2,8 +2,9 @@
 
 Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
 the target or a counterexample is found. Networks are bounded by ``taylor``, which shares nothing with the bounds of the
-search but the charts of rays and boxes; volumes have one bound each. Of shapes without cells it halves what they do not
-certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the whole domain, and that the object lies in
+search but the parametrizations of rays and boxes; volumes have one bound each. Of shapes without cells it halves what
+they do not certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the whole domain, and that the
+object lies in
 it. A bounder whose method has no proof is asked fresh positives (``stress``).
 """
 
@@ -14,7 +15,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT32, UNIT64
 from warp_bounding.bounders.batch import frame_fault
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
@@ -23,19 +23,20 @@ from warp_bounding.bounders.mlp import CERTAIN, Local
 from warp_bounding.certificates import Certificate, document, together
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim, outside
 from warp_bounding.errors import BounderError, BoundingError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS, LeastBox, of_points
-from warp_bounding.proof.distances import Checkpoint, excess_within
-from warp_bounding.proof.prove import TOUCHED, ShapeRegions, charted, coarse_cells, corners, in_part
-from warp_bounding.proof.search import NARROWEST, HeldBounds, ShapePositives, halve
+from warp_bounding.proof.distances import Checkpoint, overestimate_within
+from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, corners, in_part, parametrized
+from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives, halve
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import taylor_bounds
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.domain import Domain
+from warp_bounding.rounding import UNIT32, UNIT64
 from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import IN, Shape
 
 PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
 LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
@@ -86,7 +87,7 @@ def certify(
 
     Args:
         bounder: Its threshold and weights are taken as they are; its own certificate is not looked at.
-        shape: An ``IndicatorGrid`` or ``IndicatorMesh``, or anything that ``load_indicator`` takes; voxelised with the
+        shape: A ``Grid`` or ``Mesh``, or anything that ``load_shape`` takes; voxelised with the
             bounder's own resolution and margin.
         margin: The margin that is expected, object units; the bounder's own if ``None``.
         length: The length of rays that is expected, object units; the bounder's own if ``None``.
@@ -98,8 +99,8 @@ def certify(
             was over, or that was stopped; the same call goes on from there. It is removed when the proof has ended.
 
     Returns:
-        A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were asked, and
-        none was denied); ``"refuted"`` (with a counterexample); ``"undecided"``; or ``"inapplicable"`` (the shape
+        A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were queried,
+        and none was denied); ``"refuted"`` (with a counterexample); ``"undecided"``; or ``"inapplicable"`` (the shape
         cannot be the bounded one, the claim is not the expected one, or the method is not conservative).
 
     Example:
@@ -166,7 +167,7 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress, asked: Bounder) -> Certificate:
+def _certify(bounder: Bounder, grid: Grid, seconds: float, progress, asked: Bounder) -> Certificate:
     """``certify`` for one part of a conjunction; ``asked`` is who must deny a counterexample."""
     started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
@@ -188,7 +189,7 @@ def _certify(bounder: Bounder, grid: IndicatorGrid, seconds: float, progress, as
         return _certify_regions(bounder, grid, target, seconds, result, progress)
     if not grid.certified:
         return _attested(bounder, grid, seconds, result)
-    if not isinstance(grid, IndicatorGrid):
+    if not isinstance(grid, Grid):
         grid.check()
         if bounder.exact_on_hull(grid):
             least, boxes = bounder.least(grid)
@@ -214,9 +215,7 @@ def _conclusion(bounder: Bounder, grid: Shape, found: Checked, seconds: float, r
     )
 
 
-def _certify_regions(
-    bounder: Bounder, grid: IndicatorGrid, target: float, seconds: float, result, progress
-) -> Certificate:
+def _certify_regions(bounder: Bounder, grid: Grid, target: float, seconds: float, result, progress) -> Certificate:
     """``certify`` for rays, planes and boxes."""
     if not bounder.provable:
         return _attested(bounder, grid, seconds, result)
@@ -229,7 +228,7 @@ def _certify_regions(
             least, boxes = bounder.least(grid)
         elif isinstance(bounder, Local):
             least, boxes, suspects, complete = _check_parts(bounder, grid, target, end, progress)
-        elif not isinstance(grid, IndicatorGrid) and kind.pieces:
+        elif not isinstance(grid, Grid) and kind.pieces:
             grid.check()
             cells = coarse_cells(grid, OTHER_CELLS)
             pieces = _region_pieces(ShapeRegions(bounder, grid, cells, FINER * NARROWEST), target)
@@ -251,7 +250,7 @@ def _certify_regions(
     return result("undecided", text, least, boxes)
 
 
-def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> Certificate:
+def _attested(bounder: Bounder, grid: Grid, seconds: float, result) -> Certificate:
     """What fresh positives tell where there is no proof."""
     done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=seconds)
     if missed is not None:
@@ -268,7 +267,7 @@ def _attested(bounder: Bounder, grid: IndicatorGrid, seconds: float, result) -> 
     return replace(certificate, samples=done, fn_rate_bound=rate, confidence=CONFIDENCE, worst_margin=margin)
 
 
-def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray | None:
+def _denied_region(bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray | None:
     """A float32 query at or close to coordinates ``v`` that meets the object and that the deployed bounder denies."""
     truth = decision(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)
     rng = np.random.default_rng(0)
@@ -280,10 +279,10 @@ def _denied_region(bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.n
     return None
 
 
-def _denied(bounder: Bounder, grid: IndicatorGrid, x: np.ndarray) -> np.ndarray | None:
+def _denied(bounder: Bounder, grid: Grid, x: np.ndarray) -> np.ndarray | None:
     """The first of these points, as float32, that lies in the object and that the deployed bounder denies.
 
-    A bounder of boxes is asked about a box that is no more than the point.
+    A bounder of boxes is queried about a box that is no more than the point.
     """
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
     x = x[grid.contains(x)]
@@ -317,15 +316,15 @@ class Everything:
 
     Args:
         f: What is bounded: a bounder, ``LeastBox``, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the
-            boxes that the chart has cut.
+            boxes that the parametrization has cut.
     """
 
     def __init__(self, f):
         self.bound = f.bound
 
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
+    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
         corners = (lower, upper) if bounds.boxes is None else tuple(bounds.boxes.swapaxes(0, 1))
-        return HeldBounds(bounds.lower, bounds.axis, corners, np.zeros(len(lower), dtype=bool))
+        return CachedBounds(bounds.lower, bounds.axis, corners, np.zeros(len(lower), dtype=bool))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return np.zeros(len(lower), dtype=bool)
@@ -468,7 +467,7 @@ def uncovered(domain: Domain) -> str:
     return "the domain's delta does not cover what float32 rounds" if (np.maximum(*needed) > domain.delta).any() else ""
 
 
-def _cell_pieces(f: Bounder | LeastBox, grid: IndicatorGrid, target: float) -> Iterator[Piece]:
+def _cell_pieces(f: Bounder | LeastBox, grid: Grid, target: float) -> Iterator[Piece]:
     """Every v that the pipeline can make of the points of the object's cells; suspects are points of the object."""
     for start in range(0, len(grid.occupied), CHUNK):
         cells = grid.occupied[start : start + CHUNK]
@@ -485,8 +484,8 @@ def _cell_pieces(f: Bounder | LeastBox, grid: IndicatorGrid, target: float) -> I
 
 
 def _charted_pieces(bounder: Bounder, grid: Shape, target: float) -> Iterator[Piece]:
-    """The positives of a network as boxes of a chart; of planes, their normals."""
-    kind, cover = COVERS[bounder.query_kind], charted(bounder, grid)
+    """The positives of a network as boxes of a parametrization; of planes, their normals."""
+    kind, cover = COVERS[bounder.query_kind], parametrized(bounder, grid)
     if cover is None:
         f, lower, upper = kind.best_first(bounder, grid)
         yield Piece(Everything(f), lower, upper, target, lambda m, _: kind.coordinates(bounder, grid, m), 1)
@@ -496,24 +495,25 @@ def _charted_pieces(bounder: Bounder, grid: Shape, target: float) -> Iterator[Pi
 
 
 def _check_parts(
-    bounder: Local, grid: IndicatorGrid, target: float, end: float, progress: Callable[[int, int], None] | None
+    bounder: Local, grid: Grid, target: float, end: float, progress: Callable[[int, int], None] | None
 ) -> Checked:
     """The positives of a network with a threshold for each part of its domain.
 
     In each part ``f - threshold`` must reach the target.
 
     Raises:
-        BounderError: If the network has no chart, or the target is beyond what a part without threshold answers.
+        BounderError: If the network has no parametrization, or the target is beyond what a part without threshold
+            answers.
     """
     member, thresholds = bounder.member, bounder.thresholds
-    cover = charted(member, grid)
+    cover = parametrized(member, grid)
     if cover is None or not target <= CERTAIN:
         raise BounderError("there is no proof of such a network part by part")
     corners_of_parts = list(zip(*corners(bounder.lattice), strict=True))
 
     def pieces() -> Iterator[Piece]:
         for lower, upper, done in COVERS[bounder.query_kind].anew(member, grid, cover):
-            low, high = cover.chart.hull(lower, upper, cover.numbers)
+            low, high = cover.parametrization.hull(lower, upper, cover.numbers)
             for part in np.flatnonzero(thresholds > -np.inf):  # others answer *maybe* to everything
                 first, last = corners_of_parts[part]
                 meets = ((low <= last) & (high >= first)).all(axis=1)
@@ -539,7 +539,7 @@ INWARD = 1 - 1e-3  # of the way from the domain's middle, where a suspect is tri
 
 def points_outside(bounder: Bounder, shape: Shape) -> np.ndarray:
     """``(N, n)`` points in object space, of which some may be in the object and outside the bounder's domain."""
-    if isinstance(shape, IndicatorGrid):
+    if isinstance(shape, Grid):
         return shape.position(outside(bounder, shape))
     domain, x = bounder.domain.base, border_points(shape, BORDER, np.random.default_rng(0))
     return x[((x < domain.lower) | (x > domain.upper)).any(axis=1)]
@@ -608,7 +608,7 @@ def proven_share(
 
     Args:
         bounder: Of points, its parts proven one by one counted alike.
-        shape: What it bounds; anything that ``load_indicator`` takes.
+        shape: What it bounds; anything that ``load_shape`` takes.
         seconds: Time after which what is left counts as not proven.
         boxes: The same of boxes; the result is then the same on every machine.
         places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than
@@ -620,9 +620,9 @@ def proven_share(
         BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
 
     Example:
-        >>> solid = wb.solids.Sphere([0, 0, 0], 1.0)
+        >>> solid = wb.shapes.Sphere([0, 0, 0], 1.0)
         >>> box = wb.fit(solid, method="aabb", device="cpu")
-        >>> wb.proven_share(box, solid).volume
+        >>> wb.proof.proven_share(box, solid).volume
         1.0
     """
     bounder, shape = in_local(bounder, shape)
@@ -709,8 +709,8 @@ def certify_distance(
     else:
         held = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
         bar = -float(np.nextafter(threshold + error, np.inf))
-        excess, boxes, complete, suspects = excess_within(bounder, grid, bar, seconds, held, progress)
-        least, before = -excess, held.seconds if held else 0.0
+        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, seconds, held, progress)
+        least, before = -overestimate, held.seconds if held else 0.0
         told = CLOSE if complete else f"no decision within {seconds:.3g} s{GOES_ON.format(checkpoint) if held else ''}"
     if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
         told = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."

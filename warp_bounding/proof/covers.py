@@ -9,17 +9,17 @@ from itertools import pairwise
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp, MonotoneMlp
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import Hull, hull_of
-from warp_bounding.indicators.grid import IndicatorGrid, blocks_of, summed_area
-from warp_bounding.indicators.shape import Shape
-from warp_bounding.networks.bounds import BoxBounds, PlainChart
-from warp_bounding.networks.charts import BoxChart, RayChart
+from warp_bounding.networks.bounds import BoxBounds, PlainParametrization
+from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization
 from warp_bounding.proof.search import ChartedPositives
 from warp_bounding.queries.region_domain import RegionDomain
+from warp_bounding.rounding import UNIT64, gamma
+from warp_bounding.shapes.grid import Grid, blocks_of, summed_area
+from warp_bounding.shapes.shape import Shape
 
 # --- boxes against a monotone network --------------------------------------------------------------------------------
 
@@ -62,8 +62,10 @@ def of_points(bounder: Bounder) -> Bounder | LeastBox:
 class Cover:
     """The cover of a kind of query; found under the kind's name in ``covers.COVERS``."""
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives | None:
-        """The positives of a network as boxes of a chart, for a search depth first; ``None`` where there is no chart.
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives | None:
+        """The positives of a network as boxes of a parametrization, for a search depth first.
+
+        ``None`` where there is no parametrization.
 
         The bounder's domain must hold the object.
 
@@ -72,8 +74,11 @@ class Cover:
         """
         return None
 
-    def best_first(self, bounder: Bounder, grid: IndicatorGrid) -> tuple:
-        """What ``minimum`` searches without a chart: an f with ``bound`` and ``reference``, and corners of boxes."""
+    def best_first(self, bounder: Bounder, grid: Grid) -> tuple:
+        """What ``minimum`` searches without a parametrization.
+
+        An f with ``bound`` and ``reference``, and corners of boxes.
+        """
         f = of_points(bounder)
         return f, *f.cut(*positive_boxes(f, grid))[:2]
 
@@ -86,8 +91,8 @@ class Cover:
         """Where regions can meet the object: all of its points that are positives of boxes.
 
         Args:
-            cover: What ``charted`` has made; its boxes may be cut further.
-            lower: ``(N, Z)`` float64 corners, numbers of the chart.
+            cover: What ``parametrized`` has made; its boxes may be cut further.
+            lower: ``(N, Z)`` float64 corners, numbers of the parametrization.
             upper: ``(N, Z)`` float64.
             pieces: In how many boxes.
 
@@ -97,9 +102,7 @@ class Cover:
         """
         raise NotImplementedError
 
-    def anew(
-        self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+    def anew(self, bounder: Mlp, grid: Grid, cover: ChartedPositives) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         """The charted positives for ``certify``, some at a time, in boxes that it need not share with the search.
 
         Yields:
@@ -111,7 +114,7 @@ class Cover:
         """V of queries that pass points ``(N, n)`` of the object, both in local space (of points and boxes in any)."""
         raise NotImplementedError(bounder.query_kind)
 
-    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
+    def coordinates(self, bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray:
         """``v`` of what a search has found, given as the numbers ``(N, Z)`` that it searched over.
 
         Raises:
@@ -124,7 +127,7 @@ class Cover:
         return v
 
 
-def positive_boxes(bounder: Bounder | LeastBox, grid: IndicatorGrid) -> tuple[np.ndarray, np.ndarray]:
+def positive_boxes(bounder: Bounder | LeastBox, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """P_delta, the object widened by delta, as boxes of ``v``: one a cell for closed forms, else few large ones.
 
     Returns:
@@ -140,9 +143,9 @@ def positive_boxes(bounder: Bounder | LeastBox, grid: IndicatorGrid) -> tuple[np
 class PointCover(Cover):
     """Points of an object: few large blocks of its cells."""
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives:
         boxes, limit = positive_boxes(bounder, grid), bounder.domain.limit.astype(np.float64)
-        return ChartedPositives(bounder.network, PlainChart(grid.ndim), *boxes, np.zeros(1), limit)
+        return ChartedPositives(bounder.network, PlainParametrization(grid.ndim), *boxes, np.zeros(1), limit)
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         return p
@@ -155,8 +158,8 @@ PRODUCTS = 16  # float64 roundings, at most, of a term in ``RayCover.reach``
 CELLS = 256  # cells that ``single_cells`` takes at a time
 
 
-def single_cells(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """The positives of ``RayCover.charted`` in boxes of one cell (t = 0) and of one exposed face each.
+def single_cells(bounder: Mlp, grid: Grid) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """The positives of ``RayCover.parametrized`` in boxes of one cell (t = 0) and of one exposed face each.
 
     They are found without ``blocks_of`` and ``_exposed``: ``certify`` must not rest on the code of the search.
 
@@ -181,7 +184,7 @@ def single_cells(bounder: Mlp, grid: IndicatorGrid) -> Iterator[tuple[np.ndarray
 
 def _boxes(
     domain: RegionDomain,
-    grid: IndicatorGrid,
+    grid: Grid,
     first: np.ndarray,
     last: np.ndarray,
     t_most: float,
@@ -219,7 +222,9 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
 
 
 class RayCover(Cover):
-    """Rays that meet an object, as boxes of ``networks.charts.RayChart``, by where a ray first enters it.
+    """Rays that meet an object, as boxes of ``networks.parametrizations.RayParametrization``.
+
+    By where a ray first enters it.
 
     z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1
     there (w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's
@@ -236,7 +241,7 @@ class RayCover(Cover):
        cell crosses a face that holds p, is exposed, and is crossed inwards by the ray.
     """
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives:
         n, domain = grid.ndim, bounder.domain
         local = domain.base.to_local
         first, last = blocks_of(grid.occupancy)
@@ -252,10 +257,11 @@ class RayCover(Cover):
         lower, upper = (np.concatenate(side) for side in zip(*boxes, strict=True))
         stretch, base = domain.stretch.astype(np.float64), domain.base
         limit = base.limit.astype(np.float64)
-        # What the chart rounds in ``a = p - t w``: an entry goes through some 2 n + 12 roundings, of which the length
+        # What the parametrization rounds in ``a = p - t w``: an entry goes through some 2 n + 12 roundings, of which
+        # the length
         # of m takes most.
         slop = gamma(128, UNIT64) * (limit + 2 * stretch)
-        # in the order in which ``RayChart`` reads them
+        # in the order in which ``RayParametrization`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]
         # The centres of a box are ``p - t w`` and w. An input's absolute terms are most where the box is a whole face
         # of the cube, |m| >= 1 and half widths of 1: w its length 1, n - 1 linear parts, a rest of 0.71 (n - 1)^1.5, n
@@ -264,7 +270,7 @@ class RayCover(Cover):
         size, terms = limit + 2 * stretch, 2 * n * n * stretch
         size, terms = np.concatenate([size, stretch * (1 + 1e-3)]), np.concatenate([size + terms, limit + terms])
         return ChartedPositives(
-            bounder.network, RayChart(2 * n), lower, upper, np.concatenate(numbers), size, terms=terms
+            bounder.network, RayParametrization(2 * n), lower, upper, np.concatenate(numbers), size, terms=terms
         )
 
     pieces = (1, 6, 24)
@@ -273,8 +279,8 @@ class RayCover(Cover):
         self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
     ) -> tuple[np.ndarray, np.ndarray]:
         # Before p the ray is outside of all cells, or p is its origin: what counts is p + r w with 0 <= r <= 1 - t.
-        n = cover.chart.inputs // 2
-        low, high = (side[:, None, n:] for side in cover.chart.hull(lower, upper, cover.numbers))
+        n = cover.parametrization.inputs // 2
+        low, high = (side[:, None, n:] for side in cover.parametrization.hull(lower, upper, cover.numbers))
         left = 1.0 - lower[:, n]
         first, last = (left[:, None, None] * ((np.arange(pieces) + end) / pieces)[:, None] for end in (0, 1))
         ways = np.stack([first * low, first * high, last * low, last * high])
@@ -282,9 +288,7 @@ class RayCover(Cover):
         room = PRODUCTS * UNIT64 * (np.maximum(np.abs(begin), np.abs(end)) + np.abs(ways).max(axis=0))
         return begin + ways.min(axis=0) - room, end + ways.max(axis=0) + room
 
-    def anew(
-        self, bounder: Mlp, grid: IndicatorGrid, cover: ChartedPositives
-    ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+    def anew(self, bounder: Mlp, grid: Grid, cover: ChartedPositives) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         sets = 1 + 2 * grid.ndim  # the cells of a part, and their faces on each side
         for index, (lower, upper) in enumerate(single_cells(bounder, grid)):
             yield lower, upper, min((index + 1) * CELLS // sets, len(grid.occupied))
@@ -294,8 +298,8 @@ class RayCover(Cover):
         n = p.shape[1]
         return np.concatenate([p, np.eye(n)[np.arange(len(p)) % n] * bounder.domain.stretch.astype(np.float64)], axis=1)
 
-    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
-        # (p, t, m) of the chart is the ray with p = a + t w, and a direction m of any length
+    def coordinates(self, bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray:
+        # (p, t, m) of the parametrization is the ray with p = a + t w, and a direction m of any length
         n = grid.ndim
         if v.shape[1] != 2 * n + 1:
             return super().coordinates(bounder, grid, v)
@@ -307,18 +311,20 @@ class RayCover(Cover):
 # --- boxes -----------------------------------------------------------------------------------------------------------
 
 
-MOST_CELLS = 2.0**30  # cells from the grid's origin to the domain's ends: the chart counts them in 32 bits
+MOST_CELLS = 2.0**30  # cells from the grid's origin to the domain's ends: the parametrization counts them in 32 bits
 
 
 class BoxCover(Cover):
-    """Boxes that meet an object, as boxes of the chart ``networks.charts.BoxChart``: all pairs of corners.
+    """Boxes that meet an object, as boxes of the parametrization ``networks.parametrizations.BoxParametrization``.
+
+    All pairs of corners.
 
     A summed-area table says which of them meet the object. Devices cut boxes at ``|v| = limit``, which may lie outside
     the grid on one side (the domain's centre is a float32 number), or on all (the bounder was made for a larger grid).
     So corners run over all that is within the limit, in cells of this grid.
     """
 
-    def charted(self, bounder: Mlp, grid: IndicatorGrid) -> ChartedPositives:
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives:
         n, base = grid.ndim, bounder.domain.base
         origin = base.to_local(grid.position(np.zeros(n)))
         unit = base.to_local(grid.position(np.ones(n))) - origin
@@ -334,7 +340,7 @@ class BoxCover(Cover):
             wide = f"the domain is {most:.3g} cells of the shape wide, more than the proof counts"
             raise BounderError(f"{bounder.method}: {wide}")
         numbers, largest = np.concatenate([unit, origin, noise]), np.tile(limit + noise, 2)
-        return ChartedPositives(bounder.network, BoxChart(2 * n), lower, upper, numbers, largest, words)
+        return ChartedPositives(bounder.network, BoxParametrization(2 * n), lower, upper, numbers, largest, words)
 
     pieces = (1,)
 
@@ -342,14 +348,14 @@ class BoxCover(Cover):
         self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
     ) -> tuple[np.ndarray, np.ndarray]:
         # the largest box
-        n = cover.chart.inputs // 2
-        low, high = cover.chart.hull(lower, upper, cover.numbers)
+        n = cover.parametrization.inputs // 2
+        low, high = cover.parametrization.hull(lower, upper, cover.numbers)
         return low[:, None, :n], high[:, None, n:]
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         return np.concatenate([p, p], axis=1)
 
-    def coordinates(self, bounder: Bounder, grid: IndicatorGrid, v: np.ndarray) -> np.ndarray:
+    def coordinates(self, bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray:
         # a monotone network is searched over points: each is the box that is no more than it
         return np.concatenate([v, v], axis=1) if v.shape[1] == grid.ndim else super().coordinates(bounder, grid, v)
 
@@ -459,7 +465,7 @@ def known_hull(bounder: Bounder, shape: Shape) -> Hull:
 
 
 class PlaneCover(Cover):
-    """The cover of planes, for networks: over normals, without a chart."""
+    """The cover of planes, for networks: over normals, without a parametrization."""
 
     def best_first(self, bounder: Mlp, grid: Shape) -> tuple:
         gap = SupportGap(bounder, grid)

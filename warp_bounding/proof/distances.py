@@ -1,12 +1,12 @@
 """The proof of a distance, by how much F exceeds it: ``threshold <= L - E``, ``d - F >= L`` on the whole domain.
 
 Where F is the distance to a volume that a proven bounder of points has, L is 0: the volume holds the object. Else boxes
-of the domain are halved until the shape's tangents tell (``Shape.excess``). F is known in a box by numbers at its
+of the domain are halved until the shape's tangents tell (``Shape.overestimate``). F is known in a box by numbers at its
 corners (``DistanceBounder.corners``), and the shape compares them with the tangents of the distances to all of its
 convex pieces at once: two trees, one of space and one of the object. So slopes cancel, and a box may be as large as F
 and the distance are nearly linear in it. It is its longest side that is halved: halved where F's own bound suffers
 most, boxes become needles along which the distance bends, that no halving elsewhere mends (a bunny was proven to three
-times the excess it has, a moving ellipsoid with twice the boxes).
+times the overestimate it has, a moving ellipsoid with twice the boxes).
 """
 
 import hashlib
@@ -22,17 +22,18 @@ import safetensors.numpy
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof.search import halve
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable, file_path, write_whole
+from warp_bounding.shapes.shape import Shape
 from warp_bounding.version import __version__
 
 # --- tolerances ------------------------------------------------------------------------------------------------------
 
 
-ASKED = 1024  # boxes of a chunk in whose middles F is asked, at most: those whose bounds are farthest above their bars
+# boxes of a chunk in whose middles F is queried, at most: those whose bounds are farthest above their tolerances
+ASKED = 1024
 
 
 def excesses_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
@@ -41,15 +42,18 @@ def excesses_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.nda
     return None if known is None else bounder.reference(v) - known[:, 0] / bounder.domain.unit
 
 
-class Bars:
-    """The excess up to which a box is good enough, by part of the domain: a little above the greatest ever met there.
+class Tolerances:
+    """The overestimate up to which a box is good enough, by part of the domain.
 
-    Samples miss the greatest excess of a part, and a search that asks for less than there is halves boxes around it for
-    nothing. So where a search gets stuck, F and the distance themselves are asked in the middles of its boxes, and the
-    part's bar rises.
+    A little above the greatest ever met there.
+
+    Samples miss the greatest overestimate of a part, and a search that asks for less than there is halves boxes around
+    it for nothing. So where a search gets stuck, F and the distance themselves are queried in the middles of its boxes,
+    and the
+    the part's bar rises.
 
     Args:
-        met: ``(parts,)``, the greatest excess that was met in each part, local units; raised in place.
+        met: ``(parts,)``, the greatest overestimate that was met in each part, local units; raised in place.
         above: By how much a bar is above that.
         parts: ``(N,)`` int, the parts in which a search's first boxes lie.
         fixed: Never raise them.
@@ -64,12 +68,12 @@ class Bars:
         self.raised: list[np.ndarray] = []
 
     @classmethod
-    def of_boxes(cls, tolerance: np.ndarray | float, count: int) -> "Bars":
+    def of_boxes(cls, tolerance: np.ndarray | float, count: int) -> "Tolerances":
         """Bars that do not rise, one for each of ``count`` first boxes, or one for all."""
         return cls(np.broadcast_to(tolerance, count), 0.0, np.arange(count), fixed=True)
 
     def of(self, owner: np.ndarray) -> np.ndarray:
-        """``(K,)``, the bars of boxes that came from the first boxes of these numbers."""
+        """``(K,)``, the tolerances of boxes that came from the first boxes of these numbers."""
         return self.met[self.parts[owner]] + self.above
 
     def rise(
@@ -79,14 +83,14 @@ class Bars:
         low: np.ndarray,
         high: np.ndarray,
         owner: np.ndarray,
-        excess: np.ndarray,
+        overestimate: np.ndarray,
     ) -> None:
-        """Evaluate F where bounds ``excess`` exceed their bars the most, and raise those that F exceeds."""
+        """Evaluate F where bounds ``overestimate`` exceed their tolerances the most, and raise those that F exceeds."""
         if self.fixed or not len(low):
             return
-        over = excess - self.of(owner)
-        asked = np.argpartition(-over, ASKED)[:ASKED] if len(over) > ASKED else np.arange(len(over))
-        v, parts = low[asked] / 2 + high[asked] / 2, self.parts[owner[asked]]
+        over = overestimate - self.of(owner)
+        queried = np.argpartition(-over, ASKED)[:ASKED] if len(over) > ASKED else np.arange(len(over))
+        v, parts = low[queried] / 2 + high[queried] / 2, self.parts[owner[queried]]
         met = excesses_at(bounder, shape, v)
         if met is not None:
             self.raised.append(v[met > self.met[parts]])
@@ -149,8 +153,8 @@ class Checkpoint:
         about = {"method": bounder.method, "sizes": bounder.sizes, "domain": bounder.domain.to_dict()}
         about |= {"threshold": float(bounder.threshold), "shape": shape.digest, "library": __version__}
         low, high = shape.lower, shape.upper  # what the search rests on, as this machine computes it
-        asked = low + np.random.default_rng(0).uniform(-0.5, 1.5, (TELLING, shape.ndim)) * (high - low)
-        about["distances"] = hashlib.sha256(np.asarray(shape.distances(asked)).tobytes()).hexdigest()
+        queried = low + np.random.default_rng(0).uniform(-0.5, 1.5, (TELLING, shape.ndim)) * (high - low)
+        about["distances"] = hashlib.sha256(np.asarray(shape.distances(queried)).tobytes()).hexdigest()
         self._claim = digest_of(bounder.tensors, about)
         self._ndim = shape.ndim
         check_writable(self.path, kind=BOUNDER_FILE)
@@ -238,13 +242,14 @@ class Checkpoint:
 # --- search ----------------------------------------------------------------------------------------------------------
 
 
-CHUNK = 1 << 16  # boxes that are asked at a time
+CHUNK = 1 << 16  # boxes that are queried at a time
 PARTS = 10_000  # that progress is told in
 # relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
 NOISE = 1e-12
-SAMPLES = 200_000  # points at which the largest excess is looked for first
+SAMPLES = 200_000  # points at which the largest overestimate is looked for first
 NEAR = (2.0**-10, 2.0**-3)  # local units: how near the border half of them are, a standard deviation between these
-EPS = 2e-4  # local units: by how much the excess that is proven may be above the one that is found, if there is time
+# local units: by how much the overestimate that is proven may be above the one that is found, if there is time
+EPS = 2e-4
 COARSEST = 0.05  # local units: the same of the first search
 FINER = 16.0  # by how much a search may be finer than the last one
 SAFE = 0.6  # of the time that is left: as much is planned for the next search
@@ -260,7 +265,7 @@ def excesses(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    tolerance: Bars | np.ndarray | float,
+    tolerance: Tolerances | np.ndarray | float,
     halvings: int,
     least: float = 0.0,
     seconds: float = float("inf"),
@@ -271,14 +276,14 @@ def excesses(
     """Certified: by how much F exceeds the distance in boxes, at most.
 
     Args:
-        bounder: Its ``corners`` are asked.
+        bounder: Its ``corners`` are queried.
         shape: The object.
         lower: ``(N, n)`` float64, local coordinates.
         upper: ``(N, n)`` float64.
-        tolerance: Of each box, or of all, or bars that rise: an excess up to this is good enough, the box is not
-            halved. Local units.
+        tolerance: Of each box, or of all, or tolerances that rise: an overestimate up to this is good enough, the box
+            is not halved. Local units.
         halvings: How often a box is halved at most.
-        least: Excesses under it are not told apart.
+        least: Excesses under it are not distinguished.
         seconds: Time; when it is over, boxes count with what is known of them.
         most: Boxes that are looked at; when there are more, it is as if time were over.
         held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends
@@ -293,7 +298,7 @@ def excesses(
         BounderError: If the shape has no distance.
     """
     started, domain = working_seconds(), bounder.domain
-    bars = tolerance if isinstance(tolerance, Bars) else Bars.of_boxes(tolerance, len(lower))
+    tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances.of_boxes(tolerance, len(lower))
     left = held.load(len(lower)) if held else None
     if left is None:
         each = [slice(i, i + CHUNK) for i in range(0, len(lower), CHUNK)]
@@ -317,17 +322,19 @@ def excesses(
             under = least - 2 * float(
                 noise.max(initial=0.0)
             )  # so that what is added does not lift it above a tolerance
-            allowed = bars.of(owner)
+            allowed = tolerances.of(owner)
             enough = np.where(level < halvings, allowed, np.inf) * domain.unit
-            excess = shape.excess(sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough)
-            if excess is None:
+            overestimate = shape.overestimate(
+                sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough
+            )
+            if overestimate is None:
                 raise BounderError(f"{shape.name}: no distance is known of it")
-            excess = excess / domain.unit + noise
-            above = excess > allowed
+            overestimate = overestimate / domain.unit + noise
+            above = overestimate > allowed
             more = above & (level < halvings) & (not over)
-            bars.rise(bounder, shape, low[more], high[more], owner[more], excess[more])
+            tolerances.rise(bounder, shape, low[more], high[more], owner[more], overestimate[more])
             complete &= not (over and above.any())
-            np.maximum.at(found, owner[~more], excess[~more])
+            np.maximum.at(found, owner[~more], overestimate[~more])
             children = []
             if more.any():
                 longest = np.argmax(high[more] - low[more], axis=1)
@@ -360,8 +367,8 @@ def worst_points(
     Args:
         bounder: Its F.
         shape: The object.
-        met: ``(parts,)``, local units; raised in place, to about the greatest excesses there are, less ``eps``.
-        eps: Local units: by how much an excess may be more than what was met before the search looks closer.
+        met: ``(parts,)``, local units; raised in place, to about the greatest overestimates there are, less ``eps``.
+        eps: Local units: by how much an overestimate may be more than what was met before the search looks closer.
         boxes: How many boxes at most.
         seconds: Time.
 
@@ -369,13 +376,15 @@ def worst_points(
         ``(K, n)`` float64, local coordinates.
     """
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
-    bars = Bars(met, eps, bounder.part_of(lower / 2 + upper / 2))
+    tolerances = Tolerances(met, eps, bounder.part_of(lower / 2 + upper / 2))
     told = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "seconds": seconds, "most": boxes}
-    excesses(bounder, shape, lower, upper, tolerance=bars, **told)
-    return np.concatenate([*bars.raised, np.empty((0, bounder.ndim))])
+    excesses(bounder, shape, lower, upper, tolerance=tolerances, **told)
+    return np.concatenate([*tolerances.raised, np.empty((0, bounder.ndim))])
 
 
-def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tuple[np.ndarray, int, bool, np.ndarray]:
+def largest_overestimate(
+    bounder: DistanceBounder, shape: Shape, seconds: float
+) -> tuple[np.ndarray, int, bool, np.ndarray]:
     """Certified: by how much F exceeds the distance in each part of the domain, at most: little more than samples have.
 
     Args:
@@ -384,8 +393,8 @@ def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tu
         seconds: Time; when it is over the bound is what is known by then.
 
     Returns:
-        The excesses ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points in
-        object space where samples have the largest excesses.
+        The overestimates ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points
+        in object space where samples have the largest overestimates.
     """
     v, sampled, worst = _sampled(bounder, shape)
     parts, met = bounder.part_of(v), np.zeros(bounder.part_count)
@@ -394,7 +403,7 @@ def largest_excess(bounder: DistanceBounder, shape: Shape, seconds: float) -> tu
     return (*_refined(bounder, shape, met, weight, seconds), worst)
 
 
-def excess_within(
+def overestimate_within(
     bounder: DistanceBounder,
     shape: Shape,
     bar: float,
@@ -402,25 +411,27 @@ def excess_within(
     held: Checkpoint | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[float, int, bool, np.ndarray]:
-    """Certified: by how much F exceeds the distance, at most; by other boxes than ``largest_excess`` has.
+    """Certified: by how much F exceeds the distance, at most; by other boxes than ``largest_overestimate`` has.
 
     Args:
         bounder: Its F.
         shape: The object.
-        bar: An excess up to this is good enough, local units.
+        bar: An overestimate up to this is good enough, local units.
         seconds: Time.
         held: As ``excesses`` takes it.
         progress: As ``excesses`` takes it.
 
     Returns:
-        As ``largest_excess``, of all parts together. Where samples have more than the bar, nothing is searched.
+        As ``largest_overestimate``, of all parts together. Where samples have more than the bar, nothing is searched.
     """
     _, sampled, worst = _sampled(bounder, shape)
     if sampled.max() > bar:
         return float(sampled.max()), 0, True, worst
-    bars = np.full(bounder.part_count, bar)
-    excess, boxes, complete = _searched(bounder, shape, bars, 0.0, seconds, again=True, held=held, progress=progress)
-    return float(excess.max()), boxes, complete, worst
+    tolerances = np.full(bounder.part_count, bar)
+    overestimate, boxes, complete = _searched(
+        bounder, shape, tolerances, 0.0, seconds, again=True, held=held, progress=progress
+    )
+    return float(overestimate.max()), boxes, complete, worst
 
 
 def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -441,7 +452,7 @@ def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.nda
 def _refined(
     bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, seconds: float
 ) -> tuple[np.ndarray, int, bool]:
-    """The least excesses of the parts that searches prove in a given time.
+    """The least overestimates of the parts that searches prove in a given time.
 
     ``met`` holds those of samples, ``weight`` what a part counts.
 
@@ -454,8 +465,8 @@ def _refined(
     best, complete = np.full(len(met), np.inf), True
     while True:
         started = working_seconds()
-        excess, looked, complete = _searched(bounder, shape, met, eps, end - started)
-        boxes, best = boxes + looked, np.minimum(best, excess)
+        overestimate, looked, complete = _searched(bounder, shape, met, eps, end - started)
+        boxes, best = boxes + looked, np.minimum(best, overestimate)
         now = working_seconds()
         if not complete or eps <= EPS:
             return best, boxes, complete
@@ -471,8 +482,8 @@ def _refined(
             if left <= 0:
                 break
             chosen = np.isin(np.arange(len(met)), group)
-            excess, looked, _ = _searched(bounder, shape, met, LAST * eps, left, chosen)
-            boxes, best[chosen] = boxes + looked, np.minimum(best, excess)[chosen]
+            overestimate, looked, _ = _searched(bounder, shape, met, LAST * eps, left, chosen)
+            boxes, best[chosen] = boxes + looked, np.minimum(best, overestimate)[chosen]
     return best, boxes, False
 
 
@@ -487,12 +498,12 @@ def _searched(
     again: bool = False,
     **told,
 ) -> tuple[np.ndarray, int, bool]:
-    """The largest excesses ``(parts,)``, where one up to ``eps`` above its part's ``met`` counts as that.
+    """The largest overestimates ``(parts,)``, where one up to ``eps`` above its part's ``met`` counts as that.
 
     And the number of boxes, and whether the time was enough.
 
-    ``chosen`` are the parts that are asked for, all for ``None``. ``again``, to certify what another search has found:
-    by other boxes, which begin with thirds; its bars do not rise. The rest is for ``excesses``.
+    ``chosen`` are the parts that are requested, all for ``None``. ``again``, to certify what another search has found:
+    by other boxes, which begin with thirds; its tolerances do not rise. The rest is for ``excesses``.
     """
     least = float(met.min()) + eps
     told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds}
@@ -503,8 +514,8 @@ def _searched(
     if chosen is not None:
         kept = chosen[parts]
         lower, upper, parts = lower[kept], upper[kept], parts[kept]
-    bars = Bars(met, eps, parts, fixed=again)
-    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=bars, **told)
+    tolerances = Tolerances(met, eps, parts, fixed=again)
+    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerances, **told)
     by_part = np.full(len(met), least)
     np.maximum.at(by_part, parts, found)
     return by_part, boxes, complete

@@ -10,51 +10,54 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.mlp import EVERYWHERE, Lattice, Local, Mlp
 from warp_bounding.certificates import Certificate, document, shown
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.networks.charts import FARTHEST, PartChart
+from warp_bounding.networks.parametrizations import FARTHEST, PartParametrization
 from warp_bounding.proof.covers import COVERS, of_points
-from warp_bounding.proof.distances import largest_excess
+from warp_bounding.proof.distances import largest_overestimate
 from warp_bounding.proof.search import (
     NARROWEST,
+    CachedBounds,
     ChartedPositives,
-    HeldBounds,
     Search,
     ShapePositives,
     charted_minimum,
     divided,
     minimum,
 )
-from warp_bounding.proof.stress import Walk, attest
+from warp_bounding.proof.stress import Walk, statistical_test
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
+from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import OUT, Shape
 
 # --- prove -----------------------------------------------------------------------------------------------------------
 
 
-ROOM = 1e-4  # of f: how far under the least value that a search has found an attested threshold is set
+ROOM = 1e-4  # of f: how far under the least value that a search has found an tested statistically threshold is set
 STARTS = 4096  # points of a shape's border that a search begins with, where it is given none
 TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
 CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
 
 
-def charted(bounder: Bounder, grid: IndicatorGrid) -> ChartedPositives | None:
-    """The positives of a network as boxes of a chart (``Cover.charted``); ``None`` where the proof has no chart."""
-    return COVERS[bounder.query_kind].charted(bounder, grid) if type(bounder) is Mlp else None
+def parametrized(bounder: Bounder, grid: Grid) -> ChartedPositives | None:
+    """The positives of a network as boxes of a parametrization (``Cover.parametrized``).
+
+    ``None`` where the proof has no parametrization.
+    """
+    return COVERS[bounder.query_kind].parametrized(bounder, grid) if type(bounder) is Mlp else None
 
 
 def least_value(
     bounder: Bounder,
-    grid: IndicatorGrid,
+    grid: Grid,
     *,
     eps: float = 1e-3,
     seconds: float = float("inf"),
@@ -67,14 +70,15 @@ def least_value(
     That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
     what the shape certifies to be empty (``search.ShapePositives``), for points and for a monotone network's boxes;
     convex volumes, of points or of regions that are tested against them, and planes need its convex hull alone, where
-    that is known. Points, rays and boxes of a network are searched depth first in the numbers of a chart (``charted``).
-    Where there is no chart the search is best first: planes over their normals, a monotone network's boxes over the
-    object's points (``covers``).
+    that is known. Points, rays and boxes of a network are searched depth first in the numbers of a parametrization
+    (``parametrized``).
+    Where there is no parametrization the search is best first: planes over their normals, a monotone network's boxes
+    over the object's points (``covers``).
     """
     started = working_seconds()
     limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
     f, region = of_points(bounder), QUERIES[bounder.query_kind].is_region
-    searched = not isinstance(grid, IndicatorGrid) and not bounder.exact_on_hull(grid)
+    searched = not isinstance(grid, Grid) and not bounder.exact_on_hull(grid)
     if searched and (not region or f is not bounder):
         positives = ShapePositives(f, grid)
         if points is None or not len(points):
@@ -85,12 +89,12 @@ def least_value(
         return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
     kind = COVERS[bounder.query_kind]
     known = np.empty((0, bounder.domain.ndim)) if points is None else points
-    if not isinstance(grid, IndicatorGrid) and kind.pieces:
+    if not isinstance(grid, Grid) and kind.pieces:
         if not len(known):
             border = border_points(grid, STARTS, np.random.default_rng(0))
             known = kind.at_points(bounder.domain.base.to_local(border), bounder)
         return least_region(bounder, grid, float(bounder.reference(known).min()), **limits)
-    found = charted(bounder, grid)
+    found = parametrized(bounder, grid)
     if found is None:
         return minimum(*kind.best_first(bounder, grid), points=points, **limits)
     if not len(known):
@@ -101,7 +105,7 @@ def least_value(
 
 def prove(
     bounder: Bounder,
-    grid: IndicatorGrid,
+    grid: Grid,
     *,
     eps: float = 1e-3,
     seconds: float = float("inf"),
@@ -142,7 +146,7 @@ def prove(
     return search
 
 
-def prove_or_attest(
+def prove_or_test(
     bounder: Bounder,
     grid: Shape,
     *,
@@ -165,7 +169,7 @@ def prove_or_attest(
         start = np.concatenate([bounder.domain.to_object(points), start])
     start = start.astype(np.float32)
     values = walk.down(start[grid.contains(start)])[1]
-    attest(bounder, grid, least=float(values.min(initial=np.inf)), room=ROOM, seed=seed)
+    statistical_test(bounder, grid, least=float(values.min(initial=np.inf)), room=ROOM, seed=seed)
     return None
 
 
@@ -188,9 +192,9 @@ def prove_distance(
         raise BounderError(f"{bounder.method}: {reason}")
     if bounder.volume is None:
         started = working_seconds()
-        excess, boxes, complete, _ = largest_excess(bounder, shape, seconds)
-        least, spent = -float(excess.max()), working_seconds() - started
-        bounder.relieve(excess)
+        overestimate, boxes, complete, _ = largest_overestimate(bounder, shape, seconds)
+        least, spent = -float(overestimate.max()), working_seconds() - started
+        bounder.relieve(overestimate)
     elif of_volume is None or not of_volume.proven:
         volume = f"a volume that is proven, and {shape.name} certifies no box to be empty"
         raise BounderError(f"{bounder.method}: a distance needs {volume}")
@@ -240,10 +244,10 @@ MOST_RESOLUTION = 1024
 # itself.
 CELL_SHARES, FIRST_SHARE, FINER_TIMES, SHAPE_TIMES = (1.0, 2.0, 3.0), 0.7, 2.5, 8.0
 
-_CELLS: WeakKeyDictionary[Shape, dict[int, IndicatorGrid]] = WeakKeyDictionary()
+_CELLS: WeakKeyDictionary[Shape, dict[int, Grid]] = WeakKeyDictionary()
 
 
-def coarse_cells(shape: Shape, share: float = 1.0) -> IndicatorGrid:
+def coarse_cells(shape: Shape, share: float = 1.0) -> Grid:
     """Cells that hold a shape, its margin included; a ``share`` of the usual number along its longest side."""
     usual, most = (count ** (1 / shape.ndim) for count in (CELLS, MOST_CELLS))
     resolution = round(min(share * usual, most, MOST_RESOLUTION))
@@ -254,7 +258,7 @@ def coarse_cells(shape: Shape, share: float = 1.0) -> IndicatorGrid:
 
 
 class ShapeRegions:
-    """P_delta of a shape for rays or boxes of a network, as boxes of chart numbers z.
+    """P_delta of a shape for rays or boxes of a network, as boxes of parametrization numbers z.
 
     Coarse cells come first, and the shape itself where they fail.
 
@@ -270,10 +274,10 @@ class ShapeRegions:
         narrowest: See ``search.NARROWEST``.
     """
 
-    def __init__(self, bounder: Mlp, shape: Shape, cells: IndicatorGrid, narrowest: float = NARROWEST):
+    def __init__(self, bounder: Mlp, shape: Shape, cells: Grid, narrowest: float = NARROWEST):
         self.bounder, self.shape, self.cells, self.domain = bounder, shape, cells, bounder.domain
         self.kind, self._query = COVERS[bounder.query_kind], QUERIES[bounder.query_kind]
-        self.cover = self.kind.charted(bounder, cells)
+        self.cover = self.kind.parametrized(bounder, cells)
         self._narrow = narrowest + self._sides(self.cover.lower[:1], self.cover.lower[:1]).max(initial=0.0)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -289,7 +293,7 @@ class ShapeRegions:
         return self.cover.coordinates(z)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``ShapePositives``; ``boxes`` are without what the chart has cut off, by the cells."""
+        """See ``ShapePositives``; ``boxes`` are without what the parametrization has cut off, by the cells."""
         return self.cover.bound(lower, upper)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -306,11 +310,11 @@ class ShapeRegions:
             vacant[left] = empty.reshape(shape[:2]).all(axis=1)
         return vacant
 
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
-        """See ``ShapePositives``; corners are without what the chart has cut off."""
+    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
+        """See ``ShapePositives``; corners are without what the parametrization has cut off."""
         low, high = bounds.boxes.swapaxes(0, 1)
         least = np.where(self.vacant(low, high), np.inf, bounds.lower)
-        return HeldBounds(least, bounds.axis, (low, high), np.zeros(len(low), dtype=bool))
+        return CachedBounds(least, bounds.axis, (low, high), np.zeros(len(low), dtype=bool))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``ShapePositives``."""
@@ -318,7 +322,7 @@ class ShapeRegions:
 
     def _sides(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """``(N, ndim)`` sides of the boxes of v that boxes of z can reach, noise included."""
-        low, high = self.cover.chart.hull(lower, upper, self.cover.numbers)
+        low, high = self.cover.parametrization.hull(lower, upper, self.cover.numbers)
         return high - low
 
     def holds(self, z: np.ndarray) -> np.ndarray:
@@ -342,7 +346,7 @@ def least_region(
     A bound over cells that hold the shape holds for the shape. Coarse cells come first, then finer ones as long as time
     is expected to suffice, and at last the shape itself. ``needed`` of the result is about the first cells alone.
     """
-    started, cover_of, best = working_seconds(), COVERS[bounder.query_kind].charted, None
+    started, cover_of, best = working_seconds(), COVERS[bounder.query_kind].parametrized, None
 
     def left(share: float = 1.0) -> dict[str, float]:
         spent, done = working_seconds() - started, best.boxes if best else 0
@@ -419,7 +423,7 @@ def prove_local(
         "boxes": boxes,
         "progress": progress,
     }
-    if isinstance(shape, IndicatorGrid):
+    if isinstance(shape, Grid):
         f, *corners = COVERS[member.query_kind].best_first(member, shape)
         positives = None
     else:
@@ -530,13 +534,13 @@ def corners(lattice: Lattice) -> tuple[np.ndarray, np.ndarray]:
 
 def in_part(cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray) -> ChartedPositives:
     """The positives with coordinates v between two corners ``(n,)``."""
-    chart = PartChart.of(cover.chart, cover.numbers)
-    return replace(cover, chart=chart, numbers=np.concatenate([cover.numbers, lower, upper]))
+    parametrization = PartParametrization.of(cover.parametrization, cover.numbers)
+    return replace(cover, parametrization=parametrization, numbers=np.concatenate([cover.numbers, lower, upper]))
 
 
 def meeting(cover: ChartedPositives, lattice: Lattice) -> Iterator[tuple[int, ChartedPositives]]:
     """The parts that the boxes of a cover may meet, each with the positives in it."""
-    low, high = cover.chart.hull(cover.lower, cover.upper, cover.numbers)
+    low, high = cover.parametrization.hull(cover.lower, cover.upper, cover.numbers)
     for part, (lower, upper) in enumerate(zip(*corners(lattice), strict=True)):
         meets = ((low <= upper) & (high >= lower)).all(axis=1)
         if meets.any():
@@ -558,8 +562,9 @@ def least_by_part(
 ) -> tuple[np.ndarray, np.ndarray, Search]:
     """Certified least f of the positives of each part, for rays and boxes: each part is a search of its own.
 
-    The chart of a part (``networks.charts.PartChart``) holds the positives whose coordinates v lie in it. A part's
-    search that runs out of time is loose in that part only; and no part is looser than the whole domain, which is
+    The parametrization of a part (``networks.parametrizations.PartParametrization``) holds the positives whose
+    coordinates v lie in it. A part's search that runs out of time is loose in that part only; and no part is looser
+    than the whole domain, which is
     searched first.
 
     Args:

@@ -9,7 +9,7 @@ found. Boxes wait in chunks, and the chunk whose boxes matter most comes first, 
 else is said, so that a search that is stopped early has raised its bound as far as it could. When many wait, those are
 closed as they are that will not matter by the end, as far as that can be told, and when too many do, the half that
 matters least: memory stays bounded, and the search goes on where it counts, but it can no longer end with the gap that
-was asked for.
+was requested.
 
 *A shape without cells* (``ShapePositives``): the search begins with the whole domain. Where the bound of f is too low
 in a box, the shape is asked whether the box is vacant: whether no v in it can come from a point of the object, with
@@ -18,8 +18,9 @@ bounder says *no*, or nearly so, and most of the domain is never refined. A shap
 a box (``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``bound_in_half_spaces``).
 A box that has become ``NARROWEST`` on every axis counts as object.
 
-*Depth first* (``charted_minimum``), in a kernel, over boxes of a chart's numbers: it proves ``f >= target``, or the
-highest target that time allows. A box is closed when its bound reaches the target (``CLOSE_ALL``, minus infinity, is
+*Depth first* (``charted_minimum``), in a kernel, over boxes of a parametrization's numbers: it proves ``f >= target``,
+or the highest target that time allows. A box is closed when its bound reaches the target (``CLOSE_ALL``, minus
+infinity, is
 reached by any), or because it is too narrow to be halved; it is never opened again. The target is proven when no box
 waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the target alone, not on the
 order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all in order, and
@@ -39,14 +40,12 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.activations import constant, constants
-from warp_bounding.arithmetic import UNIT64
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.indicators.shape import HalfSpaces, Shape
 from warp_bounding.networks.bounds import (
     AXIS,
     BoxBounds,
-    Chart,
     NetworkShape,
+    Parametrization,
     body,
     double_array,
     lanes_text,
@@ -54,8 +53,10 @@ from warp_bounding.networks.bounds import (
 )
 from warp_bounding.networks.network import Network
 from warp_bounding.queries.domain import GROWTH, Domain
+from warp_bounding.rounding import UNIT64
 from warp_bounding.runtime.launch import launch_blocks, working_seconds
 from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.shapes.shape import HalfSpaces, Shape
 
 # --- best first ------------------------------------------------------------------------------------------------------
 
@@ -83,7 +84,7 @@ class Search:
         seconds: Wall time.
         complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
         needed: Seconds that a complete search is expected to take; infinity where that is not known.
-        numbers: ``(K, Z)``, the lowest points as numbers of a chart, where there is one.
+        numbers: ``(K, Z)``, the lowest points as numbers of a parametrization, where there is one.
         by_group: ``(G,)``, the same as ``lower_bound`` of each group of boxes by itself.
     """
 
@@ -117,8 +118,8 @@ def minimum(
 ) -> Search:
     """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
 
-    Boxes may be told apart by groups, each with a minimum of its own: one is not searched for less than itself, and a
-    search that runs out of time is loose in the groups only that are not done.
+    Boxes may be distinguished by groups, each with a minimum of its own: one is not searched for less than itself, and
+    a search that runs out of time is loose in the groups only that are not done.
 
     Args:
         bounder: The bounder of ``f``.
@@ -151,7 +152,7 @@ def minimum(
     resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
     eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
 
-    def goals() -> np.ndarray:
+    def targets() -> np.ndarray:
         """Which groups f are decided: near the least value found, or no less than what has been closed."""
         return np.minimum(best - eps, closed)
 
@@ -163,7 +164,7 @@ def minimum(
     def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, group: np.ndarray, _) -> list[_Chunk]:
         """Bound a chunk; its halves that stay open, in chunks."""
         nonlocal done, low_points, low_values
-        open_ = parent < goals()[group]
+        open_ = parent < targets()[group]
         np.minimum.at(closed, group[~open_], parent[~open_])
         low, high, parent, group = low[open_], high[open_], parent[open_], group[open_]
         if not len(low):
@@ -174,18 +175,18 @@ def minimum(
         points, values, of_points, axis = bounds.point, bounds.value, group, bounds.axis.copy()
         if positives is not None:
             small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
-            asked = np.flatnonzero(bound < goals()[group])
-            goal = goals()[group[asked]]
-            held = positives.held(low[asked], high[asked], bounds.part(asked), goal)
-            bound[asked], axis[asked] = np.fmax(held.lower, bound[asked]), held.axis
-            low[asked], high[asked] = held.corners
-            np.minimum.at(closed, group[asked[held.cut]], goal[held.cut])
+            queried = np.flatnonzero(bound < targets()[group])
+            goal = targets()[group[queried]]
+            held = positives.held(low[queried], high[queried], bounds.part(queried), goal)
+            bound[queried], axis[queried] = np.fmax(held.lower, bound[queried]), held.axis
+            low[queried], high[queried] = held.corners
+            np.minimum.at(closed, group[queried[held.cut]], goal[held.cut])
             near = np.flatnonzero((bound < np.inf) & (values < (best + NEAR * eps)[group]))
             near = near[positives.holds(points[near])]
             points, values, of_points = points[near], values[near], group[near]
         low_points, low_values = lowest(low_points, low_values, points, values)
         np.minimum.at(best, of_points, values)
-        open_ = bound < goals()[group]
+        open_ = bound < targets()[group]
         if positives is not None:
             open_ &= ~small
         np.minimum.at(closed, group[~open_], bound[~open_])
@@ -257,13 +258,13 @@ def _chunks(*columns: np.ndarray) -> list[_Chunk]:
 def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk], list[_Chunk]]:
     """The boxes of prices above a level, the ``most`` highest if there are more, and the others."""
     price = np.concatenate([chunk.price for chunk in chunks])
-    dear = price > level
-    if dear.sum() > most:
-        dear = np.zeros(len(price), dtype=bool)
-        dear[np.argpartition(-price, most)[:most]] = True
+    expensive = price > level
+    if expensive.sum() > most:
+        expensive = np.zeros(len(price), dtype=bool)
+        expensive[np.argpartition(-price, most)[:most]] = True
     kept, rest, begin = [], [], 0
     for chunk in chunks:
-        own, begin = dear[begin : begin + len(chunk.price)], begin + len(chunk.price)
+        own, begin = expensive[begin : begin + len(chunk.price)], begin + len(chunk.price)
         for part, held in ((own, kept), (~own, rest)):
             if part.any():
                 held.append(_Chunk(*(each[part] for each in chunk)))
@@ -302,7 +303,7 @@ def lowest(
 ROUNDINGS = 128.0
 
 
-class HeldBounds(NamedTuple):
+class CachedBounds(NamedTuple):
     """What is known about f over those v of N boxes that come from points of the object.
 
     Attributes:
@@ -321,7 +322,7 @@ class HeldBounds(NamedTuple):
 
 def bound_in_half_spaces(
     domain: Domain, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, known: HalfSpaces, target: np.ndarray
-) -> HeldBounds:
+) -> CachedBounds:
     """Bounds of f over the v of boxes that come from points of half-spaces.
 
     With ``f >= a + b . zeta``, ``|zeta| <= 1``, on the box, and ``c + d . zeta >= 0`` for every v of such a point, f is
@@ -367,7 +368,7 @@ def bound_in_half_spaces(
     room = ROUNDINGS * UNIT64 * away
     low, high = np.maximum(lower, center + radius * low - room), np.minimum(upper, center + radius * high + room)
     cut = ((low > lower) | (high < upper)).any(axis=1)
-    return HeldBounds(least, np.where(by_shape, known.axis, bounds.axis), (low, high), cut)
+    return CachedBounds(least, np.where(by_shape, known.axis, bounds.axis), (low, high), cut)
 
 
 def _cut(low: np.ndarray, high: np.ndarray, rest: np.ndarray, line: np.ndarray) -> None:
@@ -425,7 +426,7 @@ class ShapePositives:
         """``(N,)`` bool, certified: nothing in the closed box can come from a positive."""
         return self.shape.empty(*self.domain.origins(lower, upper))
 
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> HeldBounds:
+    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
         """What is known of f over what in boxes comes from positives.
 
         Args:
@@ -437,7 +438,7 @@ class ShapePositives:
         known = None if bounds.slope is None else self.shape.half_spaces(*self.domain.origins(lower, upper))
         if known is None:
             least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
-            return HeldBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
+            return CachedBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
         found = bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
         return found._replace(axis=_unless_flat(found.corners[1] - found.corners[0], found.axis))
 
@@ -461,7 +462,8 @@ def _unless_flat(side: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 STACK = 1024  # boxes that a block can hold; a stack grows by one box for each lane and level, of about 60 levels
 RARELY = 4  # f is tried once in so many steps: it takes a quarter of the time of a bound, and seldom tells anything new
-SMALLEST = 1e-8  # in the chart's numbers: a box no wider than this is closed, since halving would not raise its bound
+# in the parametrization's numbers: a box no wider than this is closed, since halving would not raise its bound
+SMALLEST = 1e-8
 KEPT = 8  # low points that a block returns
 
 
@@ -516,10 +518,17 @@ heights.data[block] = held; initials.data[block] = initial; done_out.data[block]
 
 def _snippet(shape: NetworkShape) -> str:
     names = "const double* w = weights.data; const double* padding = paddings.data;\n"
-    names += constants(BOX=shape.chart.size, ROW=2 * shape.chart.size, STACK=STACK, RARELY=RARELY, KEPT=KEPT)
+    names += constants(
+        BOX=shape.parametrization.size, ROW=2 * shape.parametrization.size, STACK=STACK, RARELY=RARELY, KEPT=KEPT
+    )
     names += f" constexpr double SMALLEST = {constant(SMALLEST)};"
     cpu, cuda = lanes_text(shape, names)
-    parts = {"LOAD": load_text("stack", "j"), "BODY": body(shape, "tried"), "AXIS": AXIS, "SPLIT": shape.chart.split}
+    parts = {
+        "LOAD": load_text("stack", "j"),
+        "BODY": body(shape, "tried"),
+        "AXIS": AXIS,
+        "SPLIT": shape.parametrization.split,
+    }
     search = re.sub(r"\b(LOAD|BODY|AXIS|SPLIT)\b", lambda part: parts[part.group()], _SEARCH)
     return f"""
 #if !defined(__CUDA_ARCH__)
@@ -535,7 +544,7 @@ def _snippet(shape: NetworkShape) -> str:
 
 @cache
 def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
-    """The kernel for a network and a chart; a thread searches the block ``block + wp.tid()``.
+    """The kernel for a network and a parametrization; a thread searches the block ``block + wp.tid()``.
 
     It reads and writes ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32, the number of
     boxes on each stack, and ``initials`` ``(blocks,)`` int32, how many of the lowest of these are initial boxes. It
@@ -585,7 +594,7 @@ class Pace:
     """The gap between the least value known and the target of a search, as time goes on.
 
     Args:
-        gap: The first gap, which is the best one that is asked for.
+        gap: The first gap, which is the best one that is requested.
         used: Fraction of the limits (time, boxes) that preparations have used.
 
     Attributes:
@@ -656,21 +665,21 @@ STATE = 3  # arrays of the blocks' state: stacks, heights, and how many boxes of
 
 @dataclass(frozen=True)
 class ChartedPositives:
-    """An object's positives as boxes of a chart's numbers z, and the network whose f is bounded there."""
+    """An object's positives as boxes of a parametrization's numbers z, and the network whose f is bounded there."""
 
     network: Network  # of f
-    chart: Chart  # how numbers z become a query
+    parametrization: Parametrization  # how numbers z become a query
     lower: np.ndarray  # ``(N, Z)`` float64, corners of boxes that cover all positives, with what the pipeline rounds
     upper: np.ndarray  # ``(N, Z)`` float64
-    numbers: np.ndarray  # float64 parameters of the chart
+    numbers: np.ndarray  # float64 parameters of the parametrization
     limit: np.ndarray  # ``(K,)``, largest inputs of the network that boxes reach, noise included
-    table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))  # int32 parameters of the chart
+    table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))  # int32 parameters of the parametrization
     terms: np.ndarray | None = None  # ``(K,)``, of the sum of an input's absolute terms over a box; ``None``: limit
 
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
         more = self.limit, self.terms, self.numbers, self.table, device
-        return self.network.bound_charted(self.chart, lower, upper, *more)
+        return self.network.bound_charted(self.parametrization, lower, upper, *more)
 
     @property
     def padding(self) -> np.ndarray:
@@ -678,8 +687,8 @@ class ChartedPositives:
         return self.network.padding_for(self.limit, self.terms)
 
     def coordinates(self, z: np.ndarray) -> np.ndarray:
-        """Coordinates ``v`` of a query for numbers of the chart."""
-        return self.chart.coordinates(z, self.numbers)
+        """Coordinates ``v`` of a query for numbers of the parametrization."""
+        return self.parametrization.coordinates(z, self.numbers)
 
 
 class Descent:
@@ -691,14 +700,14 @@ class Descent:
         least: Least bound of a closed box.
         begun: Fraction of the initial boxes that are done or begun.
         stuck: Whether the last step could not do anything, because every stack is full.
-        points: ``(K, Z)``, the lowest positives found, numbers of the chart, lowest first.
+        points: ``(K, Z)``, the lowest positives found, numbers of the parametrization, lowest first.
         values: ``(K,)``, f there.
     """
 
     def __init__(self, cover: ChartedPositives, device: str):
         dev = wp.get_device(device)
-        self._kernel, self._device = depth_first_kernel(cover.network.kernel_shape(cover.chart)), dev
-        blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.chart.size
+        self._kernel, self._device = depth_first_kernel(cover.network.kernel_shape(cover.parametrization)), dev
+        blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.parametrization.size
         self._stacks = np.empty((blocks, STACK, 2, size))
         self._heights, self._initial = np.zeros(blocks, np.int32), np.zeros(blocks, np.int32)
         self._done, self._closed = np.zeros(blocks, np.int64), np.full(blocks, np.inf)
@@ -875,7 +884,10 @@ def divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositi
         bounds = cover.bound(lower, upper, device)
         some = ~np.isposinf(bounds.lower)  # infinity is the bound of a box without positives
         boxes, axis, row = bounds.boxes[some], bounds.axis[some], np.arange(np.count_nonzero(some))
-        (lower, upper), middle = boxes.swapaxes(0, 1), cover.chart.middle(boxes[row, 0, axis], boxes[row, 1, axis])
+        (lower, upper), middle = (
+            boxes.swapaxes(0, 1),
+            cover.parametrization.middle(boxes[row, 0, axis], boxes[row, 1, axis]),
+        )
         less, more = upper.copy(), lower.copy()
         less[row, axis] = more[row, axis] = middle
         lower, upper = np.concatenate([lower, more]), np.concatenate([less, upper])

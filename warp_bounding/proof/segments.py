@@ -12,7 +12,7 @@ map, which is at least a hundred times as much. Clipping errs outwards by ``INSI
 t times w. Segments that lie farther out are not cleared.
 
 Of joints, a segment is one of configurations that are not turned back: it may turn a joint many times. It is cut where
-a continuous joint has made half a turn more, and each piece is asked about in the turn around 0, a little wider than
+a continuous joint has made half a turn more, and each piece is queried about in the turn around 0, a little wider than
 one (``joints.WIDER``), so that it does not matter what the place of a cut rounds. What the piece itself is off by,
 ``PIECE`` of the largest coordinate, counts as above: far less than delta. A segment that goes beyond a limit is not
 cleared.
@@ -20,7 +20,6 @@ cleared.
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.batch import Framed
 from warp_bounding.bounders.bounder import DISTANCES, Bounder
 from warp_bounding.bounders.cascade import Cascade
@@ -29,11 +28,12 @@ from warp_bounding.bounders.mlp import Local, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.indicators.joints import Joints
 from warp_bounding.networks.bounds import bound_boxes
-from warp_bounding.networks.charts import SegmentChart
+from warp_bounding.networks.parametrizations import SegmentParametrization
 from warp_bounding.proof.search import halve
 from warp_bounding.queries.distance import DistanceDomain
+from warp_bounding.rounding import round_down
+from warp_bounding.shapes.joints import Joints
 
 __all__ = ["clear_segments"]
 
@@ -73,7 +73,7 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     Example:
         >>> network = wb.fit(ball, method="mlp", hidden=(8,), steps=3, device="cpu")
         >>> starts = np.array([[9.0, 9.0, 9.0], [0.0, 0.0, 0.0]])
-        >>> wb.clear_segments(network, starts, np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
+        >>> wb.proof.clear_segments(network, starts, np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
     if isinstance(bounder, Framed):
@@ -148,7 +148,7 @@ def _cleared(bounder, starts: np.ndarray, ends: np.ndarray, depth: int) -> np.nd
     a, w, owner = a[inside], w[inside], segments[inside]
     low = np.concatenate([a, w, first[inside, None]], axis=1)
     high = np.concatenate([a, w, last[inside, None]], axis=1)
-    whole = _asked(bounder, bounder.ndim)
+    whole = _queried(bounder, bounder.ndim)
     along = 2 * bounder.ndim
     failed = ~known
     for level in range(depth + 1):
@@ -197,16 +197,16 @@ def _of_networks(bounder: Bounder) -> bool:
     return isinstance(bounder, Mlp | Local)
 
 
-def _asked(bounder: Bounder, ndim: int) -> "_Part | _Parts":
+def _queried(bounder: Bounder, ndim: int) -> "_Part | _Parts":
     """What is asked about pieces."""
     if isinstance(bounder, Union):
-        return _Parts([_asked(part, ndim) for part in bounder.members], False)
+        return _Parts([_queried(part, ndim) for part in bounder.members], False)
     if isinstance(bounder, MlpDistance):
         return _MovingDistance(bounder, ndim)
     if isinstance(bounder, Local):
         return _LocalPart(bounder, ndim)
     if len(bounder.parts) > 1:
-        return _Parts([_asked(part, ndim) for part in bounder.parts], True)
+        return _Parts([_queried(part, ndim) for part in bounder.parts], True)
     return _Part(bounder.parts[0], ndim)
 
 
@@ -217,16 +217,16 @@ class _Parts:
         self.parts, self.all_must = parts, all_must
 
     def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        return self._told(
+        return self._reported(
             [lambda rows, part=part: part.clears(low[rows], high[rows]) for part in self.parts], len(low), self.all_must
         )
 
     def lets_through(self, points: np.ndarray) -> np.ndarray:
         asked = [lambda rows, part=part: part.lets_through(points[rows]) for part in self.parts]
-        return self._told(asked, len(points), not self.all_must)
+        return self._reported(asked, len(points), not self.all_must)
 
     @staticmethod
-    def _told(asked: list, count: int, any_will_do: bool) -> np.ndarray:
+    def _reported(asked: list, count: int, any_will_do: bool) -> np.ndarray:
         """``(count,)`` bool; each is asked only about the rows that those before it have left open."""
         found = np.full(count, not any_will_do)
         for ask in asked:
@@ -250,7 +250,7 @@ class _Part:
     def _bound(self, part: Mlp | MlpDistance, ndim: int, sign: float = 1.0) -> None:
         """Keep what bounds of -f along a piece need, or of f for the sign -1."""
         network, own = part.network, np.arange(part.ndim)
-        self.shape, self.part = network.kernel_shape(SegmentChart(part.ndim)), part
+        self.shape, self.part = network.kernel_shape(SegmentParametrization(part.ndim)), part
         self.columns = [*own, *(own + ndim), 2 * ndim]
         self.weights = network.packed.copy()
         self.weights[-1 - network.output.weight.shape[1] :] *= -sign  # the output layer's, so that -f is bounded

@@ -2,8 +2,9 @@
 
 All three put certain positives to the deployed kernels. None of them proves anything.
 
-*Statistical test* (``attest``). With N independent positives of a stated distribution and none denied, the rate of
-false negatives *under that distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper and
+*Statistical test* (``statistical_test``). With N independent positives of a stated distribution and none denied, the
+rate of false negatives *under that distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper
+and
 Pearson 1934), about 3/N at 95 %. (Half of the positives come from each of two proposals, which only strengthens this,
 by the inequality of the means.) The threshold is frozen first, by a search that earns no confidence, and the rule that
 ends the count, a number or a time, must not depend on the answers. A failure lowers the threshold, and the count begins
@@ -15,7 +16,8 @@ them together no more than alpha. Whoever made the bounder must not know the pos
 query, and the deployed kernel computes its f, so a query that is found with f below a threshold is a false negative at
 that threshold.
 
-*Stress test* (``soak``). Hard positives by the hundred million contradict proofs, kernels, compilers and machines. They
+*Stress test* (``stress_test``). Hard positives by the hundred million contradict proofs, kernels, compilers and
+machines. They
 are certain by construction: ``HardStream`` for points and regions, ``DistancePositives`` for distances. Chunk k of a
 stream depends on the seed and k alone, so that a test can be stopped, resumed and repeated.
 """
@@ -31,7 +33,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.file_format import digest_of
@@ -39,15 +40,16 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, document, fn_rate_bound
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.search import Search
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives, World, draw_positives
+from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.runtime.whole_file import check_writable, write_whole
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import IN, Shape
 
 CONFIDENCE = 0.95  # 1 - alpha
 POSITIVES = 1_000_000  # fresh positives of a statistical test
@@ -103,7 +105,7 @@ def try_positives(
             Fewer positives are then asked, possibly none.
 
     Returns:
-        How many were asked, the least f among them (as the device computes it), and the first query that was answered
+        How many were queried, the least f among them (as the device computes it), and the first query that was answered
         with *no* (``None`` if there is none; the count ends there).
     """
     started, done, least, longest = working_seconds(), 0, np.inf, 0.0
@@ -119,7 +121,7 @@ def try_positives(
     return done, least, None
 
 
-def attest(
+def statistical_test(
     bounder: Bounder,
     grid: Shape,
     *,
@@ -174,7 +176,7 @@ def attest(
         below = f"{least - search.lower_bound:.3g} below the least one known"
         tried = f"A proof did not end in {search.seconds:.3g} s: {shows}, {below}."
     threshold, spent = float(bounder.threshold), working_seconds() - started
-    # No f was computed where every positive was answered without one, or none was asked.
+    # No f was computed where every positive was answered without one, or none was queried.
     margin = lowest - threshold if np.isfinite(lowest) else None
     counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE, "worst_margin": margin}
     counts |= {"numbers": f"The threshold was set by an adversarial search. {tried}", "restarts": restart}
@@ -268,13 +270,13 @@ class HardStream:
     """Hard positives put to a bounder: in float32, in float64, and in the world where its certificate covers that.
 
     Args:
-        bounder: Who is asked.
+        bounder: Who is queried.
         shape: The object.
         positives: Those of the shape, where they are known already.
     """
 
     def __init__(self, bounder: Bounder, shape: Shape, positives: HardPositives | HardShapePositives | None = None):
-        kind = HardPositives if isinstance(shape, IndicatorGrid) else HardShapePositives
+        kind = HardPositives if isinstance(shape, Grid) else HardShapePositives
         about = bounder.query_kind, shape, bounder.domain.oracle_length, bounder.device
         self.bounder, self.shape, self.positives = bounder, shape, positives or kind(*about)
         self.forms, self.cycle = FORMS, CYCLE
@@ -296,7 +298,7 @@ class HardStream:
             return form, len(x), None
         q, kind = x[missed[0]], self.positives.kind
         if world is None and not kind.certain(self.shape, q[None], self.positives.length)[0]:
-            raise BounderError(f"the soak drew a {kind.name} that does not meet the object: {q.tolist()}")
+            raise BounderError(f"the stress test drew a {kind.name} that does not meet the object: {q.tolist()}")
         placed = {name: np.asarray(value).tolist() for name, value in options.items()} or None
         return form, len(x), Missed(q.tolist(), form, placed)
 
@@ -337,11 +339,11 @@ class DistancePositives:
 
     Each is certain, from certified points p of the object and certified upper bounds of distances, in float64 with a
     margin for its rounding; one that is answered with *no*, or a time of contact behind one that is known, is a false
-    negative. Of a shape that moves, p is a point of time and space: balls are asked at its time, and segments pass it
+    negative. Of a shape that moves, p is a point of time and space: balls are queried at its time, and segments pass it
     then.
 
     Args:
-        bounder: Who is asked.
+        bounder: Who is queried.
         shape: The object.
 
     Raises:
@@ -460,14 +462,14 @@ def _passing(a: np.ndarray, w: np.ndarray, p: np.ndarray, speed: float | None = 
 
 
 @dataclass
-class Soak:
+class StressResult:
     """How far a stress test has come.
 
     Attributes:
         method: The bounder's method.
         query: Kind of query.
         seed: Seed of the stream.
-        wanted: Positives that were to be asked.
+        wanted: Positives that were to be queried.
         done: Positives asked in whole chunks; the chunk with a missed one is not among them.
         chunks: Whole chunks of the stream that are done.
         forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays,
@@ -481,8 +483,8 @@ class Soak:
         indicator: SHA-256 of the cells.
 
     Example:
-        >>> from warp_bounding.proof import soak
-        >>> result = soak(bounder, grid, 10_000, seed=1)
+        >>> from warp_bounding.proof import stress_test
+        >>> result = stress_test(bounder, grid, 10_000, seed=1)
         >>> result.missed is None, result.complete
         (True, True)
     """
@@ -504,10 +506,10 @@ class Soak:
 
     @property
     def complete(self) -> bool:
-        """Whether as many as wanted were asked, or a false negative was found.
+        """Whether as many as wanted were queried, or a false negative was found.
 
         Example:
-            >>> soak(bounder, grid, 1000, seed=1).complete
+            >>> stress_test(bounder, grid, 1000, seed=1).complete
             True
         """
         return self.done >= self.wanted or self.missed is not None
@@ -517,7 +519,7 @@ class Soak:
         """Positives per second.
 
         Example:
-            >>> soak(bounder, grid, 1000, seed=1).rate > 0
+            >>> stress_test(bounder, grid, 1000, seed=1).rate > 0
             True
         """
         return self.done / self.seconds if self.seconds else 0.0
@@ -526,13 +528,13 @@ class Soak:
         """JSON-ready.
 
         Example:
-            >>> soak(bounder, grid, 1000, seed=1).to_dict()["query"]
+            >>> stress_test(bounder, grid, 1000, seed=1).to_dict()["query"]
             'point'
         """
         return asdict(self)
 
 
-def soak(
+def stress_test(
     bounder: Bounder | str | Path,
     shape,
     count: int = 100_000_000,
@@ -541,13 +543,13 @@ def soak(
     state: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
     seconds: float = float("inf"),
-) -> Soak:
-    """Ask a bounder hard positives until one is missed, or enough were asked.
+) -> StressResult:
+    """Ask a bounder hard positives until one is missed, or enough were queried.
 
     Args:
         bounder: The bounder, or the path of its file.
-        shape: The shape that it bounds, or anything that ``load_indicator`` takes.
-        count: Positives to ask. Whole chunks are asked, so there may be some more.
+        shape: The shape that it bounds, or anything that ``load_shape`` takes.
+        count: Positives to ask. Whole chunks are queried, so there may be some more.
         seed: Seed of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
         state: JSON file that is written during the test. If it exists, the test is continued from it, and the seed must
             be the same.
@@ -572,7 +574,7 @@ def soak(
     about = {"method": bounder.method, "query": bounder.query_kind, "sizes": bounder.sizes}
     about |= {"domain": bounder.domain.to_dict(), "threshold": float(bounder.threshold)}
     digest = digest_of(bounder.tensors, about)  # of what the answers depend on
-    result = Soak(bounder.method, bounder.query_kind, -1, int(count), digest, shape.digest)
+    result = StressResult(bounder.method, bounder.query_kind, -1, int(count), digest, shape.digest)
     far = bounder.of_distances
     result.forms = dict.fromkeys(DISTANCE_FORMS if far else FORMS, 0)
     result = _resumed(result, None if seed is None else int(seed), state)
@@ -582,13 +584,13 @@ def soak(
     before, stream = result.seconds, (DistancePositives if far else HardStream)(bounder, shape)
     try:
         while not result.complete and time.perf_counter() - started < seconds:
-            form, asked, missed = stream.ask(result.seed, result.chunks, CHUNK)
+            form, queried, missed = stream.ask(result.seed, result.chunks, CHUNK)
             # changed only now, so that an interruption leaves no half of a chunk
             if missed is not None:
                 result.missed, result.missed_form, result.missed_world = missed
             else:
-                result.done, result.chunks = result.done + asked, result.chunks + 1
-                result.forms[form] += asked
+                result.done, result.chunks = result.done + queried, result.chunks + 1
+                result.forms[form] += queried
             result.seconds = round(before + time.perf_counter() - started, 3)
             if progress:
                 progress(min(result.done, result.wanted), result.wanted, f"{result.rate / 1e6:.1f} million/s")
@@ -603,11 +605,11 @@ def soak(
     return result
 
 
-def _save(result: Soak, state: str | Path) -> None:
+def _save(result: StressResult, state: str | Path) -> None:
     write_whole(state, json.dumps({"soak": STATE, **result.to_dict()}, allow_nan=False).encode())
 
 
-def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
+def _resumed(fresh: StressResult, seed: int | None, state: str | Path | None) -> StressResult:
     """The test that the state file holds, or else ``fresh``; with its seed."""
     if state is None or not Path(state).is_file():
         fresh.seed = fresh_seed() if seed is None else seed
@@ -616,22 +618,22 @@ def _resumed(fresh: Soak, seed: int | None, state: str | Path | None) -> Soak:
     try:
         held = json.loads(Path(state).read_text())
         version = held.pop("soak")
-        old = Soak(**held) if version == STATE else fresh
+        old = StressResult(**held) if version == STATE else fresh
         numbers = (old.done, old.chunks, *old.forms.values())
         sound = all(type(v) is int and v >= 0 for v in numbers) and type(old.seed) is int
         sound = sound and set(old.forms) == set(fresh.forms) and sum(old.forms.values()) == old.done
         if not sound or not 0 <= float(old.seconds) < float("inf"):
             raise ValueError("numbers")
     except (ValueError, TypeError, KeyError, AttributeError, OSError, RecursionError) as error:
-        raise FileFormatError(f"{state}: not the state of a soak test, or damaged") from error
+        raise FileFormatError(f"{state}: not the state of a stress test, or damaged") from error
     if version != STATE:
-        told = f"{state}: the state of a soak of another version ({version!r}, this one is {STATE})"
-        raise FileFormatError(f"{told}; {remedy}")
+        reported = f"{state}: the state of a stress test of another version ({version!r}, this one is {STATE})"
+        raise FileFormatError(f"{reported}; {remedy}")
     fresh.seed = old.seed if seed is None else seed
     for name in ("bounder", "indicator", "seed"):
         if getattr(old, name) != getattr(fresh, name):
             what = "shape" if name == "indicator" else name
-            raise FileFormatError(f"{state}: the state of a soak of another {what}; {remedy}")
+            raise FileFormatError(f"{state}: the state of a stress test of another {what}; {remedy}")
     old.wanted, old.interrupted = fresh.wanted, False
     old.missed = old.missed_form = old.missed_world = None  # found again: its chunk does not count as done
     return old

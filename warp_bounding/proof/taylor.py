@@ -6,7 +6,7 @@ behind it somewhere between polynomial and activation (mean value theorem). That
 how far it can be from this is bounded layer by layer. So f is one polynomial of third degree, in which the terms of all
 neurons cancel, and a rest of fourth order. The search (``networks.bounds``) fits curves to intervals instead, and its
 bands are carried by linear coefficients. Neither text uses any of the other, nor does this one its rounding
-(``Network.padding``); the charts of rays and boxes are shared.
+(``Network.padding``); the parametrizations of rays and boxes are shared.
 
 Source: R. E. Moore, *Methods and Applications of Interval Analysis*, 1979, on mean value forms.
 """
@@ -19,12 +19,12 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.activations import constants
-from warp_bounding.arithmetic import UNIT64, gamma
 from warp_bounding.errors import BounderError
 from warp_bounding.networks import network as networks
-from warp_bounding.networks.bounds import BLOCK, BoxBounds, Chart, NetworkShape, double_array, load_text
+from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, Parametrization, double_array, load_text
 from warp_bounding.networks.bounds import text as lanes
 from warp_bounding.networks.network import Network
+from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, native_text, unique_name
 
@@ -43,7 +43,7 @@ class TaylorBounds:
     def boxes(
         self,
         network: Network,
-        chart: Chart,
+        parametrization: Parametrization,
         lower: np.ndarray,
         upper: np.ndarray,
         limit: np.ndarray,
@@ -52,13 +52,15 @@ class TaylorBounds:
         table: np.ndarray | None = None,
         device="cpu",
     ) -> BoxBounds:
-        """Certified lower bounds over boxes ``(N, Z)`` of a chart's numbers; see ``networks.bounds.SearchBounds``.
+        """Certified lower bounds over boxes ``(N, Z)`` of a parametrization's numbers.
+
+        See ``networks.bounds.SearchBounds``.
 
         Raises:
             BounderError: If arguments of an activation can leave the range in which it is certified.
         """
-        shape, (count, size) = network.kernel_shape(chart), lower.shape
-        device, columns = wp.get_device(device), chart.columns
+        shape, (count, size) = network.kernel_shape(parametrization), lower.shape
+        device, columns = wp.get_device(device), parametrization.columns
         pads = roundings(network, limit if terms is None else terms, limit)
         held = [
             np.concatenate([lower, upper], axis=1),
@@ -78,15 +80,17 @@ class TaylorBounds:
         least, value, level, point, slope = (each.numpy() for each in outputs)
         boxes, slope = boxes.numpy().reshape(count, 2, size), slope.reshape(count, columns)
         radius = (upper - lower) / 2
-        if chart.noisy:  # its numbers are not the inputs, in which a slope would be told
+        if parametrization.noisy:  # its numbers are not the inputs, in which a slope would be told
             slope = level = None
         else:
             slope = np.divide(slope, radius, out=np.zeros_like(slope), where=radius > 0)
         return BoxBounds(least, axis.numpy(), point.reshape(count, size), value, None, slope, level, boxes)
 
-    def corners(self, network: Network, chart: Chart, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+    def corners(
+        self, network: Network, parametrization: Parametrization, lower: np.ndarray, upper: np.ndarray
+    ) -> np.ndarray:
         """Linear bounds under f, as their values at the corners of boxes; see ``networks.bounds.SearchBounds``."""
-        bounds, n = self.boxes(network, chart, lower, upper, network.limit), lower.shape[1]
+        bounds, n = self.boxes(network, parametrization, lower, upper, network.limit), lower.shape[1]
         up = (np.arange(1 << n)[:, None] >> np.arange(n)) & 1
         moved = bounds.slope * ((upper - lower) / 2)
         size = (
@@ -138,11 +142,11 @@ def taylor_bounds() -> Iterator[None]:
 
 
 def _body(shape: NetworkShape) -> str:
-    chart, at, layers = shape.chart, 0, []
+    parametrization, at, layers = shape.parametrization, 0, []
     names = {layer[2] for layer in shape.layers}
     if unknown := names - set(ACTIVATIONS):
         raise BounderError(f"certify knows no bounds of the activation {', '.join(sorted(unknown))}")
-    forwards, backwards, values, c = "", "", "", chart.columns
+    forwards, backwards, values, c = "", "", "", parametrization.columns
     for index, (inputs, neurons, name, linear) in enumerate(shape.layers):
         bent = any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
         own = constants(
@@ -168,18 +172,20 @@ def _body(shape: NetworkShape) -> str:
         layers.append(neurons)
         at += neurons * (2 * inputs + 1)
     last, count = len(layers) - 1, layers[-1]
-    generators = " ".join(f"by_column[{k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(chart.pairs))
-    constraints = "".join(_constraint(chart, *each) for each in chart.constraints())
-    sizes = constants(K=shape.ndim, C=c, Z=chart.size, SQUARES=c * (c + 1) // 2, CUBES=c * (c + 1) * (c + 2) // 6)
+    generators = " ".join(f"by_column[{k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(parametrization.pairs))
+    constraints = "".join(_constraint(parametrization, *each) for each in parametrization.constraints())
+    sizes = constants(
+        K=shape.ndim, C=c, Z=parametrization.size, SQUARES=c * (c + 1) // 2, CUBES=c * (c + 1) * (c + 2) // 6
+    )
     return f"""
 {sizes}
 V least = zero, level = zero, value = zero, valid = zero + 1.0, dead = zero;
-V center[K], noise[K], rest[K], gen[{len(chart.pairs)}], h[K], z[Z], gradient[K], wide_gradient[K];
+V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K], wide_gradient[K];
 V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES], by_column[C][K];
 const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry; (void)valid;
 for (int i = 0; i < K; ++i) {{ noise[i] = rest[i] = zero; for (int k = 0; k < C; ++k) by_column[k][i] = zero; }}
-{chart.expand}
-{chart.owners}
+{parametrization.expand}
+{parametrization.owners}
 {generators}
 for (int k = 0; k < C; ++k) score[k] = slope[k] = zero;
 for (int e = 0; e < SQUARES; ++e) square[e] = zero;
@@ -196,11 +202,11 @@ for (int j = 0; j < {count}; ++j) {{
 }}
 {backwards}
 for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * (rest[i] + noise[i] * 1e-12) + wide_gradient[i] * noise[i];
-{chart.blame}
-{{ {chart.bend} }}
+{parametrization.blame}
+{{ {parametrization.bend} }}
 {text.CLOSE.replace("CONSTRAINTS", constraints)}
 {{
-    {chart.realize}
+    {parametrization.realize}
     const V* y = h;
     {values}
     value = zero + w[{at}];
@@ -209,20 +215,22 @@ for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * (rest[i] + noise[i]
 """
 
 
-def _constraint(chart: Chart, excess: str, factors: list[tuple[int, str]]) -> str:
+def _constraint(parametrization: Parametrization, overestimate: str, factors: list[tuple[int, str]]) -> str:
     by_column: dict[int, list[str]] = {}
     for input_, factor in factors:
-        for entry, (i, k) in enumerate(chart.pairs):
+        for entry, (i, k) in enumerate(parametrization.pairs):
             if i == input_:
                 by_column.setdefault(k, []).append(f"({factor}) * gen[{entry}]")
     names, sums = ", ".join(map(str, by_column)), ", ".join(" + ".join(each) for each in by_column.values())
-    start = f"constexpr int M = {len(by_column)}, OF[M] = {{{names}}}; const V excess = {excess}, q[M] = {{{sums}}};"
+    start = (
+        f"constexpr int M = {len(by_column)}, OF[M] = {{{names}}}; const V excess = {overestimate}, q[M] = {{{sums}}};"
+    )
     return f"{{ {start} {text.CONSTRAINT} }}\n"
 
 
 def _snippet(shape: NetworkShape) -> str:
     names = "const double* w = weights.data; const double* pads = paddings.data; double* rows = boxes.data;\n"
-    names += constants(BOX=shape.chart.size, BLOCK=BLOCK)
+    names += constants(BOX=shape.parametrization.size, BLOCK=BLOCK)
     tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
     tools += "".join(ACTIVATIONS[name][0] for name in sorted({layer[2] for layer in shape.layers}))
     body = _body(shape)

@@ -21,11 +21,11 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32, gamma, round_up
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import IN, OUT, Shape
 from warp_bounding.queries.exact import ExactOracle, oracle_kernel
+from warp_bounding.rounding import UNIT32, gamma, round_up
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import IN, OUT, Shape
 
 FAR = 8.0  # of |a|_1, a region's point in local space: one from farther away that may meet the domain is *maybe*
 FARTHEST_SUM = 2.0**60  # of |a|_1: beyond it a region is *maybe* in any case, as sums with it could overflow
@@ -124,16 +124,14 @@ class Query(ABC):
         return np.isfinite(q).all(axis=1)
 
     @abstractmethod
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Random queries ``(count, m)`` float32 in object space, drawn as the paper draws them.
 
         The paper's coordinates 0 and 1 are the centres of the grid's first and last cells.
         """
 
     @abstractmethod
-    def truth(
-        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
-    ) -> np.ndarray:
+    def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         """The truth in rational arithmetic, one query after another: slow, and as simple as possible.
 
         Args:
@@ -148,14 +146,14 @@ class Query(ABC):
 
     def certain(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
         """``(N,)`` bool: which queries meet the object beyond doubt; of a grid ``truth``, against every cell."""
-        return self.truth(shape, q, length) if isinstance(shape, IndicatorGrid) else self.decide(shape, q, length) == IN
+        return self.truth(shape, q, length) if isinstance(shape, Grid) else self.decide(shape, q, length) == IN
 
-    def near(self, grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
+    def near(self, grid: Grid, q: np.ndarray) -> np.ndarray:
         """``(M, n)``, the occupied cells that one query ``(m,)`` meets or nearly meets, by the kernel's error bound."""
         return grid.occupied
 
     @abstractmethod
-    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+    def arrays(self, grid: Grid) -> dict[str, np.ndarray]:
         """What ``oracle_body`` reads of an object, by the names of ``exact.oracle_kernel``."""
 
     def kernel(self, ndim: int) -> wp.Kernel:
@@ -163,7 +161,9 @@ class Query(ABC):
         return oracle_kernel(f"wb_{self.name}_oracle_{ndim}d", ndim, self.columns(ndim), self.oracle_body)
 
     def oracle(self, grid: Shape, device: str | None = None, length: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
-        """The exact truth for many queries: of a grid a Warp kernel, with ``truth`` as its plain twin, else ``decide``.
+        """The exact truth for many queries.
+
+        Of a grid a Warp kernel, with ``truth`` as its plain reference implementation, else ``decide``.
 
         What a shape without cells cannot decide counts as meeting the object.
 
@@ -177,14 +177,12 @@ class Query(ABC):
         """
         if self.has_length and not 0 <= length < np.inf:
             raise QueryError(f"length must be finite and non-negative, got {length}")
-        if not isinstance(grid, IndicatorGrid):
+        if not isinstance(grid, Grid):
             return lambda q: self.decide(grid, q, length) != OUT
         return ExactOracle(self, grid, device, length, self.kernel(grid.ndim), self.arrays(grid))
 
     @abstractmethod
-    def barely(
-        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
-    ) -> np.ndarray:
+    def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
         """Queries that barely pass points of the object: what ``hard_draw`` does, in NumPy, with other random numbers.
 
         Args:
@@ -207,10 +205,10 @@ class Query(ABC):
         raise QueryError(f"{shape.name}: cannot tell the truth for {self.name} queries; give a resolution")
 
     @abstractmethod
-    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Queries ``(N, m)`` float64 near ``x``: points move by shares ``move`` of the domain, directions turn."""
 
-    def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
+    def hulls(self, grid: Grid) -> list[np.ndarray]:
         """Hull corners of each component ``(V, 2 n)``, with a cell, for ``hard_draw``; zeros where it needs none."""
         return [np.zeros((1, 2 * grid.ndim))]
 

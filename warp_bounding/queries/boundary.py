@@ -8,11 +8,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT64, gamma
-from warp_bounding.errors import IndicatorError
+from warp_bounding.errors import ShapeError
 from warp_bounding.geometry import Hull, farthest, hull_of
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.domain import Domain
+from warp_bounding.rounding import UNIT64, gamma
+from warp_bounding.shapes.shape import Shape
 
 NEAREST = 2.0**-16  # of the shape's longest side
 DRAWN, MOST_DRAWN = 65_536, 1 << 24  # random points at a time, and until no more of the object are looked for
@@ -58,7 +58,7 @@ def held_points(shape: Shape, count: int, rng: np.random.Generator, known: np.nd
         ``(N, n)`` float64, not always ``count`` of them.
 
     Raises:
-        IndicatorError: Where none was found.
+        ShapeError: Where none was found.
     """
     found, drawn = [] if known is None else [known], 0
     while sum(map(len, found)) < count and drawn < MOST_DRAWN:
@@ -70,7 +70,7 @@ def held_points(shape: Shape, count: int, rng: np.random.Generator, known: np.nd
             break
     held = np.concatenate(found) if found else np.empty((0, shape.ndim))
     if not len(held):
-        raise IndicatorError(f"{shape.name}: there is nothing to bound, it holds none of {drawn:,} points of its box")
+        raise ShapeError(f"{shape.name}: there is nothing to bound, it holds none of {drawn:,} points of its box")
     return held
 
 

@@ -8,14 +8,14 @@ Boxes: ``v = (low, high)``, the corners in local space, cut at the domain; a mov
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32
-from warp_bounding.indicators.grid import IndicatorGrid, summed_area
-from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.queries.base import Query, WorldMap
 from warp_bounding.queries.directions import NARROW
 from warp_bounding.queries.domain import GROWTH, Domain, at_points, input_rounding
 from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.queries.point import POINT
+from warp_bounding.rounding import TINY, UNIT32
+from warp_bounding.shapes.grid import Grid, summed_area
+from warp_bounding.shapes.shape import OUT, Shape
 
 # Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW``
 # makes the box thin, 1 reaches the end of the domain. Half of all sides touch p or are narrow.
@@ -116,7 +116,7 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
             return super().decide(shape, q, length)
         return np.where(self.valid(q), shape.decide_boxes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Min uniform in [0, 1]^n, max = min + (1 - min) U."""
         u = rng.random((count, 2 * grid.ndim), dtype=np.float32)
         lower, upper = u[:, : grid.ndim], u[:, grid.ndim :]  # views: u is what is returned
@@ -128,20 +128,16 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
         np.maximum(lower, upper, out=upper)
         return u
 
-    def truth(
-        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
-    ) -> np.ndarray:
+    def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)
         for index in np.flatnonzero(truth):
             truth[index] = any_occupied(grid, rational_map(grid, q[index, :n]), rational_map(grid, q[index, n:]))
         return truth
 
-    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+    def arrays(self, grid: Grid) -> dict[str, np.ndarray]:
         return {"indices": summed_area(grid.occupancy)}
 
-    def barely(
-        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
-    ) -> np.ndarray:
+    def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
         corners, spanning = [], rng.random((len(p), 1)) < 0.5  # about half of these boxes' sides reach the domain's end
         for end in (grid.lower, grid.upper):
             chosen = rng.random(p.shape)
@@ -153,7 +149,7 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
             corners.append(p + share * (end - p))
         return np.concatenate(corners, axis=1)
 
-    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim
         ends = [POINT.nudged(grid, x[:, part], move[:, part]) for part in (slice(n), slice(n, None))]
         return np.concatenate([np.minimum(*ends), np.maximum(*ends)], axis=1)

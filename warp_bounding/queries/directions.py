@@ -7,9 +7,9 @@ sines of the angles before it. One dimension has the two directions +1 and -1.
 
 import numpy as np
 
-from warp_bounding.arithmetic import gamma
 from warp_bounding.queries.base import DIRECTION_LARGEST, DIRECTION_SMALLEST, FAR
 from warp_bounding.queries.domain import Domain, input_rounding
+from warp_bounding.rounding import gamma
 from warp_bounding.runtime.native import literal
 
 NARROW = 1e-3  # the largest size that "barely" means: of the domain, or of an entry of a direction of length 1

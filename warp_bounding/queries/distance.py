@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import UNIT32, round_up
-from warp_bounding.errors import IndicatorError, QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.errors import QueryError, ShapeError
 from warp_bounding.queries.domain import EXTENTS, json_number
+from warp_bounding.rounding import UNIT32, round_up
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 METRICS = (
     "space",
@@ -44,16 +44,14 @@ def in_metric(shape: Shape, metric: str) -> Shape:
 
     Raises:
         QueryError: For an unknown metric.
-        IndicatorError: For another shape with a time in ``"spacetime"``.
+        ShapeError: For another shape with a time in ``"spacetime"``.
     """
     if metric not in METRICS:
         raise QueryError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
     if metric == METRICS[0] or not shape.time:
         return shape
-    if not isinstance(shape, IndicatorGrid):
-        raise IndicatorError(
-            f"{shape.name}: metric={metric} is for grids; give the shape's cells, to_grid(resolution=...)"
-        )
+    if not isinstance(shape, Grid):
+        raise ShapeError(f"{shape.name}: metric={metric} is for grids; give the shape's cells, to_grid(resolution=...)")
     return replace(shape, time=False)
 
 
@@ -82,12 +80,12 @@ def in_metric(shape: Shape, metric: str) -> Shape:
 EVALUATED = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 COARSEST = (
     2.0**-12
-)  # of the domain's longest side: float32 must tell apart points that are this far from each other in it
+)  # of the domain's longest side: float32 must distinguish points that are this far from each other in it
 
 
 def object_box(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
     """``(n,)`` float64 each, corners of a box that holds the object; of a grid the box around the occupied cells."""
-    if not isinstance(shape, IndicatorGrid):
+    if not isinstance(shape, Grid):
         return shape.lower, shape.upper
     cells = shape.occupied
     low, high = shape.position(cells.min(axis=0) - 0.5), shape.position(cells.max(axis=0) + 0.5)
@@ -132,13 +130,13 @@ class DistanceDomain:
                 asked in the domain only are tighter around the object with some.
 
         Raises:
-            IndicatorError: If the shape is too large, too small or too far away for float32, or moves by no speed that
+            ShapeError: If the shape is too large, too small or too far away for float32, or moves by no speed that
                 is known.
         """
         if not shape.time:
             return cls.around(*object_box(shape), room, shape.name)
         if shape.speed is None:
-            raise IndicatorError(f"{shape.name}: it is not known how fast it moves")
+            raise ShapeError(f"{shape.name}: it is not known how fast it moves")
         lower, upper = shape.lower, shape.upper
         still = cls.around(lower[1:], upper[1:], room, shape.name)
         times = cls.around(lower[:1], upper[:1], 0.0, f"{shape.name}, its time")
@@ -153,7 +151,7 @@ class DistanceDomain:
         """The domain of all in a box ``(n,)``, ``(n,)`` float64; ``name`` is for messages, the rest as for ``of``."""
         longest = float((upper - lower).max())
         if not EXTENTS[0] <= longest <= EXTENTS[1]:
-            raise IndicatorError(
+            raise ShapeError(
                 f"{name}: expected an extent from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {longest:.3g}; choose "
                 "other units"
             )
@@ -162,7 +160,7 @@ class DistanceDomain:
         reach = np.maximum(upper - center, center - lower).max() * EVALUATED
         if not UNIT32 * max(np.abs(lower).max(), np.abs(upper).max()) <= COARSEST * longest:
             far = max(np.abs(lower).max(), np.abs(upper).max())
-            raise IndicatorError(
+            raise ShapeError(
                 f"{name}: float32 tells points too coarsely apart at coordinates up to {far:.3g} for an extent of "
                 f"{longest:.3g}; "
                 "move the shape to its origin"

@@ -20,11 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, UNIT64, gamma, round_down, round_up
-from warp_bounding.errors import IndicatorError
-from warp_bounding.indicators.joints import Joints
-from warp_bounding.indicators.shape import Shape
+from warp_bounding.errors import ShapeError
 from warp_bounding.queries.base import DIRECTION_SMALLEST, FAR, WorldMap
+from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma, round_down, round_up
+from warp_bounding.shapes.joints import Joints
+from warp_bounding.shapes.shape import Shape
 
 DELTA_SHARE = (
     1.0 / 4096.0
@@ -83,14 +83,14 @@ class Domain:
             least_delta: ``(n,)``, units of ``v``: ``delta`` is at least this.
 
         Raises:
-            IndicatorError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``;
+            ShapeError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``;
                 the input error would exceed a 16th of one), or the shape is too large or too small for float32
                 arithmetic.
         """
         lower, upper = shape.frame
         if not ((upper - lower >= EXTENTS[0]) & (upper - lower <= EXTENTS[1])).all():
             found = ", ".join(f"{e:.3g}" for e in upper - lower)
-            raise IndicatorError(
+            raise ShapeError(
                 f"{shape.name}: expected extents from {EXTENTS[0]:.3g} to {EXTENTS[1]:.3g}, got {found}; choose other "
                 "units"
             )
@@ -104,7 +104,7 @@ class Domain:
         delta = np.maximum(np.maximum(DELTA_SHARE * detail, room * needed), least_delta)
         if (delta > shape.largest_delta * detail).any():
             axis = int(np.argmax(delta / detail))
-            raise IndicatorError(
+            raise ShapeError(
                 f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at "
                 "coordinates up to "
                 f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a "
@@ -120,7 +120,7 @@ class Domain:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them.
 
         Args:
-            blur: ``(n,)``, object units: what ``delta`` must hold besides (``indicators.recentred``).
+            blur: ``(n,)``, object units: what ``delta`` must hold besides (``shapes.recentred``).
         """
         arrays = [self.center, self.scale, self.limit, self.delta, self.lower, self.upper]
         if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:

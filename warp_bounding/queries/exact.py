@@ -15,9 +15,9 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.runtime.launch import BLOCK, launch_blocks
 from warp_bounding.runtime.native import named
+from warp_bounding.shapes.grid import Grid
 
 if TYPE_CHECKING:
     from warp_bounding.queries.base import Query
@@ -102,8 +102,8 @@ def oracle_kernel(name: str, ndim: int, columns: int, body: str) -> wp.Kernel:
     return oracle
 
 
-def cell_coordinates(grid: IndicatorGrid, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The twin of the kernels' ``Coordinate``: t and its rounding error.
+def cell_coordinates(grid: Grid, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The reference implementation of the kernels' ``Coordinate``: t and its rounding error.
 
     Args:
         grid: The object.
@@ -118,7 +118,7 @@ def cell_coordinates(grid: IndicatorGrid, x: np.ndarray) -> tuple[np.ndarray, np
     return t, (product - (t - back)) + (-grid.offset - back)
 
 
-def rational_map(grid: IndicatorGrid, x: np.ndarray) -> list[Fraction]:
+def rational_map(grid: Grid, x: np.ndarray) -> list[Fraction]:
     """Exact cell coordinates of one float32 point.
 
     Args:
@@ -147,7 +147,7 @@ def integers(values: list[Fraction]) -> tuple[list[int], int]:
     return [v.numerator * (denominator // v.denominator) for v in values], denominator
 
 
-def any_occupied(grid: IndicatorGrid, lower: list[Fraction], upper: list[Fraction]) -> bool:
+def any_occupied(grid: Grid, lower: list[Fraction], upper: list[Fraction]) -> bool:
     """Whether a closed occupied cell meets the closed box between two points in cell coordinates."""
     half = Fraction(1, 2)
     cells = [slice(max(0, ceil(a - half)), max(0, floor(b + half) + 1)) for a, b in zip(lower, upper, strict=True)]
@@ -170,9 +170,7 @@ class ExactOracle:
         undecided: How many queries of the last call went to the host.
     """
 
-    def __init__(
-        self, kind: "Query", grid: IndicatorGrid, device: str | None, length: float, kernel: wp.Kernel, arrays: dict
-    ):
+    def __init__(self, kind: "Query", grid: Grid, device: str | None, length: float, kernel: wp.Kernel, arrays: dict):
         self.kind, self.grid, self.device, self.undecided = kind, grid, wp.get_device(device), 0
         self.columns, self.length, self._kernel = kind.columns(grid.ndim), float(length), kernel
         own = [grid.cells_per_unit, grid.offset, np.array(grid.shape), arrays.get("map", np.zeros(0)).reshape(-1)]

@@ -23,16 +23,16 @@ from typing import NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.arithmetic import UNIT32
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import IN, Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.exact import COORDINATE, RELATIVE_ERROR
 from warp_bounding.queries.registry import QUERIES
+from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.launch import BLOCK, launch_blocks
 from warp_bounding.runtime.native import named
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import IN, Shape
 
 FORMS = ("float32", "float64", "placed")
 TRIES = 12  # draws of one query before it is given up
@@ -221,7 +221,7 @@ class HardPositives:
         device: Warp device; the default device if ``None``.
     """
 
-    def __init__(self, query: str, grid: IndicatorGrid, length: float = 1.0, device=None):
+    def __init__(self, query: str, grid: Grid, length: float = 1.0, device=None):
         self.query, self.grid, self.length, self.device = query, grid, float(length), wp.get_device(device)
         self.kind, self.placeable = QUERIES[query], True
         self.columns = self.kind.columns(grid.ndim)
@@ -347,7 +347,7 @@ SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
 
 def draw_positives(
     query: str,
-    grid: IndicatorGrid,
+    grid: Grid,
     count: int,
     seed: int | Sequence[int],
     device=None,
@@ -371,7 +371,7 @@ def draw_positives(
     """
     rng = np.random.default_rng([*([seed] if isinstance(seed, (int, np.integer)) else seed), 20_24])
     kind = QUERIES[query]
-    pool = np.empty((0, grid.ndim)) if isinstance(grid, IndicatorGrid) else border_points(grid, POOL, rng)
+    pool = np.empty((0, grid.ndim)) if isinstance(grid, Grid) else border_points(grid, POOL, rng)
     truth, done, rare = kind.oracle(grid, device, length), 0, None
     while done < count:
         uniform = kind.sample(grid, CHUNK, rng)
@@ -386,7 +386,7 @@ def draw_positives(
         yield part
 
 
-def _boundary_points(grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+def _boundary_points(grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
     """``(count, n)`` float64 points of the object, object space."""
     cells = grid.boundary if len(grid.boundary) else grid.occupied
     cells = np.where(

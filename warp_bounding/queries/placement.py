@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.arithmetic import LARGEST, UNIT32
 from warp_bounding.errors import QueryError
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.base import FAR, WorldMap
 from warp_bounding.queries.domain import GROWTH, Domain, rounding_of_map
 from warp_bounding.queries.region_domain import RegionDomain, region_rounding
+from warp_bounding.rounding import LARGEST, UNIT32
 
 MOST_STRETCH = 1e6  # ratio of the scales of two axes beyond which a placement is refused
 UNIT_TOLERANCE = 1e-5  # of a quaternion's norm; it is normalised here, which Warp's own transforms do not do

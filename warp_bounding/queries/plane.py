@@ -17,10 +17,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
 from warp_bounding.geometry import components
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.queries.base import (
     DIRECTION_LARGEST,
     DIRECTION_SMALLEST,
@@ -44,7 +41,10 @@ from warp_bounding.queries.directions import (
 from warp_bounding.queries.domain import GROWTH, SLOPE, STEEPEST, Domain, alpha_beta, far_point_error, tilt
 from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
 from warp_bounding.queries.point import POINT
+from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
 from warp_bounding.runtime.native import literal
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import OUT, Shape
 
 AWAY = 8.0  # a hard plane's given point is up to so many times as far from the object's as a random point of the domain
 SMALLEST_STEP = 24  # a hard plane is a quarter of a cell, halved up to so many times, from being tangent
@@ -215,13 +215,11 @@ sure &= below && above;
             return super().decide(shape, q, length)
         return np.where(self.valid(q), shape.decide_planes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Normal of length 1 up to rounding, by uniform spherical angles, and point uniform in [0, 1]^n."""
         return np.concatenate([sample_directions(grid.ndim, count, rng), POINT.sample(grid, count, rng)], axis=1)
 
-    def truth(
-        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
-    ) -> np.ndarray:
+    def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)
         cells = (grid.occupied if cells is None else cells).astype(object)
         for index in np.flatnonzero(truth):
@@ -233,14 +231,14 @@ sure &= below && above;
             truth[index] = (abs(middle) <= reach).any()
         return truth
 
-    def near(self, grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
+    def near(self, grid: Grid, q: np.ndarray) -> np.ndarray:
         cells, n = grid.occupied, grid.ndim
         t, _ = cell_coordinates(grid, q[n:])
         m = q[:n].astype(np.float64) / grid.cells_per_unit
         error = RELATIVE_ERROR * (np.abs(m) * (np.abs(t) + np.array(grid.shape) + 1)).sum()
         return cells[np.abs(cells @ m - t @ m) <= np.abs(m).sum() / 2 + error]
 
-    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+    def arrays(self, grid: Grid) -> dict[str, np.ndarray]:
         parts = components(grid.occupancy)
         lanes = []
         for part in parts:
@@ -251,9 +249,7 @@ sure &= below && above;
         bounds = np.stack([np.stack([part.lower - 0.5, part.upper + 0.5]) for part in parts])
         return {"map": bounds, "indices": groups, "numbers": np.concatenate(lanes)}
 
-    def barely(
-        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
-    ) -> np.ndarray:
+    def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
         d = hard_directions(p.shape, rng)
         away = POINT.sample(grid, len(p), rng) - p  # another point of the same plane
         away -= (away * d).sum(axis=1, keepdims=True) * d
@@ -261,7 +257,7 @@ sure &= below && above;
         away *= np.where(chosen < 0.5, 0.0, np.where(chosen < 0.75, 1.0, far))
         return np.concatenate([d * hard_lengths(len(p), rng), p + away], axis=1)
 
-    def hulls(self, grid: IndicatorGrid) -> list[np.ndarray]:
+    def hulls(self, grid: Grid) -> list[np.ndarray]:
         n, found = grid.ndim, []
         padded = np.pad(grid.occupancy, 1)
         for part in components(grid.occupancy):
@@ -274,7 +270,7 @@ sure &= below && above;
             found.append(np.concatenate([corners - 0.5, cells], axis=1).astype(np.float64))
         return found
 
-    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim
         parts = [nudged_directions(x[:, :n], move[:, :n]), POINT.nudged(grid, x[:, n:], move[:, n:])]
         return np.concatenate(parts, axis=1)

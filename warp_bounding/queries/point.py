@@ -1,6 +1,6 @@
 """Point queries: n numbers, the coordinates of a point in object space. Is a closed occupied cell around it?
 
-The oracle decides in float64, where the cell coordinate of a float32 point is exact (see ``IndicatorGrid``): a point
+The oracle decides in float64, where the cell coordinate of a float32 point is exact (see ``Grid``): a point
 on the face between two cells belongs to both.
 
 Points: ``v = (x - center) * scale``, inside where ``|v| <= limit``; see ``domain`` for what that rounds.
@@ -8,12 +8,12 @@ Points: ``v = (x - center) * scale``, inside where ``|v| <= limit``; see ``domai
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.base import Query, WorldMap
 from warp_bounding.queries.domain import GROWTH, Domain, at_points, rounding_of_map
 from warp_bounding.queries.exact import any_occupied, rational_map
+from warp_bounding.rounding import TINY, UNIT32
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 _BODY = """
 int first[N], last[N], cell[N];  // cells that the point may lie in, two where it lies on a face
@@ -40,7 +40,7 @@ while (some) {
 
 
 class PointQuery(Query):
-    """Point queries; ``IndicatorGrid.contains`` is a plain twin of their oracle too."""
+    """Point queries; ``Grid.contains`` is a plain reference implementation of their oracle too."""
 
     name = "point"
     is_region = False
@@ -72,7 +72,7 @@ for (int k = 0; k < N; ++k) {
         return shape.decide(q)
 
     def truth(self, grid: Shape, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
-        if not isinstance(grid, IndicatorGrid):
+        if not isinstance(grid, Grid):
             return grid.contains(q)
         truth = self.valid(q)
         for index in np.flatnonzero(truth):
@@ -80,16 +80,14 @@ for (int k = 0; k < N; ++k) {
             truth[index] = any_occupied(grid, cell, cell)
         return truth
 
-    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+    def arrays(self, grid: Grid) -> dict[str, np.ndarray]:
         packed = np.packbits(grid.occupancy.reshape(-1), bitorder="little")
         return {"indices": np.pad(packed, (0, -len(packed) % 4)).view("<i4").astype(np.int32)}
 
-    def barely(
-        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
-    ) -> np.ndarray:
+    def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
         return p
 
-    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Points moved by shares ``(N, n)`` of the domain, and not out of it."""
         return np.clip(x + move * (grid.upper - grid.lower), grid.lower, grid.upper)
 

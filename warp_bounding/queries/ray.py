@@ -22,9 +22,6 @@ from math import prod
 
 import numpy as np
 
-from warp_bounding.arithmetic import TINY, UNIT32, gamma, round_up
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import OUT, Shape
 from warp_bounding.queries.base import FAR, FARTHEST_SUM, GUARD, LATER, PARALLEL, Query, WorldMap, direction_rounding
 from warp_bounding.queries.directions import (
     FAR_POINT,
@@ -40,7 +37,10 @@ from warp_bounding.queries.directions import (
 from warp_bounding.queries.domain import GROWTH, SLOPE, STEEPEST, Domain, alpha_beta, far_point_error, turn
 from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
 from warp_bounding.queries.point import POINT
+from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
 from warp_bounding.runtime.native import literal
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import OUT, Shape
 
 AT_END, AT_START = 0.3, 0.2  # shares of the hard rays that end, and that begin, at their point of the object
 ALMOST = 1 - 2e-7  # of the length: a ray that ends at a point still reaches it after its numbers are rounded to float32
@@ -241,13 +241,11 @@ sure &= begin_ <= end_;
         end = origin + length * direction / np.where(valid[:, None], size, 1.0)
         return np.where(valid, shape.decide_segments(origin, end), OUT).astype(np.uint8)
 
-    def sample(self, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Origin uniform in [0, 1]^n, direction of length 1 up to rounding, by uniform spherical angles."""
         return np.concatenate([POINT.sample(grid, count, rng), sample_directions(grid.ndim, count, rng)], axis=1)
 
-    def truth(
-        self, grid: IndicatorGrid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None
-    ) -> np.ndarray:
+    def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)
         cells = (grid.occupied if cells is None else cells).astype(object)
         for index in np.flatnonzero(truth):
@@ -277,7 +275,7 @@ sure &= begin_ <= end_;
             truth[index] = (fits & inside.astype(bool)).any()
         return truth
 
-    def near(self, grid: IndicatorGrid, q: np.ndarray) -> np.ndarray:
+    def near(self, grid: Grid, q: np.ndarray) -> np.ndarray:
         """Those that the whole line meets or nearly meets: the kernel's widened test, without its walk."""
         cells, n = grid.occupied, grid.ndim
         t, rest = cell_coordinates(grid, q[:n])
@@ -295,12 +293,10 @@ sure &= begin_ <= end_;
             end = np.minimum(end, b + np.abs(b) * RELATIVE_ERROR)
         return cells[start <= end]
 
-    def arrays(self, grid: IndicatorGrid) -> dict[str, np.ndarray]:
+    def arrays(self, grid: Grid) -> dict[str, np.ndarray]:
         return {"cells": empty_distance(grid.occupancy)}
 
-    def barely(
-        self, grid: IndicatorGrid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool
-    ) -> np.ndarray:
+    def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
         d = hard_directions(p.shape, rng)
         t = rng.random((len(p), 1)) * length
         chosen = rng.random((len(p), 1))
@@ -311,7 +307,7 @@ sure &= begin_ <= end_;
             stays |= rng.random((len(p), 1)) < FROM_OUTSIDE
         return np.concatenate([np.where(stays, origin, p), d * hard_lengths(len(p), rng)], axis=1)
 
-    def nudged(self, grid: IndicatorGrid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim
         parts = [POINT.nudged(grid, x[:, :n], move[:, :n]), nudged_directions(x[:, n:], move[:, n:])]
         return np.concatenate(parts, axis=1)

@@ -16,13 +16,13 @@ from operator import attrgetter
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.domain import DELTA_LARGEST_SHARE, GROWTH, POSITIONS_ROUNDING, Domain, json_bool, json_number
+from warp_bounding.rounding import round_down
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 SPACE = "geometric"  # what files say of a region: it is tested against what bounds the object
 PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
@@ -32,7 +32,7 @@ STRETCHES = (2.0**-60, 2.0**16)
 PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more than this, unless the map alone needs it
 
 
-def domain_of(grid: IndicatorGrid, query: str = "point", length: float = 1.0) -> "Domain | RegionDomain":
+def domain_of(grid: Grid, query: str = "point", length: float = 1.0) -> "Domain | RegionDomain":
     """The domain of a kind of query.
 
     Args:
@@ -41,7 +41,7 @@ def domain_of(grid: IndicatorGrid, query: str = "point", length: float = 1.0) ->
         length: Of a ray, object units.
 
     Raises:
-        IndicatorError: If float32 cannot resolve the grid's cells where the grid lies.
+        ShapeError: If float32 cannot resolve the grid's cells where the grid lies.
         BounderError: If the length is so large that float32 cannot resolve the cells along a ray.
     """
     return RegionDomain.of(grid, query, length) if QUERIES[query].is_region else Domain.of(grid)
@@ -76,7 +76,7 @@ class RegionDomain:
             )
         # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
         # the range of time its own test decides (``extra``).
-        still = replace(grid, time=False) if isinstance(grid, IndicatorGrid) else grid
+        still = replace(grid, time=False) if isinstance(grid, Grid) else grid
         base = Domain.of(still)
         length = float(length) if QUERIES[query].has_length else None
         cell = base.scale / grid.details_per_unit

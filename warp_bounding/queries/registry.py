@@ -6,9 +6,6 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.errors import QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.joints import TEXT
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE, DistanceQuery
@@ -16,6 +13,9 @@ from warp_bounding.queries.exact import ExactOracle, oracle_kernel
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.joints import TEXT
+from warp_bounding.shapes.shape import Shape
 
 QUERIES: dict[str, Query] = {kind.name: kind for kind in (POINT, RAY, PLANE, BOX)}  # a new kind is one more entry
 QUERY_KINDS = QUERIES.keys()
@@ -37,7 +37,7 @@ def described(query: str) -> Query | DistanceQuery:
     return DISTANCE if query == DISTANCE.name else QUERIES[query]
 
 
-def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator) -> np.ndarray:
+def sample(query: str, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
     """Random queries ``(count, m)`` float32 of a kind, as of ``Query.sample``; raises ``QueryError`` for no kind."""
     return QUERIES[check_query(query)].sample(grid, count, rng)
 
@@ -45,14 +45,14 @@ def sample(query: str, grid: IndicatorGrid, count: int, rng: np.random.Generator
 def decision(
     query: str, shape: Shape, device: str | None = None, length: float = 1.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """``oracle`` of a shape without cells, ``(N,)`` uint8: ``OUT``, ``IN`` or ``UNDECIDED`` (``indicators.shape``)."""
-    if isinstance(shape, IndicatorGrid):
+    """``oracle`` of a shape without cells, ``(N,)`` uint8: ``OUT``, ``IN`` or ``UNDECIDED`` (``shapes.shape``)."""
+    if isinstance(shape, Grid):
         return oracle(query, shape, device, length)
     return lambda q: QUERIES[query].decide(shape, q, length)
 
 
 def oracle(
-    query: str, grid: IndicatorGrid, device: str | None = None, length: float = 1.0
+    query: str, grid: Grid, device: str | None = None, length: float = 1.0
 ) -> Callable[[np.ndarray], np.ndarray]:
     """The exact truth for queries of a kind, as of ``Query.oracle``: called with ``(N, m)`` it answers ``(N,)`` bool.
 
@@ -81,7 +81,7 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
 
     Args:
         query: Kind of query.
-        n: Dimension of the indicator.
+        n: Dimension of the shape.
         free: Queries outside the domain on one of the first so many axes are answered with maybe: 1 where coordinate 0
             is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and
             maybe one that only just reaches into it.
@@ -176,7 +176,7 @@ class SampledOracle(ExactOracle):
         length: Of rays, object units.
     """
 
-    def __init__(self, query: str, grid: IndicatorGrid, device: str | None = None, seed: int = 0, length: float = 1.0):
+    def __init__(self, query: str, grid: Grid, device: str | None = None, seed: int = 0, length: float = 1.0):
         kind = QUERIES[check_query(query)]
         self.kind, self.seed, self._exact = kind, int(seed), kind.oracle(grid, device, length)
         if not kind.is_region:

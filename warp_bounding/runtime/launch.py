@@ -116,7 +116,7 @@ SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread co
 WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
 
 TOLD_AFTER = 1.0  # seconds of compiling after which it is reported
-_told: list[str] = []  # the module that was reported
+_reported: list[str] = []  # the module that was reported
 
 _pace: dict[wp.Kernel, float] = {}  # seconds that a block of a kernel took the last time, on one thread
 
@@ -153,7 +153,7 @@ class _Job:
                 return
             try:
                 share()
-            except BaseException as error:  # raised where the launch was asked for
+            except BaseException as error:  # raised where the launch was requested
                 self.error = error
 
     def help(self) -> None:
@@ -242,9 +242,9 @@ def ready(kernel: wp.Kernel, device: wp.Device) -> None:
 def _tell(module: str) -> None:
     """Say what is being compiled, once; not where something has taken the place of standard error, as in a notebook."""
     err = sys.stderr
-    if err is None or _told or not (err is sys.__stderr__ or err.isatty()):
+    if err is None or _reported or not (err is sys.__stderr__ or err.isatty()):
         return
-    _told.append(module)
+    _reported.append(module)
     name = re.sub(r"^warp_bounding\.|^wb_|_[0-9a-f]{8,}", "", module)
     print(f"warp-bounding: compiling kernels, once on this machine; the first is {name}", file=err)
 
@@ -315,9 +315,9 @@ class BlockLaunch:
     def launch_whole(self) -> None:
         """Run the launch on one thread, by one call of Warp's, so that a graph that is being captured holds it."""
         if self._blocks:
-            self._ask_warp(0, self._blocks)
+            self._query_warp(0, self._blocks)
 
-    def _ask_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
+    def _query_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
         ready(self._kernel, self._device)
         inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
         return wp.launch(
@@ -326,7 +326,7 @@ class BlockLaunch:
 
     def _record(self, threads: int) -> list[Callable[[], None]]:
         edges = [self._blocks * t // threads for t in range(threads + 1)]
-        shares = [self._ask_warp(*ends, record_cmd=True).launch for ends in pairwise(edges)]
+        shares = [self._query_warp(*ends, record_cmd=True).launch for ends in pairwise(edges)]
         if self._most > 1:
             shares[0] = self._timed(shares[0], edges[1])
         self._recorded[threads] = shares

@@ -125,8 +125,8 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
 @cache
 def identity(source: Any) -> str:
     """16 hexadecimal digits that tell sources apart; those of equal sources are equal, in every run."""
-    told = f"{source!r}{' of joints' if getattr(source, 'joints', False) else ''}"
-    return hashlib.sha256(told.encode()).hexdigest()[:16]
+    reported = f"{source!r}{' of joints' if getattr(source, 'joints', False) else ''}"
+    return hashlib.sha256(reported.encode()).hexdigest()[:16]
 
 
 def unique_name(source: Any, role: str) -> str:

@@ -539,12 +539,12 @@ class _Search:
 
         begin = states.clone()
         self.team.over(states.shape[1], job)
-        settled = self.samples.settled(begin, states)
-        if settled is states:
+        resolved = self.samples.resolved(begin, states)
+        if resolved is states:
             return states, values, steps
-        values, before = self.evaluate(settled), self.evaluate(begin)
+        values, before = self.evaluate(resolved), self.evaluate(begin)
         lower = values < before
-        return torch.where(lower, settled, begin), torch.minimum(values, before), steps
+        return torch.where(lower, resolved, begin), torch.minimum(values, before), steps
 
     def _slope(self, worker: Evaluator, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         x = self.network.encode(v)
@@ -561,7 +561,7 @@ class _Search:
             pools.append(self.walk(self.states, self.steps, POLISH))
             sideways = torch.randn(self.samples.ndim, self.states.shape[1], generator=self.samples.generator)
             length = 0.05 * 40.0 ** torch.rand(self.states.shape[1], generator=self.samples.generator)
-            relatives = self.samples.settled(self.states, self.samples.move(self.states, sideways, length))
+            relatives = self.samples.resolved(self.states, self.samples.move(self.states, sideways, length))
             pools.append(self.walk(relatives, length * 0.5, WALK))
         states, values, steps = (torch.cat(parts, -1) for parts in zip(*pools, strict=True))
         order = _spread(self.samples.coordinates(states), values.argsort())

@@ -17,7 +17,7 @@ import numpy as np
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.batch import in_frame
-from warp_bounding.bounders.bounder import known_method, settled
+from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import METRIC, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
@@ -27,11 +27,7 @@ from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, BoundingWarning, QueryError
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion, load_indicator
-from warp_bounding.indicators.parts import SIDES, Complement
-from warp_bounding.indicators.recentred import parted
-from warp_bounding.indicators.shape import MAX_RESOLUTION, Shape, check_memory
-from warp_bounding.proof import prove_or_attest
+from warp_bounding.proof import prove_or_test
 from warp_bounding.proof.distances import excesses
 from warp_bounding.proof.prove import prove_distance
 from warp_bounding.queries import QUERIES, check_query
@@ -40,6 +36,10 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.launch import compile_seconds, device_of
 from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.shapes import Grid, Mesh, MovingMesh, load_shape
+from warp_bounding.shapes.parts import SIDES, Complement
+from warp_bounding.shapes.recentred import parted
+from warp_bounding.shapes.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.training.fit_network import fit_network
 from warp_bounding.training.learned_kdop import train_learned_kdop
 from warp_bounding.training.recipes.distance import train_distance
@@ -70,7 +70,7 @@ def fit(
     resolution: int | None = None,
     length: float | None = None,
     side: str = SIDES[0],
-    queries=None,
+    workload=None,
     last: Bounder | None = None,
     device: str | None = None,
     progress: Progress | bool | None = None,
@@ -82,7 +82,7 @@ def fit(
     statistical, and says so.
 
     Args:
-        shape: What ``load_indicator`` returns, or anything that it takes. Of a mesh that is not closed only the surface
+        shape: What ``load_shape`` returns, or anything that it takes. Of a mesh that is not closed only the surface
             is bounded, and its margin, which raises a ``BoundingWarning``.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder``
             of the shape, whose distances are never too large.
@@ -101,8 +101,8 @@ def fit(
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and
             *maybe* that it may not be; the bounder holds the shape's complement, and the proof is about that. For
             points, and of methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
-        queries: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What learns
-            (networks by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives
+        workload: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What
+            learns (networks by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives
             elsewhere where it can; of planes their normals count. Every proof is about all queries all the same.
             Thousands of them should do; of more than a million some are taken.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
@@ -128,8 +128,8 @@ def fit(
         ``quick_rates``.
 
     Raises:
-        IndicatorError: If the shape cannot be read or bounded.
-        QueryError: For an unknown kind of query, or ``queries`` that are none of it.
+        ShapeError: If the shape cannot be read or bounded.
+        QueryError: For an unknown kind of query, or a ``workload`` that is none of it.
         BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin
             larger than the object without ``force``.
 
@@ -150,12 +150,12 @@ def fit(
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
     far = query == DISTANCE.name
-    check_asked(query, method, length, side, last, queries)
+    check_asked(query, method, length, side, last, workload)
     length = length or 1.0
     known = [method_class(method, query)] if far else [known_method(name) for name in method.split("+")]
-    settled(known, query, options, [fit])
+    resolved(known, query, options, [fit])
     device_of(device)
-    shape, frame = parted(load_indicator(shape))
+    shape, frame = parted(load_shape(shape))
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
     if far:
@@ -171,9 +171,9 @@ def fit(
         Cascade.check(classes)
     if last is not None and (len(classes) < 2 or type(last) is not classes[-1] or last.frame != frame):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
-    told = settled(classes, query, options, [fit])
+    told = resolved(classes, query, options, [fit])
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in told)
-    callers = None if queries is None else CallersQueries(queries, grid, domain, int(seed), frame)
+    callers = None if workload is None else CallersQueries(workload, grid, domain, int(seed), frame)
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
         parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, budget, spent, update)
@@ -223,12 +223,12 @@ def _fit_parts(
             seconds = left / waiting
         else:
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), trainer.most_seconds)
-            reserved = PROOF_SECONDS * len(grid.occupied) if isinstance(grid, IndicatorGrid) else PROOF_SHARE * seconds
+            reserved = PROOF_SECONDS * len(grid.occupied) if isinstance(grid, Grid) else PROOF_SHARE * seconds
             seconds -= min(seconds / 2, reserved)
         part = replace(problem, front=tuple(parts), in_front=waiting > 0)
         bounder, record = trainer.train(cls, part, told[index], seconds, progress)
         if not trainer.proves:
-            prove_or_attest(bounder, grid, seed=problem.seed, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
+            prove_or_test(bounder, grid, seed=problem.seed, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
         bounder.info = described(grid, problem.seed, record | own.seconds())
         parts.append(bounder)
     return parts
@@ -245,18 +245,18 @@ def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]
     return {
         "indicator": shape.digest,
         "name": shape.name,
-        "grid_shape": list(shape.shape) if isinstance(shape, IndicatorGrid) else None,
+        "grid_shape": list(shape.shape) if isinstance(shape, Grid) else None,
         "margin": shape.margin,
         "resolution": shape.resolution,
-        "shape": shape.shape_digest if isinstance(shape, IndicatorGrid) else shape.geometry,
+        "shape": shape.shape_digest if isinstance(shape, Grid) else shape.geometry,
         "seed": int(seed),
         "note": shape.restriction,
-        "pieces": pieces_told(shape),
+        "pieces": reported_pieces(shape),
         "training": record,
     }
 
 
-def pieces_told(shape: Shape) -> dict[str, Any] | None:
+def reported_pieces(shape: Shape) -> dict[str, Any] | None:
     """Which pieces of which whole a shape is, where it is not all of them."""
     own = shape.pieces
     return None if own is None or own.all else own.to_dict()
@@ -264,7 +264,7 @@ def pieces_told(shape: Shape) -> dict[str, Any] | None:
 
 def _bounded(shape, query: str, method: str, resolution: int | None, margin: float, one_threshold: bool) -> Shape:
     """What is bounded: the dilated shape itself, or its cells where a resolution or a method requires them."""
-    own = isinstance(shape, IndicatorGrid)
+    own = isinstance(shape, Grid)
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
     if isinstance(shape, Shape) and not own and resolution is None:
         kind = QUERIES[query]
@@ -291,8 +291,8 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
 # ``TRAINERS`` says. ``prove_distance`` then finds the slack.
 
 TOLERANCE = 0.02  # of a cell's side, and ...
-LOOSER = 1.25  # ... of what some points of it have: an excess up to their sum is not looked at more closely
-CELL_HALVINGS = 3  # on each axis, of a cell whose excess is larger
+LOOSER = 1.25  # ... of what some points of it have: an overestimate up to their sum is not looked at more closely
+CELL_HALVINGS = 3  # on each axis, of a cell whose overestimate is larger
 MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
 # Of the budget, what training leaves for the proof of a distance; from so many dimensions on.
 DISTANCE_PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
@@ -313,7 +313,7 @@ def _fit_distance(
 ) -> DistanceBounder:
     """The part of ``fit`` that is about distances to a shape, without the margin yet; arguments are checked there."""
     cls = method_class(method, DISTANCE.name, shape.ndim)
-    (told,) = settled([cls], DISTANCE.name, options, [fit])
+    (told,) = resolved([cls], DISTANCE.name, options, [fit])
     metric = told.pop(METRIC.name)
     shape = in_metric(shape, metric)
     if shape.joints is not None:
@@ -355,15 +355,15 @@ def _fit_distance(
     return bounder
 
 
-def _excess_of_cells(bounder: DistanceBounder, shape: Shape, seconds: float) -> np.ndarray:
+def _overestimate_of_cells(bounder: DistanceBounder, shape: Shape, seconds: float) -> np.ndarray:
     """By how much F exceeds the distance in each of its pieces."""
     lower, upper = bounder.pieces()
-    tolerance = TOLERANCE * float((upper - lower).max()) + LOOSER * _sampled_excess(bounder, shape, lower, upper)
+    tolerance = TOLERANCE * float((upper - lower).max()) + LOOSER * _sampled_overestimate(bounder, shape, lower, upper)
     halvings = CELL_HALVINGS * min(bounder.ndim, MOST_HALVED)
     return excesses(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, seconds=seconds)[0]
 
 
-def _sampled_excess(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+def _sampled_overestimate(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """F less the distance at some points of boxes, at least 0: halving a box cannot make a bound less than that."""
     most = np.zeros(len(lower))
     for share in [np.full(bounder.ndim, 0.5), *(np.array(s) for s in product((0.25, 0.75), repeat=bounder.ndim))]:
@@ -410,7 +410,7 @@ def _closed_distance(
     cls: type[DistanceBounder], problem: Problem, options: dict[str, Any], seconds: float, _
 ) -> Trained:
     """The F that the class computes, lowered where it exceeds the distance."""
-    lowered = partial(_excess_of_cells, shape=problem.grid, seconds=seconds)
+    lowered = partial(_overestimate_of_cells, shape=problem.grid, seconds=seconds)
     return cls.fit(problem.grid, problem.domain, lowered=lowered, device=problem.device, **options), {}
 
 
@@ -450,7 +450,7 @@ def is_number(value: Any) -> bool:
     return isinstance(value, (int, float, np.number)) and not isinstance(value, bool) and bool(np.isfinite(value))
 
 
-def check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin: float, force: bool) -> None:
+def check_extent(shape: Grid | Mesh | MovingMesh, margin: float, force: bool) -> None:
     """Refuse a margin that leaves nothing of the object's form, before any time is spent on it."""
     extent = float(shape.extent.max())
     if margin > extent and not force:
@@ -461,7 +461,7 @@ def check_extent(shape: IndicatorGrid | IndicatorMesh | IndicatorMotion, margin:
         )
 
 
-def warn_of_coarse_cells(grid: IndicatorGrid) -> None:
+def warn_of_coarse_cells(grid: Grid) -> None:
     """Warn where cells reach farther beyond the object than the margin: that costs false positives."""
     size = 1 / float(grid.cells_per_unit[-1])
     if 0 < grid.margin < size:
@@ -492,7 +492,7 @@ def _warn(text: str) -> None:
     warnings.warn(text, BoundingWarning, stacklevel=level)
 
 
-def check_asked(query: str, method: str, length: float | None, side: str, last=None, queries=None) -> None:
+def check_asked(query: str, method: str, length: float | None, side: str, last=None, workload=None) -> None:
     """Refuse what other kinds of query have, or none."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
@@ -502,8 +502,8 @@ def check_asked(query: str, method: str, length: float | None, side: str, last=N
         for name, given, none in (("length", length, None), ("last", last, None), ("side", side, SIDES[0])):
             if given != none:
                 raise BounderError(f"{name} is not for distances, got {name}={given!r}")
-        if queries is not None:
-            raise BounderError("queries are not for distances, which have no false positives of their own")
+        if workload is not None:
+            raise BounderError("a workload is not for distances, which have no false positives of their own")
         return
     if side == SIDES[1] and QUERIES[query].is_region:
         raise BounderError(f"side={side} is for point queries, got {query} queries")

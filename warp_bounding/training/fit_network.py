@@ -18,15 +18,15 @@ import numpy as np
 from warp_bounding.bounders.mlp import CERTIFICATES, RECIPES, Lattice, Local, Mlp, MonotoneMlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.errors import BounderError
-from warp_bounding.indicators.grid import IndicatorGrid
 from warp_bounding.networks.network import head_of
-from warp_bounding.proof import Search, attest, charted, conjunction, least_value, prove_or_attest, settle
+from warp_bounding.proof import Search, conjunction, least_value, parametrized, prove_or_test, settle, statistical_test
 from warp_bounding.proof.covers import of_points
 from warp_bounding.proof.prove import at_least, least_by_part, needless, prove_local, worthwhile
 from warp_bounding.proof.search import STEEPNESS
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.runtime.progress import Progress
+from warp_bounding.shapes.grid import Grid
 from warp_bounding.training.engine import Adversary, Clock, adversarial_minimum, interrupts, single_threaded_torch
 from warp_bounding.training.recipes.default import LocalTrainer, NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, granted, train_exits
@@ -113,7 +113,7 @@ def decay_for(expected: float, budget: float) -> float:
     return min(DECAY * longer, MOST_DECAY) if longer > 1 else 0.0
 
 
-def attest_seconds(budget: float, little: bool) -> float:
+def statistical_seconds(budget: float, little: bool) -> float:
     """Seconds of a budget that are left for attesting: ``little`` of cells, and where a proof is expected instead."""
     return ATTEST_SECONDS if little else min(SHAPE_ATTEST_SECONDS, ATTEST_SHARE * budget)
 
@@ -170,7 +170,7 @@ def lattice_of(problem: Problem, count: int) -> Lattice:
             counts[np.argmin(counts)] += 1
         return Lattice.of(-limit, limit, tuple(int(c) for c in counts))
     lower, upper = shape.lower, shape.upper
-    if isinstance(shape, IndicatorGrid):
+    if isinstance(shape, Grid):
         cells = shape.occupied
         lower, upper = shape.position(cells.min(axis=0) - 0.5), shape.position(cells.max(axis=0) + 0.5)
     low, high = domain.to_local(lower), domain.to_local(upper)
@@ -227,7 +227,7 @@ def decide_parts(
     points, negatives = points[(np.abs(points) <= domain.limit).all(axis=1)], negatives_of(problem)
     report("proof of every part")
     eps = Costs(member, problem).cheap_gap(float(member.reference(points).min()))
-    cover = charted(member, grid)
+    cover = parametrized(member, grid)
     least, known, search = least_by_part(member, cover, lattice, negatives, points, eps=eps, **limits)
     values, place = member.reference(negatives), lattice.place(negatives)
     cost = float(((values >= least[place]) & (values < known[place])).sum()) / SAMPLES
@@ -246,7 +246,7 @@ def decide_parts(
     room = worthwhile(lattice, known, values, place, eps)
     known = np.maximum(known - room, known.min() - eps)  # no lower than one threshold would be
     bounder, lowest = at_least(member, lattice, needless(known, values, place), values, place)
-    attest(bounder, grid, least=lowest, room=0.0, seed=problem.seed, search=search)
+    statistical_test(bounder, grid, least=lowest, room=0.0, seed=problem.seed, search=search)
     return bounder, record
 
 
@@ -287,7 +287,7 @@ def decide(
         least, left = min(least, search.upper_bound), search
     report("fresh positives")
     gap = costs.cheap_gap(least)
-    attest(part, problem.grid, least=least, room=gap, seed=problem.seed, search=left)
+    statistical_test(part, problem.grid, least=least, room=gap, seed=problem.seed, search=left)
     return {"gap": gap} | {k: v for k, v in record.items() if k != "gap"}
 
 
@@ -456,7 +456,7 @@ class _Fit:
         trainer.add_states(found.states)
         bounder = self._bounder(Mlp, trainer.network.tensors())
         # The prover's positives of cells are samples, too; those of a shape do not say which of its points they hold.
-        of_cells = isinstance(problem.grid, IndicatorGrid)
+        of_cells = isinstance(problem.grid, Grid)
         most = (MOST_REGION_PROOF if of_cells else MOST_SHAPE_PROOF) * budget
         expected, tried = 0.0, bounder.provable and (of_cells or self.proof_worthwhile)
         self.proof_worthwhile = tried
@@ -520,7 +520,7 @@ class _Fit:
         eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
         limit |= {"eps": eps, "points": points, "attested": self.options.attested}
-        search = prove_or_attest(part, grid, seed=self.problem.seed, **limit)
+        search = prove_or_test(part, grid, seed=self.problem.seed, **limit)
         if search is None:
             return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound), "complete": search.complete}
@@ -564,8 +564,8 @@ class _Fit:
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         at_least = LEAST_SHARE * budget
         whole = (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget
-        attest = attest_seconds(budget, self.proof_worthwhile or isinstance(self.problem.grid, IndicatorGrid))
-        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - attest  # seconds of this part
+        statistical_test = statistical_seconds(budget, self.proof_worthwhile or isinstance(self.problem.grid, Grid))
+        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - statistical_test  # seconds of this part
         share = min(left, self.final_search_limit) if self.proof_worthwhile else left
         seconds = max(share, at_least) if self.clock.timed else float("inf")
         found = adversarial_minimum(trainer.samples, trainer.network, seconds, trainer.hard, **rounds)

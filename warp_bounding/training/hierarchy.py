@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.arithmetic import round_down, round_up
 from warp_bounding.bounders import Bounder, Union, method_class, united
-from warp_bounding.bounders.bounder import settled
+from warp_bounding.bounders.bounder import resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Region, check_cover
@@ -22,18 +21,19 @@ from warp_bounding.bounders.volumes import Aabb, VolumeBounder
 from warp_bounding.certificates import conjunction
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.indicators import load_indicator
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.parts import part_of
-from warp_bounding.indicators.recentred import own_coordinates
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.proof import prove
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.rounding import round_down, round_up
 from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.progress import Progress, reported
+from warp_bounding.shapes import load_shape
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.parts import part_of
+from warp_bounding.shapes.recentred import own_coordinates
+from warp_bounding.shapes.shape import Shape
 from warp_bounding.training.fit import (
     LEAST_SHARE,
     SHAPE_BOXES,
@@ -106,12 +106,12 @@ def hierarchy(
         The union, with ``certificate`` and ``info``.
 
     Raises:
-        IndicatorError: If the shape cannot be read or bounded.
+        ShapeError: If the shape cannot be read or bounded.
         BounderError: For a kind of query, method or option that a leaf does not take, or a shape that certifies
             nothing.
 
     Example:
-        >>> disk = wb.solids.Sphere((0.0, 0.0), 1.0)
+        >>> disk = wb.shapes.Sphere((0.0, 0.0), 1.0)
         >>> tree = wb.hierarchy(disk, method="kdop", levels=1, device="cpu", progress=False)
         >>> tree.certificate.proven, len(tree.parts)
         (True, 2)
@@ -124,13 +124,13 @@ def hierarchy(
         raise BounderError(f"leaves must be a whole number from 2 to {MOST_LEAVES}, got {leaves!r}")
     check_numbers(budget, seed, margin)
     device_of(device)
-    spent, shape = Stopwatch(), own_coordinates(load_indicator(shape), "hierarchy")
+    spent, shape = Stopwatch(), own_coordinates(load_shape(shape), "hierarchy")
     shape = shape.dilated(margin) if isinstance(shape, Shape) else shape.to_grid(margin=margin)
     warn_of_restriction(shape)
     cls = method_class(method, query, shape.ndim)
     if not cls.conservative or cls.lays_cells:
         raise BounderError(f"{method}: cannot be a leaf of a hierarchy")
-    (told,) = settled([cls], query, options, [hierarchy])
+    (told,) = resolved([cls], query, options, [hierarchy])
     shape.check()
     shape.check_contents()
     if not shape.certified:
@@ -189,7 +189,7 @@ def _cut(
     it touches to both halves, to one of them as faces without a volume, which no sample would ever show to its leaf.
     """
     place = float(np.quantile(border[:, axis], share))
-    if isinstance(shape, IndicatorGrid):
+    if isinstance(shape, Grid):
         scale, offset = shape.cells_per_unit[axis], shape.offset[axis]
         place = float((np.floor(place * scale - offset) + offset) / scale)
     below = border[:, axis] <= place
@@ -214,7 +214,7 @@ def _hull(border: np.ndarray, room: np.ndarray) -> float:
 
 
 class _Builder:
-    """Parts and regions of the union, in the order in which they are asked."""
+    """Parts and regions of the union, in the order in which they are queried."""
 
     def __init__(self, shape: Shape, domain: Domain, cls: type[Bounder], told: dict[str, Any], seed: int, device):
         self.shape, self.domain, self.cls, self.told = shape, domain, cls, told

@@ -46,7 +46,7 @@ class HalfSpaceProblem:
         return (normals @ self.points.T).amax(dim=1)
 
     def refresh(self, normals: torch.Tensor) -> None:
-        """Called now and then with the normals as they are, before faces are asked for."""
+        """Called now and then with the normals as they are, before faces are requested."""
 
     def start(self, count: int, generator: torch.Generator) -> torch.Tensor:
         """``(k, m)`` normals to begin with that are not ``kdop``'s."""

@@ -17,13 +17,13 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.indicators.grid import IndicatorGrid
-from warp_bounding.indicators.recentred import Frame
-from warp_bounding.indicators.shape import Shape
 from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.boundary import border_points, held_points, pulled, random_points
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import RegionDomain
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.recentred import Frame
+from warp_bounding.shapes.shape import Shape
 from warp_bounding.training.lazy_torch import torch
 
 # Random points in the cells of a grid: a cell's index and an offset in [-1/2, 1/2]^n, as columns.
@@ -66,7 +66,7 @@ class ObjectPoints:
         """
         raise NotImplementedError
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         """Cells and offsets ``(2 n, N)`` of points of the object, after offsets have moved."""
         return after
 
@@ -95,7 +95,7 @@ class ObjectPoints:
 class CellPoints(ObjectPoints):
     """Points of a grid's object, in its cells; the domain of points gives the map to local space."""
 
-    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
+    def __init__(self, grid: Grid, domain: Domain, generator: torch.Generator):
         self.grid, self.generator, self.ndim = grid, generator, grid.ndim
         origin, one = (domain.to_local(grid.position(at(grid.ndim))) for at in (np.zeros, np.ones))
         sides = [domain.to_local(side) for side in (grid.lower, grid.upper)]
@@ -164,7 +164,7 @@ def _boundary_vertices(occupancy: np.ndarray) -> np.ndarray:
     return np.argwhere(some & ~every)
 
 
-def _exposed_sides(grid: IndicatorGrid) -> np.ndarray:
+def _exposed_sides(grid: Grid) -> np.ndarray:
     """``(n, B)`` int8: on which side of a boundary cell it is empty, 1 above, -1 below, 0 for both or neither."""
     padded = np.pad(grid.occupancy, 1, constant_values=True)
     index = grid.boundary + 1
@@ -244,7 +244,7 @@ class ShapePoints(ObjectPoints):
         cells, ends = self._border.index_select(1, index), self._ends.index_select(1, index)
         return cells, torch.zeros_like(cells), ends * (self.rand(self.ndim, count) < share)
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         """See ``ObjectPoints``."""
         start, moved = (self._points_of(each) for each in (before, after))
         left = np.flatnonzero(~self.shape.contains(moved))
@@ -394,7 +394,7 @@ class Samples:
         raise NotImplementedError
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """States after one step downhill; they stay positives, or ``settled`` makes them positives again.
+        """States after one step downhill; they stay positives, or ``resolved`` makes them positives again.
 
         Args:
             state: ``(S, N)``.
@@ -403,7 +403,7 @@ class Samples:
         """
         raise NotImplementedError
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         """States after several moves, as positives: those that left the object are taken back towards ``before``."""
         return after
 
@@ -412,7 +412,7 @@ class Samples:
         raise NotImplementedError(f"{self.query}: counterexamples come as states")
 
     def at(self, z: np.ndarray) -> torch.Tensor:
-        """States of positives given as numbers ``(N, Z)`` of a proof's chart; some may be dropped."""
+        """States of positives given as numbers ``(N, Z)`` of a proof's parametrization; some may be dropped."""
         raise NotImplementedError(f"{self.query}: there is no chart")
 
 
@@ -429,7 +429,7 @@ class LabelledRegions(Samples):
         self._kept, self._truth = torch.empty(self.ndim, 0), torch.empty(0, dtype=torch.bool)
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        if isinstance(self.grid, IndicatorGrid):
+        if isinstance(self.grid, Grid):
             return self._labelled(count)
         if len(self._truth) < REGIONS:  # of a shape labels take longer
             v, truth = self._labelled(REGIONS // REGION_PARTS)
@@ -459,7 +459,7 @@ class RegionSamples(LabelledRegions):
     """
 
     def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
-        of_cells = isinstance(grid, IndicatorGrid)
+        of_cells = isinstance(grid, Grid)
         self.cells: ObjectPoints = (CellPoints if of_cells else ShapePoints)(grid, domain.base, generator)
         super().__init__(grid, domain, generator)
         self.detail = self.cells.detail.repeat(2, 1)
@@ -477,10 +477,10 @@ class RegionSamples(LabelledRegions):
         self.cells.grow()
         return super().usual_negatives(count)
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         n = self.grid.ndim
         points = after[: 2 * n]
-        held = self.cells.settled(before[: 2 * n], points)
+        held = self.cells.resolved(before[: 2 * n], points)
         return after if held is points else torch.cat([held, after[2 * n :]])
 
     def point(self, state: torch.Tensor) -> torch.Tensor:
@@ -503,7 +503,7 @@ class PointSamples(Samples):
 
     query = "point"
 
-    def __init__(self, grid: IndicatorGrid, domain: Domain, generator: torch.Generator):
+    def __init__(self, grid: Grid, domain: Domain, generator: torch.Generator):
         self.grid, self.generator, self.ndim = grid, generator, grid.ndim
         self.cells = CellPoints(grid, domain, generator)
         self.detail, self.vertices = self.cells.detail, self.cells.boundary_vertices()
@@ -614,13 +614,13 @@ class ShapePointSamples(Samples):
         return state
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        # one of many moves: ``settled`` takes back those that have left the object
+        # one of many moves: ``resolved`` takes back those that have left the object
         slope /= slope.abs().amax(0, keepdim=True) + 1e-12
         moved = state - step * STEP * slope
-        # a complement has no end, but nobody is asked about it outside the domain
+        # a complement has no end, but nobody is queried about it outside the domain
         return torch.maximum(torch.minimum(moved, self._limit), -self._limit) if self.shape.unbounded else moved
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         local, domain = after.T.double().numpy(), self.domain
         moved = domain.to_object(local)
         if not self.shape.unbounded:  # where the object is cut off, it is walked along the end
@@ -669,7 +669,7 @@ class RaySamples(RegionSamples):
 
     query = "ray"
 
-    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
+    def __init__(self, grid: Grid, domain: RegionDomain, generator: torch.Generator):
         super().__init__(grid, domain, generator)
         self._stretch = torch.from_numpy(np.asarray(domain.stretch, dtype=np.float32))[:, None]
         self._cells_long = (self._stretch / self.cells.unit).abs()  # cells that a ray along each axis crosses
@@ -733,15 +733,15 @@ class RaySamples(RegionSamples):
         both = torch.cat([direction, normal], 1)
         return both.index_select(1, torch.randperm(count, generator=self.generator))
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
-        settled, n = super().settled(before, after), self.grid.ndim
-        if settled is after:
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+        resolved, n = super().resolved(before, after), self.grid.ndim
+        if resolved is after:
             return after
-        longest = self._longest(self.point(settled), settled[2 * n + 1 :])
-        return torch.cat([settled[: 2 * n], torch.minimum(settled[2 * n], longest)[None], settled[2 * n + 1 :]])
+        longest = self._longest(self.point(resolved), resolved[2 * n + 1 :])
+        return torch.cat([resolved[: 2 * n], torch.minimum(resolved[2 * n], longest)[None], resolved[2 * n + 1 :]])
 
     def at(self, z: np.ndarray) -> torch.Tensor:
-        # z = (p, t, m) of ``networks.charts.RayChart``
+        # z = (p, t, m) of ``networks.parametrizations.RayParametrization``
         n = self.grid.ndim
         p, t, m = z[:, :n], z[:, n], z[:, n + 1 :]
         u = m / np.linalg.norm(m, axis=1, keepdims=True)
@@ -837,7 +837,7 @@ class BoxSamples(RegionSamples):
         return torch.where(kind > 1 - NONE_SHARE, 0.0, reach)
 
     def at(self, z: np.ndarray) -> torch.Tensor:
-        # z of ``networks.charts.box``: low and high in cells
+        # z of ``networks.parametrizations.box``: low and high in cells
         n = self.grid.ndim
         cells, points = [], []
         for low, high in zip(z[:, :n], z[:, n:], strict=True):
@@ -898,7 +898,7 @@ class LeastBoxes(BoxSamples):
         point_detail: ``(n, 1)``, as ``detail``, of the object's points.
     """
 
-    def __init__(self, grid: IndicatorGrid, domain: RegionDomain, generator: torch.Generator):
+    def __init__(self, grid: Grid, domain: RegionDomain, generator: torch.Generator):
         super().__init__(grid, domain, generator)
         self.vertices, self.point_detail = self.cells.boundary_vertices().repeat(2, 1), self.cells.detail
 
@@ -946,8 +946,8 @@ class LeastBoxesOfShape(LabelledRegions):
         low, high = slope.chunk(2)
         return self.points.move(state, low + high, step)
 
-    def settled(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
-        return self.points.settled(before, after)
+    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
+        return self.points.resolved(before, after)
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
         """See ``LeastBoxes``."""
@@ -960,7 +960,7 @@ class LeastBoxesOfShape(LabelledRegions):
 
 def least_boxes(shape: Shape, domain: RegionDomain, seed: int) -> LeastBoxes | LeastBoxesOfShape:
     """The samples of a grid or of another shape; the seed is that of the trainer that takes them, too."""
-    kind = LeastBoxes if isinstance(shape, IndicatorGrid) else LeastBoxesOfShape
+    kind = LeastBoxes if isinstance(shape, Grid) else LeastBoxesOfShape
     return kind(shape, domain, torch.Generator().manual_seed(seed))
 
 
@@ -977,7 +977,7 @@ def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0) -> Sa
     """
     if domain.query not in SAMPLES:
         raise BounderError(f"training knows {', '.join(SAMPLES)}, got {domain.query}")
-    kinds = SAMPLES if isinstance(shape, IndicatorGrid) else SHAPE_SAMPLES
+    kinds = SAMPLES if isinstance(shape, Grid) else SHAPE_SAMPLES
     return kinds[domain.query](shape, domain, torch.Generator().manual_seed(seed))
 
 
@@ -991,8 +991,8 @@ class Problem:
     """What is to be bounded, for which queries, where.
 
     Attributes:
-        front: Bounders that are asked first. Only queries that they let through are asked further, so only those can be
-            false positives.
+        front: Bounders that are queried first. Only queries that they let through are asked further, so only those can
+            be false positives.
     """
 
     grid: Shape  # the object
@@ -1002,7 +1002,7 @@ class Problem:
     device: str | None  # Warp device of the bounder
     front: tuple[Bounder, ...] = ()
     in_front: bool = False  # whether the bounder stands before a network in a cascade
-    target: Domain | None = None  # where a network of points is asked, if it is trained in another domain, its own
+    target: Domain | None = None  # where a network of points is queried, if it is trained in another domain, its own
     callers: CallersQueries | None = None  # queries of the caller's own: where false positives count
     repeatable: bool = False  # whether the result is to be the same on every run, so that no clock may enter
 

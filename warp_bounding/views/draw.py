@@ -51,8 +51,8 @@ class Drawn(NamedTuple):
 
     def lines(self) -> str:
         """For people."""
-        told = [f"No pictures: {self.problem}. Everything else is complete."] if self.problem else []
-        return "\n".join([*(f"Picture: {path}" for path in self.paths), *told])
+        reported = [f"No pictures: {self.problem}. Everything else is complete."] if self.problem else []
+        return "\n".join([*(f"Picture: {path}" for path in self.paths), *reported])
 
 
 def draw_with(module: str, folder: Path, data: dict[str, np.ndarray], colours: int | None = COLOURS) -> Drawn:
@@ -408,25 +408,25 @@ def page(view: View, title: str, up: str) -> str:
         return surfaces[id(surface)]
 
     def about(state: State) -> dict[str, Any]:
-        told = {"label": state.label, "rates": state.rates, "fn": state.fn}
-        told["points"] = {name: _places(view, points) for name, points in state.points.items()}
-        told["counts"] = {name: len(points) for name, points in state.points.items()}
+        reported = {"label": state.label, "rates": state.rates, "fn": state.fn}
+        reported["points"] = {name: _places(view, points) for name, points in state.points.items()}
+        reported["counts"] = {name: len(points) for name, points in state.points.items()}
         if view.solid:
-            return told | {"object": number_of(state.object), "bound": number_of(state.bound)}
+            return reported | {"object": number_of(state.object), "bound": number_of(state.bound)}
         layers = {"object": (state.object, STONE), "bound": (state.bound, BOUND)}
         layers["missed"] = (state.missed(view.within), MISSED)
-        return told | {"pictures": {name: _png(view, mask, colour) for name, (mask, colour) in layers.items()}}
+        return reported | {"pictures": {name: _png(view, mask, colour) for name, (mask, colour) in layers.items()}}
 
     names = ("names", "solid", "asked", "within", "down", "stretch")
     right, into, high = np.array(VIEW) / np.linalg.norm(VIEW) * DISTANCE
     eye = ((high, right, into), (right, high, -into), (right, into, high))[UPS[up]]  # the camera, as in pictures
-    told = {name: getattr(view, name) for name in names} | {"up": UPS[up], "cut": CUTS[UPS[up]]}
-    told |= {"lower": view.lower.tolist(), "upper": view.upper.tolist(), "eye": dict(zip("xyz", eye, strict=True))}
-    told |= {"colours": {"object": STONE, "bound": BOUND}, "groups": [group._asdict() for group in view.groups]}
-    told |= {"states": [about(state) for state in view.states], "surfaces": packed}
+    reported = {name: getattr(view, name) for name in names} | {"up": UPS[up], "cut": CUTS[UPS[up]]}
+    reported |= {"lower": view.lower.tolist(), "upper": view.upper.tolist(), "eye": dict(zip("xyz", eye, strict=True))}
+    reported |= {"colours": {"object": STONE, "bound": BOUND}, "groups": [group._asdict() for group in view.groups]}
+    reported |= {"states": [about(state) for state in view.states], "surfaces": packed}
     facts = "\n".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in view.facts.items())
     parts = {"title": escape(title), "facts": facts, "library": needed("plotly.offline").get_plotlyjs()}
-    parts["view"] = json.dumps(told, allow_nan=False).replace("</", "<\\/")
+    parts["view"] = json.dumps(reported, allow_nan=False).replace("</", "<\\/")
     template = (files("warp_bounding.views") / "page.html").read_text(encoding="utf-8")
     return re.sub(r"@(title|facts|library|view)@", lambda found: parts[found[1]], template)
 

@@ -2,7 +2,7 @@
 
 A level set is found from answers alone: marching cubes over answers at the nodes of a grid say between which two nodes
 the answer changes, and halving that way again and again says where. What is thinner than the grid's cells can be
-missed. In a plane every pixel is asked, at its centre.
+missed. In a plane every pixel is queried, at its centre.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -19,11 +19,11 @@ from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 from warp_bounding.errors import BoundingError, QueryError
 from warp_bounding.evaluation import PROTOCOLS, judge_of, judge_of_points
-from warp_bounding.indicators import IndicatorGrid, IndicatorMesh, IndicatorMotion
-from warp_bounding.indicators.shape import IN, OUT, UNDECIDED, Shape
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.point import POINT
+from warp_bounding.shapes import Grid, Mesh, MovingMesh
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Shape
 
 __all__ = ["Group", "State", "View", "level_surface", "needed", "object_surface", "view_of"]
 
@@ -78,7 +78,7 @@ def level_surface(inside: Test, lower: np.ndarray, upper: np.ndarray, cells: int
     halves = np.rint(2 * np.asarray(found.points)).astype(int)  # a vertex is in the middle of an edge between nodes
     ends = np.stack([halves // 2, -(-halves // 2)])
     ends = np.where(mask[tuple(ends[0].T)][:, None], ends, ends[::-1])  # the node where the test is true comes first
-    yes, no = np.clip(lower + (ends - 1) * (upper - lower) / sides, lower, upper)  # nothing is asked in the ring
+    yes, no = np.clip(lower + (ends - 1) * (upper - lower) / sides, lower, upper)  # nothing is queried in the ring
     for _ in range(HALVINGS):
         middle = (yes + no) / 2
         true = inside(middle)[:, None]
@@ -92,11 +92,11 @@ def object_surface(shape: Shape, held: Mapping[int, float], cells: int):
     Triangles of a mesh, cells of a grid (in the layers that are nearest to the values), else a level set of the truth.
     """
     pyvista, axes = needed("pyvista"), _running(shape.ndim, held)
-    if isinstance(shape, IndicatorMesh):
+    if isinstance(shape, Mesh):
         return pyvista.PolyData.from_regular_faces(np.asarray(shape.vertices, np.float64), shape.faces)
-    if isinstance(shape, IndicatorMotion) and axes == [1, 2, 3]:
+    if isinstance(shape, MovingMesh) and axes == [1, 2, 3]:
         return pyvista.PolyData.from_regular_faces(shape.vertices_at(held[0]).astype(np.float64), shape.faces)
-    if not isinstance(shape, IndicatorGrid):
+    if not isinstance(shape, Grid):
         lower, upper = shape.lower[axes], shape.upper[axes]
         step = (upper - lower).max() / cells
         return level_surface(lambda x: shape.contains(_lifted(x, axes, held)), lower - step, upper + step, cells)
@@ -160,7 +160,7 @@ def _lifted(points: np.ndarray, axes: list[int], held: Mapping[int, float]) -> n
 
 
 class Group(NamedTuple):
-    """Points that were asked, by answer and truth."""
+    """Points that were queried, by answer and truth."""
 
     name: str
     text: str
@@ -269,7 +269,7 @@ def view_of(
     _check(bounder, shape, radii, times, held)
     pairs = [(radius, time) for time in (times or [None]) for radius in radii]
     axes, within = _running(shape.ndim, held | ({0: 0.0} if shape.time else {})), bool(bounder.domain.unbounded)
-    asked = {radius: _asked(bounder, shape, radius) for radius in radii}
+    asked = {radius: _queried(bounder, shape, radius) for radius in radii}
     _, _, around, fitted = asked[radii[0]]
     room = max(radii) + BEYOND * (around.upper - around.lower)[axes].max()
     lower, upper, solid = around.lower[axes] - room, around.upper[axes] + room, len(axes) == SPACE
@@ -293,7 +293,7 @@ def view_of(
         states.append(_state(label, bound, objects[time], x, maybe(lifted(x)), np.asarray(truth(lifted(x)), np.uint8)))
         if progress:
             progress(len(states), len(pairs))
-    down = not solid and isinstance(shape, IndicatorGrid)
+    down = not solid and isinstance(shape, Grid)
     scale = shape.cells_per_unit[axes] / shape.cells_per_unit[axes].max() if down else np.ones(len(axes))
     all_of_space = not down and axes == list(range(int(shape.time), shape.ndim))
     return View(
@@ -319,8 +319,8 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
         moves = {True: "moves", False: "does not move"}
         raise QueryError(f"the shape {moves[shape.time]}, that of the bounder {moves[not shape.time]}")
     if bounder.query_kind not in ASKED:
-        told = f"bounders of {', '.join(ASKED)} queries, got one of {bounder.query_kind} queries"
-        raise QueryError(f"show is for {told}: what it answers depends on more than a place")
+        reported = f"bounders of {', '.join(ASKED)} queries, got one of {bounder.query_kind} queries"
+        raise QueryError(f"show is for {reported}: what it answers depends on more than a place")
     if not bounder.of_distances and any(radii):
         raise QueryError(f"a radius is for distances, got one for {bounder.query_kind} queries")
     for radius in radii:
@@ -340,7 +340,7 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
         raise QueryError(f"expected one radius or one time, got {len(radii)} radii and {len(times)} times")
 
 
-def _asked(bounder: Bounder, shape: Shape, radius: float) -> tuple[Test, Test, Shape, Shape]:
+def _queried(bounder: Bounder, shape: Shape, radius: float) -> tuple[Test, Test, Shape, Shape]:
     """A bounder's *maybe* of points ``(N, n)`` float32, and their truth, as of ``Shape.decide``.
 
     Also the shape they are drawn around, and what the fit bounded.

@@ -353,7 +353,7 @@ class NetworkTrainer:
             state[:, part] = columns
 
         self.team.over(state.shape[1], job)
-        return self.samples.settled(begin, state)
+        return self.samples.resolved(begin, state)
 
     def _gradients(self, row: int, used: float, rate: float) -> list[torch.Tensor]:
         """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at this learning rate."""

@@ -277,10 +277,10 @@ def granted(bounder: MlpEarly, problem: Problem) -> MlpEarly:
     if len(bounder.hidden) < 2:
         return bounder
     rng = np.random.default_rng(problem.seed + SEED)
-    x, answer = _asked(bounder, problem, FITTED, rng)
+    x, answer = _queried(bounder, problem, FITTED, rng)
     v = bounder.domain.to_local(x)
     grants = [_fit(part, bounder.parts[-1], v, answer) for part in bounder.parts[:-1]]
-    x, answer = _asked(bounder, problem, CHOSEN, rng)
+    x, answer = _queried(bounder, problem, CHOSEN, rng)
     truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.oracle_length)(x)
     allowed = int(COST / len(grants) * (answer & ~truth).sum())
     bounder, open_, thresholds = bounder.granting(grants, [GRANTED] * len(grants)), ~answer, []
@@ -292,7 +292,9 @@ def granted(bounder: MlpEarly, problem: Problem) -> MlpEarly:
     return bounder.granting(grants, thresholds)
 
 
-def _asked(bounder: MlpEarly, problem: Problem, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _queried(
+    bounder: MlpEarly, problem: Problem, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Random queries ``(N, columns)`` that reach the network, and whether each is answered with *maybe*."""
     x = np.asarray(problem.sample(count, rng), dtype=np.float32)
     x = x[problem.asked(x) & np.isfinite(bounder.parts[-1].values(x).numpy())]

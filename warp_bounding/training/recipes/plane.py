@@ -86,7 +86,7 @@ class SupportTrainer:
         m[torch.arange(count), torch.randint(self.ndim, (count,), generator=self.generator)] = 1.0
         return m
 
-    def _asked(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def _queried(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Normals as queries have them, and the density of the queries' offsets at both supports."""
         v = self.domain.to_local(self._problem.sample(count, self._rng))
         m = torch.from_numpy(v[:, :-1].astype(np.float32))
@@ -107,7 +107,7 @@ class SupportTrainer:
         optimiser, hard = Soap(self.network.layers, 0.95, 0.95), self._faces(HARD)
         for step, used in clock.steps():
             if step % REFRESH == 0:
-                m, density = self._asked(POOL)
+                m, density = self._queried(POOL)
                 supports = self._supports(m)
                 hard = self._refresh(m, density, supports, hard)
                 clock.tell(used, f"FP {100 * self._best[0]:.2f} %")
@@ -123,7 +123,7 @@ class SupportTrainer:
                 gradients = torch.autograd.grad(loss, self.network.layers)
             with torch.no_grad():
                 optimiser.step(list(gradients), cosine(RATE, RATE_END, WARM_UP, used))
-        m, density = self._asked(POOL)
+        m, density = self._queried(POOL)
         self._refresh(m, density, self._supports(m), hard)
 
     def _refresh(self, m, density, supports, hard) -> torch.Tensor:

@@ -1,0 +1,274 @@
+"""What every kind of shape promises: its answers about points, boxes, half-spaces and distances never contradict each
+other, and a margin holds what is near."""
+
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+import trimesh
+from arm_cases import random_arm
+from bounding_shapes import shape as grid
+
+import warp_bounding as wb
+from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.parts import Clipped
+from warp_bounding.shapes.recentred import Frame, Recentred
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
+
+S, MARGIN = wb.shapes, 0.0625
+TORUS, BALL, BOX = (
+    trimesh.creation.torus(1, 0.3),
+    trimesh.creation.icosphere(subdivisions=2),
+    trimesh.creation.box((1, 2, 0.5)),
+)
+
+
+def mesh(*parts, **options):
+    joined = trimesh.util.concatenate(parts)
+    return wb.shapes.Mesh(joined.vertices, joined.faces, **options)
+
+
+def moving(solid, faces=slice(None)):
+    """It turns, slides and stretches between times of uneven distances."""
+    x, y, z = solid.vertices.T
+    angles = 1.5 * np.sin(np.linspace(0, 3, 5))
+    frames = [
+        np.stack([np.cos(a) * x - np.sin(a) * y + a, np.sin(a) * x + np.cos(a) * y, z * (1 + a)], 1) for a in angles
+    ]
+    return wb.shapes.MovingMesh(np.array(frames), solid.faces[faces], times=[-1, 0.5, 1, 1.25, 4], time_cells=4)
+
+
+def blend(poses, halvings):
+    """A ball that is drawn out along x, and one end of it bent upwards."""
+    ball = trimesh.creation.icosphere(subdivisions=halvings)
+    x, y, z = ball.vertices.T
+    deltas = np.stack([x, 0 * y, 0 * z], 1), np.stack([0 * x, 0 * y, np.maximum(x, 0) ** 2], 1)
+    return wb.shapes.BlendShapes(
+        ball.vertices, deltas[:poses], ball.faces, lower=[-0.4, -0.8][:poses], upper=[0.8, 0.8][:poses]
+    )
+
+
+def arm(**joint):
+    step = np.eye(4)
+    step[0, 3] = 0.5
+    links = [Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=i) for i in range(2)]
+    walls = [Body.box([0.3, 0.2, -0.5], [0.6, 0.5, 0.5]), Body.sphere([-0.6, -0.2, 0], 0.2)]
+    return ArmConfigurations(Arm([Joint(**joint), Joint(step)], links), walls, weights=[1.3, 0.7])
+
+
+def distance(x):
+    return np.linalg.norm(x, axis=1) - 1.0
+
+
+def rotated(angle):
+    return [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+
+
+CORNER = S.Intersection(
+    S.Box([0, 0], [4, 1]), S.Transform(S.Box([0, 0], [4, 1]), rotated(0.1))
+)  # a spike: its gap is far less than the distance
+KINDS = {
+    "grid": lambda: grid("blob"),
+    "grid 2D": lambda: grid("c"),
+    "animation": lambda: grid("animated"),
+    "mesh": lambda: mesh(TORUS),
+    "mesh of parts": lambda: mesh(BALL, BALL.copy().apply_translation([0.9, 0, 0])),
+    "open mesh": lambda: wb.shapes.Mesh(BALL.vertices, BALL.faces[: len(BALL.faces) // 2]),
+    "tank": lambda: mesh(BOX, trimesh.Trimesh(0.8 * BOX.vertices, BOX.faces[:, ::-1], process=False), hollow="empty"),
+    "motion": lambda: moving(TORUS),
+    "open motion": lambda: moving(BALL, slice(160)),
+    "blend": lambda: blend(1, 0),
+    "blends": lambda: blend(2, 2),
+    "arm": arm,
+    "arm in space": lambda: ArmConfigurations(*random_arm(np.random.default_rng(1), 3)),
+    "arm in space that slides": lambda: ArmConfigurations(
+        *random_arm(np.random.default_rng(5), 3, True), weights=[0.2, 3, 1]
+    ),
+    "arm that slides": lambda: arm(slides=True, lower=-0.5, upper=0.4, axis=(1, 0, 0)),
+    "arm that turns": lambda: arm(continuous=True),
+    "function": lambda: wb.shapes.Function(None, [-1] * 3, [1] * 3, distance=distance),
+    "steep function": lambda: wb.shapes.Function(
+        None, [-1] * 5, [1] * 5, distance=lambda x: 4 * distance(x), lipschitz=4.0
+    ),
+    "short function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * distance(x)),
+    "spike": lambda: CORNER,
+    "cells and a spike": lambda: S.Union(
+        wb.shapes.Grid(np.eye(5, dtype=bool)), S.Transform(CORNER, rotated(np.pi / 4), [1, 2], 0.5)
+    ),
+    "less a dilation": lambda: S.Difference(S.Box([-9, -9], [9, 9]), S.Dilation(CORNER, 0.5)),
+    "bitten mesh": lambda: mesh(BOX) - S.Sphere([0.5, 1, 0], 0.5),
+    "solids": lambda: (S.Sphere([0, 0, 0], 0.7) | S.Capsule([1, 0, 0], [0, 1, 0], 0.3)) - S.Torus([0, 0, 0], 0.8, 0.3),
+    "common to solids": lambda: (
+        S.Sphere([0, 0, 0], 0.7) & (S.Box([0, 0, 0], [1, 1, 1]) | S.HalfSpace([1, 1, 0], -0.2, [-1] * 3, [1] * 3))
+    ),
+    "turned mesh": lambda: S.Transform(mesh(BOX), np.eye(3)[[1, 0, 2]], scale=1.5),
+    "extrusion": lambda: S.Extrusion(S.Torus([0, 0, 0], 0.6, 0.2), [0, 1, 3], [[0, 0, 0], [1, 0, 0], [1, 1, 1]]),
+    "outside": lambda: wb.shapes.Complement(mesh(TORUS)),
+    "part": lambda: Clipped(mesh(TORUS), [0, -9, -9], [9, 9, 9]),
+    "far away": lambda: Recentred(grid("blob"), Frame((500000.13, 4649776.37, 12.7), (1e-4, 0.0, 0.0))),
+}
+
+
+@cache
+def made(name: str, margin: float = 0.0):
+    return KINDS[name]().dilated(margin)
+
+
+def dilates(name: str) -> bool:
+    return not name.startswith("arm")
+
+
+ALL = [(name, margin) for name in KINDS for margin in (0.0, MARGIN) if not margin or dilates(name)]
+
+
+def around(shape, rng, count: int) -> np.ndarray:
+    """Random points, and as many within a few roundings of the border where both sides of it were found."""
+    x = rng.uniform(shape.sample_lower, shape.sample_upper, (count, shape.ndim))
+    held = shape.decide(x) == IN
+    if held.all() or not held.any():
+        return x
+    a, b = (x[rng.choice(np.flatnonzero(side), count)] for side in (held, ~held))
+    if shape.time:  # at one time: what moves fast is passed within a rounding of it
+        b[:, 0] = a[:, 0]
+    for _ in range(50):
+        middle = a / 2 + b / 2
+        inside = (shape.decide(middle) == IN)[:, None]
+        a, b = np.where(inside, middle, a), np.where(inside, b, middle)
+    return np.concatenate([x, a, b])
+
+
+def within(lower, upper, rng) -> np.ndarray:
+    """A point of each box, at a corner or on a face as a rule."""
+    share = rng.random(lower.shape)
+    share = np.where(rng.random(lower.shape) < 0.6, np.round(share), share)
+    return np.clip(lower + share * (upper - lower), lower, upper)
+
+
+@pytest.mark.parametrize(("name", "margin"), ALL)
+def test_answers_never_contradict_each_other(name, margin, rng):
+    shape = made(name, margin)
+    x = around(shape, rng, 1000)
+    answer = shape.decide(x)
+    assert (shape.contains(x) == (answer != OUT)).all()
+    assert (shape.decide(np.float32(x)) == shape.decide(np.float32(x).astype(float))).all()
+    assert (answer[:1000] == UNDECIDED).mean() < (0.2 if name == "far away" else 2e-3)
+    assert not shape.contains(x[((x < shape.lower) | (x > shape.upper)).any(axis=1)]).any() or shape.unbounded
+    size = 10.0 ** rng.uniform(-4, -0.3, (len(x), 1)) * (shape.upper - shape.lower) * rng.random(x.shape)
+    lower, upper = x - size * rng.random(x.shape), x + size * rng.random(x.shape)
+    empty, inside, known = shape.empty(lower, upper), shape.inside(lower, upper), shape.half_spaces(lower, upper)
+    assert empty.sum() > 5
+    assert inside.any() or name.startswith("open") or name in ("blend", "animation")
+    assert not (empty & inside).any()
+    clear, bounds = shape.clearance(lower, upper), shape.distances(x)
+    for y in (x, *(within(lower, upper, rng) for _ in range(5))):
+        answer = shape.decide(y)
+        assert not (empty & (answer == IN)).any()
+        assert not (inside & (answer == OUT) & shape_knows(shape, y)).any()
+        if known is not None:
+            value = known.level + (known.slope * (y - known.center)).sum(axis=1)
+            assert (value[(answer == IN) & ~known.empty] >= 0).all()
+        if clear is not None:
+            assert (clear <= shape.distances(y)[:, 1]).all()
+    if known is not None:
+        assert (known.empty == empty).all()
+        assert np.isfinite(known.level).all()
+        assert np.isfinite(known.slope).all()
+        assert (known.slope.any(axis=1) & ~empty).sum() > 5
+    if bounds is not None:
+        low, high = bounds.T
+        assert (shape.distance(x) == low).all()
+        assert ((low >= 0) & (low <= high)).all()
+        assert (low[shape.decide(x) == IN] == 0).all()
+        held = x[shape.decide(x) == IN][-500:]
+        if len(held) and not shape.time:
+            for row in range(0, len(x), 7):  # the truth in rational arithmetic
+                nearest = held[np.linalg.norm(x[row] - held, axis=1).argmin()]
+                assert Fraction(low[row]) ** 2 <= squared_distance(x[row], x[row], nearest)
+                assert clear is None or Fraction(clear[row]) ** 2 <= squared_distance(lower[row], upper[row], nearest)
+
+
+def squared_distance(lower: np.ndarray, upper: np.ndarray, x: np.ndarray) -> Fraction:
+    """Between a box and a point, exactly."""
+    sides = zip(lower.tolist(), upper.tolist(), x.tolist(), strict=True)
+    return sum(max(Fraction(a) - Fraction(p), Fraction(p) - Fraction(b), Fraction(0)) ** 2 for a, b, p in sides)
+
+
+def shape_knows(shape, x) -> np.ndarray:
+    """Whether points are where something is known: not beyond times and limits."""
+    first, last = shape.known
+    return ((x >= first) & (x <= last)).all(axis=1)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_what_is_no_point_and_no_box(name):
+    shape = made(name)
+    middle, n = (shape.lower + shape.upper) / 2, shape.ndim
+    assert shape.decide(np.empty((0, n))).shape == shape.empty(*np.empty((2, 0, n))).shape == (0,)
+    for axis in {0, n - 1}:
+        for bad in (np.nan, np.inf, -np.inf):
+            x = middle.copy()
+            x[axis] = bad
+            with np.errstate(invalid="ignore"):
+                assert shape.decide(x[None]) == OUT or (name == "far away" and shape.decide(x[None]) == UNDECIDED)
+        for bad in (np.nan, np.inf, -np.inf, 1e308):
+            low, high = np.tile(middle, (2, 1)), np.tile(middle + 0.01, (2, 1))
+            low[0, axis] = high[1, axis] = bad
+            with np.errstate(invalid="ignore", over="ignore"):
+                empty, inside, known = (ask(low, high) for ask in (shape.empty, shape.inside, shape.half_spaces))
+            assert not (empty | inside)[~(low <= high).all(axis=1)].any()
+            assert not inside[np.isnan(low).any(axis=1)].any()
+            if known is not None:
+                assert (known.empty == empty).all()
+                assert np.isfinite(known.level).all()
+                assert np.isfinite(known.slope).all()
+
+
+@pytest.mark.parametrize(
+    "name", [name for name in KINDS if dilates(name) and name not in ("outside", "part")]
+)  # the whole is dilated there
+def test_a_margin_holds_what_is_near(name, rng):
+    """All points within it in space, and nothing beyond the box; cells that are laid over it hold it."""
+    shape, wide = made(name), made(name, MARGIN)
+    held = around(shape, rng, 1000)
+    near = held[shape.decide(held) == IN]
+    way = rng.normal(size=(len(near), shape.ndim))
+    way[:, space_of(name, shape)] = 0
+    near = near + MARGIN * (1 - 1e-9) * rng.random((len(near), 1)) * way / np.linalg.norm(way, axis=1, keepdims=True)
+    assert wide.contains(near).all()
+    assert not wide.empty(near, near).any()
+    assert ((near >= wide.lower) & (near <= wide.upper)).all()
+    assert shape.dilated(0) is shape or name == "far away"
+    assert wide.dilated(MARGIN) is wide or name == "far away"
+    assert wide.margin == MARGIN
+    assert wide.digest != shape.digest
+    for margin in (2 * MARGIN, -1.0, np.nan):
+        with pytest.raises(ShapeError, match=r"dilated by|margin must be"):
+            wide.dilated(margin)
+    if shape.ndim > 4 or name == "far away":
+        return
+    options = {} if isinstance(shape, wb.shapes.Grid) else {"resolution": 12}
+    cells = shape.to_grid(margin=MARGIN, **options)
+    assert (cells.margin, cells.time) == (MARGIN, shape.time)
+    x = np.float32(np.concatenate([near, around(wide, rng, 1000)]))
+    x = x[
+        ((x >= cells.lower) & (x <= cells.upper)).all(axis=1)
+    ]  # a motion's last moments may lie beyond the last cell of time
+    assert cells.contains(x[wide.decide(x) == IN]).all()
+    assert wide.to_grid(**options).digest == cells.digest
+
+
+def space_of(name: str, shape) -> slice:
+    """The coordinates in which nothing is dilated: time, and poses."""
+    return slice(3, None) if name.startswith("blend") else slice(0, int(shape.time))
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_places_that_a_shape_names(name, rng):
+    shape = made(name)
+    points, landmarks = shape.points(2000, rng), shape.landmarks()
+    assert points.shape[1:] == landmarks.shape[1:] == (shape.ndim,)
+    assert not len(points) or shape.contains(points).mean() > 0.25  # on the border, and rounded
+    if len(landmarks) and (far := shape.distance(landmarks)) is not None:
+        assert (far <= 1e-5 * shape.extent.max()).mean() > 0.99

@@ -1,0 +1,345 @@
+"""Every format is read as it was written, noted or refused; what arrays and objects of other libraries mean is told, or
+asked for."""
+
+import contextlib
+import io
+import re
+import signal
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import warp as wp
+from grid_cases import GRID_CASES
+from mesh_cases import MESH_CASES
+from PIL import Image
+
+import warp_bounding as wb
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes import Grid, load_shape
+from warp_bounding.shapes.formats.load import READERS
+
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "formats.md"
+ROW = re.compile(r"^\| `([a-z0-9]+/[a-z0-9-]+)` \|.*\| \*\*(read|noted|refused)\*\*")
+LONGEST = 400  # characters of an error
+CASES = MESH_CASES | GRID_CASES
+
+
+def refused(source, *words, **options):
+    """One line that holds the words."""
+    with pytest.raises(ShapeError) as caught:
+        load_shape(source, **options)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert len(message) < 400
+    for word in words:
+        assert word in message, message
+
+
+def rows() -> list[tuple[str, str]]:
+    """Keys and outcomes of all rows."""
+    return [row.groups() for line in PAGE.read_text("utf-8").splitlines() if (row := ROW.match(line))]
+
+
+def test_rows_and_cases_are_the_same():
+    keys = [key for key, _ in rows()]
+    assert len(keys) == len(set(keys))
+    assert set(keys) == set(CASES)
+
+
+@pytest.mark.parametrize(("key", "outcome"), rows())
+def test_row(tmp_path, key, outcome):
+    case = CASES[key]
+    path = case.write(tmp_path)
+    if outcome == "refused":
+        with pytest.raises(ShapeError) as caught:
+            case.load(path)
+        message = str(caught.value).replace(str(tmp_path), "")
+        assert case.words
+        assert case.words in message
+        assert "\n" not in message
+        assert len(message) < LONGEST
+        return
+    shape = case.load(path)
+    assert (case.words != "") == (outcome == "noted")
+    message = f"{shape.restriction}{getattr(shape, 'remark', '')}"
+    assert case.words in message
+    assert bool(message) == (outcome == "noted")
+    case.check(shape)
+
+
+UNCOUNTED = ("obj", "usd", "urdf", "ros", "place")  # texts that do not say how much they hold; URDF has rows of its own
+CUTS = 6
+
+
+@pytest.mark.parametrize(
+    "key", [k for k, outcome in rows() if outcome != "refused" and k.split("/")[0] not in UNCOUNTED]
+)
+def test_what_is_cut_off_is_refused_or_whole(tmp_path, key):
+    """Files end early, at places that differ from row to row."""
+    path = CASES[key].write(tmp_path)
+    whole, content, rng = CASES[key].load(path), path.read_bytes(), np.random.default_rng(zlib.crc32(key.encode()))
+    for end in rng.integers(1, len(content), CUTS):
+        path.write_bytes(content[:end])
+        with contextlib.suppress(ShapeError):
+            assert CASES[key].load(path).digest == whole.digest
+
+
+BOX = trimesh.creation.box(extents=(1, 2, 3))
+
+
+@pytest.mark.parametrize(("ndim", "dtype"), [(1, bool), (3, np.int64), (4, np.float16), (6, bool)])
+def test_arrays_and_npy_of_any_dimension(tmp_path, rng, ndim, dtype):
+    occupancy = rng.random((4,) * ndim) < 0.5
+    occupancy.flat[:2] = False, True
+    array = occupancy.astype(dtype)
+    np.save(tmp_path / "a.npy", array)
+    for grid in load_shape(array), load_shape(str(tmp_path / "a.npy")), load_shape(tmp_path / "a.npy"):
+        assert isinstance(grid, Grid)
+        assert np.array_equal(grid.occupancy, occupancy)
+        assert grid.time == (ndim == 4)
+
+
+def test_arrays_are_copied_and_time_comes_first_in_4d(tmp_path, blob):
+    grid = load_shape(blob)
+    before = grid.occupancy.copy()
+    np.savez(tmp_path / "one.npz", anything=blob)
+    np.savez_compressed(tmp_path / "many.npz", occupancy=blob, other=np.zeros(3))
+    for name in ("one.npz", "many.npz"):
+        assert np.array_equal(load_shape(tmp_path / name).occupancy, blob)
+    blob[:] = ~blob
+    assert np.array_equal(grid.occupancy, before)
+    with pytest.raises(ValueError, match="read-only"):
+        grid.occupancy[0, 0, 0] = True
+    for ndim, time, expected in ((4, None, True), (4, False, False), (3, None, False), (3, True, True)):
+        array = np.arange(2**ndim).reshape((2,) * ndim) < 3
+        assert load_shape(array, time=time).time is expected
+
+
+def test_scenes_of_trimesh():
+    ball = trimesh.creation.icosphere(subdivisions=1).apply_translation([10, 0, 0])
+    mesh = load_shape(trimesh.Scene([BOX, ball]))
+    assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float32, np.int32)
+    assert (len(mesh.faces), mesh.watertight) == (12 + 80, True)
+    assert np.allclose(mesh.bounds, [[-0.5, -1, -1.5], [11, 1, 1.5]])
+    assert "PointCloud" in load_shape(trimesh.Scene([BOX, trimesh.PointCloud([[0, 0, 0], [5, 5, 5]])])).note
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.obj"])
+def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob):
+    path = tmp_path / "somebody" / name
+    path.parent.mkdir()
+    np.save(path, blob) if path.suffix == ".npy" else BOX.export(path)
+    shape = load_shape(path)
+    assert shape.name == shape.to_grid().name == name
+    bounder = wb.fit(shape, method="aabb", device="cpu")
+    assert bounder.info["name"] == name
+    bounder.save(tmp_path / "b.safetensors")
+    assert b"somebody" not in (tmp_path / "b.safetensors").read_bytes()
+
+
+MAP = np.array([[0, 254, 205], [127, 128, 255]], dtype=np.uint8)  # a map of a robot: dark is a wall, white is free
+
+
+VERTICES, FACES = np.asarray(BOX.vertices, dtype=np.float32), np.asarray(BOX.faces, dtype=np.int32)
+
+
+def test_meshes_and_arrays_of_other_libraries(device):
+    torch = pytest.importorskip("torch")
+    points = wp.array(VERTICES, dtype=wp.vec3, device=device)
+    mesh = wp.Mesh(points, wp.array(FACES.ravel(), dtype=wp.int32, device=device))
+    for source, name in (
+        ((VERTICES.tolist(), FACES.tolist()), "mesh"),
+        ((torch.tensor(VERTICES, requires_grad=True), torch.tensor(FACES)), "mesh"),
+        ((points, wp.array(FACES, dtype=wp.int32, device=device)), "mesh"),
+        (mesh, "wp.Mesh"),
+    ):
+        shape = load_shape(source)
+        assert (shape.digest, shape.name) == (load_shape(BOX).digest, name)
+    bounder = wb.fit(mesh, method="aabb", resolution=8)
+    assert wb.certify(bounder, mesh).proven
+    assert wb.evaluate(bounder, mesh, samples=1000).fn == 0
+    occupancy = np.random.default_rng(0).random((4, 5, 6)) < 0.3
+    signed = torch.tensor(np.where(occupancy, -1.0, 1.0))
+    for source, options in (
+        (torch.tensor(occupancy), {}),
+        (wp.array(occupancy.astype(np.uint8), device=device), {}),
+        (signed, {"threshold": "<=0"}),
+    ):
+        assert load_shape(source, **options).digest == load_shape(occupancy).digest
+    refused(signed, "load_shape(a <= 0)")
+
+
+YAML = "image: m.pgm\nresolution: {}\norigin: {}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+GREY = np.array([[0, 50, 90], [128, 204, 205], [206, 254, 255], [0, 255, 254]], np.uint8)
+
+
+def ros(folder, values=GREY, *, resolution=0.05, origin="[-2.03, -3.11, 0.0]"):
+    head = f"P5\n{values.shape[1]} {values.shape[0]}\n255\n".encode()
+    (folder / "m.pgm").write_bytes(head + values.tobytes())
+    (folder / "m.yaml").write_text(YAML.format(resolution, origin))
+    return load_shape(folder / "m.yaml")
+
+
+def corners(shape: tuple[int, int], resolution: float, origin: tuple[float, float]):
+    """Rows, columns, and lower corners in the world, of a picture's cells."""
+    row, column = np.indices(shape).reshape(2, -1)
+    return row, column, np.stack([column, shape[0] - 1 - row], axis=1) * resolution + np.array(origin)
+
+
+@pytest.mark.parametrize(
+    ("origin", "resolution"),
+    [((-2.03, -3.11), 0.05), ((1e-9, -1e-9), 0.03), ((500000.13, 4649776.37), 0.1), ((-7e8, 3.3), 0.15)],
+)
+def test_no_wall_of_a_map_is_denied_wherever_it_lies(tmp_path, origin, resolution):
+    values = np.full((30, 50), 254, np.uint8)
+    values[4:9, 10:31] = values[20:, 40:] = 0
+    shape = ros(tmp_path, values, origin=f"[{origin[0]!r}, {origin[1]!r}, 0]", resolution=resolution)
+    bounder = wb.fit(shape, method="aabb", device="cpu")
+    assert bounder.certificate.proven
+    row, column, corner = corners(values.shape, resolution, origin)
+    walls = corner[values[row, column] == 0]
+    steps = np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0.5]]) * resolution
+    x = (walls[:, None] + steps).reshape(-1, 2)  # corners and centres, as float64 has them
+    assert bounder.query(x).numpy().all()
+    near = np.abs(x).max() * 2.0**-24 < resolution / 8  # of what float32 holds, the same, but for its own rounding
+    middles = (walls + resolution / 2).astype(np.float32)
+    assert not near or bounder.query(middles).numpy().all()
+    assert not bounder.query(np.array(origin)[None] - resolution).numpy().any()
+    assert wb.certify(bounder, shape).proven
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_regions_of_a_map_at_any_origin(tmp_path, query):
+    values = np.full((12, 16), 254, np.uint8)
+    values[3:6, 5:9] = 0
+    shape = ros(tmp_path, values, origin="[500000.13, 4649776.37, 0]")
+    bounder = wb.fit(shape, query, "kdop", device="cpu")
+    middle = shape.origin + 0.05 * np.array([7.0, 12 - 4.5])
+    x = {"ray": [middle - [0.3, 0], [1, 0]], "plane": [[1, 0], middle], "box": [middle, middle]}[query]
+    assert bounder.query(np.concatenate(x)[None]).numpy()[0] == 1
+    away = {"ray": [middle + 9, [1, 0]], "plane": [[1, 0], middle + 9], "box": [middle + 9, middle + 10]}[query]
+    assert bounder.query(np.concatenate(away)[None]).numpy()[0] == 0
+    assert wb.certify(bounder, shape).proven
+
+
+def test_pictures_as_objects():
+    picture = Image.fromarray(GREY)
+    np.testing.assert_array_equal(load_shape(picture, threshold="<128").occupancy, GREY < 128)
+    refused(picture, "threshold")
+    alpha = Image.fromarray(np.stack([GREY] * 4, axis=2))
+    np.testing.assert_array_equal(load_shape(alpha).occupancy, GREY >= 128)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"), [(np.float32, 0.1), (np.int64, 2**53), (np.uint64, 2**62), (np.float16, 0.1)]
+)
+def test_thresholds_compare_exactly(kind, value):
+    array = np.array([value, 0], kind)
+    exact = int(array[0]) if array.dtype.kind in "iu" else float(array[0])
+    bound = float(value)
+    for sign, holds in (("<", exact < bound), ("<=", exact <= bound), (">", exact > bound), (">=", exact >= bound)):
+        occupied = load_shape(
+            np.array([array[0]] * 2 + [0 if holds == (sign[0] == ">") else 2 * array[0] + 1], kind),
+            threshold=f"{sign}{value!r}",
+        ).occupancy
+        assert bool(occupied[0]) == holds
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "package"),
+    [("a.png", "PIL.Image", "pillow"), ("a.usd", "pxr.Usd", "usd-core")],
+)
+def test_missing_package_names_what_to_install(tmp_path, monkeypatch, name, module, package):
+    (tmp_path / name).write_bytes(b"content")
+    monkeypatch.setitem(sys.modules, module, None)  # makes the import fail
+    refused(tmp_path / name, name, package, "pip install 'warp-bounding[train]'")
+
+
+def test_ctrl_c_is_not_lost_in_an_import(tmp_path, monkeypatch):
+    """Some packages look for their optional parts with ``except BaseException``."""
+    seen = []
+
+    def swallows(module):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException as error:
+            seen.append(error)
+        return sys.modules[module]
+
+    Image.new("RGBA", (8, 8)).save(tmp_path / "a.png")
+    monkeypatch.setattr("importlib.import_module", swallows)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background may ignore it
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            load_shape(tmp_path / "a.png")
+        assert not seen
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+def npy(array, **options):
+    buffer = io.BytesIO()
+    np.save(buffer, array, **options)
+    return buffer.getvalue()
+
+
+BAD_FILES = {
+    "empty.npy": (npy(np.zeros((4, 4))), "nothing to bound"),
+    "full.npy": (npy(np.ones((4, 4))), "nothing to leave out"),
+    "shape.xyz": (b"1 2 3", "expected one of", "'.xyz'"),
+    "shape": (b"1 2 3", "expected one of", "no extension"),
+    "bunny.safetensors": (b"a bounder", "expected a shape, got a bounder's file"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_FILES)
+def test_bad_file(tmp_path, name):
+    content, *words = BAD_FILES[name]
+    (tmp_path / name).write_bytes(content)
+    refused(tmp_path / name, name, *words)
+
+
+@pytest.mark.parametrize("suffix", READERS)
+def test_what_is_no_file_of_a_format(tmp_path, suffix, rng):
+    for name, make, word in (
+        ("gone", lambda path: None, "no such file"),
+        ("empty", lambda path: path.touch(), "it is empty"),
+        ("folder", lambda path: path.mkdir(), "a directory"),
+        ("noise", lambda path: path.write_bytes(rng.bytes(5000)), "expected"),
+    ):
+        make(path := tmp_path / f"{name}{suffix}")
+        refused(path, path.name, word)
+
+
+CELLS = MAP < 128
+NO_SHAPES = (
+    *((MAP, "threshold must be a number or a text such as", {"threshold": t}) for t in ("", "<x", True, np.nan, [3])),
+    (CELLS, "spacing must be positive", {"spacing": 0}),
+    (CELLS, "spacing must be 2 numbers or one for all", {"spacing": (1, 2, 3)}),
+    *((CELLS, "spacing must be 2 numbers", {"spacing": spacing}) for spacing in (np.nan, "wide")),
+    (CELLS, "cells_per_unit must be positive float32", {"spacing": 1e-60}),
+    *((CELLS, "origin must be 2 numbers", {"origin": origin}) for origin in (1.0, (0, np.inf))),
+    (np.arange(120).reshape(2, 3, 4, 5) % 3 == 0, "spacing must be 4 numbers", {"spacing": 0.1}),
+    *(((VERTICES, FACES), "is for arrays and images", {name: 1.0}) for name in ("threshold", "spacing", "origin")),
+    ((VERTICES,), "a pair (vertices, faces), got a tuple of 1", {}),
+    ((FACES, VERTICES), "faces as integers", {}),
+    (([[0, 1], [2]], FACES), "expected vertices", {}),
+    ((VERTICES, [[0, 1, 99]]), "got vertex 99", {}),
+    ((None, None), "expected vertices as numbers", {}),
+    *((source, "", {}) for source in ([VERTICES, FACES], None, 3, [[0, 1]], b"\0", object(), "a\0b.png", "")),
+    *((source, "", {}) for source in ("a" * 300 + ".png", np.ma.array([0, 1], mask=[0, 1]))),
+    (CELLS, "time must be", {"time": "yes"}),
+    (np.array([0, 1]), "time", {"time": True}),
+    (BOX, "no time coordinate", {"time": True}),
+)
+
+
+def test_what_is_no_shape():
+    for source, words, options in NO_SHAPES:
+        refused(source, words, **options)
+    refused(load_shape(CELLS), "is for arrays and images", "Grid", threshold=1)

@@ -1,0 +1,218 @@
+"""Functions as shapes: what they certify is true if what is claimed of them is, and false claims are found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from warp_bounding.shapes.shape import IN, OUT
+
+DIMENSIONS = (1, 2, 3, 5)
+
+
+def ball_distance(x):
+    return np.linalg.norm(x, axis=1) - 1.0
+
+
+def ball_empty(lower, upper):
+    near = np.maximum(np.maximum(lower, -upper), 0.0)
+    return (near**2).sum(axis=1) > 1.0 + 1e-9
+
+
+def ball(n, **options):
+    return wb.shapes.Function(None, [-1.0] * n, [1.0] * n, **({"distance": ball_distance} | options))
+
+
+def in_ball(x):
+    assert np.isfinite(x).all(), "only finite points are asked about"
+    return ball_distance(x) <= 0
+
+
+def test_what_the_author_knows_of_boxes(rng):
+    """``empty`` is queried about boxes that meet the shape's.
+
+    With neither it nor a distance nothing is certified, and no
+    cells are laid."""
+    asked = []
+
+    def empty(lower, upper):
+        asked.append(len(lower))
+        return ball_empty(lower, upper)
+
+    lower = rng.uniform(-1.5, 1.5, (1000, 3))
+    upper = lower + 10.0 ** rng.uniform(-7, 0, (1000, 1)) * rng.random(lower.shape)
+    shape = wb.shapes.Function(in_ball, [-1] * 3, [1] * 3, empty=empty)
+    assert (shape.empty(lower, upper) >= ball_empty(lower, upper)).all()
+    assert max(asked) < 1000
+    assert shape.distance(lower) is None
+    for ask in (lambda: shape.dilated(0.1), lambda: shape.to_grid(resolution=8, margin=0.1)):
+        with pytest.raises(wb.ShapeError, match="a function is dilated by its distance, and this one has none"):
+            ask()
+    bare = wb.shapes.Function(in_ball, [-1] * 3, [1] * 3)
+    assert (shape.certified, bare.certified) == (True, False)
+    assert not (bare.empty(lower, upper) & ((lower <= 1) & (upper >= -1)).all(axis=1)).any()
+    with pytest.raises(wb.ShapeError, match="cells need a shape that certifies boxes empty"):
+        bare.to_grid(resolution=8)
+    assert bare.decide(np.array([[np.nan, 0, 0], [0, np.inf, 0], [0, 0, 0]])).tolist() == [OUT, OUT, IN]
+
+
+def raising(x):
+    raise KeyError("no such\nthing")
+
+
+def growing():
+    calls = []
+
+    def contains(x):
+        calls.append(0)
+        return x[:, 0] > 0.1 * len(calls)
+
+    return contains
+
+
+F, POSITIVE = wb.shapes.Function, lambda x: x[:, 0] > 0
+BAD = (
+    (lambda: F(None, [0], [1]), "function: expected contains, or a distance"),
+    (lambda: F(3, [0], [1]), "function: contains must be a function of arrays, got 3"),
+    (lambda: F(raising, [0], [1]), "function: contains raised KeyError for 64 points: 'no such"),
+    (lambda: F(POSITIVE, [1], [0]), "function: lower must be below upper in each coordinate"),
+    (lambda: F(POSITIVE, [np.nan], [1]), "function: lower must be finite numbers"),
+    (lambda: F(lambda x: x > 0, [0, 0], [1, 1]), r"must return bool of shape \(64,\), got bool of shape \(64, 2\)"),
+    (lambda: F(lambda x: 1 * (x[:, 0] > 0), [0], [1]), "contains must return bool of shape .* got int64"),
+    (lambda: F(None, [0], [1], distance=lambda x: x[:, 0] * np.nan), "distance must return numbers, got NaN at"),
+    (lambda: F(None, [0], [1], distance=lambda x: x[:, 0].astype("f4")), "return float64 .* got float32"),
+    (lambda: F(None, [0], [1], distance=ball_distance, lipschitz=0), "lipschitz must be finite and above 0"),
+    (lambda: F(POSITIVE, [0], [1], lipschitz=1), "lipschitz is that of a distance"),
+    (lambda: F(growing(), [-1], [1]), "contains must answer each point on its own and always the same"),
+    (lambda: F(None, [0], [1], distance=lambda x: x[:, 0] - x[0, 0]), "each point on its own"),
+    (lambda: F(POSITIVE, [0], [1], empty=lambda a: a > 0), "empty raised TypeError for 64 points"),
+)
+
+
+@pytest.mark.parametrize(("make", "message"), BAD)
+def test_bad_functions_are_refused(make, message):
+    with pytest.raises(wb.ShapeError, match=message) as caught:
+        make()
+    assert "\n" not in str(caught.value)
+
+
+def test_answers_that_change_later_are_noticed():
+    state = {"level": 0.0}
+
+    def contains(x):
+        state["level"] += state.get("step", 0.0)
+        return x[:, 0] > state["level"]
+
+    shape = wb.shapes.Function(contains, [-1], [1])
+    state["step"] = 1e-3
+    x = np.linspace(-1, 1, 4001)[:, None]
+    for _ in range(62):
+        shape.contains(x)
+    with pytest.raises(wb.ShapeError, match="always the same"):
+        shape.contains(x), shape.contains(x)
+
+
+@pytest.mark.parametrize("n", DIMENSIONS)
+def test_the_truth_is_not_refuted(n):
+    assert ball(n).refute() is None
+    assert ball(n).dilated(0.1).refute() is None
+    ball(n).check()
+    ball(n).check_contents()
+    honest = wb.shapes.Function(lambda x: ball_distance(x) <= 0, [-1] * n, [1] * n, empty=ball_empty)
+    assert honest.refute(seed=1) is None
+    infinite = ball(n, distance=lambda x: np.where(ball_distance(x) > 3, np.inf, ball_distance(x)), lipschitz=1e9)
+    infinite.refute()
+
+
+def claiming(empty):
+    """A ball whose author certifies boxes."""
+    return lambda n: wb.shapes.Function(in_ball, [-1] * n, [1] * n, empty=empty)
+
+
+def too_full(lower, upper):
+    return (np.maximum(np.maximum(lower, -upper), 0.0) ** 2).sum(axis=1) > 0.99
+
+
+def only_corners(lower, upper):
+    return (ball_distance(lower) > 0) & (ball_distance(upper) > 0)
+
+
+def too_steep_in_a_corner(x):
+    return ball_distance(x) + 0.5 * np.maximum(x.min(axis=1) - 0.9, 0)
+
+
+CLAIMS = {
+    "bounds": (lambda n: ball(n, distance=lambda x: np.linalg.norm(x, axis=1) - 1.05), {"bounds"}),
+    "empty": (claiming(too_full), {"empty"}),
+    "large boxes": (claiming(only_corners), {"empty"}),
+    "constant": (lambda n: ball(n, distance=lambda x: 1.05 * ball_distance(x)), {"empty", "lipschitz"}),
+    "sign": (
+        lambda n: wb.shapes.Function(in_ball, [-1] * n, [1] * n, distance=lambda x: ball_distance(x) + 0.01),
+        {"empty", "sign"},
+    ),
+    "corner": (lambda n: ball(n, distance=too_steep_in_a_corner), {"empty", "lipschitz"}),
+}
+
+
+@pytest.mark.parametrize("n", DIMENSIONS)
+@pytest.mark.parametrize("claim", CLAIMS)
+def test_false_claims_are_found(claim, n):
+    if claim == "corner" and n > 3:
+        pytest.skip("so small a part of space is rarely sampled")
+    make, broken = CLAIMS[claim]
+    shape = make(n)
+    found = shape.refute(seed=n)
+    assert found is not None
+    assert found.broken in broken
+    x = found.points
+    if found.broken == "empty":
+        assert shape.contains(x[:1]).all()
+        assert shape.empty(x[1:2], x[2:3]).all()
+        assert ((x[0] >= x[1]) & (x[0] <= x[2])).all()
+    elif found.broken == "bounds":
+        assert shape.contains(x).all()
+        assert ((x < shape.lower) | (x > shape.upper)).any()
+    with pytest.raises(wb.ShapeError, match=r"the point|the distance changes"):
+        shape.check()
+
+
+def test_nothing_and_everything_are_refused_when_asked():
+    nothing = wb.shapes.Function(lambda x: x[:, 0] > 5, [0, 0], [1, 1])
+    with pytest.raises(wb.ShapeError, match="there is nothing to bound"):
+        nothing.check_contents()
+    everything = wb.shapes.Function(lambda x: x[:, 0] > -5, [0, 0], [1, 1])
+    with pytest.raises(wb.ShapeError, match="there is nothing to leave out"):
+        everything.check_contents()
+    speck = wb.shapes.Function(None, [-9] * 3, [9] * 3, distance=lambda x: np.linalg.norm(x - [1, 2, 3], axis=1) - 1e-3)
+    speck.check_contents()
+
+
+def test_objects_that_answer_are_shapes():
+    own = SimpleNamespace(ndim=2, lower=[-1.0, -1.0], upper=[1.0, 1.0], name="own", contains=in_ball, empty=ball_empty)
+    found = wb.load_shape(own)
+    assert isinstance(found, wb.shapes.Function)
+    assert (found.name, found.ndim, found.certified) == ("own", 2, True)
+    assert found.contains(np.zeros((1, 2))).all()
+    assert wb.load_shape(found) is found
+    own.ndim = 3
+    for wrong, message in (
+        (own, "own: expected corners of ndim=3 numbers, got 2"),
+        (SimpleNamespace, "expected a path"),
+    ):
+        with pytest.raises(wb.ShapeError, match=message):
+            wb.load_shape(wrong)
+
+
+def test_time_is_what_the_shape_says():
+    still = ball(3)
+    moving = wb.shapes.Extrusion(wb.shapes.Sphere([0, 0], 1), [0, 1], np.zeros((2, 2)))
+    timed = ball(3, time=True)
+    for shape in (moving, timed):
+        assert wb.load_shape(shape, time=True) is shape
+        with pytest.raises(wb.ShapeError, match=r"coordinate 0 of this \w+ is time, got time=False"):
+            wb.load_shape(shape, time=False)
+    with pytest.raises(wb.ShapeError, match="this Function has no time coordinate, got time=True"):
+        wb.load_shape(still, time=True)
+    with pytest.raises(wb.ShapeError, match="a function of time cannot be dilated in space"):
+        timed.dilated(0.1)

@@ -1,0 +1,226 @@
+"""What a mesh says of points, boxes, segments, planes and distances is true: against rational arithmetic, with no
+tolerance at all."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+import trimesh
+from exact_mesh import (
+    NAMES,
+    box_is_near,
+    hard_points,
+    in_tetrahedron,
+    mesh_case,
+    plane_meets,
+    segment_is_near,
+    squared_distance,
+)
+
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes import Mesh, load_shape
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
+
+
+def _truth(mesh: Mesh, enclosed: list[np.ndarray], margin: float, points: np.ndarray) -> np.ndarray:
+    limit = Fraction(margin) ** 2
+    return np.array(
+        [
+            any(in_tetrahedron(corners, x) for corners in enclosed)
+            or squared_distance(mesh.vertices, mesh.faces, x) <= limit
+            for x in points
+        ]
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125, 0.7])
+def test_points_and_boxes(rng, name, margin):
+    unsure = []
+    for _ in range(2):
+        plain, enclosed = mesh_case(name, rng)
+        mesh = plain.dilated(margin)
+        points = hard_points(plain, margin, rng, 10)
+        truth = _truth(plain, enclosed, margin, points)
+        answer = mesh.decide(points)
+        assert not (truth & (answer == OUT)).any()
+        assert not (~truth & (answer == IN)).any()
+        unsure.append((answer == UNDECIDED)[:10])
+        # A box with a point of the object on its border is not empty, one with a point outside lies not inside.
+        below, above = (rng.uniform(0, 1, points.shape) * 10.0 ** rng.uniform(-9, 0, (len(points), 1)) for _ in "ab")
+        below[rng.random(points.shape) < 0.4] = 0
+        above[rng.random(points.shape) < 0.4] = 0
+        empty, inside = (f(points - below, points + above) for f in (mesh.empty, mesh.inside))
+        assert not (empty & truth).any()
+        assert not (inside & ~truth).any()
+        # Points are boxes too.
+        empty, inside = (f(points, points) for f in (mesh.empty, mesh.inside))
+        assert not (empty & (answer != OUT)).any()
+        assert not (inside & (answer == OUT)).any()
+        assert (empty | (answer != OUT)).all()
+    assert np.mean(unsure) < 0.02
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.3])
+@pytest.mark.parametrize("shift", [0.0, 1e3])
+def test_rounding_never_decides(rng, margin, shift):
+    """A triangle and some hundred points at its very margin: a wrong answer would be a matter of the last digit."""
+    corners = (rng.uniform(-1, 1, (3, 3)) + shift).astype(np.float32)
+    mesh = Mesh(corners, [[0, 1, 2]], margin=margin)
+    a, b, c = corners.astype(np.float64)
+    normal = np.cross(b - a, c - a)
+    count = 150
+    on = rng.dirichlet(np.ones(3), count) @ np.stack([a, b, c])
+    edge = a + rng.random((count, 1)) * (b - a)
+    beside = np.cross(b - a, normal)
+    x = np.concatenate([on + margin * normal / np.linalg.norm(normal), edge - margin * beside / np.linalg.norm(beside)])
+    x += np.spacing(x) * rng.integers(-2, 3, x.shape)
+    squared = [squared_distance(corners, [[0, 1, 2]], p) for p in x]
+    truth = np.array([d <= Fraction(margin) ** 2 for d in squared])
+    answer = mesh.decide(x)
+    assert not (truth & (answer == OUT)).any()
+    assert not (~truth & (answer == IN)).any()
+    assert not (truth & mesh.empty(x, x)).any()
+    assert all(
+        (Fraction(d) + Fraction(margin)) ** 2 <= s or d == 0 for d, s in zip(mesh.distance(x), squared, strict=True)
+    )
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.3])
+def test_distances_are_lower_bounds_and_good_ones(rng, name, margin):
+    plain, enclosed = mesh_case(name, rng)
+    mesh = plain.dilated(margin)
+    points = hard_points(plain, margin, rng, 6)
+    distance, high = mesh.distances(points).T
+    assert (mesh.distance(points) == distance).all()
+    assert ((distance >= 0) & (high >= distance)).all()
+    truth = [squared_distance(plain.vertices, plain.faces, x) for x in points]
+    for x, found, most, squared in zip(points, distance.tolist(), high.tolist(), truth, strict=True):
+        held = any(in_tetrahedron(corners, x) for corners in enclosed)
+        assert not held or found == 0
+        assert found == 0 or (Fraction(found) + Fraction(margin)) ** 2 <= squared
+        assert held or most == np.inf or (Fraction(most) + Fraction(margin)) ** 2 >= squared
+    exact = np.maximum(np.sqrt(np.array(truth, dtype=float)) - margin, 0)
+    size = np.ptp(points, axis=0).max()
+    outside = mesh.decide(points) == OUT
+    assert (distance[outside] >= exact[outside] - 1e-13 * size).all()
+    assert (high[outside] - distance[outside] <= 1e-13 * size).all()
+    assert (distance[mesh.decide(points) == IN] == 0).all()
+    # A box is no farther than any of its points is.
+    low, high = points - rng.random(points.shape) * 0.3 * size, points + rng.random(points.shape) * 0.3 * size
+    clearance = mesh.clearance(low, high)
+    for corner in range(4):
+        within = low + (rng.integers(0, 2, points.shape) if corner < 2 else rng.random(points.shape)) * (high - low)
+        within = np.clip(within, low, high)
+        for bound, x in zip(clearance, within, strict=True):
+            squared = squared_distance(plain.vertices, plain.faces, x)
+            assert bound == 0 or (Fraction(bound) + Fraction(margin)) ** 2 <= squared
+    assert (mesh.empty(low, high) | (clearance == 0)).all()
+    far = np.array([[1e300, 0, 0], [np.nan, 0, 0], [-np.inf, 0, 0]])
+    assert mesh.distances(far).tolist() == [[pytest.approx(1e300), np.inf], [0, np.inf], [np.inf, np.inf]]
+
+
+def _checked(answer: np.ndarray, truth: list[bool]) -> None:
+    truth = np.array(truth)
+    assert not (truth & (answer == OUT)).any()
+    assert not (~truth & (answer == IN)).any()
+
+
+def _ends(points: np.ndarray, size: float, rng) -> np.ndarray:
+    """Beside the points, at all distances, along an axis now and then."""
+    away = rng.uniform(-1, 1, points.shape) * size * 10.0 ** rng.uniform(-3, 0.3, (len(points), 1))
+    away[rng.random(points.shape) < 0.25] = 0
+    return points + away
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_boxes_and_segments(rng, name, margin):
+    plain, enclosed = mesh_case(name, rng)
+    mesh, limit = plain.dilated(margin), Fraction(margin) ** 2
+    faces = [f for f in plain.faces if len(set(f)) == 3]
+    x = hard_points(plain, margin, rng, 2)
+    y = _ends(x, float(plain.extent.max()), rng)
+    low, high = np.minimum(x, y), np.maximum(x, y)
+    truth = [
+        any(in_tetrahedron(corners, a) for corners in enclosed) or box_is_near(plain.vertices, faces, limit, a, b)
+        for a, b in zip(low, high, strict=True)
+    ]
+    answer = mesh.decide_boxes(low, high)
+    _checked(answer, truth)
+    assert (answer[:2] == UNDECIDED).mean() <= 0.05
+    assert (mesh.empty(low, high) <= (answer == OUT)).all()
+    truth = [
+        any(in_tetrahedron(corners, a) for corners in enclosed) or segment_is_near(plain.vertices, faces, limit, a, b)
+        for a, b in zip(x, y, strict=True)
+    ]
+    answer = mesh.decide_segments(x, y)
+    _checked(answer, truth)
+    assert (answer[:2] == UNDECIDED).mean() <= 0.05
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_planes(rng, name, margin):
+    for _ in range(2):
+        plain, _ = mesh_case(name, rng)
+        x = hard_points(plain, margin, rng, 10)
+        normal = rng.normal(size=x.shape) * 10.0 ** rng.uniform(-20, 20, (len(x), 1))
+        normal[rng.random(x.shape) < 0.2] = 0
+        normal[~normal.any(axis=1)] = 1
+        answer = plain.dilated(margin).decide_planes(normal, x)
+        truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, x, strict=True)]
+        _checked(answer, truth)
+        assert (answer[:10] != UNDECIDED).all()
+
+
+def test_regions_that_are_none_or_far():
+    mesh = load_shape(trimesh.creation.icosphere()).dilated(0.1)
+    nan, inf = float("nan"), float("inf")
+    zero, one = np.zeros((1, 3)), np.ones((1, 3))
+    assert mesh.decide_boxes(one, zero) == OUT
+    assert mesh.decide_boxes(zero * nan, one) == OUT
+    assert mesh.decide_boxes(zero - inf, zero + inf) == IN
+    assert mesh.decide_boxes(one * 1e300, one * 2e300) == OUT
+    assert mesh.decide_boxes(zero, one * inf) == UNDECIDED
+    assert mesh.decide_segments(one * nan, zero) == OUT
+    assert mesh.decide_segments(zero, zero) == IN
+    assert mesh.decide_segments(one * 1e300, zero) == UNDECIDED
+    assert mesh.decide_segments(one * 1e30, zero) == IN
+    assert mesh.decide_planes(zero, zero) == OUT
+    assert mesh.decide_planes(one * nan, zero) == OUT
+    assert mesh.decide_planes(one * inf, zero) == OUT
+    assert mesh.decide_planes(one * 1e300, zero) == UNDECIDED
+    assert mesh.decide_planes(one * np.float32(1e-45), zero) == IN
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.125])
+def test_planes_that_touch(rng, margin):
+    """At the very margin from the vertex that lies farthest along the normal: a matter of the last digit."""
+    plain, _ = mesh_case("tetrahedron", rng)
+    normal = rng.normal(size=(400, 3))
+    normal[::2] = normal[::2].astype(np.float32)
+    vertices = plain.vertices.astype(np.float64)
+    point = vertices[np.argmax(normal @ vertices.T, axis=1)]
+    point = point + margin * normal / np.linalg.norm(normal, axis=1, keepdims=True)
+    point += np.spacing(point) * rng.integers(-2, 3, point.shape)
+    point[::4] += rng.normal(size=(100, 3)) * 1e-15
+    normal[1::2] *= -1
+    truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, point, strict=True)]
+    assert 0.1 < np.mean(truth) < 0.9
+    _checked(plain.dilated(margin).decide_planes(normal, point), truth)
+
+
+def test_resolutions_and_margins_that_are_none():
+    box = load_shape(trimesh.creation.box())
+    for resolution in (1, 1025, 2.5, "64", True, np.nan):
+        with pytest.raises(ShapeError, match="resolution must be an integer from 2 to 1024"):
+            box.to_grid(resolution=resolution)
+    for margin in (-1e-9, np.nan, np.inf, "wide", None):
+        with pytest.raises(ShapeError, match="margin must be finite and non-negative"):
+            box.to_grid(margin=margin)
+    with pytest.raises(ShapeError, match="that float32 cells can divide"):
+        box.to_grid(margin=1e40)
+    with pytest.raises(ShapeError, match="of the origin"):
+        load_shape(trimesh.creation.box().apply_translation([1e6, 0, 0])).to_grid()

@@ -1,0 +1,153 @@
+"""Arms from URDF files: the chain that moves, what is fixed and held, and bodies that hold all of the geometry."""
+
+import numpy as np
+import pytest
+
+import warp_bounding as wb
+from warp_bounding.arms.urdf import hull_of
+from warp_bounding.errors import ShapeError
+
+pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
+trimesh = pytest.importorskip("trimesh")
+
+BASE = '<link name="base"><collision><geometry><box size="0.2 0.2 0.1"/></geometry></collision></link>'
+CYLINDER = (
+    '<collision><origin xyz="0.25 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.05" '
+    'length="0.5"/></geometry></collision>'
+)
+LIMIT = '<limit lower="-2" upper="2.5" effort="1" velocity="1"/>'
+
+
+def joint(name, parent, child, kind="revolute", xyz="0 0 0", axis="0 0 1", limit=LIMIT, more=""):
+    axis = f'<axis xyz="{axis}"/>' if axis else ""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}" '
+        'rpy="0 0 0"/>'
+        f"{axis}{limit}{more}</joint>"
+    )
+
+
+def written(folder, *parts):
+    file = folder / "arm.urdf"
+    file.write_text(f'<robot name="two">{"".join(parts)}</robot>')
+    return file
+
+
+def link(name, inside=CYLINDER):
+    return f'<link name="{name}">{inside}</link>'
+
+
+ARM = (
+    BASE,
+    link("upper"),
+    link("lower"),
+    link("flange", ""),
+    link("finger", '<collision><geometry><sphere radius="0.03"/></geometry></collision>'),
+    joint("shoulder", "base", "upper", xyz="0 0 0.1"),
+    joint("elbow", "upper", "lower", xyz="0.5 0 0", axis="0 1 0"),
+    joint("mount", "lower", "flange", "fixed", xyz="0.5 0 0", limit=""),
+    joint("grip", "flange", "finger", "prismatic", axis="1 0 0", limit='<limit lower="0" upper="0.1" effort="1" '
+                                                                       'velocity="1"/>'),
+)  # fmt: skip
+
+
+def test_a_chain_with_what_is_fixed_and_held(tmp_path):
+    file = written(tmp_path, *ARM)
+    whole = wb.arms.load_urdf(file)
+    assert [j.name for j in whole.joints] == ["shoulder", "elbow", "grip"]
+    assert [j.slides for j in whole.joints] == [False, False, True]
+    assert [(j.lower, j.upper) for j in whole.joints] == [(-2, 2.5), (-2, 2.5), (0, 0.1)]
+    assert [body.link for body in whole.bodies] == [wb.arms.WORLD, 0, 1, 2]
+    held = wb.arms.load_urdf(file, held={"grip": 0.05}, name="one")
+    assert (held.name, whole.name) == ("one", "two")
+    assert [body.link for body in held.bodies] == [wb.arms.WORLD, 0, 1, 1]
+    q = np.array([[0.3, -0.7, 0.05]])
+    at = whole.frames(q)[0, 2, :3, 3]
+    finger = held.bodies[-1].points[0]
+    frame = held.frames(q[:, :2])[0, 1]
+    assert np.allclose(frame[:3, :3] @ finger + frame[:3, 3], at)
+    assert np.allclose(
+        at,
+        [np.cos(0.3) * (0.5 + 0.55 * np.cos(0.7)), np.sin(0.3) * (0.5 + 0.55 * np.cos(0.7)), 0.1 + 0.55 * np.sin(0.7)],
+    )
+
+
+def test_bodies_hold_their_geometry(tmp_path, rng):
+    file = written(tmp_path, *ARM)
+    upper = wb.arms.load_urdf(file).bodies[1]
+    turn, along, out = rng.uniform(0, 2 * np.pi, 500), rng.uniform(0, 0.5, 500), 0.05 * np.sqrt(rng.uniform(0, 1, 500))
+    inside = np.stack([along, out * np.cos(turn), out * np.sin(turn)], axis=1)
+    hull = trimesh.PointCloud(upper.points).convex_hull
+    away = inside @ hull.face_normals.T - (hull.triangles[:, 0] * hull.face_normals).sum(axis=1)
+    assert away.max() <= 0
+    assert np.ptp(upper.points, axis=0) == pytest.approx([0.5, 0.1, 0.1], rel=0.03)
+
+
+def test_a_hull_of_too_many_points_is_held_by_fewer():
+    points = trimesh.creation.icosphere(subdivisions=4).vertices * [0.3, 0.1, 0.05]
+    body = hull_of(points)
+    assert len(body.points) == 512 < len(points)
+    assert 0 < body.radius < 0.01
+    hull = trimesh.PointCloud(body.points).convex_hull
+    above = points @ hull.face_normals.T - (hull.triangles[:, 0] * hull.face_normals).sum(axis=1)
+    assert above.max() <= body.radius
+
+
+MISTAKES = (
+    ((BASE, link("a"), joint("float", "base", "a", "floating", limit="")), "type of revolute.* got floating"),
+    ((BASE, link("a"), joint("free", "base", "a", limit="")), "free has no limits"),
+    ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "base", "b")), "one and two both move"),
+    ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "a", "b", more='<mimic joint="one"/>')),
+        "two follows one"),
+    ((BASE, link("a"), joint("one", "base", "a", more='<mimic joint="one"/>')), "one mimics one, which is no joint of "
+                                                                                "its own"),
+    ((BASE, link("a"), joint("one", "base", "a", axis="0 0 0")), "one: expected an axis of 3 numbers that are not all "
+                                                                 "0"),
+    ((BASE, link("a"), joint("one", "base", "a", limit='<limit lower="1" upper="0"/>')), "one: expected limits"),
+    ((BASE, link("a")), "expected one base, got a, base"),
+    ((BASE,), "no joint moves"),
+)  # fmt: skip
+
+
+def test_mistakes(tmp_path):
+    for parts, message in MISTAKES:
+        with pytest.raises(ShapeError, match=message):
+            wb.arms.load_urdf(written(tmp_path, *parts))
+    with pytest.raises(ShapeError, match="no such file"):
+        wb.arms.load_urdf(tmp_path / "none.urdf")
+    (tmp_path / "text.urdf").write_text("not XML")
+    with pytest.raises(ShapeError, match="no URDF that can be read"):
+        wb.arms.load_urdf(tmp_path / "text.urdf")
+    with pytest.raises(ShapeError, match="held names no joint of it: wrist"):
+        wb.arms.load_urdf(written(tmp_path, *ARM), held={"wrist": 0.0})
+
+
+def test_joints_that_stand(tmp_path):
+    """Between equal limits, held, and mimicking one of these; what floats only at 0."""
+    equal = '<limit lower="0.3" upper="0.3" effort="1" velocity="1"/>'
+    parts = (
+        BASE, link("a"), link("b"), link("c"), link("d"), link("e"),
+        joint("float", "base", "a", "floating", limit=""),
+        joint("equal", "a", "b", limit=equal),
+        joint("turn", "b", "c", "continuous", xyz="0.5 0 0", axis="0 0 -3", limit=""),
+        joint("like", "c", "d", xyz="0.5 0 0", more='<mimic joint="equal" multiplier="-2" offset="0.1"/>'),
+        joint("finger", "d", "e", "prismatic", axis="", limit='<limit lower="0" upper="0.1" effort="1" velocity="1"/>'),
+    )  # fmt: skip
+    file = written(tmp_path, *parts)
+    arm = wb.arms.load_urdf(file, held={"float": 0, "finger": 0.05})
+    (turn,) = arm.joints
+    assert (turn.name, turn.continuous, turn.axis.tolist()) == ("turn", True, [0, 0, -1])
+    assert np.allclose(turn.origin[:2, :2], [[np.cos(0.3), -np.sin(0.3)], [np.sin(0.3), np.cos(0.3)]])
+    along = np.array([np.cos(-0.5), np.sin(-0.5)])  # of d, which stands at -2 * 0.3 + 0.1; e is 0.05 along its x
+    assert np.allclose(arm.bodies[-1].points.mean(axis=0)[:2], [0.5, 0] + 0.3 * along)
+    for held, message in (
+        ({"float": 0.1, "finger": 0}, "float: expected a type"),
+        ({"float": 0, "finger": 0.2}, "finger is held at 0.2"),
+        ({"float": 0, "finger": np.nan}, "finger is held at nan"),
+        ({"finger": "x"}, "finger: expected a number to hold it at, got 'x'"),
+        ({"finger": True}, "finger: expected a number"),
+        ({"finger": None}, "finger: expected a number"),
+        (["finger"], "expected held to give a value for each name"),
+    ):
+        with pytest.raises(ShapeError, match=message):
+            wb.arms.load_urdf(file, held=held)

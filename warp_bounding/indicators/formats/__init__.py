@@ -1,1 +1,0 @@
-"""Everything that ``load_indicator`` reads: files, arrays and other libraries' meshes."""

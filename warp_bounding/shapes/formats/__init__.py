@@ -1,0 +1,1 @@
+"""Everything that ``load_shape`` reads: files, arrays and other libraries' meshes."""

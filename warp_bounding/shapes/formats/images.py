@@ -1,0 +1,107 @@
+"""Pixels of a PNG: by default where it is opaque, or its grey values for a threshold."""
+
+import contextlib
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.formats.reading import import_optional, reading
+
+__all__ = ["WHICH", "alpha_of", "image_from", "opened", "read_png"]
+
+OPAQUE = 0.5  # alpha from here on is occupied
+ALPHA_MODES = ("RGBA", "LA", "PA")
+GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
+WHICH = "say which grey values are occupied: threshold='<128' for dark ones, threshold='>=128' for bright ones"
+
+
+@contextlib.contextmanager
+def opened(path: Path, formats: tuple[str, ...] | None):
+    """A picture that PIL reads, of one frame; raises ``ShapeError`` for anything else."""
+    image_module = import_optional("PIL.Image", "pillow", path)
+    what = f"a {formats[0]} image" if formats else "a picture"
+    with reading(path, what), warnings.catch_warnings():
+        warnings.simplefilter("error", image_module.DecompressionBombWarning)
+        with image_module.open(path, formats=formats) as image:
+            _check_frames(image, path)
+            yield image
+
+
+def image_from(source: object, *, grey: bool) -> np.ndarray | None:
+    """The pixels of a picture that is given as PIL's object, as ``read_png`` has them; ``None`` for anything else."""
+    module = sys.modules.get("PIL.Image")
+    if module is None or not isinstance(source, module.Image):
+        return None
+    with reading("image", "a picture"):
+        _check_frames(source, "image")
+        return _pixels(source, "image", grey=grey)
+
+
+def _check_frames(image, name) -> None:
+    if getattr(image, "n_frames", 1) != 1:
+        raise ShapeError(f"{name}: expected one picture, got an animation of {image.n_frames}")
+
+
+def read_png(path: Path, *, grey: bool) -> np.ndarray:
+    """Read a picture; coordinate 0 is the row, from the top.
+
+    Args:
+        path: An existing file.
+        grey: Whether its grey values are wanted, 0 (black) to 255, or to 65,535 in a file of 16 bits; colours count by
+            their luma (ITU-R 601).
+
+    Returns:
+        ``(height, width)`` numbers; bool, where alpha is at least one half, if ``grey`` is not asked for.
+
+    Raises:
+        ShapeError: For a damaged file, an animation, a picture without alpha channel that no threshold is given
+            for, or grey values of one with transparent pixels.
+    """
+    with opened(path, ("PNG",)) as image:
+        return _pixels(image, path, grey=grey)
+
+
+def alpha_of(image, name) -> np.ndarray | None:
+    """0 to 255, 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparency.
+
+    A PNG file may name one colour that is transparent, in its own bits. PIL keeps that number as it stands, and gives
+    grey of 2 and 4 bits and colours of 16 as 8 bits.
+
+    Args:
+        image: Of PIL, before its pixels are loaded: then it still knows how many bits the file has.
+        name: For messages.
+
+    Raises:
+        ShapeError: For a transparent colour of 16 bits, of which 8 bits do not tell the pixels.
+    """
+    bits = str(image.tile[0][3]) if getattr(image, "tile", None) else ""
+    image.load()
+    clear = image.info.get("transparency")
+    if image.mode in ALPHA_MODES or (image.mode == "P" and (clear is not None or image.palette.mode == "RGBA")):
+        return np.asarray(image.convert("RGBA"))[..., 3]
+    if clear is None:
+        return None
+    if image.mode == "RGB" and ";16" not in bits and max(clear) < 256:
+        return np.asarray(image.convert("RGBA"))[..., 3]
+    if image.mode not in GREY_MODES and image.mode != "1":
+        raise ShapeError(f"{name}: a transparent colour of 16 bits is not read; give the picture an alpha channel")
+    grey = np.asarray(image.convert("L") if image.mode == "1" else image)
+    return np.where(grey == clear * {"L;2": 85, "L;4": 17}.get(bits, 1), 0, 255).astype(np.uint8)
+
+
+def _pixels(image, name, *, grey: bool) -> np.ndarray:
+    alpha = alpha_of(image, name)
+    if alpha is None and not grey:
+        raise ShapeError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
+    if grey and alpha is not None and alpha.min() < 255:
+        raise ShapeError(
+            f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are "
+            "not; "
+            "without threshold what is opaque is occupied"
+        )
+    if grey:
+        return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))
+    return alpha / 255.0 >= OPAQUE

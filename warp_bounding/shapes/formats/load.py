@@ -1,0 +1,470 @@
+"""``load_shape``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
+
+Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
+says. Meshes come from their own readers and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
+``images.py``, maps from ``maps.py``. What an array's values mean and where its cells lie is told in ``arrays.py``,
+meshes and arrays of other libraries below. Shapes of other kinds are objects with a ``to_grid`` (``ShapeLike``), as
+ours are, or files whose reader makes one.
+"""
+
+import os
+import sys
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+
+from warp_bounding.errors import ShapeError
+from warp_bounding.runtime.whole_file import BOUNDER_FILE
+from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Threshold, Wanted, grid_of
+from warp_bounding.shapes.formats.binvox import read_binvox
+from warp_bounding.shapes.formats.collada import read_collada
+from warp_bounding.shapes.formats.gltf import read_gltf
+from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
+from warp_bounding.shapes.formats.maps import read_movingai, read_pgm, read_ros_map
+from warp_bounding.shapes.formats.obj import read_obj
+from warp_bounding.shapes.formats.off import read_off
+from warp_bounding.shapes.formats.ply import read_ply
+from warp_bounding.shapes.formats.reading import MeshData, reading
+from warp_bounding.shapes.formats.stl import read_stl
+from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
+from warp_bounding.shapes.function import Function
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.mesh import Mesh, check_faces, mesh_of
+from warp_bounding.shapes.motion import MovingMesh
+from warp_bounding.shapes.recentred import Recentred
+from warp_bounding.shapes.shape import HOLLOW
+
+# --- Mesh files -------------------------------------------------------------------------------------------------------
+#
+# Mesh files, each by the reader of its format: whatever a file holds is read, noted, or the file is refused.
+
+MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
+    ".obj": read_obj,
+    ".ply": read_ply,
+    ".stl": read_stl,
+    ".glb": read_gltf,
+    ".gltf": read_gltf,
+    ".off": read_off,
+    ".dae": read_collada,
+}
+
+
+def read_mesh_data(path: Path) -> MeshData:
+    """Read the vertices and faces of a mesh file.
+
+    Args:
+        path: An existing file.
+
+    Raises:
+        ShapeError: In one line, for a file of another kind, one that is damaged, and one that holds what is not
+            read.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in MESH_READERS:
+        raise ShapeError(f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}")
+    with reading(path, f"a {suffix} mesh"), np.errstate(all="ignore"):  # vertices that are not finite are refused
+        return MESH_READERS[suffix](path)
+
+
+def read_mesh(path: Path) -> Mesh | Recentred:
+    """Read a mesh file as ``read_mesh_data`` does.
+
+    Raises ``ShapeError`` also for what ``Mesh`` refuses.
+    """
+    vertices, faces, notes = read_mesh_data(path)
+    return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))
+
+
+# --- Hollows ----------------------------------------------------------------------------------------------------------
+#
+# Air that an object encloses: whether it counts as inside, one word for meshes and grids.
+#
+# A hollow is a part of space that nothing leads out of, and that no surface goes around: the air of a tank, of a room
+# without a door. Cells that touch in an edge or a corner only are closed there, as they are closed sets.
+
+
+def with_hollow(shape, hollow: str):
+    """A shape whose hollows are filled or empty.
+
+    Args:
+        shape: A grid or a mesh.
+        hollow: One of ``HOLLOW``.
+
+    Raises:
+        ShapeError: For other shapes, and for a mesh whose faces do not tell air from solid parts, where hollows are
+            to be empty.
+    """
+    if isinstance(shape, Recentred):
+        return Recentred(with_hollow(shape.local, hollow), shape.coordinates)
+    if isinstance(shape, Mesh):
+        return replace(shape, hollow=hollow)
+    if not isinstance(shape, Grid):
+        raise ShapeError(
+            f"{shape.name}: hollow is for grids and for meshes at rest, got hollow={hollow!r} for "
+            f"{type(shape).__name__}"
+        )
+    return shape if hollow == HOLLOW[1] else _filled(shape)
+
+
+def _filled(grid: Grid) -> Grid:
+    """A grid whose enclosed cells are occupied; where coordinate 0 is time, those that are enclosed at their time."""
+    from scipy import ndimage
+
+    occupancy, offset, count = grid.occupancy.copy(), grid.offset, 0
+    for part in occupancy if grid.time else occupancy[None]:
+        padded = np.pad(part, 1)
+        label, regions = ndimage.label(~padded)
+        enclosed = (~padded & (label != label[(0,) * part.ndim]))[(slice(1, -1),) * part.ndim]
+        part |= enclosed
+        count += regions - 1
+    if occupancy.all():  # a wall all around: a border that can be left out
+        occupancy = np.pad(occupancy, [(int(k > 0 or not grid.time),) * 2 for k in range(grid.ndim)])
+        offset = offset - [float(k > 0 or not grid.time) for k in range(grid.ndim)]
+    remark = f"{count:,} closed hollow{'s' * (count != 1)} filled"
+    return replace(grid, occupancy=occupancy, offset=offset, remark="; ".join(filter(None, [grid.remark, remark])))
+
+
+# --- Objects of other libraries ---------------------------------------------------------------------------------------
+#
+# Shapes as others hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp, objects that answer.
+#
+# None of these libraries is imported here: whoever passes an object of one has imported it.
+
+
+class _Kind(NamedTuple):
+    """Classes of a library, and the function that makes a shape or an array of their objects."""
+
+    module: str
+    classes: tuple[str, ...]
+    convert: Callable[[Any], Any]
+
+
+def _from_trimesh(source: Any) -> Mesh | Recentred:
+    """One mesh of all meshes of a scene, transforms applied; raises ``ShapeError`` for a scene without a mesh."""
+    trimesh, name = sys.modules["trimesh"], "trimesh"
+    with reading(name, "a scene of meshes"):
+        parts = [source] if isinstance(source, trimesh.Trimesh) else source.dump()
+    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
+    others = sorted({type(part).__name__ for part in parts if not isinstance(part, trimesh.Trimesh)})
+    if not meshes:
+        raise ShapeError(f"{name}: expected a mesh with faces, got {', '.join(others) or 'none'}")
+    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
+    for mesh in meshes:  # before the parts are joined: an index out of range would then point into another part
+        check_faces(np.asarray(mesh.faces), len(mesh.vertices), name)
+    return mesh_of(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        faces=np.concatenate([np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=False)]),
+        name=name,
+        note=f"not read, as they are not meshes: {', '.join(others)}" if others else "",
+    )
+
+
+def _from_newton(source: Any) -> Mesh:
+    return Mesh(np.asarray(source.vertices), _triangles(source.indices, "newton.Mesh"), name="newton.Mesh")
+
+
+def _from_warp(source: Any) -> Mesh:
+    return Mesh(source.points.numpy(), _triangles(source.indices.numpy(), "wp.Mesh"), name="wp.Mesh")
+
+
+def _from_torch(source: Any) -> np.ndarray:
+    try:
+        return source.detach().cpu().numpy()
+    except (TypeError, RuntimeError) as error:  # sparse, or of a type that NumPy does not have
+        reason = " ".join(str(error).split())
+        raise ShapeError(
+            f"expected a tensor that NumPy can hold, got {source.dtype}, {source.layout}: {reason}"
+        ) from error
+
+
+def _triangles(indices: Any, name: str) -> np.ndarray:
+    indices = np.asarray(indices)
+    if indices.size % 3:
+        raise ShapeError(f"{name}: expected three indices a face, got {indices.size}")
+    return indices.reshape(-1, 3)
+
+
+_MESHES = (
+    _Kind("trimesh", ("Trimesh", "Scene"), _from_trimesh),
+    _Kind("newton", ("Mesh",), _from_newton),
+    _Kind("warp", ("Mesh",), _from_warp),
+)
+_ARRAYS = (
+    _Kind("numpy", ("ndarray",), lambda source: source),
+    _Kind("torch", ("Tensor",), _from_torch),
+    _Kind("warp", ("array",), lambda source: source.numpy()),
+)
+_QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of a shape of one's own
+ACCEPTED = (
+    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or "
+    "an "
+    "indicator"
+)
+
+
+def mesh_from(source: object) -> Mesh | Recentred | None:
+    """The shape of another library's mesh, or of arrays ``(vertices, faces)``; ``None`` for anything else.
+
+    Raises:
+        ShapeError: For a mesh that cannot be bounded.
+    """
+    if isinstance(source, tuple):
+        return _from_pair(source)
+    return _converted(source, _MESHES)
+
+
+def array_from(source: object) -> np.ndarray | None:
+    """Another library's array as NumPy's; ``None`` for anything else."""
+    return _converted(source, _ARRAYS)
+
+
+def function_from(source: object) -> Function | None:
+    """The shape of an object that answers as a shape does; ``None`` for anything else.
+
+    Args:
+        source: Has ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty`` with the meaning that they have in
+            ``Shape``, and perhaps ``name``, ``note`` and ``time``.
+
+    Raises:
+        ShapeError: If its box or its answers contradict that.
+    """
+    if isinstance(source, type) or not all(hasattr(source, name) for name in _QUESTIONS):
+        return None
+    about = {name: getattr(source, name) for name in ("name", "note", "time") if hasattr(source, name)}
+    about = {"name": type(source).__name__} | about
+    found = Function(source.contains, source.lower, source.upper, empty=source.empty, **about)
+    if found.ndim != source.ndim:
+        raise ShapeError(f"{found.name}: expected corners of ndim={source.ndim} numbers, got {found.ndim}")
+    return found
+
+
+def _from_pair(source: tuple) -> Mesh | Recentred:
+    if len(source) != 2:
+        raise ShapeError(f"expected a pair (vertices, faces), got a tuple of {len(source)}")
+    arrays = []
+    for name, part in zip(("vertices", "faces"), source, strict=True):
+        array = array_from(part)
+        try:
+            arrays.append(np.asarray(part) if array is None else array)
+        except ValueError as error:  # lists of unequal length
+            raise ShapeError(f"mesh: expected {name} as an array of 3 columns, got {type(part).__name__}") from error
+    return mesh_of(*arrays)
+
+
+def _converted(source: object, kinds: tuple[_Kind, ...]) -> Any:
+    for kind in kinds:
+        module = sys.modules.get(kind.module)
+        classes = tuple(filter(None, (getattr(module, name, None) for name in kind.classes)))
+        if isinstance(source, classes):
+            return kind.convert(source)
+    return None
+
+
+# --- Files ------------------------------------------------------------------------------------------------------------
+
+
+@runtime_checkable
+class ShapeLike(Protocol):
+    """A shape: all that is asked of one.
+
+    Attributes:
+        name: For people.
+        extent: ``(n,)``, its size along each axis, object units.
+    """
+
+    name: str
+    extent: np.ndarray
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> Grid:
+        """Closed cells with all points within ``margin`` of the shape; ``resolution`` of them on the longest axis."""
+
+
+def load_shape(
+    source: object,
+    *,
+    time: bool | None = None,
+    threshold: float | str | None = None,
+    spacing: float | Sequence[float] | None = None,
+    origin: Sequence[float] | None = None,
+    unknown: str | None = None,
+    hollow: str | None = None,
+) -> ShapeLike:
+    """Make a shape of a file, an array or a mesh.
+
+    Coordinate k is array axis k: of an image, coordinate 0 is the row, from the top, and coordinate 1 the column.
+
+    Args:
+        source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
+            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image or Moving
+            AI's ``.map``, of which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``,
+            ``.stl``, ``.glb``, ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an
+            n-D array of NumPy, torch or Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices,
+            faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an
+            ``Grid``, ``Mesh`` or ``MovingMesh``, or whatever else has their ``name``, ``extent``
+            and ``to_grid``, which is returned as it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains``
+            and ``empty``, which becomes a ``Function``.
+        time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
+        threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
+            ``"<=0"``, ``">0.5"``, or a number, from which on they are.
+        spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis.
+            By default the centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis,
+            however many cells it has.
+        origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis
+            by default. Where cells do not lie at multiples of half a cell the result is ``Recentred``.
+        unknown: Of a map, what cells are that nobody has seen: ``"occupied"``, the default, or ``"free"``.
+        hollow: What air is that an object encloses, as in a tank: ``"filled"``, inside, or ``"empty"``. By default that
+            of a mesh is filled, and cells are as they are given. Of a mesh air is where surfaces go around a point as
+            often one way as the other (winding number 0), so faces must be turned alike.
+
+    Returns:
+        A ``Grid`` for images, voxels and arrays, a ``Mesh`` for meshes, a ``MovingMesh`` for
+        one. Or one that is ``Recentred``: a grid between multiples of half a cell, or a mesh that lies so far from 0
+        that float32 would move its vertices; it has an ``origin``, and what is asked of it, and of its bounders, is in
+        world coordinates all the same.
+
+    Raises:
+        ShapeError: In one line, for everything that cannot be read or bounded, or that may mean two things.
+
+    Example:
+        >>> wb.load_shape(ball)
+        <Grid array: 3D, 16 x 16 x 16 cells, 912 occupied, extent 1.067 x 1.067 x 1.067>
+        >>> wb.load_shape(np.eye(3), threshold=">0.5", spacing=0.1).extent
+        array([0.3, 0.3])
+    """
+    if time is not None and not isinstance(time, bool | np.bool_):
+        raise ShapeError(f"time must be True, False or None, got {time!r}")
+    for name, value, known in (("unknown", unknown, UNKNOWN), ("hollow", hollow, HOLLOW)):
+        if value is not None and value not in known:
+            raise ShapeError(f"{name} must be {' or '.join(map(repr, known))}, got {value!r}")
+    wanted = Wanted(None if threshold is None else Threshold.of(threshold), unknown)
+    found = _load(source, wanted)
+    if isinstance(found, Cells):
+        if found.placement is not None and (spacing is not None or origin is not None):
+            raise ShapeError(
+                f"{found.name}: its own resolution and origin place it, got spacing={spacing}, origin={origin}"
+            )
+        place = found.placement or Placement(found.spacing if spacing is None else spacing, origin)
+        own = (
+            wanted if found.placement is None else Wanted()
+        )  # where it has a place of its own, its reader asked what is occupied
+        placed = spacing is not None and origin is not None
+        remark = "; ".join(filter(None, [found.remark, "" if placed else found.elsewhere]))
+        found = grid_of(found.values, found.name, time, own, place, remark)
+    else:
+        given = {"threshold": threshold, "spacing": spacing, "origin": origin, "unknown": unknown}
+        for option in (key for key, value in given.items() if value is not None):
+            kind = type(found).__name__
+            raise ShapeError(
+                f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
+            )
+    found = found if hollow is None else with_hollow(found, hollow)
+    if not isinstance(found, Grid):
+        moves = isinstance(found, MovingMesh) or getattr(found, "time", False) is True
+        if moves and time is False:
+            raise ShapeError(f"{found.name}: coordinate 0 of {_article(found)} is time, got time=False")
+        if time and not moves:
+            raise ShapeError(f"{found.name}: {_article(found)} has no time coordinate, got time=True")
+        return found
+    if time is not None and time != found.time:
+        found = replace(found, time=bool(time))
+    if found.time and found.ndim < 2:
+        raise ShapeError(f"{found.name}: time and at least one more coordinate expected, got {found.ndim}")
+    return found
+
+
+def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
+    if isinstance(source, ShapeLike):
+        return source
+    if (function := function_from(source)) is not None:
+        return function
+    if isinstance(source, str | os.PathLike):
+        return _load_file(Path(os.fsdecode(source)), wanted)
+    array = image_from(source, grey=wanted.threshold is not None)
+    array = array_from(source) if array is None else array
+    if array is not None:
+        return Cells(array, "array")
+    mesh = mesh_from(source)
+    if mesh is None:
+        raise ShapeError(f"expected {ACCEPTED}, got {type(source).__name__}")
+    return mesh
+
+
+def _article(found: ShapeLike) -> str:
+    known = {Mesh: "a mesh", MovingMesh: "a motion"}
+    return known.get(type(found), f"this {type(found).__name__}")
+
+
+def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
+    suffix = path.suffix.lower()
+    try:
+        if not path.exists():
+            raise ShapeError(f"{path}: no such file")
+        if not path.is_file():
+            raise ShapeError(f"{path}: expected a file, got {'a directory' if path.is_dir() else 'something else'}")
+        if suffix == BOUNDER_FILE.suffix:
+            raise ShapeError(f"{path}: expected a shape, got a bounder's file; load (or info) reads it")
+        if suffix not in READERS:
+            raise ShapeError(f"{path}: expected one of {' '.join(READERS)}, got {suffix or 'no extension'!r}")
+        with path.open("rb") as file:
+            if not file.read(1):
+                raise ShapeError(f"{path}: expected a {suffix} file, but it is empty")
+        return READERS[suffix](path, wanted)
+    except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
+        if isinstance(error, ShapeError):
+            raise
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ShapeError(f"{path}: cannot be read: {reason}") from error
+
+
+def _read_npy(path: Path) -> Cells:
+    with reading(path, "a NumPy .npy array"), path.open("rb") as file:
+        return Cells(_whole_array(path, file), path.name)
+
+
+def _whole_array(path: Path, file) -> np.ndarray:
+    array = np.lib.format.read_array(file, allow_pickle=False)
+    if file.read(1):
+        raise ShapeError(f"{path}: expected the end of the file after {array.size} numbers, got more data")
+    return array
+
+
+def _read_npz(path: Path) -> Cells:
+    with reading(path, "a NumPy .npz archive"), path.open("rb") as file:
+        if file.read(2) != b"PK":
+            raise ShapeError(f"{path}: expected a NumPy .npz archive, got a file that is not a zip archive")
+        with zipfile.ZipFile(file) as archive:
+            names = [name.removesuffix(".npy") for name in archive.namelist()]
+            wanted = names[0] if len(names) == 1 else "occupancy"
+            if names.count(wanted) != 1:
+                raise ShapeError(f"{path}: expected one array or one named 'occupancy', got {names}")
+            if f"{wanted}.npy" not in archive.namelist():
+                raise ShapeError(f"{path}: expected an archive of NumPy arrays, got the file {wanted!r}")
+            with archive.open(f"{wanted}.npy") as member:
+                array = _whole_array(path, member)
+    others = ", ".join(name for name in names if name != wanted)
+    return Cells(array, path.name, f"not read: {others}" if others else "")
+
+
+def _read_pgm(path: Path, wanted: Wanted) -> Cells:
+    if wanted.threshold is None:
+        raise ShapeError(f"{path}: expected a threshold for its grey values; {WHICH}")
+    return Cells(read_pgm(path)[0], path.name)
+
+
+# By extension: each is given a path and what the caller says of values, and makes ``Cells`` or a ``ShapeLike``.
+READERS: dict[str, Callable[[Path, Wanted], Cells | ShapeLike]] = {
+    ".png": lambda path, wanted: Cells(read_png(path, grey=wanted.threshold is not None), path.name),
+    ".pgm": _read_pgm,
+    ".yaml": read_ros_map,
+    ".yml": read_ros_map,
+    ".map": lambda path, _: read_movingai(path),
+    ".binvox": lambda path, _: read_binvox(path),
+    ".npy": lambda path, _: _read_npy(path),
+    ".npz": lambda path, _: _read_npz(path),
+    **dict.fromkeys(MESH_READERS, lambda path, _: read_mesh(path)),
+    **dict.fromkeys(USD_SUFFIXES, lambda path, _: read_usd(path)),
+}

@@ -1,0 +1,212 @@
+"""What all readers share: one clear error for whatever goes wrong inside, and what each makes of a mesh."""
+
+import contextlib
+import importlib
+import os
+import signal
+import threading
+from collections.abc import Iterable, Iterator, Sequence
+from types import ModuleType
+from typing import NamedTuple
+
+import numpy as np
+
+from warp_bounding.errors import ShapeError
+
+LONGEST_REASON = 200  # characters of a foreign error message that go into ours
+
+
+@contextlib.contextmanager
+def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
+    """Turn every exception of a foreign reader into one ``ShapeError`` of one line.
+
+    The readers of the file formats raise dozens of exception types on damaged input (``SyntaxError``, ``KeyError``,
+    ``struct.error``, ...), none of them documented; hence the broad catch, which hides nothing: the cause is chained.
+
+    Args:
+        path: The file, for the message.
+        expected: What the file should hold.
+
+    Raises:
+        ShapeError: Naming the file, what was expected and what came.
+    """
+    try:
+        yield
+    except ShapeError:
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = f"{reason} is missing" if isinstance(error, KeyError) else reason
+        reason = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
+        raise ShapeError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Delay Ctrl-C until the end: packages that look for optional parts swallow whatever is raised meanwhile."""
+    handler, held = signal.getsignal(signal.SIGINT), []
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    signal.signal(signal.SIGINT, lambda *caught: held.append(caught))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    if held:
+        handler(*held[0])
+
+
+def import_optional(module: str, package: str, path: str | os.PathLike) -> ModuleType:
+    """Import a module of an optional dependency.
+
+    Args:
+        module: Such as ``"PIL.Image"``.
+        package: The name that pip knows, for the message.
+        path: The file that needs it, for the message.
+
+    Raises:
+        ShapeError: Where it is not installed, with the command that installs it.
+    """
+    try:
+        with _interrupts_held():
+            return importlib.import_module(module)
+    except ImportError as error:
+        hint = "pip install 'warp-bounding[train]'"
+        raise ShapeError(f"{path}: reading it needs {package}, which is not installed; run {hint}") from error
+
+
+# --- Meshes -----------------------------------------------------------------------------------------------------------
+#
+# What every reader of a mesh file makes: vertices, triangles, and notes of what a user should know.
+#
+# Polygons become fans of triangles around their first corner. Where a triangle of the fan would lie beside the
+# polygon, it is cut along its ears instead;
+# one that crosses itself stays a fan, which holds it. Polygons that are not flat are cut likewise; other programs may
+# cut them into other triangles.
+
+
+class MeshData(NamedTuple):
+    """A mesh as it was read.
+
+    Attributes:
+        vertices: ``(V, 3)`` float64.
+        faces: ``(F, 3)`` int64, indices of vertices, each of which exists.
+        notes: What was not read, or read in one way of several.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    notes: tuple[str, ...] = ()
+
+
+def as_numbers(words: Sequence[bytes]) -> np.ndarray:
+    """Decimal numbers of a text, ``(N,)`` float64; raises ``ValueError`` for a word that is none."""
+    if b"_" in b"".join(words):  # Python takes 1_000 for a thousand
+        raise ValueError(f"expected a number, got {next(w for w in words if b'_' in w)[:40].decode('latin-1')!r}")
+    return np.fromiter(map(float, words), np.float64, len(words))
+
+
+def as_faces(indices: np.ndarray, vertices: int) -> np.ndarray:
+    """Indices as int64; raises ``ValueError`` unless each is that of a vertex, 0 to ``vertices - 1``."""
+    indices = np.asarray(indices)
+    if indices.size and not (indices.min() >= 0 and indices.max() < vertices):
+        if not vertices:
+            raise ValueError("expected vertices of the faces, got none")
+        wrong = indices.min() if indices.min() < 0 else indices.max()
+        raise ValueError(f"expected faces of vertices 0 to {vertices - 1}, got vertex {wrong:.15g}")
+    return indices.astype(np.int64)
+
+
+def joined(parts: Iterable[tuple[np.ndarray, np.ndarray]], notes: Iterable[str] = ()) -> MeshData:
+    """One mesh of parts ``(vertices, faces)``.
+
+    Raises ``ValueError`` if no part has a face, or a vertex is not finite.
+    """
+    parts = [(np.asarray(vertices, np.float64), faces) for vertices, faces in parts]
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    notes = tuple(dict.fromkeys(notes))
+    if not sum(len(faces) for _, faces in parts):
+        raise ValueError("; ".join(["expected a mesh with faces, got none", *notes]))
+    vertices = np.concatenate([vertices for vertices, _ in parts])
+    if not (finite := np.isfinite(vertices).all(axis=1)).all():
+        raise ValueError(f"expected finite vertices, got {(~finite).sum()} that are not")
+    return MeshData(vertices, np.concatenate([f + s for (_, f), s in zip(parts, starts, strict=False)]), notes)
+
+
+def triangulated(vertices: np.ndarray, counts: np.ndarray, indices: np.ndarray, *, fans: bool = False) -> np.ndarray:
+    """Cut polygons into triangles.
+
+    Args:
+        vertices: ``(V, 3)`` float64.
+        counts: ``(P,)``, how many corners each polygon has.
+        indices: ``(sum of counts,)``, vertices of the polygons, one after another.
+        fans: Whether all polygons become fans, also where these reach beside them.
+
+    Returns:
+        ``(sum of counts - 2, 3)`` int64, in the order of the polygons.
+
+    Raises:
+        ValueError: For polygons of fewer than three corners, or of vertices that are not there.
+    """
+    counts = np.asarray(counts, np.int64)
+    if counts.size and counts.min() < 3:
+        raise ValueError(f"expected polygons of at least 3 vertices, got {counts.min()}")
+    if counts.sum() != np.size(indices):
+        raise ValueError(f"expected {counts.sum()} indices for {counts.size} polygons, got {np.size(indices)}")
+    indices = as_faces(indices, len(vertices))
+    sizes = counts - 2
+    starts, first_face = np.cumsum(counts) - counts, np.cumsum(sizes) - sizes
+    first = np.repeat(starts, sizes)
+    second = first + np.arange(sizes.sum()) - np.repeat(first_face, sizes) + 1
+    faces = np.stack([indices[first], indices[second], indices[second + 1]], axis=1)
+    if fans or not (counts > 3).any():
+        return faces
+    for number in _folded(vertices, faces, np.repeat(np.arange(len(counts)), sizes)):
+        polygon = indices[starts[number] : starts[number] + counts[number]]
+        ears = _ears(vertices[polygon])
+        if ears is not None:
+            faces[first_face[number] : first_face[number] + sizes[number]] = polygon[ears]
+    return faces
+
+
+def _folded(vertices: np.ndarray, faces: np.ndarray, polygon: np.ndarray) -> np.ndarray:
+    """Numbers of polygons with a triangle that is turned against the others; ``polygon`` ``(F,)`` maps triangles."""
+    a, b, c = vertices[faces].transpose(1, 0, 2)
+    normals = np.cross(b - a, c - a)
+    sums = np.stack([np.bincount(polygon, column) for column in normals.T], axis=1)
+    return np.unique(polygon[(normals * sums[polygon]).sum(axis=1) < 0])
+
+
+def _ears(corners: np.ndarray) -> np.ndarray | None:
+    """Triangles ``(n - 2, 3)`` of a polygon ``(n, 3)``, cut off one by one; ``None`` if it crosses itself.
+
+    Whatever is cut off, triangle and rest have the signed area of the whole: so the triangles hold the polygon, also
+    where an ear is none.
+    """
+    around = np.roll(corners, -1, axis=0) - corners[0]
+    normal = np.cross(corners - corners[0], around).sum(axis=0)
+    axis = int(np.abs(normal).argmax())
+    flat = np.delete(corners, axis, axis=1) * ((-1) ** axis * (1 if normal[axis] > 0 else -1), 1)
+
+    def side(a, b, points):
+        return (b[0] - a[0]) * (points[..., 1] - a[1]) - (b[1] - a[1]) * (points[..., 0] - a[0])
+
+    left, found, tried, k = list(range(len(corners))), [], 0, 0
+    while len(left) > 3:
+        if tried == len(left):
+            return None
+        k %= len(left)
+        trio = [left[k - 1], left[k], left[(k + 1) % len(left)]]
+        a, b, c = flat[trio]
+        others = flat[[other for other in left if other not in trio]]
+        others = others[(others[:, None] != flat[trio]).any(axis=2).all(axis=1)]  # a slit's two sides share their ends
+        within = (side(a, b, others) >= 0) & (side(b, c, others) >= 0) & (side(c, a, others) >= 0)
+        turn = side(a, b, c)
+        if (turn > 0 and not within.any()) or turn == 0:
+            found.append(trio)
+            del left[k]
+            tried, k = 0, k - 1
+        else:
+            tried, k = tried + 1, k + 1
+    return np.array([*found, left])

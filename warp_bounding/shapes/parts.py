@@ -1,0 +1,242 @@
+"""Shapes that are made of another one: its part in a box, and everything outside of it."""
+
+import hashlib
+
+import numpy as np
+
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import IN, OUT, Shape
+
+# --- The part in a box ------------------------------------------------------------------------------------------------
+
+
+class Clipped(Shape):
+    """The points of a shape that lie in a box, its border included.
+
+    Args:
+        shape: The whole.
+        lower: ``(n,)``, lower corner of the box; minus infinity where there is none.
+        upper: ``(n,)``, upper corner of the box.
+    """
+
+    def __init__(self, shape: Shape, lower: np.ndarray, upper: np.ndarray):
+        self.whole = shape
+        self.box = (np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
+        self._lower, self._upper = np.maximum(self.box[0], shape.lower), np.minimum(self.box[1], shape.upper)
+        if not (self._lower <= self._upper).all():
+            raise ShapeError(f"{shape.name}: a part outside the box of the whole, from {lower} to {upper}")
+        self.name, self.note, self.time, self.margin = shape.name, shape.note, shape.time, shape.margin
+        self.certified, self.joints = shape.certified, shape.joints
+
+    @property
+    def restriction(self) -> str:
+        return self.whole.restriction
+
+    @property
+    def ndim(self) -> int:
+        return self.whole.ndim
+
+    @property
+    def lower(self) -> np.ndarray:
+        return self._lower
+
+    @property
+    def upper(self) -> np.ndarray:
+        return self._upper
+
+    @property
+    def known_times(self) -> tuple[float, float]:
+        return self.whole.known_times  # at times beyond the box the part is known to be empty
+
+    @property
+    def geometry(self) -> str:
+        box = np.stack([self._lower, self._upper]).astype("<f8").tobytes()
+        return hashlib.sha256(f"part of {self.whole.geometry} ".encode() + box).hexdigest()
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        x = np.asarray(x)
+        found = np.full(len(x), OUT, dtype=np.uint8)
+        inside = np.flatnonzero(((x >= self._lower) & (x <= self._upper)).all(axis=1))
+        found[inside] = self.whole.decide(x[inside])
+        return found
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        low, high = np.maximum(lower, self._lower), np.minimum(upper, self._upper)
+        apart = ((lower > self._upper) | (upper < self._lower)).any(axis=1)
+        found = apart & (lower <= upper).all(axis=1)
+        queried = np.flatnonzero((low <= high).all(axis=1))
+        found[queried] = self.whole.empty(low[queried], high[queried])
+        return found
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        held = ((lower >= self._lower) & (upper <= self._upper)).all(axis=1)
+        return held & self.whole.inside(lower, upper)
+
+    def distance(self, x: np.ndarray) -> np.ndarray | None:
+        return self.whole.distance(x)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
+        return self.whole.clearance(lower, upper)
+
+    def landmarks(self) -> np.ndarray:
+        return self._held(self.whole.landmarks())
+
+    def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        found = self._held(self.whole.points(count, rng))
+        return found[rng.integers(len(found), size=count)] if len(found) else found
+
+    def check(self) -> None:
+        self.whole.check()
+
+    def dilated(self, margin: float) -> "Shape":
+        """The part of the dilated whole in the same box."""
+        return self if self._new_margin(margin) is None else Clipped(self.whole.dilated(margin), *self.box)
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> Grid:
+        raise ShapeError(f"{self.name}: no cells are laid over a part of a shape")
+
+    def _held(self, x: np.ndarray) -> np.ndarray:
+        return x[((x >= self._lower) & (x <= self._upper)).all(axis=1)]
+
+
+def part_of(shape: Shape, box: tuple[np.ndarray, np.ndarray]) -> Shape:
+    """The part of a shape in a box; the shape itself where the box has no end.
+
+    The box is one float64 step wider on each side, so that the parts in two boxes of which one begins at the next
+    number behind the other leave no real number between them.
+    """
+    return shape if np.isinf(box).all() else Clipped(shape, np.nextafter(box[0], -np.inf), np.nextafter(box[1], np.inf))
+
+
+# --- The complement ---------------------------------------------------------------------------------------------------
+#
+# Everything outside a shape: what a bounder holds that says where a point is certainly *inside* it.
+#
+# A bounder of the complement answers *no* only where no point of the complement is, that is, in the object. It has no
+# end: beyond the box of the shape a query is *maybe* in it. The complement of a motion is its complement at each of its
+# times; beyond these there is nothing, and every bounder answers *maybe*.
+
+SIDES = ("outside", "inside")  # from which a bounder may hold a shape: where "no" is certain to be
+
+TRIED, TINY_BOX = (
+    4096,
+    2.0**-10,
+)  # points of the object around which boxes are tried; their sides, of the shape's longest
+
+
+class Complement(Shape):
+    """All points that are not certainly in a shape; the shape that ``fit(..., side="inside")`` bounds.
+
+    Args:
+        shape: The whole; closed, so that its border is not in its complement.
+
+    Raises:
+        ShapeError: For a complement.
+
+    Example:
+        >>> middle = (grid.lower + grid.upper) / 2
+        >>> wb.shapes.Complement(grid).contains(np.array([middle, grid.lower])).tolist()
+        [False, True]
+    """
+
+    unbounded = True
+
+    def __init__(self, shape: Shape):
+        if shape.unbounded:
+            raise ShapeError(f"{shape.name}: a complement has no complement here")
+        self.whole = shape
+        self.name, self.note, self.time, self.margin = f"outside of {shape.name}", shape.note, shape.time, shape.margin
+        self.certified, self.largest_delta, self.joints = shape.certified, shape.largest_delta, shape.joints
+
+    @property
+    def restriction(self) -> str:
+        return self.whole.restriction
+
+    @property
+    def ndim(self) -> int:
+        return self.whole.ndim
+
+    @property
+    def lower(self) -> np.ndarray:
+        """A detail outside the box that holds the whole, so that its border there is seen from outside, too."""
+        return self.whole.lower - self._ring
+
+    @property
+    def upper(self) -> np.ndarray:
+        """See ``lower``."""
+        return self.whole.upper + self._ring
+
+    @property
+    def _ring(self) -> np.ndarray:
+        joints = self.joints is not None
+        return np.where((np.arange(self.ndim) >= int(self.time)) & ~joints, 1 / self.details_per_unit, 0.0)
+
+    @property
+    def sample_lower(self) -> np.ndarray:
+        return self.whole.sample_lower
+
+    @property
+    def sample_upper(self) -> np.ndarray:
+        return self.whole.sample_upper
+
+    @property
+    def details_per_unit(self) -> np.ndarray:
+        return self.whole.details_per_unit
+
+    @property
+    def geometry(self) -> str:
+        return outside_of(self.whole.geometry)
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        found = self.whole.decide(x)
+        turned = np.choose(found, [IN, OUT, found]).astype(np.uint8)
+        return np.where(np.isfinite(x).all(axis=1) & self._timely(x, x), turned, OUT).astype(np.uint8)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Beyond what is known of the whole there is nothing: only the part of a box before that is queried about."""
+        lower, upper = (np.array(corner, dtype=np.float64) for corner in (lower, upper))
+        boxes, (first, last) = (lower <= upper).all(axis=1), self.whole.known
+        np.maximum(lower, first, out=lower, where=boxes[:, None])
+        np.minimum(upper, last, out=upper, where=boxes[:, None])
+        beyond = boxes & (lower > upper).any(axis=1)
+        return beyond | (self.whole.inside(lower, upper) & ~beyond)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return self.whole.empty(lower, upper) & self._timely(lower, upper)
+
+    def _timely(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: whether boxes lie in what is known of the whole."""
+        first, last = self.whole.known
+        return ((lower >= first) & (upper <= last)).all(axis=1)
+
+    def check(self) -> None:
+        self.whole.check()
+
+    def check_contents(self) -> None:
+        """See ``Shape``; also refuses a shape that certifies no box to lie in it."""
+        self.whole.check_contents()
+        rng = np.random.default_rng(0)
+        x = self.lower + rng.random((TRIED, self.ndim)) * (self.upper - self.lower)
+        x = x[self.whole.decide(x) == IN]
+        reach = TINY_BOX * (self.upper - self.lower) / 2
+        if not len(x):
+            raise ShapeError(f"{self.whole.name}: nothing lies inside it, of {TRIED:,} points of its box none")
+        if self.certified and not self.whole.inside(x - reach, x + reach).any():
+            raise ShapeError(
+                f"{self.whole.name}: certifies no box to lie inside it, so nothing can be proven of its inside"
+            )
+
+    def dilated(self, margin: float) -> "Complement":
+        """The outside of the dilated whole."""
+        return self if self._new_margin(margin) is None else Complement(self.whole.dilated(margin))
+
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0):
+        raise ShapeError(
+            f"{self.name}: no cells are laid over the outside of a shape; give another method, and no resolution"
+        )
+
+
+def outside_of(digest: str) -> str:
+    """The digest of the complement of the shape with this one."""
+    return hashlib.sha256(f"outside of {digest}".encode()).hexdigest()

@@ -1,0 +1,668 @@
+"""What every shape is: a closed set of points in a box, queried at points and over whole boxes.
+
+Two questions carry everything else. ``contains`` is the truth for points. ``empty`` is a certificate: it is True only
+where no point of a closed box is in the object, and False proves nothing. A proof divides the boxes of queries that a
+bounder would deny until the shape certifies each of them empty; it needs no grid, and no cell limits how tight it
+is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only tested by
+samples.
+
+Whatever a shape cannot decide it counts as object; ``decide`` tells these cases apart, so that they can be counted.
+"""
+
+import hashlib
+import math
+import operator
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.errors import ShapeError
+from warp_bounding.runtime.arrays import Picklable
+from warp_bounding.shapes.joints import Joints
+
+# --- Limits of requests -----------------------------------------------------------------------------------------------
+#
+# Limits: resolutions, margins, cells that float32 can divide an object into, and steps that this
+# machine can hold.
+#
+# An error before a step is begun is better than a process that is killed in it.
+
+MAX_CELLS = 2**31 - 1  # cells of a grid: their indices are 32-bit integers
+MAX_OFFSET = 2**22  # cells: what ``Grid`` allows for an offset
+SCALE_BITS = 16  # significant bits of cells_per_unit: cell coordinates of float32 points are then exact in float64
+DEFAULT_RESOLUTION, MAX_RESOLUTION = 64, 1024  # cells along the longest axis of a mesh
+
+
+def check_memory(needed: float, what: str, advice: str) -> None:
+    """Refuse a step that needs more than all of the machine's memory.
+
+    Args:
+        needed: Bytes that the step holds at a time, about.
+        what: What needs them, for the message.
+        advice: What would need less.
+
+    Raises:
+        ShapeError: With both numbers.
+    """
+    there = _memory()
+    if there is not None and needed > there:
+        raise ShapeError(
+            f"{what} needs about {needed / 1e9:.3g} GB of memory, this machine has {there / 1e9:.3g}; {advice}"
+        )
+
+
+def _memory() -> int | None:
+    """Bytes of memory of this machine; ``None`` where that is unknown."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):
+        return None
+
+
+def checked_resolution(resolution: int | None) -> int:
+    """The resolution, or the default one for ``None``; raises ``ShapeError`` for an impossible one."""
+    if resolution is None:
+        return DEFAULT_RESOLUTION
+    try:
+        value = operator.index(resolution)
+    except TypeError:
+        value = -1
+    if isinstance(resolution, bool | np.bool_) or not 2 <= value <= MAX_RESOLUTION:
+        raise ShapeError(f"resolution must be an integer from 2 to {MAX_RESOLUTION}, got {resolution!r}")
+    return value
+
+
+def checked_margin(margin: float) -> float:
+    """The margin as a float; raises ``ShapeError`` for one that is negative or not finite."""
+    try:
+        value = float(margin)
+    except (TypeError, ValueError):
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0):
+        raise ShapeError(f"margin must be finite and non-negative, got {margin!r}")
+    return value
+
+
+def cells_per_unit(extent: float, resolution: int, name: str) -> float:
+    """Cubic cells along an extent, rounded to few significant bits: they are never smaller than requested.
+
+    Args:
+        extent: Object units.
+        resolution: Cells along it.
+        name: For messages.
+
+    Raises:
+        ShapeError: If float32 cells cannot divide it.
+    """
+    mantissa, exponent = math.frexp(resolution / extent)
+    scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
+    limits = np.finfo(np.float32)
+    if not float(limits.tiny) <= scale <= float(limits.max):  # of float32, NumPy would make scale one
+        raise ShapeError(f"{name}: expected an object that float32 cells can divide, got extent {extent:g}")
+    return scale
+
+
+def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """First and last cell of a grid around an object: all cells that it may meet, and one more on every side.
+
+    Args:
+        lower: ``(3,)``, in cells from the origin.
+        upper: ``(3,)``, in cells from the origin.
+        reach: By how much the object is dilated, in cells.
+        name: For messages.
+
+    Raises:
+        ShapeError: If that is too far from the origin.
+    """
+    from warp_bounding.shapes.triangles.cells import SLACK
+
+    reach = reach + 0.5 + 2 * SLACK  # all rounding included: 2 * SLACK > SLACK
+    first = np.ceil(lower - reach).astype(np.int64) - 1
+    last = np.floor(upper + reach).astype(np.int64) + 1
+    if np.abs(first).max() >= MAX_OFFSET:
+        raise ShapeError(
+            f"{name}: expected a mesh within {MAX_OFFSET} cells of the origin, got {int(np.abs(first).max())} cells; "
+            "move it there"
+        )
+    return first, last
+
+
+def checked_vector(value, what: str, name: str) -> np.ndarray:
+    """``(n,)`` float64, read-only; raises ``ShapeError`` for anything but at least one finite number in a row."""
+    try:
+        vector = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.ndim != 1 or vector.size == 0 or not np.isfinite(vector).all():
+        raise ShapeError(f"{name}: {what} must be finite numbers of shape (n,), got {value!r}")
+    vector.setflags(write=False)
+    return vector
+
+
+def checked_number(value, what: str, name: str, least: float = 0.0) -> float:
+    """A finite float above ``least``; raises ``ShapeError`` for any other."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if not (math.isfinite(number) and number > least):
+        needed = "finite" if math.isinf(least) else f"finite and above {least:g}"
+        raise ShapeError(f"{name}: {what} must be {needed}, got {value!r}")
+    return number
+
+
+def checked_corners(lower, upper, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of a box, each ``(n,)``; raises ``ShapeError`` unless lower is below upper in each coordinate."""
+    lower, upper = checked_vector(lower, "lower", name), checked_vector(upper, "upper", name)
+    if lower.shape != upper.shape or not (lower < upper).all():
+        raise ShapeError(f"{name}: lower must be below upper in each coordinate, got {lower} and {upper}")
+    return lower, upper
+
+
+SPARE = 4  # up to so many more cells of time than requested are made where these fit the range better
+LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the range before other cells are tried
+
+
+def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, float, int]:
+    """Cells of time that lie between two times and leave little of the range out.
+
+    A rate has few significant bits and a first face lies at a multiple of half a cell, so cells seldom begin and end
+    where the range does. Of all rates for ``count`` to ``count + SPARE`` cells, this is the first that leaves out
+    ``LEFT`` of a cell or less, or else the best: of 32 cells between random times, half leave out less than 0.2 % of
+    the range, all less than 1.5 %.
+
+    Args:
+        start: Unit of time, float32.
+        end: Unit of time, float32.
+        count: Number of cells that is requested.
+        name: For messages.
+
+    Returns:
+        Cells per unit of time, where the first cell begins (in cells, a multiple of 1/2), and their number.
+
+    Raises:
+        ShapeError: If float32 cells cannot divide the range.
+    """
+    # Rates of at most SCALE_BITS significant bits, as ``cells_per_unit`` are (``shape``): float32 times then
+    # have exact cell coordinates. Rates are whole numbers of steps, in ascending order.
+    step = math.ldexp(1.0, math.frexp(cells_per_unit(end - start, count, name))[1] - SCALE_BITS)
+    few, many = (n / (end - start) / step for n in (count, count + SPARE))
+    mantissa = np.arange(np.ceil(few), np.floor(many) + 1)
+    rate = step * mantissa[mantissa % 2.0 ** np.maximum(np.frexp(mantissa)[1] - SCALE_BITS, 0) == 0]
+    begin = np.ceil(2 * start * rate) / 2  # exact, as the products are: 24 + 16 bits
+    cells = np.floor(end * rate - begin)
+    # One cell less where the difference was rounded up (an end much nearer to 0 than the start), so none passes the
+    # range.
+    cells -= begin + cells > end * rate
+    left = (end - start) * rate - cells
+    best = int(np.argmin(np.maximum(left, LEFT)))
+    return float(rate[best]), float(begin[best]), int(cells[best])
+
+
+# --- What is known of the part of a shape in a box --------------------------------------------------------------------
+#
+# What a shape may know of its part in a box beyond whether there is any: a half-space that holds it.
+#
+# Where f falls towards the object and the object ends before f has fallen far, a box may meet both: neither the bound
+# of f nor ``Shape.empty`` closes it. The least f over the part of the box in the half-space is what counts, and two
+# linear bounds tell it together.
+
+
+class HalfSpaces(NamedTuple):
+    """Of N closed boxes in n dimensions: certified half-spaces that hold the object's points in them.
+
+    Attributes:
+        empty: ``(N,)`` bool, certified as in ``Shape.empty``; the half-spaces of empty boxes mean nothing.
+        center: ``(N, n)`` float64, object space.
+        level: ``(N,)`` float64.
+        slope: ``(N, n)`` float64: a point x of the object in the box has ``level + slope . (x - center) >= 0``.
+        axis: ``(N,)`` int, the axis along which halving the box helps the half-space most.
+        loss: ``(N,)`` float64, about by how much the linear function exceeds the one that it bounds.
+    """
+
+    empty: np.ndarray
+    center: np.ndarray
+    level: np.ndarray
+    slope: np.ndarray
+    axis: np.ndarray
+    loss: np.ndarray
+
+    @classmethod
+    def blank(cls, lower: np.ndarray, upper: np.ndarray) -> "HalfSpaces":
+        """Of boxes between ``(N, n)`` float64 corners: nothing is known, and each half-space holds everything."""
+        count, n = lower.shape
+        center = lower * 0.5 + upper * 0.5
+        return cls(
+            np.zeros(count, dtype=bool),
+            center,
+            np.ones(count),
+            np.zeros((count, n)),
+            np.zeros(count, dtype=np.int32),
+            np.zeros(count),
+        )
+
+    def arrays(self) -> list[wp.array]:
+        """All but ``center`` as Warp arrays over the same memory, which kernels fill."""
+        vector = wp.types.vector(length=self.slope.shape[1], dtype=wp.float64)
+        parts = (
+            (self.empty, wp.uint8),
+            (self.level, wp.float64),
+            (self.slope, vector),
+            (self.axis, wp.int32),
+            (self.loss, wp.float64),
+        )
+        return [
+            wp.array(x.view(np.uint8) if x.dtype == bool else x, dtype=dtype, device="cpu", copy=False)
+            for x, dtype in parts
+        ]
+
+
+# --- Pieces -----------------------------------------------------------------------------------------------------------
+#
+# A shape as the union of others, its pieces, each of which may be bounded by itself: how they are named, and what a
+# union of them is called.
+#
+# Pieces have numbers. A digest follows from that of the whole and the numbers alone, so that bounders of pieces can be
+# put together without the shape, and nobody can take one piece for another.
+
+MOST = 4096
+
+
+class Pieces(NamedTuple):
+    """Some pieces of a whole.
+
+    Attributes:
+        whole: Digest of the whole.
+        count: How many pieces it has.
+        held: Numbers of these, in order, from 0 on.
+    """
+
+    whole: str
+    count: int
+    held: tuple[int, ...]
+
+    @classmethod
+    def of(cls, whole: str, count: int, held: Iterable[int], name: str = "pieces") -> "Pieces":
+        """Checked.
+
+        Raises:
+            ShapeError: For numbers of no pieces, or none at all.
+        """
+        numbers = list(held)
+        fine = all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n < count for n in numbers)
+        if not numbers or not fine:
+            raise ShapeError(f"{name}: expected some of the pieces 0 to {count - 1}, got {numbers}")
+        return cls(whole, count, tuple(sorted(set(numbers))))
+
+    @property
+    def all(self) -> bool:
+        """Whether nothing of the whole is missing."""
+        return len(self.held) == self.count
+
+    @property
+    def digest(self) -> str:
+        """That of the union; the whole's own where nothing is missing."""
+        reported = f"pieces {' '.join(map(str, self.held))} of {self.count} of {self.whole}"
+        return self.whole if self.all else hashlib.sha256(reported.encode()).hexdigest()
+
+    def joined(self, other: "Pieces") -> "Pieces":
+        """The union with other pieces of the same whole."""
+        return self._replace(held=tuple(sorted({*self.held, *other.held})))
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return {"whole": self.whole, "count": self.count, "held": list(self.held)}
+
+    @classmethod
+    def from_dict(cls, values: Any) -> "Pieces":
+        """Inverse of ``to_dict``; raises ``ValueError`` for anything else."""
+        try:
+            whole, count, held = values["whole"], values["count"], values["held"]
+            if not isinstance(whole, str) or type(count) is not int or not 1 <= count <= MOST:
+                raise ValueError(f"{values!r} are no pieces of a shape")
+            return cls.of(whole, count, held)
+        except (TypeError, KeyError, ShapeError) as error:
+            raise ValueError(f"{values!r} are no pieces of a shape ({error})") from error
+
+
+# --- Shapes -----------------------------------------------------------------------------------------------------------
+
+HOLLOW = ("filled", "empty")  # what air may count as that an object encloses: inside, outside
+OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
+BALL = 1 + 2.0**-40  # outweighs what float64 rounds in a length and a difference
+PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
+DETAILS = 64  # along the longest side: float32 must distinguish points that are a DETAILS-th of it from each other
+
+
+def dilated_digest(geometry: str, margin: float) -> str:
+    """The digest of an object, from those of its geometry and its margin."""
+    return hashlib.sha256(f"{geometry} dilated by {float(margin)!r}".encode()).hexdigest() if margin else geometry
+
+
+class Shape(Picklable, ABC):
+    """A closed set in n dimensions, the object; all coordinates are in object space, all lengths in object units.
+
+    Attributes:
+        name: For people and messages; of a file its name, never the folder that it lies in.
+        note: A restriction that a user should know; may be empty. ``restriction`` has it, and what the shape itself
+            knows.
+        remark: What a user may want to know and what restricts nothing, such as what counts as unknown in a map; may be
+            empty.
+        time: Coordinate 0 is time; a query outside its range has no certain answer.
+        margin: How far the object was dilated (Euclidean, in space); queries are about the dilated object.
+        resolution: Of cells that were laid over a shape; ``None`` where the shape itself is queried.
+        certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
+        unbounded: The object is all that lies beyond the box, too (``complement``); a query there is *maybe* in it.
+        joints: Where the coordinates are values of joints, their limits, beyond which nothing is known, and their
+            periods.
+    """
+
+    name: str = "shape"
+    note: str = ""
+    remark: str = ""
+    time: bool = False
+    margin: float = 0.0
+    resolution: int | None = None
+    certified: bool = True
+    unbounded: ClassVar[bool] = False
+    joints: Joints | None = None
+    largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
+    # Truth of regions, where a shape can decide it: called as described in ``Mesh``, they answer as
+    # ``decide``.
+    decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+    decide_planes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
+
+    @property
+    def restriction(self) -> str:
+        """For users: what is not bounded, by the note and the geometry (such as an open surface); may be empty."""
+        return self.note
+
+    # --- where it is -------------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def ndim(self) -> int:
+        """Number of coordinates n."""
+
+    @property
+    @abstractmethod
+    def lower(self) -> np.ndarray:
+        """``(n,)`` float64, lower corner of a box that holds the object, margin included."""
+
+    @property
+    @abstractmethod
+    def upper(self) -> np.ndarray:
+        """``(n,)`` float64, upper corner of that box."""
+
+    @property
+    def extent(self) -> np.ndarray:
+        """``(n,)`` float64, sides of that box; without time, if coordinate 0 is time."""
+        return (self.upper - self.lower)[1 if self.time else 0 :]
+
+    @property
+    def known_times(self) -> tuple[float, float]:
+        """Where coordinate 0 is time: first and last time at which it is known what the object is."""
+        return float(self.lower[0]), float(self.upper[0])
+
+    @property
+    def known(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(n,)`` float64 each: limits beyond which nothing is known, of times and joint values; else infinite."""
+        end = np.full(self.ndim, np.inf)
+        lower, upper = -end, end
+        if self.time:
+            lower[0], upper[0] = self.lower[0], self.upper[0]
+        return lower, upper
+
+    @property
+    def speed(self) -> float | None:
+        """The largest speed of the object's points, object units per unit of time; ``None`` if unknown.
+
+        Coordinate 0 is time.
+        """
+        return None
+
+    @property
+    def knots(self) -> np.ndarray:
+        """``(K,)`` float64, times at which its motion may bend; of a shape at rest none."""
+        return np.empty(0)
+
+    @property
+    def frame(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(n,)`` float64 each, corners of a bounder's domain: the box, no side thinner than a detail."""
+        least = 1 / self.details_per_unit
+        room = np.maximum(least - (self.upper - self.lower), 0.0) / 2
+        return self.lower - room, self.upper + room
+
+    @property
+    def sample_lower(self) -> np.ndarray:
+        """``(n,)`` float64, where random queries begin: a tenth of the longest side outside the box, in space."""
+        return self.lower - self._padding
+
+    @property
+    def sample_upper(self) -> np.ndarray:
+        """``(n,)`` float64, where random queries end."""
+        return self.upper + self._padding
+
+    @property
+    def details_per_unit(self) -> np.ndarray:
+        """``(n,)`` float64, per object unit, of what float32 must tell apart anywhere in the object (grid cells)."""
+        size = np.full(self.ndim, self.extent.max())
+        if self.time:
+            size[0] = self.upper[0] - self.lower[0]
+        return DETAILS / size
+
+    @property
+    def waves(self) -> np.ndarray | None:
+        """``(K, n)`` float64, per object unit: the sines and cosines of ``waves @ x`` decide whether x lies in it.
+
+        As far as that is known.
+        """
+        return None
+
+    @property
+    def _padding(self) -> np.ndarray:
+        padding = np.full(self.ndim, PADDING * self.extent.max())
+        if self.time:
+            padding[0] = 0.0
+        return padding
+
+    # --- what it is --------------------------------------------------------------------------------------------------
+
+    @property
+    @abstractmethod
+    def geometry(self) -> str:
+        """SHA-256 of the geometry, the margin not included; name and note do not enter."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the object: of its geometry, and of the margin where there is one."""
+        return dilated_digest(self.geometry, self.margin)
+
+    @abstractmethod
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8 for points ``(N, n)``, float32 or float64: certainly ``OUT`` or ``IN``, or ``UNDECIDED``."""
+
+    def contains(self, x: np.ndarray) -> np.ndarray:
+        """The truth for points; those that cannot be decided count as object.
+
+        Args:
+            x: ``(N, n)`` float32 or float64, object space. NaN is nowhere.
+
+        Returns:
+            ``(N,)`` bool.
+        """
+        return self.decide(x) != OUT
+
+    @abstractmethod
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes hold no point of the object.
+
+        Args:
+            lower: ``(N, n)`` float64, lower corners.
+            upper: ``(N, n)`` float64, upper corners.
+
+        Returns:
+            ``(N,)`` bool. False proves nothing; for NaN, and lower above upper, it is False.
+        """
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Certified: which closed boxes lie in the object whole; ``(N,)`` bool, False proves nothing."""
+        return np.zeros(len(lower), dtype=bool)
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces | None:
+        """Half-spaces that hold the object's points in closed boxes of finite corners ``(N, n)``; ``None`` if unknown.
+
+        Points that are ``UNDECIDED`` by themselves may lie beyond: more is known about the box than about them.
+        """
+        return None
+
+    def distance(self, x: np.ndarray) -> np.ndarray | None:
+        """Lower bounds ``(N,)`` of the distance from points to the object (0 in it); ``None`` where none is known.
+
+        Where coordinate 0 is time, the distance is in space, to the object at the point's time; 0 out of its time.
+        """
+        return None
+
+    def distances(self, x: np.ndarray) -> np.ndarray | None:
+        """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` if unknown.
+
+        An upper bound is infinite where nothing is known. In the object both are 0, if the shape can decide that.
+        """
+        low = self.distance(x)
+        if low is None:
+            return None
+        return np.stack([low, np.where(self.decide(x) == IN, 0.0, np.inf)], axis=1)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
+        """Lower bounds ``(N,)`` of the distance from boxes to the object; ``None`` where none is known."""
+        return None
+
+    def depth(self, x: np.ndarray) -> np.ndarray:
+        """About how deep points ``(N, n)`` lie in the object, ``(N,)``; 0 outside, and where it is not known.
+
+        No proof rests on it.
+        """
+        return np.zeros(len(x))
+
+    def overestimate(
+        self,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        values: np.ndarray,
+        least: float,
+        enough: np.ndarray | float = np.inf,
+    ) -> np.ndarray | None:
+        """How much functions may exceed the distance to the object in boxes.
+
+        Here by the distance at the centres, which grows no faster than the way.
+
+        Args:
+            lower: ``(N, n)`` float64, lower corners.
+            upper: ``(N, n)`` float64, upper corners.
+            values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis
+                k where bit k of i is set. In between, the function is at most what is multilinear between the corners.
+            least: Excesses below it need not be distinguished.
+            enough: Of each box, or of all: no more need be known of an overestimate than that it is above this, which
+                takes less time.
+
+        Returns:
+            ``(N,)`` float64, certified: the function is nowhere in the box above the distance by more. ``None`` where
+            no distance is known.
+        """
+        low = self.distance(lower / 2 + upper / 2)
+        if low is None:
+            return None
+        reach = np.linalg.norm(upper - lower, axis=1) / 2 * BALL
+        highest = values.max(axis=1)
+        return np.maximum(
+            highest - np.maximum(low - reach, 0.0) * (1 / BALL) + (BALL - 1) * np.abs(values).max(axis=1), least
+        )
+
+    def landmarks(self) -> np.ndarray:
+        """``(P, n)`` float64 points, about on the object's border where it sticks out; a proof never relies on them."""
+        return np.empty((0, self.ndim))
+
+    def corners(self) -> np.ndarray | None:
+        """``(P, n)`` float64 points whose hull, dilated by ``margin`` in space, is the object's; else ``None``."""
+        return None
+
+    def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Random points of the object, up to rounding, where the shape can name some however thin it is.
+
+        Args:
+            count: How many.
+            rng: Source of randomness.
+
+        Returns:
+            ``(count, n)`` float64, or ``(0, n)`` where it cannot.
+        """
+        return np.empty((0, self.ndim))
+
+    def check(self) -> None:
+        """Look for points that contradict what the shape claims of itself, where it rests on somebody's word.
+
+        Raises:
+            ShapeError: With the counterexample.
+        """
+
+    def check_contents(self) -> None:
+        """Refuse a shape that a search finds to hold nothing, or everything.
+
+        Raises:
+            ShapeError: If no point was found in the object, or none outside.
+        """
+
+    # --- what can be made of it --------------------------------------------------------------------------------------
+
+    @property
+    def pieces(self) -> Pieces | None:
+        """Which pieces of which whole this is, where it can be bounded piece by piece; ``None`` where it cannot."""
+        return None
+
+    def piece(self, held: Sequence[int]) -> "Shape":
+        """The union of some pieces, whose bounders ``a | b`` puts together.
+
+        It has the first coordinates only, where it depends on no others.
+
+        Args:
+            held: Numbers of pieces, those of the whole.
+
+        Raises:
+            ShapeError: For numbers of no pieces, or a shape that is not taken apart.
+        """
+        raise ShapeError(f"{self.name}: it has no pieces")
+
+    @abstractmethod
+    def dilated(self, margin: float) -> "Shape":
+        """The object and all points within ``margin`` of it (in space only); itself for its own margin.
+
+        Raises:
+            ShapeError: For a margin that is negative or not finite, or a shape that is dilated already.
+        """
+
+    @abstractmethod
+    def to_grid(self, *, resolution: int | None = None, margin: float = 0.0):
+        """A ``Grid`` of closed cells that hold every point within ``margin`` of the shape.
+
+        Args:
+            resolution: Cells along the longest side of the dilated object, 2 to 1024; a default of the shape's own for
+                ``None``.
+            margin: Object units, at least 0.
+
+        Raises:
+            ShapeError: For an impossible resolution or margin, or more cells than this machine can hold.
+        """
+
+    def _new_margin(self, margin: float) -> float | None:
+        """A margin to dilate by, checked; ``None`` where the shape has it already, or there is none."""
+        margin = checked_margin(margin)
+        if margin in (0.0, self.margin):
+            return None
+        if self.margin:
+            raise ShapeError(f"{self.name}: the shape is dilated by {self.margin} already, got margin={margin}")
+        return margin

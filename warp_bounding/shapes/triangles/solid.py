@@ -1,0 +1,262 @@
+"""Solids of triangles at rest or moving, and their answers with a margin; built when first needed.
+
+A mesh and its dilated copies share one solid: the margin is told with each question.
+"""
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.shapes.shape import IN, HalfSpaces
+from warp_bounding.shapes.surfaces import cycles_of
+from warp_bounding.shapes.triangles.answers import (
+    AT_REST,
+    MOVING,
+    Mesh,
+    Motion,
+    decide_boxes,
+    decide_planes,
+    decide_segments,
+)
+from warp_bounding.shapes.triangles.cells import SidesGrid, build_sides
+from warp_bounding.shapes.triangles.distances import (
+    Corners,
+    CornersThen,
+    find_clearances,
+    find_distances,
+    find_distances_then,
+    find_excesses,
+    find_excesses_then,
+)
+from warp_bounding.shapes.triangles.half_spaces import find_half_spaces
+from warp_bounding.shapes.triangles.hierarchy import MovingTriangles, Triangles, build
+from warp_bounding.shapes.triangles.moving import MovingSides
+
+
+class Dilated:
+    """A solid and its margin.
+
+    Args:
+        struct: Of the type that the kernels take.
+    """
+
+    point: ClassVar[type]  # Warp's type of one
+    corners: ClassVar[type]  # and of a function's numbers at the corners of a box
+    kernels: ClassVar[
+        tuple[wp.Kernel, ...]
+    ]  # for ``decide``, ``empty``, ``inside``, ``distances`` and ``overestimate``
+
+    def __init__(self, struct: Any):
+        self._struct = struct
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """``OUT``, ``IN`` or ``UNDECIDED`` for points; see ``Shape.decide``."""
+        return self._answer(self.kernels[0], x)
+
+    def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes hold no point of the object; see ``Shape.empty``."""
+        return self._answer(self.kernels[1], lower, upper).view(bool)
+
+    def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Which closed boxes lie in the object whole; see ``Shape.inside``."""
+        return self._answer(self.kernels[2], lower, upper).view(bool)
+
+    def distances(self, x: np.ndarray) -> np.ndarray:
+        """``(N, 2)`` float64, bounds of the distance in space from points to the object; see ``Shape.distances``."""
+        return self._answer(self.kernels[3], x, dtype=wp.vec2d)
+
+    def overestimate(
+        self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
+    ) -> np.ndarray:
+        """See ``Shape.overestimate``."""
+        numbers = np.ascontiguousarray(values, dtype=np.float64)
+        bars = np.broadcast_to(enough, len(numbers)).astype(np.float64)
+        more = [
+            wp.array(numbers, dtype=self.corners, device="cpu"),
+            wp.float64(least),
+            wp.array(bars, dtype=wp.float64, device="cpu"),
+        ]
+        return self._answer(self.kernels[4], lower, upper, dtype=wp.float64, more=more)
+
+    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8, more: Sequence = ()):
+        """``(N,)``, a kernel's answers to queries ``(N, n)``, and ``more`` inputs; of a type of vectors, ``(N, k)``."""
+        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
+        shape = len(rows[0]), *getattr(dtype, "_shape_", ())
+        out = np.empty(shape, dtype=wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype)))
+        if len(out):
+            self._launch(kernel, rows, [wp.array(out, dtype=dtype, device="cpu", copy=False)], more)
+        return out
+
+    def _launch(self, kernel: wp.Kernel, rows: list[np.ndarray], outputs: list[wp.array], more: Sequence = ()) -> None:
+        self._know(rows[0], rows[-1])
+        inputs = [self._struct, *(wp.array(q, dtype=self.point, device="cpu", copy=False) for q in rows), *more]
+        launch_on_cores(kernel, len(rows[0]), inputs, outputs, "cpu")
+
+    def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Make what is needed for queries, points or boxes ``(N, n)``; here all of it is there."""
+
+
+class Solid:
+    """Triangles and the side of each point, without a margin.
+
+    Args:
+        vertices: ``(V, 3)`` float32.
+        faces: ``(F, 3)`` integers.
+        closed: ``(F,)`` bool, the faces of closed parts.
+        alike: Whether these are turned alike (``turns_of``).
+        empty: Whether hollows are outside.
+    """
+
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray, alike: bool = False, empty: bool = False
+    ):
+        self.vertices, self.faces, self.closed, self.alike, self.empty = vertices, faces, closed, alike, empty
+
+    @cached_property
+    def _all(self) -> Triangles:
+        if self.closed.all():
+            return self._closed
+        return build(self.vertices[self.faces])
+
+    @cached_property
+    def _closed(self) -> Triangles:
+        cycles = cycles_of(self.vertices, self.faces, self.closed)
+        return build(self.vertices[self.faces[self.closed]], cycles[self.closed])
+
+    @cached_property
+    def _grid(self) -> SidesGrid:
+        return build_sides(self.vertices, self.faces[self.closed], self._closed, self.alike, self.empty)
+
+    @property
+    def hollows(self) -> int:
+        """Parts of space, wider than a cell of ``triangles/cells.py``, without a way out or a surface around them."""
+        return self._grid.hollows
+
+    @property
+    def both(self) -> bool:
+        """Whether faces go around some points, wider than such a cell, one way, and around others the other."""
+        return self._grid.both
+
+    def depth(self, x: np.ndarray, lower: np.ndarray, upper: np.ndarray, margin: float) -> np.ndarray:
+        """Approximate depth of points in the object dilated by a margin; ``lower``, ``upper`` are without it."""
+        faces = Solid(self.vertices, self.faces, np.zeros(len(self.faces), dtype=bool))
+        away = faces.dilated(lower, upper, 0.0).distances(x)[:, 0]
+        enclosed = self.dilated(lower, upper, 0.0).decide(x) == IN
+        return (np.where(enclosed, away, -away) + margin).clip(0.0)
+
+    def dilated(self, lower: np.ndarray, upper: np.ndarray, margin: float) -> "DilatedSolid":
+        """The object dilated by a margin; ``lower`` and ``upper`` are the corners of a box that holds it."""
+        mesh = Mesh()
+        mesh.lower, mesh.upper, mesh.margin = wp.vec3d(*lower), wp.vec3d(*upper), wp.float64(margin)
+        mesh.faces, mesh.closed, mesh.sides = self._all, self._closed, self._grid.sides
+        return DilatedSolid(mesh)
+
+
+class DilatedSolid(Dilated):
+    """A solid and its margin."""
+
+    point, corners = wp.vec3d, Corners
+    kernels = (*AT_REST, find_distances, find_excesses)
+
+    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Lower bounds of the distance from closed boxes to the object; see ``Shape.clearance``."""
+        return self._answer(find_clearances, lower, upper, dtype=wp.float64)
+
+    def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Whether closed boxes meet the object."""
+        return self._answer(decide_boxes, lower, upper)
+
+    def decide_segments(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """Whether closed segments meet the object."""
+        return self._answer(decide_segments, start, end)
+
+    def decide_planes(self, normal: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Whether planes meet the object."""
+        return self._answer(decide_planes, normal, point)
+
+
+class MovingSolid:
+    """Triangles that move, and the side of each point, without a margin.
+
+    Args:
+        times: ``(K,)`` float32.
+        frames: ``(K, V, 3)`` float32.
+        faces: ``(F, 3)`` integers.
+        closed: ``(F,)`` bool, the faces of closed parts.
+        rounding: By which vertices may be elsewhere: more than what float64 makes of an interpolation.
+    """
+
+    def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, closed: np.ndarray, rounding: float):
+        self.times, self.rounding = times.astype(np.float64), rounding
+        self._frames, self._faces, self._closed_faces = frames, faces, closed
+
+    @cached_property
+    def all(self) -> MovingTriangles:
+        """The hierarchy of all faces."""
+        if self._closed_faces.all():
+            return self.closed
+        return MovingTriangles(self.times, self._frames, self._faces)
+
+    @cached_property
+    def closed(self) -> MovingTriangles:
+        """The hierarchy of closed parts' faces."""
+        paths = np.ascontiguousarray(self._frames.transpose(1, 0, 2)).reshape(self._frames.shape[1], -1)
+        cycles = cycles_of(paths, self._faces, self._closed_faces)
+        kept = self._closed_faces
+        return MovingTriangles(self.times, self._frames, self._faces[kept], cycles[kept])
+
+    @cached_property
+    def sides(self) -> MovingSides:
+        """The grids of closed parts."""
+        return MovingSides(self.closed, self._frames, self._faces[self._closed_faces], self.rounding)
+
+
+class DilatedMovingSolid(Dilated):
+    """A solid that moves, and its margin.
+
+    Args:
+        solid: Without a margin.
+        lower: ``(4,)``, corner of a box that holds the dilated object, time first.
+        upper: ``(4,)``, the other corner.
+        margin: Object units.
+        speed: Of the fastest point at most, rounded up.
+    """
+
+    point, corners = wp.vec4d, CornersThen
+    kernels = (*MOVING, find_distances_then, find_excesses_then)
+
+    def __init__(self, solid: MovingSolid, lower: np.ndarray, upper: np.ndarray, margin: float, speed: float):
+        self._solid = solid
+        motion = Motion()
+        motion.lower, motion.upper = wp.vec4d(*lower), wp.vec4d(*upper)
+        motion.rounding = wp.float64(solid.rounding)
+        motion.reach = wp.float64(np.nextafter(margin + solid.rounding, np.inf))
+        motion.hold = wp.float64(np.nextafter(margin - solid.rounding, -np.inf))
+        motion.speed = wp.float64(speed)
+        motion.faces, motion.closed, motion.pieces = solid.all.ways, solid.closed.ways, solid.sides.pieces
+        super().__init__(motion)
+
+    def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
+        """See ``Shape.half_spaces``."""
+        rows = [np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper)]
+        found = HalfSpaces.blank(*rows)
+        if len(lower):
+            self._launch(find_half_spaces, rows, found.arrays())
+        return found
+
+    def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Make the boxes of keyframes and the grids for the times of queries."""
+        times = self._solid.times
+        spans = np.stack([lower[:, 0], upper[:, 0]], axis=1)
+        spans = np.clip(spans[spans[:, 0] <= spans[:, 1]], times[0], times[-1])
+        key = np.clip(np.searchsorted(times, spans, side="right") - 1, 0, len(times) - 2)
+        places = key + (spans - times[key]) / (times[key + 1] - times[key])
+        begun, ended = np.bincount(key[:, 0], minlength=len(times)), np.bincount(key[:, 1] + 2, minlength=len(times))
+        keys = np.flatnonzero(np.cumsum(begun - ended[: len(times)]) > 0)
+        for triangles in (self._solid.all, self._solid.closed):
+            triangles.know(keys)
+        self._solid.sides.know(places)
