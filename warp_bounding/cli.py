@@ -71,6 +71,9 @@ def main(
     sys.exit(status)
 
 
+RENAMED = {"soak": "stress", "--queries": "--workload"}
+
+
 def _run(app: typer.Typer, arguments: list[str], program: str) -> int:
     """Exit status of a command; an error of the parser becomes one of ours."""
     usage_error = typer.BadParameter.__base__  # the parser's UsageError, wherever typer takes its parser from
@@ -82,7 +85,11 @@ def _run(app: typer.Typer, arguments: list[str], program: str) -> int:
             return 2
         context = getattr(error, "ctx", None)
         where = context.command_path if context else program
-        raise BoundingError(f"{error.format_message().rstrip('.')} (see '{where} --help')") from error
+        message = error.format_message().rstrip(".")
+        now = next(
+            (f"; it is {new} now" for old, new in RENAMED.items() if old in message.split("'") + message.split()), ""
+        )
+        raise BoundingError(f"{message}{now} (see '{where} --help')") from error
     except typer.Exit as error:
         return error.exit_code
     except typer.Abort:
