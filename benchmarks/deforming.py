@@ -81,7 +81,7 @@ def touches(
 
 
 class Step:
-    """Particles and a body at its pose, and how each broad phase and the narrow phase are queried about them."""
+    """Particles and a body at its pose, and how each broad phase and the narrow phase are asked about them."""
 
     def __init__(self, shape: wb.shapes.BlendShapes, bounders: dict[str, wb.Bounder]):
         self.shape, self.pose = shape, np.zeros(shape.poses, np.float32)

@@ -79,7 +79,7 @@ class Stepped(Exact):
     def _along(self, begin: np.ndarray, way: np.ndarray, halvings: int, cleared: Cleared | None) -> bool:
         """Whether one edge collides.
 
-        The broad phase is queried about all of it at once, since each call costs as much as many configurations.
+        The broad phase is asked about all of it at once, since each call costs as much as many configurations.
         """
         x = begin + _halving(halvings)[:, None] * way
         if cleared is not None and len(x):

@@ -1,6 +1,6 @@
 """The demo ``particles``: 100,000 particles rain on the Stanford bunny while it turns, twists and swells.
 
-The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is queried about time
+The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is asked about time
 and place, and is never refitted. A bounder of the *distance* to the motion is queried when a drop can first touch it,
 and
 skips the steps until then. Two narrow phases, because the answer depends on them: robust *containment* looks for the

@@ -2,7 +2,7 @@
 
 The narrow phase writes to a particle only where it finds a contact, and it is the same compiled kernel in all runs:
 leaving out a particle without a contact changes nothing. Of a porous mesh it says of each particle whether it is in
-contact, and nothing else: a particle of which that is known need not be queried about.
+contact, and nothing else: a particle of which that is known need not be asked about.
 """
 
 import warp as wp

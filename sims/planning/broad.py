@@ -210,7 +210,7 @@ def _between(starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
 
 
 class Points(_OfPoints):
-    """A bounder of points that is queried about few states at a time, again and again; it clears no edge as a whole.
+    """A bounder of points that is asked about few states at a time, again and again; it clears no edge as a whole.
 
     A call of ``query`` takes longer than the answers to thousands of states; few of them are written to where a launch
     that is prepared once reads them.

@@ -1,7 +1,7 @@
 """The demo ``shadows``: a bunny and a chair with thin legs in the sun; bounders spare rays that nothing stops.
 
 Each pixel that shows a surface in the sun sends a ray to it. Most of these rays meet nothing; to know that, a renderer
-asks each object's mesh. A bounder of the object's rays answers first, and the mesh is queried about what it leaves (see
+asks each object's mesh. A bounder of the object's rays answers first, and the mesh is asked about what it leaves (see
 ``scene``). A bounder of distances (``distance``) is no bounder of rays, but marches along them: as far as it says that
 the object is away, over and over. So it serves rays of any length, and is proven for the mesh itself. Pictures with and
 without bounders must be the same, pixel for pixel. Where no proof stands behind a bounder, thin things lose their

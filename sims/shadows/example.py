@@ -17,7 +17,7 @@ __all__ = ["Example", "candidates", "check_rays"]
 
 
 def check_rays(bounder: wb.Bounder, source: str) -> None:
-    """Refuse a bounder whose rays are not those of the demo. One of distances is queried about rays of any length.
+    """Refuse a bounder whose rays are not those of the demo. One of distances is asked about rays of any length.
 
     Raises:
         BounderError: For another kind of query, or another length of rays.

@@ -1,11 +1,11 @@
 """What the pictures of the demo ``shadows`` show: a bunny and a chair on a floor, a camera, and a sun that moves.
 
 A pixel that shows a surface which faces the sun sends one ray towards it, from ``LIFT`` above the surface. It lies in
-shadow if the narrow phase finds that an object stops the ray. With a bounder, the narrow phase is queried about those
+shadow if the narrow phase finds that an object stops the ray. With a bounder, the narrow phase is asked about those
 pairs of ray and object only which the object's bounder does not deny. The picture must be the same, *pixel for pixel*.
 Why it is:
 
-* Both are queried about the same ray: the same six float32 numbers. So the lift need not be covered by anything, nor
+* Both are asked about the same ray: the same six float32 numbers. So the lift need not be covered by anything, nor
   what rounding did when the ray was made. World and object coordinates are the same: there is no placement either.
 * A ray counts as stopped only where ``mesh_query_ray`` names a face, a point of it (u, v) and a time t, *and* this
   point, with u and v cut to the face, lies within ``TOLERANCE`` of o + t d. So it is of no account which ray-triangle

@@ -70,7 +70,7 @@ def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: b
     """Whatever a device makes of a region, it passes each point of the region that is in the domain, within the bound.
 
     Returns:
-        The share of regions that a bounder is queried about.
+        The share of regions that a bounder is asked about.
     """
     n, needed = domain.space_ndim, region_rounding(domain.base, domain.query, domain.length)
     assert (needed <= domain.base.delta).all()

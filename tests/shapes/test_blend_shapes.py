@@ -44,7 +44,7 @@ def test_truth_is_that_of_the_mesh_at_the_pose(margin, rng):
 
 @pytest.mark.parametrize("margin", [0.0, 0.1])
 def test_the_box_holds_the_object_where_limits_are_rounded_outwards(margin, rng):
-    """A limit that is no float32 number is queried about as the next one, where the mesh reaches farther."""
+    """A limit that is no float32 number is asked about as the next one, where the mesh reaches farther."""
     ball = trimesh.creation.icosphere(subdivisions=1)
     shape = wb.shapes.BlendShapes(ball.vertices, [ball.vertices * [1.0, 0.0, 0.0]], ball.faces, upper=[0.7])
     pose = shape.upper[3]

@@ -30,7 +30,7 @@ def in_ball(x):
 
 
 def test_what_the_author_knows_of_boxes(rng):
-    """``empty`` is queried about boxes that meet the shape's.
+    """``empty`` is asked about boxes that meet the shape's.
 
     With neither it nor a distance nothing is certified, and no
     cells are laid."""

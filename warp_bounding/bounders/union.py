@@ -48,7 +48,7 @@ from warp_bounding.shapes.shape import Pieces, Shape
 
 Region = tuple[np.ndarray, np.ndarray]  # corners of a box, object space
 SMALLEST = 2.0**-12  # of the longest side: pieces between the boxes that are not halved any more
-MOST = 1_000_000  # pieces between the boxes that are queried about
+MOST = 1_000_000  # pieces between the boxes that are asked about
 
 
 def check_cover(shape: Shape, boxes: list[Region]) -> None:

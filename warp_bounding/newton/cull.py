@@ -6,7 +6,7 @@ lets the pipeline go through the others, in the order that it had them. Contacts
 record by record, and so is every step that a solver makes.
 
 A shape is a plane or another primitive, which has a test in closed form (``placing``); a mesh, of which at least the
-box is tested; or a mesh with a bounder, which is queried about what its box leaves. Height fields and whatever else
+box is tested; or a mesh with a bounder, which is asked about what its box leaves. Height fields and whatever else
 keep all their pairs.
 
 Why none is lost. For a mesh the pass asks for the closest point within ``reach = gap + (margin + radius) / scale`` of

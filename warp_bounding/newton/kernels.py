@@ -2,7 +2,7 @@
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
 shape, or outside its box as it lies in the world (``placing``), and lists the others (``query_hulls``); only those go
-to the bounder. A bounder of distances is queried about many of them at a time (``query_distances_in_lanes``).
+to the bounder. A bounder of distances is asked about many of them at a time (``query_distances_in_lanes``).
 """
 
 from functools import cache

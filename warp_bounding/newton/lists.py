@@ -1,7 +1,7 @@
 """The pairs that may touch, listed on a GPU: a launch for the hulls, one for each bounder, and one for the layout.
 
 A pair takes its place in a list from a counter, so the order is by chance, as that of Newton's contacts is there. A
-bounder is queried about the listed pairs alone, one after another, so that no thread of a warp idles.
+bounder is asked about the listed pairs alone, one after another, so that no thread of a warp idles.
 
 Nothing is read back, so Newton launches a thread for each of all pairs, and ``arrange`` decides which threads get the
 survivors. Threads of a warp that search a mesh from different places wait for each other: 32 of them take about three
@@ -24,7 +24,7 @@ from warp_bounding.newton.placing import Hull, Placed
 from warp_bounding.runtime.native import named, unique_name
 
 WARP = wp.constant(32)
-# Places in ``counts``: how many pairs stay, and how many a bounder is queried about; and the index, plus one, of a
+# Places in ``counts``: how many pairs stay, and how many a bounder is asked about; and the index, plus one, of a
 # denied
 # pair that is far away, and of any denied one.
 STAYING, UNDECIDED, FAR, DENIED = (wp.constant(k) for k in range(4))
@@ -68,7 +68,7 @@ def sift(
     listed: wp.array(dtype=wp.vec2i),
     counts: wp.array(dtype=wp.int32),
 ):
-    """List the pairs that stay by their hull, and those that a bounder is queried about.
+    """List the pairs that stay by their hull, and those that a bounder is asked about.
 
     Which count as denied so far.
     """

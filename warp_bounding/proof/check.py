@@ -282,7 +282,7 @@ def _denied_region(bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray | 
 def _denied(bounder: Bounder, grid: Grid, x: np.ndarray) -> np.ndarray | None:
     """The first of these points, as float32, that lies in the object and that the deployed bounder denies.
 
-    A bounder of boxes is queried about a box that is no more than the point.
+    A bounder of boxes is asked about a box that is no more than the point.
     """
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
     x = x[grid.contains(x)]

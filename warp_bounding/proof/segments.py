@@ -12,7 +12,7 @@ map, which is at least a hundred times as much. Clipping errs outwards by ``INSI
 t times w. Segments that lie farther out are not cleared.
 
 Of joints, a segment is one of configurations that are not turned back: it may turn a joint many times. It is cut where
-a continuous joint has made half a turn more, and each piece is queried about in the turn around 0, a little wider than
+a continuous joint has made half a turn more, and each piece is asked about in the turn around 0, a little wider than
 one (``joints.WIDER``), so that it does not matter what the place of a cut rounds. What the piece itself is off by,
 ``PIECE`` of the largest coordinate, counts as above: far less than delta. A segment that goes beyond a limit is not
 cleared.

@@ -1,6 +1,6 @@
 """A mesh whose vertices move with a few pose numbers, as a shape over place and pose at once.
 
-A bounder of it is queried about a place at a pose, and needs no refit when the pose changes. Coordinates are x, y, z,
+A bounder of it is asked about a place at a pose, and needs no refit when the pose changes. Coordinates are x, y, z,
 and the pose numbers behind them. Poses beyond their limits are not in the shape: there are none. The limits are rounded
 outwards to float32, so that a query at a limit is asked about.
 """

@@ -59,7 +59,7 @@ class Joints:
     """Each coordinate's limits and period.
 
     Attributes:
-        lower: Least values that are queried about, float32.
+        lower: Least values that are asked about, float32.
         upper: Largest values.
         period: One turn, float64; 0 of a joint with limits.
     """

@@ -194,7 +194,7 @@ class Complement(Shape):
         return np.where(np.isfinite(x).all(axis=1) & self._timely(x, x), turned, OUT).astype(np.uint8)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Beyond what is known of the whole there is nothing: only the part of a box before that is queried about."""
+        """Beyond what is known of the whole there is nothing: only the part of a box before that is asked about."""
         lower, upper = (np.array(corner, dtype=np.float64) for corner in (lower, upper))
         boxes, (first, last) = (lower <= upper).all(axis=1), self.whole.known
         np.maximum(lower, first, out=lower, where=boxes[:, None])

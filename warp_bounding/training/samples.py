@@ -617,7 +617,7 @@ class ShapePointSamples(Samples):
         # one of many moves: ``resolved`` takes back those that have left the object
         slope /= slope.abs().amax(0, keepdim=True) + 1e-12
         moved = state - step * STEP * slope
-        # a complement has no end, but nobody is queried about it outside the domain
+        # a complement has no end, but nobody is asked about it outside the domain
         return torch.maximum(torch.minimum(moved, self._limit), -self._limit) if self.shape.unbounded else moved
 
     def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:

@@ -565,7 +565,7 @@ def next_leaf(t: Any, start: int, lower: wp.vec3, upper: wp.vec3, reach: float) 
     Args:
         t: The hierarchy.
         start: Where the walk goes on.
-        lower: Of the box that is queried about, rounded outwards.
+        lower: Of the box that is asked about, rounded outwards.
         upper: Of that box.
         reach: ``squared_reach`` of the margin.
     """
