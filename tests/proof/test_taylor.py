@@ -1,6 +1,7 @@
 """The bounds of ``certify`` hold, share nothing with the search's, and find out the bounders of a faulty search."""
 
 import re
+from fractions import Fraction
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ from bounding_shapes import random_mlp, shape
 
 import warp_bounding as wb
 from warp_bounding import activations
+from warp_bounding.bounders.mlp import Mlp, encoding_tensors
 from warp_bounding.networks import bounds, network
 from warp_bounding.networks.bounds import PlainParametrization
 from warp_bounding.proof import check, search, settle, taylor
@@ -96,6 +98,39 @@ def test_positives_of_charts_lie_above(query, rng):
             lower[row, axis] = np.where(side, lower[row, axis], middle)
             upper[row, axis] = np.where(side, middle, upper[row, axis])
     assert some.mean() > 0.5
+
+
+def test_what_passes_an_encoding_brings_its_noise():
+    """The sines that stand before an encoding's copied rows are not used: that one of them is flat tells nothing."""
+    grid = wb.load_shape(np.pad(np.ones((1, 1), bool), 1))
+    where = domain_of(grid, "ray", 3.0 * float(grid.upper[0] - grid.lower[0]) / 2)
+    weight, bias, turn = np.zeros((4, 12), np.float32), np.zeros(4, np.float32), np.pi / float(where.stretch[0])
+    weight[[0, 1, 2, 3], [2, 3, 0, 1]] = 32 * turn, turn, 1.5 * np.pi, 1.5 * np.pi
+    bias[:] = np.pi / 2, -np.pi / 2, -np.pi / 2, -np.pi / 2
+    tensors = encoding_tensors(4, 1) | {"layers.0.weight": weight, "layers.0.bias": bias}
+    tensors |= {"layers.1.weight": np.float32([[1, 2, 4, 4]]), "layers.1.bias": np.zeros(1, np.float32)}
+    bounder = Mlp(where, tensors, {"hidden": [4], "activation": "sin", "octaves": 1}, "cpu")
+    cover = COVERS["ray"].parametrized(bounder, grid)
+    z = np.zeros((20_001, 5))
+    z[:, 3], z[:, 4] = 1.0, np.linspace(-1, 1, len(z))  # rays that begin in the middle of the cell
+    least = bounder.reference(cover.coordinates(z)).min()
+    with taylor.taylor_bounds():
+        assert cover.bound(cover.lower, cover.upper).lower[0] <= least
+    bounder.freeze(float(least) + 1.0, None)
+    bounder.info = {"indicator": grid.digest, "margin": 0.0, "seed": 0}
+    assert wb.certify(bounder, grid).kind == "refuted"
+
+
+def test_losses_that_vanish_beside_a_large_bias_are_counted():
+    """Each of 1024 losses is less than half of the last bit of f."""
+    size, radius = 1024, 2.0**-10
+    first = np.where(np.arange(size) % 2, -1.0, 1.0)[:, None]
+    layers = [(first, np.zeros(size)), (np.full((1, size), 5.2e-11 * 4 / radius), np.ones(1)), (np.ones((1, 1)), [1e6])]
+    f = network.Network([tuple(np.float32(e) for e in layer) for layer in layers], "relu", None, np.ones(1))
+    found = taylor.TaylorBounds().boxes(
+        f, PlainParametrization(1), np.array([[-radius]]), np.array([[radius]]), f.limit
+    )
+    assert Fraction(found.lower[0]) <= 1_000_001
 
 
 def test_the_constants_of_tanh():

@@ -39,7 +39,7 @@ auto taylor_sin = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, 
 /// The fourth derivative is at most 4.1, the third 2, the second 0.77.
 /// (1 - e) / (1 + e) with e = exp(-2 |z|) = 2^k exp(r), |r| <= ln(2) / 2.
 auto act_tanh = [&](V z, V*) {
-    const V size = absolute(z), y = (size < 20.0 ? size : zero + 20.0) * -2.0;
+    const V size = absolute(z), y = (size > 20.0 ? zero + 20.0 : size) * -2.0;
     const V q = y * 0x1.71547652b82fep+0 + 6755399441055744.0, n = q - 6755399441055744.0;
     const V r = (y - n * 0x1.62e42fee00000p-1) - n * 0x1.a39ef35793c76p-33;
     V e = 1.0 + r * (1.0 + r * (1 / 2.0 + r * (1 / 6.0 + r * (1 / 24.0 + r * (1 / 120.0 + r * (1 / 720.0 + r * (1 / 5040.0
@@ -117,7 +117,8 @@ for (int j = 0; j < NEURONS; ++j) {
     V rest = absolute(a2) * bow2 + absolute(a3) * (near2 * bow * 3.0 + near * bow2 * 3.0 + bow2 * bow) + left;
     if (BENDS) {
         const auto plain = !(rest + turned + own.d[j] * off <= spread);  // NaN too
-        own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j]; off = plain ? zero : off;
+        own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j];
+        if (j >= LINEAR) off = plain ? zero : off;
         a0 = plain ? flat : a0; a2 = plain ? zero : a2; a3 = plain ? zero : a3; turned = plain ? zero : turned;
         rest = plain ? spread : rest; a1 = plain ? zero : a1;
     } else {
@@ -224,7 +225,7 @@ level = least;  // of a linear bound, to which a form adds nothing
 /// CONSTRAINT:
 /// excess + q . zeta <= 0 at positives, q of the M columns OF: any multiple of it may be added to a bound. The best
 /// multiple is where an entry of the sum vanishes.
-V best = zero, gain = zero, size = absolute(excess);
+V best = zero, gain = zero, size = zero;
 for (int j = 0; j < M; ++j) size += absolute(slope[OF[j]]);
 for (int k = 0; k < M; ++k) {
     const V t = -slope[OF[k]] / (q[k] == zero ? zero + 1.0 : q[k]);

@@ -98,7 +98,7 @@ class TaylorBounds:
             + np.abs(moved).sum(axis=1)
             + (np.abs(bounds.slope) * np.abs(lower + upper)).sum(axis=1)
         )
-        return (bounds.level - size * 1e-13)[:, None] + moved @ (2.0 * up - 1.0).T
+        return (bounds.level - size * 1e-12)[:, None] + moved @ (2.0 * up - 1.0).T
 
 
 def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -109,11 +109,12 @@ def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndar
         terms: ``(K,)``, the absolute terms of each input over a box, at most.
         limit: ``(K,)``, the inputs' largest size.
     """
-    pads, size = [], limit
+    pads, size, operations = [], limit, 256
     for layer in [*network.hidden, network.output]:
         weight, kept = np.abs(layer.weight), layer.activation
         total, largest = (weight @ each + np.abs(layer.bias) for each in (terms, size))
-        pads.append(gamma(8 * weight.shape[1] + 256, UNIT64) * (float(total.max()) + 16.0))
+        operations += 8 * sum(weight.shape)  # those of all layers below too: each loss is taken from one sum
+        pads.append(gamma(operations, UNIT64) * (float(total.max()) + 16.0))
         if kept is None:
             break
         if not (largest[layer.linear :] <= kept.limit).all():
