@@ -73,25 +73,28 @@ auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d,
 
 /// LAYER:
 /// Of the arguments: l and q, linear and quadratic in zeta, |l| <= near, |q| <= bow. Of the polynomials of activations,
-/// which the next layer reads: v + g . zeta + the form s; off is how far an activation may be from it, on the way from
-/// any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and rest. The derivative is
-/// within d of slope: within LEAST and 1, too.
+/// which the next layer reads: v + g . zeta + n . noise + the form s, noise being what a parametrization leaves open of
+/// each input; off is how far an activation may be from it, on the way from any layer below. Of what a polynomial
+/// leaves out: 2 a2 l q + a3 l^3, at most turned, and rest. The derivative is within d of slope: within LEAST and 1,
+/// too.
 V NAME_v[NEURONS], NAME_g[C][NEURONS], NAME_s[SQUARES][NEURONS], NAME_off[NEURONS], NAME_l[C][NEURONS], NAME_q[SQUARES][NEURONS];
 V NAME_near[NEURONS], NAME_slope[NEURONS], NAME_a2[NEURONS], NAME_a3[NEURONS], NAME_rest[NEURONS];
-V NAME_turned[NEURONS], NAME_d[NEURONS];
+V NAME_turned[NEURONS], NAME_d[NEURONS], NAME_n[K][NEURONS];
 const struct {
     V *v, (*g)[NEURONS], (*s)[NEURONS], *off, (*l)[NEURONS], (*q)[NEURONS], *near, *slope, *a2, *a3, *rest, *turned, *d;
+    V (*n)[NEURONS];
 } NAME = {
-    NAME_v, NAME_g, NAME_s, NAME_off, NAME_l, NAME_q, NAME_near, NAME_slope, NAME_a2, NAME_a3, NAME_rest, NAME_turned, NAME_d,
+    NAME_v, NAME_g, NAME_s, NAME_off, NAME_l, NAME_q, NAME_near, NAME_slope, NAME_a2, NAME_a3, NAME_rest, NAME_turned, NAME_d, NAME_n,
 };
 
 /// FORWARDS:
 /// TAYLOR is the activation's; BENT tells whether the polynomials of the layer below have quadratic terms.
 for (int j = 0; j < NEURONS; ++j) {
     const double* x = w + AT + NEURONS + j * INPUTS; const double* size = x + NEURONS * INPUTS;
-    V z = zero + w[AT + j], off = zero, near = zero, bow = zero, l[C], q[SQUARES];
+    V z = zero + w[AT + j], off = zero, near = zero, bow = zero, loud = zero, l[C], q[SQUARES], n[K];
     for (int k = 0; k < C; ++k) l[k] = zero;
     for (int e = 0; e < SQUARES; ++e) q[e] = zero;
+    for (int k = 0; k < K; ++k) n[k] = zero;
     for (int i = 0; i < INPUTS; ++i) {
         z += below.v[i] * x[i]; off += below.off[i] * size[i];
 #pragma unroll
@@ -100,6 +103,10 @@ for (int j = 0; j < NEURONS; ++j) {
 #pragma unroll
             for (int e = 0; e < SQUARES; ++e) q[e] += below.s[e][i] * x[i];
         }
+        if (NOISY) {
+#pragma unroll
+            for (int k = 0; k < K; ++k) n[k] += below.n[k][i] * x[i];
+        }
     }
 #pragma unroll
     for (int k = 0; k < C; ++k) { near += absolute(l[k]); own.l[k][j] = l[k]; }
@@ -107,14 +114,19 @@ for (int j = 0; j < NEURONS; ++j) {
 #pragma unroll
         for (int e = 0; e < SQUARES; ++e) { bow += absolute(q[e]); own.q[e][j] = q[e]; }
     }
+    if (NOISY) {
+#pragma unroll
+        for (int k = 0; k < K; ++k) loud += absolute(n[k]) * noise[k];
+    }
     V a0, a1, a2, a3, left, d, flat, spread;
-    const V u = near + bow, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
+    const V u = near + bow + loud, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
+    const V other = bow + loud, others = other * (near2 * 3.0 + other * (near * 3.0 + other));  // u^3 - near^3
     TAYLOR(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, flat, spread);
     V low = a1 - d, high = a1 + d;
     low = low > LEAST ? low : zero + LEAST; high = high < 1.0 ? high : zero + 1.0;
     own.slope[j] = (low + high) * 0.5; own.d[j] = (high - low) * (0.5 + 1e-9) + 1e-13;
     V turned = absolute(a2) * near * bow * 2.0 + absolute(a3) * near2 * near;
-    V rest = absolute(a2) * bow2 + absolute(a3) * (near2 * bow * 3.0 + near * bow2 * 3.0 + bow2 * bow) + left;
+    V rest = absolute(a2) * (bow2 + loud * (near * 2.0 + bow * 2.0 + loud)) + absolute(a3) * others + left;
     if (BENDS) {
         const auto plain = !(rest + turned + own.d[j] * off <= spread);  // NaN too
         own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j];
@@ -128,6 +140,7 @@ for (int j = 0; j < NEURONS; ++j) {
     rest = rest * (1 + 1e-9) + pad; turned *= 1 + 1e-9;
     own.near[j] = near; own.v[j] = a0; own.a2[j] = a2; own.a3[j] = a3; own.rest[j] = rest; own.turned[j] = turned;
     own.off[j] = off * (1 + 1e-9) + rest + turned;
+    if (NOISY) for (int k = 0; k < K; ++k) own.n[k][j] = a1 * n[k];
     int e = 0;
 #pragma unroll
     for (int k = 0; k < C; ++k) {
@@ -141,7 +154,7 @@ for (int j = 0; j < NEURONS; ++j) {
 /// At any zeta, and on the way between polynomial and activation, the derivative of f by an activation is within wide
 /// of back. What the polynomials leave out is taken from least; what of it is cubic is added to cubes with back, where
 /// it may cancel.
-for (int i = 0; i < INPUTS; ++i) to[i] = wide_to[i] = zero;
+if (AT) for (int i = 0; i < INPUTS; ++i) to[i] = wide_to[i] = zero;
 for (int j = 0; j < NEURONS; ++j) {
     const V c = back[j], r = wide[j], size = absolute(c), near = own.near[j];
     const V loss = (size + r) * own.rest[j] + (r + size * 1e-12) * own.turned[j];
@@ -169,7 +182,7 @@ for (int j = 0; j < NEURONS; ++j) {
     }
     const V by_z = c * own.slope[j], wide_z = r * (absolute(own.slope[j]) + own.d[j]) + size * own.d[j] + size * 1e-12;
     const double* x = w + AT + NEURONS + j * INPUTS; const double* sizes = x + NEURONS * INPUTS;
-    for (int i = 0; i < INPUTS; ++i) { to[i] += by_z * x[i]; wide_to[i] += wide_z * sizes[i]; }
+    if (AT) for (int i = 0; i < INPUTS; ++i) { to[i] += by_z * x[i]; wide_to[i] += wide_z * sizes[i]; }
 }
 
 /// CLOSE:
@@ -206,7 +219,8 @@ least -= all * 1e-13;
         for (int m = k; m < C; ++m, ++e) {
             const V q = absolute(square[e]);
             if (m == k) { score[k] += q; least -= square[e] < zero ? q : zero; continue; }
-            // q zeta_k zeta_m >= -q; where both slopes pull to the corner at which it is +q, also >= -q + a (1 -+ zeta_k) + a (1 -+ zeta_m), a <= q
+            // q zeta_k zeta_m is at least -q, and where both slopes pull to the corner at which it is +q also at least
+            // -q + a (sign_k zeta_k + sign_m zeta_m) for 0 <= a <= q, with signs that lower both slopes
             V gain = steep[k] < steep[m] ? steep[k] : steep[m]; gain = gain < q ? gain : q;
             gain = slope[k] * slope[m] * square[e] > zero ? gain : zero;
             least -= q; steep[k] -= gain; steep[m] -= gain; score[k] += q * 0.5; score[m] += q * 0.5;

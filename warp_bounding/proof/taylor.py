@@ -176,22 +176,30 @@ def _body(shape: NetworkShape) -> str:
     generators = " ".join(f"by_column[{k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(parametrization.pairs))
     constraints = "".join(_constraint(parametrization, *each) for each in parametrization.constraints())
     sizes = constants(
-        K=shape.ndim, C=c, Z=parametrization.size, SQUARES=c * (c + 1) // 2, CUBES=c * (c + 1) * (c + 2) // 6
+        NOISY=int(parametrization.noisy),
+        K=shape.ndim,
+        C=c,
+        Z=parametrization.size,
+        SQUARES=c * (c + 1) // 2,
+        CUBES=c * (c + 1) * (c + 2) // 6,
     )
     return f"""
 {sizes}
 V least = zero, level = zero, value = zero, valid = zero + 1.0, dead = zero;
 V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K], wide_gradient[K];
-V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES], by_column[C][K];
+V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES], by_column[C][K]; (void)wide_gradient;
 const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry; (void)valid;
 for (int i = 0; i < K; ++i) {{ noise[i] = rest[i] = zero; for (int k = 0; k < C; ++k) by_column[k][i] = zero; }}
 {parametrization.expand}
 {parametrization.owners}
 {generators}
 for (int k = 0; k < C; ++k) score[k] = slope[k] = zero;
+for (int k = 0; k < K; ++k) gradient[k] = zero;
 for (int e = 0; e < SQUARES; ++e) square[e] = zero;
 for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
-const struct {{ V *v, (*g)[K], (*s)[K], *off; }} layer_in = {{ center, by_column, nullptr, noise }};
+V quiet[K], unit[K][K];
+for (int i = 0; i < K; ++i) {{ quiet[i] = zero; for (int k = 0; k < K; ++k) unit[k][i] = zero + (k == i ? 1.0 : 0.0); }}
+const struct {{ V *v, (*g)[K], (*s)[K], *off, (*n)[K]; }} layer_in = {{ center, by_column, nullptr, quiet, unit }};
 {forwards}
 V back{last}[{count}], wide_back{last}[{count}];
 least = zero + (w[{at}] - pads[{last + 1}]);
@@ -200,9 +208,10 @@ for (int j = 0; j < {count}; ++j) {{
     back{last}[j] = zero + x; wide_back{last}[j] = zero; least += layer{last}.v[j] * x;
     for (int k = 0; k < C; ++k) slope[k] += layer{last}.g[k][j] * x;
     for (int e = 0; e < SQUARES; ++e) square[e] += layer{last}.s[e][j] * x;
+    if (NOISY) for (int k = 0; k < K; ++k) gradient[k] += layer{last}.n[k][j] * x;
 }}
 {backwards}
-for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * (rest[i] + noise[i] * 1e-12) + wide_gradient[i] * noise[i];
+for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * rest[i] * (1 + 1e-9);
 {parametrization.blame}
 {{ {parametrization.bend} }}
 {text.CLOSE.replace("CONSTRAINTS", constraints)}
