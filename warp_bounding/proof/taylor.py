@@ -198,7 +198,10 @@ for (int k = 0; k < K; ++k) gradient[k] = zero;
 for (int e = 0; e < SQUARES; ++e) square[e] = zero;
 for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
 V quiet[K], single[K][K];
-for (int i = 0; i < K; ++i) {{ quiet[i] = zero; for (int k = 0; k < K; ++k) single[k][i] = zero + (k == i ? 1.0 : 0.0); }}
+for (int i = 0; i < K; ++i) {{
+    quiet[i] = zero;
+    for (int k = 0; k < K; ++k) single[k][i] = zero + (k == i ? 1.0 : 0.0);
+}}
 const struct {{ V *v, (*g)[K], (*s)[K], *off, (*n)[K]; }} layer_in = {{ center, by_column, nullptr, quiet, single }};
 {forwards}
 V back{last}[{count}], wide_back{last}[{count}];
