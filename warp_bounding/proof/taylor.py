@@ -23,7 +23,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.networks import network as networks
 from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, Parametrization, double_array, load_text
 from warp_bounding.networks.bounds import text as lanes
-from warp_bounding.networks.network import Network
+from warp_bounding.networks.network import Network, SearchBounds
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, native_text, unique_name
@@ -59,6 +59,9 @@ class TaylorBounds:
         Raises:
             BounderError: If arguments of an activation can leave the range in which it is certified.
         """
+        if not _known(network):
+            more = limit, terms, numbers, table, device
+            return SearchBounds().boxes(network, parametrization, lower, upper, *more)
         shape, (count, size) = network.kernel_shape(parametrization), lower.shape
         device, columns = wp.get_device(device), parametrization.columns
         pads = roundings(network, limit if terms is None else terms, limit)
@@ -90,6 +93,8 @@ class TaylorBounds:
         self, network: Network, parametrization: Parametrization, lower: np.ndarray, upper: np.ndarray
     ) -> np.ndarray:
         """Linear bounds under f, as their values at the corners of boxes; see ``networks.bounds.SearchBounds``."""
+        if not _known(network):
+            return SearchBounds().corners(network, parametrization, lower, upper)
         bounds, n = self.boxes(network, parametrization, lower, upper, network.limit), lower.shape[1]
         up = (np.arange(1 << n)[:, None] >> np.arange(n)) & 1
         moved = bounds.slope * ((upper - lower) / 2)
@@ -99,6 +104,11 @@ class TaylorBounds:
             + (np.abs(bounds.slope) * np.abs(lower + upper)).sum(axis=1)
         )
         return (bounds.level - size * 1e-12)[:, None] + moved @ (2.0 * up - 1.0).T
+
+
+def _known(network: Network) -> bool:
+    """Whether there are bounds here: activations that users have registered are bounded as the search does it."""
+    return all(layer.activation.name in ACTIVATIONS for layer in network.hidden)
 
 
 def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndarray:
@@ -144,9 +154,6 @@ def taylor_bounds() -> Iterator[None]:
 
 def _body(shape: NetworkShape) -> str:
     parametrization, at, layers = shape.parametrization, 0, []
-    names = {layer[2] for layer in shape.layers}
-    if unknown := names - set(ACTIVATIONS):
-        raise BounderError(f"certify knows no bounds of the activation {', '.join(sorted(unknown))}")
     forwards, backwards, values, c = "", "", "", parametrization.columns
     for index, (inputs, neurons, name, linear) in enumerate(shape.layers):
         bent = any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
