@@ -4,8 +4,7 @@ Points are taken cell by cell, rays face by face, boxes from all pairs of corner
 the target or a counterexample is found. Networks are bounded by ``taylor``, which shares nothing with the bounds of the
 search but the parametrizations of rays and boxes; volumes have one bound each. Of shapes without cells it halves what
 they do not certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the whole domain, and that the
-object lies in
-it. A bounder whose method has no proof is asked fresh positives (``stress``).
+object lies in it. A bounder whose method has no proof is asked fresh positives (``stress``).
 """
 
 import os

@@ -49,8 +49,7 @@ class Tolerances:
 
     Samples miss the greatest overestimate of a part, and a search that asks for less than there is halves boxes around
     it for nothing. So where a search gets stuck, F and the distance themselves are queried in the middles of its boxes,
-    and the
-    the part's bar rises.
+    and the part's tolerance rises.
 
     Args:
         met: ``(parts,)``, the greatest overestimate that was met in each part, local units; raised in place.
