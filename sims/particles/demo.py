@@ -2,13 +2,12 @@
 
 The classic broad phase is a box, fitted to the mesh anew in every step; a bounder of the motion is asked about time
 and place, and is never refitted. A bounder of the *distance* to the motion is queried when a drop can first touch it,
-and
-skips the steps until then. Two narrow phases, because the answer depends on them: robust *containment* looks for the
-closest point wherever a particle may be inside, near *contact* only as far as a particle falls in a step. And once the
-bunny is *porous*: drops seep through it, slowly, so that the narrow phase only has to say which ones are in it; there a
-bounder from the inside is queried, too, and what is certainly inside needs no narrow phase. Each simulation runs with
-no broad phase and with every bounder, from the same state; no contact may be missed, and all runs must end in the same
-state to the bit (see ``scene``).
+and skips the steps until then. Two narrow phases, because the answer depends on them: robust *containment* looks for
+the closest point wherever a particle may be inside, near *contact* only as far as a particle falls in a step. And once
+the bunny is *porous*: drops seep through it, slowly, so that the narrow phase only has to say which ones are in it;
+there a bounder from the inside is queried, too, and what is certainly inside needs no narrow phase. Each simulation
+runs with no broad phase and with every bounder, from the same state; no contact may be missed, and all runs must end in
+the same state to the bit (see ``scene``).
 
     python -m sims particles --out out/demo
 """

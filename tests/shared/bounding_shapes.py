@@ -139,9 +139,8 @@ CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative
 
 def crossed(methods, names, kinds=None, few=("aabb", "mlp")) -> list:
     """Each method with each shape, but with ``--slow`` only, since they have kernels of their own: in one dimension and
-    in five all
-    but a few; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two dimensions
-    and in four all but these ``kinds``, if they are reported.
+    in five all but a few; methods of cells, whose kernels depend on how many there are, but for a few shapes; in two
+    dimensions and in four all but these ``kinds``, if they are reported.
     """
     rare = [(m, n) for n in ("line", "five") for m in methods if m not in few]
     rare += [(m, n) for m in ("voxels", "relu-field") for n in ("star", "half", "single", "anisotropic")]

@@ -442,8 +442,8 @@ class DistanceBounder(Bounder):
         Of a shape that moves, segments are of time and space: points (or balls) that move, too. This is conservative
         advancement: *no* means
         that a point which is outside at the start touches no face on its way. It does not mean that the object never
-        encloses it on the way
-        without touching it, as a lid does that closes over a point; ``boxes`` and ``clear_segments`` mean that, too.
+        encloses it on the way without touching it, as a lid does that closes over a point; ``boxes`` and
+        ``clear_segments`` mean that, too.
 
         Args:
             start: ``(N, n)``, as for ``distance``.
@@ -506,8 +506,7 @@ class DistanceBounder(Bounder):
         """Which closed boxes may meet the object, by halving them until each part is proven to be clear.
 
         Of a shape that moves, boxes are of time and space; *no* means that no point of one is in the object at its
-        time, enclosed ones included. Long
-        ones in time need many steps.
+        time, enclosed ones included. Long ones in time need many steps.
 
         Args:
             lower: ``(N, n)``, lower corners, as for ``distance``.

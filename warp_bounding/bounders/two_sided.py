@@ -46,8 +46,7 @@ class TwoSided(Picklable):
 
         Returns:
             ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object dilated by the outer margin, 2 = certainly in
-            the
-            object dilated by the inner one, 1 = maybe.
+            the object dilated by the inner one, 1 = maybe.
 
         Raises:
             QueryError: As ``Bounder.query`` does.

@@ -81,9 +81,8 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
     and the way back), and fewer than 32 operations of a relaxation; 4 more sums and 96 operations more of quadratic
     forms (entries, middle and half of the range) where a layer bends; 16 are left for the parametrization and the last
     steps. ``chain`` bounds the sum of absolute terms on a path, with activations of slope 1 and parabolas whose
-    heights, at
-    most 1, are in the term 1.0 of each layer. A mean differs from the value at the box's centre by no more than its
-    noise, so sums of means are values and noise. The entries of quadratic forms together are at most twice the
+    heights, at most 1, are in the term 1.0 of each layer. A mean differs from the value at the box's centre by no more
+    than its noise, so sums of means are values and noise. The entries of quadratic forms together are at most twice the
     parabolas' heights: hence the factor 2.
 
     Args:

@@ -378,8 +378,7 @@ for (int c = 0; c < N - 1; ++c) {
 # A parametrization within a part of the network's inputs: only queries whose inputs lie between two corners count.
 #
 # The part's sides are constraints, as linear as the parametrization's own. So the bound of a box that reaches beyond
-# the part is
-# that of what lies in it, and a box whose inputs all lie outside holds no positive.
+# the part is that of what lies in it, and a box whose inputs all lie outside holds no positive.
 
 FARTHEST = 2.0**40  # stands for a side that the part does not have: far beyond all inputs
 CLEAR = 1e-12  # relative: how far a box's inputs must lie outside, well above what float64 rounds here

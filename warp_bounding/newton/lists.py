@@ -25,8 +25,7 @@ from warp_bounding.runtime.native import named, unique_name
 
 WARP = wp.constant(32)
 # Places in ``counts``: how many pairs stay, and how many a bounder is asked about; and the index, plus one, of a
-# denied
-# pair that is far away, and of any denied one.
+# denied pair that is far away, and of any denied one.
 STAYING, UNDECIDED, FAR, DENIED = (wp.constant(k) for k in range(4))
 OUT, STAYS, ASK = (wp.constant(k) for k in range(3))  # what a hull says of a pair
 CELLS = 32**3  # of survivors that are sorted by place: 5 bits along each axis of a hull

@@ -106,10 +106,9 @@ def _margin_for(coordinates: float, reach: float, world: float, scale: float) ->
     # reach.
     way = reach / min(scale, 1.0)
     # The most that ``query_hulls`` compares with the margin (``placing.Hull``): how far the pass looks, and what
-    # float32
-    # does in the mesh and in the world. There |x| + |y| + |z| counts, at most 3 world for the particle and, turned back
-    # into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of 2^-24, and
-    # the rounding of the margin to float32.
+    # float32 does in the mesh and in the world. There |x| + |y| + |z| counts, at most 3 world for the particle and,
+    # turned back into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of
+    # 2^-24, and the rounding of the margin to float32.
     in_mesh = IN_MESH * UNIT32 * (coordinates + way)
     in_world = IN_WORLD * UNIT32 * 6.0 * world / scale
     return (way + in_mesh + in_world) * (1 + 1e-6)

@@ -258,8 +258,7 @@ class RayCover(Cover):
         stretch, base = domain.stretch.astype(np.float64), domain.base
         limit = base.limit.astype(np.float64)
         # What the parametrization rounds in ``a = p - t w``: an entry goes through some 2 n + 12 roundings, of which
-        # the length
-        # of m takes most.
+        # the length of m takes most.
         slop = gamma(128, UNIT64) * (limit + 2 * stretch)
         # in the order in which ``RayParametrization`` reads them
         numbers = [stretch, limit, local(grid.lower), local(grid.upper), *np.split(domain.delta, 2), slop]

@@ -564,8 +564,7 @@ def least_by_part(
 
     The parametrization of a part (``networks.parametrizations.PartParametrization``) holds the positives whose
     coordinates v lie in it. A part's search that runs out of time is loose in that part only; and no part is looser
-    than the whole domain, which is
-    searched first.
+    than the whole domain, which is searched first.
 
     Args:
         member: The network.

@@ -20,14 +20,13 @@ A box that has become ``NARROWEST`` on every axis counts as object.
 
 *Depth first* (``charted_minimum``), in a kernel, over boxes of a parametrization's numbers: it proves ``f >= target``,
 or the highest target that time allows. A box is closed when its bound reaches the target (``CLOSE_ALL``, minus
-infinity, is
-reached by any), or because it is too narrow to be halved; it is never opened again. The target is proven when no box
-waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the target alone, not on the
-order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all in order, and
-needs no memory. The initial boxes come in random order, so that the share of them that is done tells early what the
-rest will take. A search for the minimum goes for the best target; where that is expected to take too long, it goes on
-with a lower one. No target above the least bound of a closed box can be proven any more, so it is lowered to that bound
-too (``Pace.reach``), which is what is proven in the end.
+infinity, is reached by any), or because it is too narrow to be halved; it is never opened again. The target is proven
+when no box waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the target
+alone, not on the order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all
+in order, and needs no memory. The initial boxes come in random order, so that the share of them that is done tells
+early what the rest will take. A search for the minimum goes for the best target; where that is expected to take too
+long, it goes on with a lower one. No target above the least bound of a closed box can be proven any more, so it is
+lowered to that bound too (``Pace.reach``), which is what is proven in the end.
 """
 
 import re

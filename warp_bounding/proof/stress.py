@@ -17,9 +17,8 @@ query, and the deployed kernel computes its f, so a query that is found with f b
 that threshold.
 
 *Stress test* (``stress_test``). Hard positives by the hundred million contradict proofs, kernels, compilers and
-machines. They
-are certain by construction: ``HardStream`` for points and regions, ``DistancePositives`` for distances. Chunk k of a
-stream depends on the seed and k alone, so that a test can be stopped, resumed and repeated.
+machines. They are certain by construction: ``HardStream`` for points and regions, ``DistancePositives`` for distances.
+Chunk k of a stream depends on the seed and k alone, so that a test can be stopped, resumed and repeated.
 """
 
 import contextlib

@@ -301,8 +301,7 @@ find_distances_then = kernel_of(_distances, Motion, wp.vec4d, f"{MODULE}.moving_
 # least ``n . x - h`` for any unit vector n, with h the piece's support along n. With n the direction from the piece's
 # nearest point to the box's centre that is its tangent, so that slopes cancel. The function less this is largest at a
 # corner; the largest of these numbers over all pieces bounds the overestimate over the distance to all of them. A node
-# whose
-# number is not above what is known already is left out, with all pieces below it.
+# whose number is not above what is known already is left out, with all pieces below it.
 #
 # Between two keyframes corners go straight. The support of a triangle along n at a time is the largest of three linear
 # functions of it, and that of a node's box is linear: convex in time, both. So the function less ``n . x`` and plus the
