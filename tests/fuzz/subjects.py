@@ -1,21 +1,21 @@
-"""Honest bounders to be spoilt: every method and kind of query on small grids in 2D, 3D and 4D (animated), and what
-``load`` accepts
-besides: bounders of meshes, motions, blend shapes, functions, solids and arms, of either side, dilated, in parts, and
-    of several parts.
+"""Honest bounders to be spoilt.
+
+Every method and kind of query on small grids in 2D, 3D and 4D (animated), and what ``load`` accepts besides: bounders
+of meshes, motions, blend shapes, functions, solids and arms, of either side, dilated, in parts, and of several parts.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import trimesh
-from bounding_shapes import EARLY, HIDDEN
+from bounding_shapes import EARLY, HIDDEN, random_mlp
 from bounding_shapes import shape as grid_named
 from random_networks import random_monotone
 
 import warp_bounding as wb
-from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade, DistanceBounder
+from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.proof import least_value
@@ -25,12 +25,7 @@ from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
 ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}
-CASCADES = (
-    ("point", "voxels+mlp"),
-    ("plane", "learned-kdop+mlp"),
-    ("box", "aabb+monotone-mlp"),
-    ("ray", "kdop+mlp-early"),
-)
+CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+monotone-mlp", "ray": "kdop+mlp-early"}
 DISTANT = {  # what distances are told, so that a fit takes no time to speak of
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
@@ -42,62 +37,40 @@ BOXES = 20_000  # of a search for a network's least value: what it has by then i
 
 MARGIN = 0.02
 LEARNED = {"hidden": HIDDEN, "steps": 5}  # of a fit
+FAR = {"hidden": HIDDEN, "steps": 60, "budget": 4.0}
+DILATED = {"margin": MARGIN}
 FITTED = {  # of a mesh: query, method, and options of ``fit``
     "box": ("point", "aabb", {}),
-    "half-spaces, dilated": ("point", "kdop", {"margin": MARGIN}),
+    "half-spaces, dilated": ("point", "kdop", DILATED),
     "ball": ("point", "sphere", {}),
-    "oriented box, dilated": ("point", "obb", {"margin": MARGIN}),
+    "oriented box, dilated": ("point", "obb", DILATED),
     "network": ("point", "mlp", LEARNED),
-    "network, dilated": ("point", "mlp", {"margin": MARGIN, **LEARNED}),
+    "network, dilated": ("point", "mlp", DILATED | LEARNED),
     "exits": ("point", "mlp-early", {"hidden": EARLY, "steps": 5}),
     "parts": ("point", "mlp", {"thresholds": 8, **LEARNED}),
     "cells": ("point", "voxels", {"resolution": 8}),
     "hierarchy": ("point", "bvh", {"leaves": 6, "resolution": 8}),
-    "cascade": ("point", "kdop+mlp", {"margin": MARGIN, **LEARNED}),
+    "cascade": ("point", "kdop+mlp", DILATED | LEARNED),
     "rays of a box": ("ray", "aabb", {"length": LENGTH}),
-    "planes of half-spaces": ("plane", "kdop", {"margin": MARGIN}),
+    "planes of half-spaces": ("plane", "kdop", DILATED),
     "boxes of a network": ("box", "mlp", {"resolution": 8, **LEARNED}),
     "inside, network": ("point", "mlp", {"side": "inside", **LEARNED}),
-    "inside, dilated": ("point", "mlp", {"side": "inside", "margin": MARGIN, **LEARNED}),
-    "distance of a box": ("distance", "aabb", {"margin": MARGIN}),
-    "distance of a network": ("distance", "mlp", {"hidden": HIDDEN, "steps": 60, "budget": 4.0}),
-    "distance of a network, dilated": (
-        "distance",
-        "mlp",
-        {"margin": MARGIN, "hidden": HIDDEN, "steps": 60, "budget": 4.0},
-    ),
+    "inside, dilated": ("point", "mlp", {"side": "inside", **DILATED, **LEARNED}),
+    "distance of a box": ("distance", "aabb", DILATED),
+    "distance of a network": ("distance", "mlp", FAR),
+    "distance of a network, dilated": ("distance", "mlp", DILATED | FAR),
     "distance by nodes": ("distance", "distance-grid", {"nodes": 4, "budget": 4.0}),
 }
-ALSO = (  # of every other shape without cells: each kind of claim once
-    "half-spaces, dilated",
-    "network",
-    "network, dilated",
-    "parts",
-    "cells",
-    "rays of a box",
-    "inside, dilated",
-    "distance of a network, dilated",
-)
-UNFIT = {
-    "blend": ("distance of a network, dilated",),  # it has none
-    # configurations of an arm have no dilation in metres, and no rays; a distance would be one between joint values
-    "arm": (
-        "half-spaces, dilated",
-        "network, dilated",
-        "rays of a box",
-        "inside, dilated",
-        "distance of a network, dilated",
-    ),
-}
-
-
-def _two_boxes() -> trimesh.Trimesh:
-    corners = ([[0, 0, 0], [1, 0.4, 0.5]], [[0.6, 0.7, 0.1], [1, 1, 1]])
-    return trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in corners])
+# of every other shape without cells: each kind of claim once
+ALSO = ("network", "parts", "cells", "half-spaces, dilated", "network, dilated", "rays of a box", "inside, dilated")
+ALSO = (*ALSO, "distance of a network, dilated")
+# configurations of an arm have no dilation in metres, no rays and no distance; blend shapes have no distance
+UNFIT = {"blend": ALSO[-1:], "arm": ALSO[3:]}
 
 
 def _mesh():
-    made = _two_boxes()
+    corners = ([[0, 0, 0], [1, 0.4, 0.5]], [[0.6, 0.7, 0.1], [1, 1, 1]])
+    made = trimesh.util.concatenate([trimesh.creation.box(bounds=box) for box in corners])
     return wb.shapes.Mesh(made.vertices, made.faces)
 
 
@@ -109,9 +82,8 @@ def _motion():
 
 def _blend_shapes():
     made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
-    return wb.shapes.BlendShapes(
-        made.vertices, [made.vertices * [1.0, 0.0, 0.3]], made.faces, lower=[-0.4], upper=[0.8]
-    )
+    moved = [made.vertices * [1.0, 0.0, 0.3]]
+    return wb.shapes.BlendShapes(made.vertices, moved, made.faces, lower=[-0.4], upper=[0.8])
 
 
 def _star(x: np.ndarray) -> np.ndarray:
@@ -124,11 +96,8 @@ def _arm():
     elbow[0, 3] = 0.6
     joints = [wb.arms.Joint(lower=-2.0, upper=2.5), wb.arms.Joint(elbow, lower=-2.2, upper=2.2)]
     links = [wb.arms.Body.capsule([0, 0, 0], [0.6, 0, 0], 0.06, link=k) for k in range(2)]
-    obstacles = [
-        wb.arms.Body.box([0.5, 0.3, -0.5], [0.9, 0.7, 0.5]),
-        wb.arms.Body.box([-0.9, -0.8, -0.5], [-0.5, 0.1, 0.5]),
-    ]
-    return wb.arms.ArmConfigurations(wb.arms.Arm(joints, links), obstacles)
+    corners = ([0.5, 0.3, -0.5], [0.9, 0.7, 0.5]), ([-0.9, -0.8, -0.5], [-0.5, 0.1, 0.5])
+    return wb.arms.ArmConfigurations(wb.arms.Arm(joints, links), [wb.arms.Body.box(*each) for each in corners])
 
 
 OTHERS: dict[str, Callable] = {
@@ -182,20 +151,14 @@ def resolved(bounder: Bounder, name: str) -> Bounder:
     return bounder.freeze(float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf))), None)
 
 
-def network(name: str, query: str, hidden=HIDDEN, seed: int = 0) -> Mlp:
-    grid, rng, tensors = shape(name), np.random.default_rng(seed), {}
-    domain, outputs = domain_of(grid, query, LENGTH), 2 if query == "plane" else 1
-    inputs = grid.ndim if query in ("point", "plane") else domain.ndim
-    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, outputs), strict=True)):
-        tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) / np.sqrt(k)).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": ACTIVATIONS[query], "octaves": 0}, "cpu")
+def network(name: str, query: str, hidden=HIDDEN) -> Mlp:
+    grid = shape(name)
+    return random_mlp(grid, hidden, ACTIVATIONS[query], gain=1.0, domain=domain_of(grid, query, LENGTH))
 
 
 def made(method: str, name: str, query: str) -> Bounder:
     """A bounder at its threshold."""
     grid, kind = shape(name), METHODS[method]
-    domain = domain_of(grid, query, LENGTH)
     if method == "monotone-mlp":
         return resolved(random_monotone(grid, HIDDEN), name)
     if method == "mlp-early":
@@ -203,59 +166,47 @@ def made(method: str, name: str, query: str) -> Bounder:
         shared = {k: v for k, v in whole.tensors.items() if k.startswith("layers.0.")}
         first = Mlp(first.domain, first.tensors | shared, first.sizes, "cpu")
         return MlpEarly.of([resolved(first, name), resolved(whole, name)])
-    if issubclass(kind, Mlp):
-        return resolved(network(name, query), name)
-    return resolved(kind.fit(grid, domain, device="cpu"), name)
+    fit = kind.fit if not issubclass(kind, Mlp) else lambda *_, **__: network(name, query)
+    return resolved(fit(grid, domain_of(grid, query, LENGTH), device="cpu"), name)
 
 
-def _maker(method: str, *which: str) -> Callable[[], Bounder]:
-    return lambda: made(method, *which)
+def _cascade(methods: str, name: str, query: str) -> Bounder:
+    return Cascade.of([made(method, name, query) for method in methods.split("+")])
 
 
-def _cascade(methods: str, name: str, query: str) -> Callable[[], Bounder]:
-    return lambda: Cascade.of([made(method, name, query) for method in methods.split("+")])
+def _fit(name: str, *which: str, **told) -> Bounder:
+    return wb.fit(shape(name), *which, device="cpu", progress=False, **told)
 
 
-def _distance(method: str, name: str, **options) -> Callable[[], DistanceBounder]:
-    told = {"budget": 4.0, "metric": "spacetime", "device": "cpu", "progress": False}
-    return lambda: wb.fit(shape(name), "distance", method, **told, **DISTANT.get(method, {}), **options)
+def _distance(method: str, name: str, **options) -> Bounder:
+    own = DISTANT.get(method, {}) | options
+    return _fit(name, "distance", method, budget=4.0, metric="spacetime", **own)
 
 
-def _fit(name: str, query: str, method: str, **told) -> Callable[[], Bounder]:
-    return lambda: wb.fit(shape(name), query, method, device="cpu", progress=False, **told)
-
-
-def _hierarchy(name: str) -> Callable[[], Bounder]:
-    return lambda: wb.hierarchy(shape(name), method="aabb", leaves=3, margin=MARGIN, device="cpu", progress=False)
-
-
-def _without_cells() -> list[Subject]:
-    """Bounders of shapes that are no grids."""
-    found = []
-    for name in OTHERS:
-        for what in (what for what in (FITTED if name == "mesh" else ALSO) if what not in UNFIT.get(name, ())):
-            query, method, told = FITTED[what]
-            found.append(Subject(f"{method} {query} {name}: {what}", name, _fit(name, query, method, **told)))
-    found += [
-        Subject(f"union point {name}: hierarchy of boxes", name, _hierarchy(name)) for name in ("solid", "function")
-    ]
-    return found
+def _hierarchy(name: str) -> Bounder:
+    return wb.hierarchy(shape(name), method="aabb", leaves=3, margin=MARGIN, device="cpu", progress=False)
 
 
 def subjects() -> list[Subject]:
     """All of them."""
-    found = _without_cells()
+    found = []
+    for name in OTHERS:
+        for what in FITTED if name == "mesh" else [each for each in ALSO if each not in UNFIT.get(name, ())]:
+            query, method, told = FITTED[what]
+            found.append(Subject(f"{method} {query} {name}: {what}", name, partial(_fit, name, query, method, **told)))
+    for name in ("solid", "function"):
+        found.append(Subject(f"union point {name}: hierarchy of boxes", name, partial(_hierarchy, name)))
     for name in SHAPES:
+        ndim = shape(name).ndim
         for method, kind in METHODS.items():
             for query in QUERY_KINDS:
-                if kind.conservative and kind.supports(query, shape(name).ndim):
-                    found.append(Subject(f"{method} {query} {name}", name, _maker(method, name, query)))
+                if kind.conservative and kind.supports(query, ndim):
+                    found.append(Subject(f"{method} {query} {name}", name, partial(made, method, name, query)))
         for method, kind in DISTANCES.items():
-            if kind.supports("distance", shape(name).ndim):
-                found.append(Subject(f"{method} distance {name}", name, _distance(method, name)))
-    found.append(Subject("mlp distance c in parts", "c", _distance(Mlp.method, "c", thresholds=20)))
-    refined = _distance("distance-grid", "c", refine=4)
-    found.append(Subject("distance-grid distance c refined", "c", refined))
-    for query, methods in CASCADES:
-        found.append(Subject(f"{methods} {query} c", "c", _cascade(methods, "c", query)))
+            if kind.supports("distance", ndim):
+                found.append(Subject(f"{method} distance {name}", name, partial(_distance, method, name)))
+    found.append(Subject("mlp distance c in parts", "c", partial(_distance, "mlp", "c", thresholds=20)))
+    found.append(Subject("distance-grid distance c refined", "c", partial(_distance, "distance-grid", "c", refine=4)))
+    for query, methods in CASCADES.items():
+        found.append(Subject(f"{methods} {query} c", "c", partial(_cascade, methods, "c", query)))
     return found

@@ -1,8 +1,7 @@
-"""A small run of the fuzzer over every method and kind of query (``make fuzz`` is the long one), and false claims that
-``certify`` once called proven.
+"""A small run of the fuzzer over every method and kind of query, and false claims that ``certify`` once called proven.
 
 Each of these is refused where it is made, not proven, or true now; with the mend taken back, where that can be done
-from outside, certify accepts it again, and the attack finds the denied positive.
+from outside, certify accepts it again, and the attack finds the denied positive. ``make fuzz`` is the long run.
 """
 
 from dataclasses import replace
@@ -10,9 +9,8 @@ from dataclasses import replace
 import fuzzing
 import numpy as np
 import pytest
-from attack import attack
 from bounding_shapes import shape
-from fuzzing import Tally, fuzz, judge, undistracted
+from fuzzing import Tally, attack, fuzz, judge, undistracted
 from mutations import File
 from subjects import made, network, resolved, subjects
 
@@ -27,21 +25,13 @@ from warp_bounding.queries.region_domain import RegionDomain, domain_of
 SUBJECTS = {subject.name: subject for subject in subjects()}
 FILES, POSITIVES = 3, 256
 OTHER = ("obb", "kdop", "learned-kdop", "sphere", "ellipsoid", "oriented-ellipsoid")  # distances with six kernels each
-FLAT = [  # in 2D
-    name
-    for name in SUBJECTS
-    if ":" not in name
-    and name != "mlp-early box c"
-    and not name.endswith(("blob", "animated"))
-    and not (" distance " in name and name.startswith(OTHER))
-]
-DEEP = [name for name in SUBJECTS if name not in FLAT]  # kernels of their own; ``make fuzz`` has them, too
+LEFT = ("mlp-early box c", *(name for name in SUBJECTS if " distance " in name and name.startswith(OTHER)))
+FLAT = [n for n in SUBJECTS if ":" not in n and n not in LEFT and not n.endswith(("blob", "animated"))]  # in 2D
 FEW = ("bvh point blob", "aabb box blob", "mlp point animated", "kdop point mesh: half-spaces, dilated")
+DEEP = [n for n in SUBJECTS if n not in (*FLAT, *FEW)]  # kernels of their own; ``make fuzz`` has them, too
 
 
-@pytest.mark.parametrize(
-    "name", [*FLAT, *FEW, *(pytest.param(n, marks=pytest.mark.slow) for n in DEEP if n not in FEW)]
-)
+@pytest.mark.parametrize("name", [*FLAT, *FEW, *(pytest.param(n, marks=pytest.mark.slow) for n in DEEP)])
 def test_no_false_claim_is_accepted(name):
     tally = fuzz(7, iterations=FILES, among=[SUBJECTS[name]], count=POSITIVES, quick=True)
     assert tally.counts["files"] == FILES
@@ -75,9 +65,10 @@ def denied(bounder, grid, rng) -> bool:
 
 
 def backwards() -> tuple[Domain, dict[str, np.ndarray], dict]:
-    """Voxels of twice as many cells along axis 0, in reverse order, of which every other one is empty: the middle of
-    each of the
-    object's cells falls into an occupied one, its ends do not."""
+    """Voxels of twice as many cells along axis 0, in reverse order, of which every other one is empty.
+
+    The middle of each of the object's cells falls into an occupied one, its ends do not.
+    """
     grid, honest = shape("c"), made("voxels", "c", "point")
     rows = grid.shape[0]
     occupancy = np.zeros((2 * rows, grid.shape[1]), bool)
@@ -123,22 +114,17 @@ def test_long_normals_cut_nothing_off(rng, monkeypatch):
     assert denied(invalid, grid, rng)
 
 
-def wide_boxes():
-    """A network of boxes in a domain of 2^40 cells, that denies everything."""
-    grid, honest = shape("c"), network("c", "box")
-    half = np.full(2, 2.0**38)
-    center = np.full(2, 0.5, np.float32)
+def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
+    """Of a network of boxes in a domain of 2^40 cells, that denies everything.
+
+    Numbers of cells beyond 32 bits made the parametrization drop every box, and a least value of nothing was enough.
+    """
+    grid, honest, half, center = shape("c"), network("c", "box"), np.full(2, 2.0**38), np.full(2, 0.5, np.float32)
     scale, limit = (1 / half).astype(np.float32), np.full(2, 1.25, np.float32)
     base = Domain(center, scale, limit, np.full(2, 0.01), False, center - half, center + half)
     domain = RegionDomain("box", base, False, None)
     assert domain.fault() is None
-    return type(honest)(domain, honest.tensors, honest.sizes, "cpu").freeze(1e4, None), grid
-
-
-def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
-    """Numbers of cells beyond 32 bits made the parametrization drop every box, and a least value of nothing was proof
-    enough."""
-    invalid, grid = wide_boxes()
+    invalid = type(honest)(domain, honest.tensors, honest.sizes, "cpu").freeze(1e4, None)
     assert denied(invalid, grid, rng)
     assert wb.certify(invalid, grid, seconds=5).kind == "refuted"
     with undistracted():
