@@ -136,16 +136,10 @@ def counted(
     of_cells: Callable[[np.ndarray], np.ndarray] | None = None,
     **told: Any,
 ) -> Rates:
-    """Ask a bounder.
+    """Ask a bounder so many queries, ``draw``n a chunk at a time; ``ask`` tells which are *maybe*.
 
-    Args:
-        draw: Returns so many queries ``(N, m)`` float32, new ones each time.
-        truth_of: Answers as ``Shape.decide``, or with bool.
-        ask: ``(N,)`` bool, the bounder's *maybe*.
-        samples: How many queries in all.
-        progress: Called with samples done and samples in all.
-        of_cells: The truth of the cells that the fit bounded, where it bounded cells of a shape.
-        told: The other fields of ``Rates``.
+    ``truth_of`` answers as ``Shape.decide``, or with bool; ``of_cells`` is the truth of the cells that the fit bounded,
+    where it bounded cells of a shape; ``told`` are the other fields of ``Rates``.
     """
     false_positive = false_negative = positive = undecided = beyond_cells = 0
     for start in range(0, samples, CHUNK):
@@ -190,11 +184,7 @@ def parts_of(query: str, x: np.ndarray) -> list[np.ndarray]:
 
 
 def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Which points lie within a radius of the object: called with ``(N, n)`` it answers as ``Shape.decide``.
-
-    Raises:
-        ShapeError: For a radius above 0, if the shape has no distances.
-    """
+    """Which points lie within a radius of the object: called with ``(N, n)`` it answers as ``Shape.decide``."""
     if radius == 0:
         return shape.decide
     if isinstance(shape, Grid):
@@ -208,11 +198,7 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol: str, seed: int, told: dict) -> tuple:
-    """What is evaluated of a distance bounder: the truth, its shape, the shape to sample around, and its statistics.
-
-    Raises:
-        QueryError: For a kind of query that distances do not answer, or a value that makes no sense for it.
-    """
+    """What is evaluated of a distance bounder: the truth, its shape, the shape to sample around, and its statistics."""
     query = POINT.name if told["query"] is None else told["query"]
     if query not in ASKED:
         raise QueryError(f"query of a distance must be one of {', '.join(ASKED)}, got {query!r}")

@@ -246,17 +246,15 @@ THIN = 1e-4  # of the size: what is thinner, such as a sheet, is taken to be so 
 
 
 def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """The smallest ``{x: |A (x - center)| <= 1}`` of a family around points ``(P, n)``.
+    """The smallest ``{x: |A (x - center)| <= 1}`` of a family around points ``(P, n)``, up to float64 rounding.
 
     Args:
         points: In any units, such as samples of queries.
         family: ``"trace"`` (balls), ``"diagonal"`` (axis-aligned ellipsoids) or ``"determinant"`` (all ellipsoids).
 
     Returns:
-        ``A`` ``(n, n)`` float64 and the centre ``(n,)``, in these units; A holds the points up to float64 rounding.
-
-    Raises:
-        BounderError: If the search does not close the gap (it always has).
+        ``A`` ``(n, n)`` float64 and the centre ``(n,)``; ``BounderError`` if the search does not end (it always
+            has).
     """
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
     points = _thickened((points - origin) / size, family)
@@ -280,15 +278,9 @@ def enclosing_of_points(points: np.ndarray, family: str) -> tuple[np.ndarray, np
 
 
 def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tuple[np.ndarray, np.ndarray]:
-    """``enclosing_of_points`` around points ``(P, n)`` that are dilated by an ellipsoid along the axes.
+    """``enclosing_of_points`` around points ``(P, n)`` that are dilated by an ellipsoid with half axes ``(n,)``.
 
-    Args:
-        points: In any units.
-        radii: ``(n,)``, half axes of that ellipsoid; zeros for none.
-        family: As there.
-
-    Returns:
-        A and the centre; A holds the dilated points but for what ``MOST_ROUNDS`` may leave, which a proof must charge.
+    A holds the dilated points but for what ``MOST_ROUNDS`` may leave, which a proof must charge.
     """
     if not radii.any():
         return enclosing_of_points(points, family)
@@ -443,12 +435,7 @@ APART = 1e-12  # relative: l lies at least so far above the largest eigenvalue
 
 
 def farthest(centres: np.ndarray, matrix: np.ndarray) -> float:
-    """Upper bound of ``|z + M u|`` over all centres z and ``|u| <= 1``; exact up to some 1e-12, which are added.
-
-    Args:
-        centres: ``(P, r)`` float64.
-        matrix: ``(r, n)`` float64, M.
-    """
+    """Upper bound of ``|z + M u|`` over centres z ``(P, r)`` and ``|u| <= 1``, exact up to 1e-12; M is ``(r, n)``."""
     length = np.linalg.norm(centres, axis=1)
     outward = 1 + gamma(4 * sum(matrix.shape) + 32, UNIT64)
     if not matrix.any():

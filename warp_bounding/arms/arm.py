@@ -105,11 +105,7 @@ RIGID = 1e-6  # by how much a pose's rotation may miss being one; files give six
 
 
 def checked_pose(pose, name: str) -> np.ndarray:
-    """A rigid motion ``(4, 4)``, its rotation made exactly one, up to float64.
-
-    Raises:
-        ShapeError: If it is none.
-    """
+    """A rigid motion ``(4, 4)``, its rotation made exactly one, up to float64; ``ShapeError`` if it is none."""
     pose = np.array(pose, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
         raise ShapeError(f"{name}: expected a pose of shape (4, 4) with the last row 0 0 0 1, got {pose.tolist()}")
@@ -260,11 +256,7 @@ class Arm:
         )
 
     def first(self, count: int) -> "Arm":
-        """The arm that ends behind its first ``count`` joints, with what these move.
-
-        Raises:
-            ShapeError: For no joints, or more than there are.
-        """
+        """The arm that ends behind its first ``count`` joints, with what these move."""
         if not 1 <= count <= len(self.joints):
             raise ShapeError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
         bodies = [body for body in self.bodies if body.link < count]

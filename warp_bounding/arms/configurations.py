@@ -151,7 +151,6 @@ class ArmConfigurations(Formula):
 
     @cached_property
     def joints(self) -> Joints:
-        """See ``Shape``."""
         return Joints.of(self.lower, self.upper, np.array(self._periods, dtype=np.float64))
 
     @cached_property
@@ -232,7 +231,6 @@ class ArmConfigurations(Formula):
         return self._query_points(x)[0]
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from configurations to a colliding one, in the shape's coordinates."""
         x = turned_back(np.asarray(x, dtype=np.float64), self._periods)
         # beyond the limits bodies sweep farther than what bounds their speeds
         within = np.clip(x, *self.known)
@@ -363,8 +361,7 @@ class ArmConfigurations(Formula):
         """
         if self._new_margin(margin) is not None:
             raise ShapeError(
-                f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, in "
-                "metres, "
-                "to ArmConfigurations"
+                f"{self.name}: an arm's configurations have no margin, got margin={margin}; give a safety distance, "
+                "in metres, to ArmConfigurations"
             )
         return self

@@ -156,16 +156,7 @@ def _depth(s: Corners) -> wp.float64:
 
 @wp.func
 def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Place, enough: wp.float64) -> Separation:
-    """Search for a direction that tells two hulls apart.
-
-    Args:
-        bodies: All of them.
-        one: The body a of the module's text.
-        at_one: Where its link is.
-        other: The body b.
-        at_other: Where its link is.
-        enough: A gap beyond which no larger one is looked for.
-    """
+    """Search for a direction that tells two hulls apart, the bodies a and b above; a gap beyond ``enough`` will do."""
     found = Separation()
     found.gap = -_INFINITY
     found.apart = _INFINITY

@@ -115,9 +115,8 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
         for step in onward:
             if len(steps) != number + 1:
                 raise ShapeError(
-                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither moves "
-                    "the other; hold one, "
-                    f"held={{{step.joint.name!r}: value}}"
+                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither "
+                    f"moves the other; hold one, held={{{step.joint.name!r}: value}}"
                 )
             steps.append(step)
             visit(step.joint.child, number + 1, np.eye(4))
@@ -336,11 +335,7 @@ def _package(folder: Path) -> str | None:
 
 
 def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
-    """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all.
-
-    Raises:
-        ShapeError: For points without a hull, such as all in a plane.
-    """
+    """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all."""
     from scipy.spatial import ConvexHull, QhullError
     from trimesh.triangles import closest_point
 

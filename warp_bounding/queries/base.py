@@ -132,16 +132,9 @@ class Query(ABC):
 
     @abstractmethod
     def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
-        """The truth in rational arithmetic, one query after another: slow, and as simple as possible.
+        """The truth ``(N,)`` bool in rational arithmetic, one query after another: slow, and as simple as possible.
 
-        Args:
-            grid: The object.
-            q: ``(N, m)`` float32, object space.
-            length: Of rays, object units.
-            cells: ``(M, n)`` cells that may be looked at; all occupied cells if ``None``.
-
-        Returns:
-            ``(N,)`` bool.
+        ``cells`` ``(M, n)`` are those that may be looked at; all occupied ones if ``None``.
         """
 
     def certain(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
@@ -161,19 +154,10 @@ class Query(ABC):
         return oracle_kernel(f"wb_{self.name}_oracle_{ndim}d", ndim, self.columns(ndim), self.oracle_body)
 
     def oracle(self, grid: Shape, device: str | None = None, length: float = 1.0) -> Callable[[np.ndarray], np.ndarray]:
-        """The exact truth for many queries.
+        """The exact truth for many queries; ``QueryError`` for a length that is negative or not finite.
 
-        Of a grid a Warp kernel, with ``truth`` as its plain reference implementation, else ``decide``.
-
-        What a shape without cells cannot decide counts as meeting the object.
-
-        Args:
-            grid: The object.
-            device: Warp device; the default device if ``None``.
-            length: Of rays, object units, finite and not negative.
-
-        Raises:
-            QueryError: For another length.
+        Of a grid a Warp kernel, with ``truth`` as its plain reference implementation, else ``decide``: what a shape
+        without cells cannot decide counts as meeting the object.
         """
         if self.has_length and not 0 <= length < np.inf:
             raise QueryError(f"length must be finite and non-negative, got {length}")
@@ -183,17 +167,10 @@ class Query(ABC):
 
     @abstractmethod
     def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
-        """Queries that barely pass points of the object: what ``hard_draw`` does, in NumPy, with other random numbers.
+        """Queries ``(N, m)`` float64 that barely pass points ``(N, n)`` of the object: ``hard_draw``, in NumPy.
 
-        Args:
-            grid: The object.
-            p: ``(N, n)`` float64, object space.
-            rng: Source of randomness.
-            length: Of a ray.
-            outside: Queries that are given by points outside the domain are among them.
-
-        Returns:
-            ``(N, m)`` float64; rounding may move some off the object.
+        With ``outside``, queries that are given by points outside the domain are among them. Rounding may move some off
+        the object.
         """
 
     def decides(self, shape: Shape) -> bool:
@@ -271,12 +248,7 @@ class Query(ABC):
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         """``(n,)``, local units: how far a moved query may pass a point of the exact one; infinite without a bound.
 
-        See ``domain``.
-
-        Args:
-            domain: The bounder's.
-            world: The map.
-            input_unit: By how much the numbers were rounded before they were moved, relatively.
+        Before they were moved, numbers were rounded by ``input_unit``, relatively. See ``domain``.
         """
 
 

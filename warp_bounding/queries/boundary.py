@@ -30,35 +30,16 @@ STEPS = 48  # bisections at most; no pair is further apart than 2^28 NEAREST
 
 
 def random_points(shape: Shape, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Uniform points of the box that holds the object, and which of them are in it.
-
-    Args:
-        shape: The object.
-        count: How many points.
-        rng: Source of randomness.
-
-    Returns:
-        ``(count, n)`` float64 that are float32 numbers, and ``(count,)`` bool.
-    """
+    """Uniform points ``(count, n)`` float64, float32 numbers, of the box that holds the object; which are in it."""
     u = rng.random((count, shape.ndim))
     points = (shape.lower + u * (shape.upper - shape.lower)).astype(np.float32).astype(np.float64)
     return points, shape.contains(points)
 
 
 def held_points(shape: Shape, count: int, rng: np.random.Generator, known: np.ndarray | None = None) -> np.ndarray:
-    """Points of the object: random ones of its box, or where these hardly ever hit it, those that the shape names.
+    """About ``count`` points of the object: known ones, random ones of its box, or those that the shape names.
 
-    Args:
-        shape: The object.
-        count: How many are enough.
-        rng: Source of randomness.
-        known: Some that are known.
-
-    Returns:
-        ``(N, n)`` float64, not always ``count`` of them.
-
-    Raises:
-        ShapeError: Where none was found.
+    Raises ``ShapeError`` where none was found.
     """
     found, drawn = [] if known is None else [known], 0
     while sum(map(len, found)) < count and drawn < MOST_DRAWN:
@@ -77,17 +58,7 @@ def held_points(shape: Shape, count: int, rng: np.random.Generator, known: np.nd
 def pulled(
     holds: Callable[[np.ndarray], np.ndarray], inner: np.ndarray, outer: np.ndarray, nearest: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of segments, drawn together around the border between them.
-
-    Args:
-        holds: Which points ``(N, n)`` are inside, ``(N,)`` bool.
-        inner: ``(N, n)`` float64, points inside.
-        outer: ``(N, n)`` float64, points that are not.
-        nearest: Object units: how near both ends must come.
-
-    Returns:
-        Points inside, and points that are not, ``(N, n)`` float64 each.
-    """
+    """Both ends ``(N, n)`` of segments from points that it ``holds`` to others, within ``nearest`` of each other."""
     inner, outer = inner.copy(), outer.copy()
     for _ in range(STEPS):
         open_ = np.flatnonzero(np.abs(outer - inner).max(axis=1, initial=0.0) > nearest)
@@ -106,17 +77,9 @@ def border_points(
     known: np.ndarray | None = None,
     nearest: float = NEAREST,
 ) -> np.ndarray:
-    """Points of the object beside its border.
+    """``(count, n)`` float64 points of the object, each within ``nearest`` longest sides of one that is not.
 
-    Args:
-        shape: The object.
-        count: How many.
-        rng: Source of randomness.
-        known: ``(N, n)`` points of the object, to begin with.
-        nearest: How near to the border, of the shape's longest side.
-
-    Returns:
-        ``(count, n)`` float64: points of the object, each within ``nearest`` of a point that is not in it.
+    ``known`` are points of the object to begin with.
     """
     from scipy.spatial import KDTree
 

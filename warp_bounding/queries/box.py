@@ -58,8 +58,7 @@ class BoxQuery(Query):
     every = "every axis-aligned box, of any size, also of none"
     hard_positives = (
         "thin, small or touching boxes around its points, mostly on faces, edges and corners of boundary cells, some "
-        "reaching "
-        "outside the domain"
+        "reaching outside the domain"
     )
     oracle_body = _BODY
     sampled_point = """

@@ -34,16 +34,7 @@ if (u() < {SCALED}) stretch = u() < 0.5 ? power(12) : 1.0 / power(12);
 
 
 def sample_directions(ndim: int, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Directions of length 1 (up to float32 rounding), by uniform spherical angles.
-
-    Args:
-        ndim: Dimension n >= 1.
-        count: Number of directions N.
-        rng: Source of randomness.
-
-    Returns:
-        ``(N, n)`` float32.
-    """
+    """``(count, n)`` float32 directions of length 1 (up to rounding), by uniform spherical angles."""
     if ndim == 1:
         return np.where(rng.random((count, 1), dtype=np.float32) < 0.5, np.float32(-1), np.float32(1))
     angles = rng.random((count, ndim - 1), dtype=np.float32) * np.float32(np.pi)

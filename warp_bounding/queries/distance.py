@@ -40,12 +40,7 @@ DISTANCE = DistanceQuery()
 
 
 def in_metric(shape: Shape, metric: str) -> Shape:
-    """A shape whose distances are those of a metric: of a grid with a time, in ``"spacetime"``, one without.
-
-    Raises:
-        QueryError: For an unknown metric.
-        ShapeError: For another shape with a time in ``"spacetime"``.
-    """
+    """A shape whose distances are those of a metric: of a grid with a time, in ``"spacetime"``, one without."""
     if metric not in METRICS:
         raise QueryError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
     if metric == METRICS[0] or not shape.time:
@@ -78,9 +73,8 @@ def in_metric(shape: Shape, metric: str) -> Shape:
 # that are inside with them are times at which there is no object to miss.
 
 EVALUATED = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
-COARSEST = (
-    2.0**-12
-)  # of the domain's longest side: float32 must distinguish points that are this far from each other in it
+# of the domain's longest side: float32 must distinguish points that are this far from each other in it
+COARSEST = 2.0**-12
 
 
 def object_box(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
@@ -122,16 +116,10 @@ class DistanceDomain:
 
     @classmethod
     def of(cls, shape: Shape, room: float = 0.0) -> "DistanceDomain":
-        """The domain of a shape.
+        """The domain of a shape; ``ShapeError`` if it is too large, too small or too far away, or its speed is unknown.
 
-        Args:
-            shape: The object.
-            room: Of the longest side: by how much the domain reaches beyond the object on every side. Methods that are
-                asked in the domain only are tighter around the object with some.
-
-        Raises:
-            ShapeError: If the shape is too large, too small or too far away for float32, or moves by no speed that
-                is known.
+        The domain reaches beyond the object by ``room`` of the longest side, on every side: methods that are asked in
+        the domain only are tighter around the object with some.
         """
         if not shape.time:
             return cls.around(*object_box(shape), room, shape.name)
@@ -162,8 +150,7 @@ class DistanceDomain:
             far = max(np.abs(lower).max(), np.abs(upper).max())
             raise ShapeError(
                 f"{name}: float32 tells points too coarsely apart at coordinates up to {far:.3g} for an extent of "
-                f"{longest:.3g}; "
-                "move the shape to its origin"
+                f"{longest:.3g}; move the shape to its origin"
             )
         scale = np.full(len(center), 2.0 ** -np.ceil(np.log2(reach)), dtype=np.float32)
         limit = round_up(np.maximum(upper - center, center - lower) * scale * EVALUATED)
@@ -194,14 +181,12 @@ class DistanceDomain:
 
     @property
     def ndim(self) -> int:
-        """Number of coordinates."""
         return len(self.center)
 
     space_ndim = columns = ndim
 
     @property
     def base(self) -> "DistanceDomain":
-        """The domain of points: this one."""
         return self
 
     @property

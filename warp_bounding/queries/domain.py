@@ -26,9 +26,9 @@ from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma, round_down, roun
 from warp_bounding.shapes.joints import Joints
 from warp_bounding.shapes.shape import Shape
 
-DELTA_SHARE = (
-    1.0 / 4096.0
-)  # of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
+# of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
+
+DELTA_SHARE = 1.0 / 4096.0
 # Times what the map rounds: room for a placement, which joints that are turned back do not have.
 PLACED, TURNED = 4.0, 1.0 + 2.0**-4
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
@@ -76,11 +76,7 @@ class Domain:
 
     @classmethod
     def of(cls, shape: Shape, *, least_delta: np.ndarray | float = 0.0) -> "Domain":
-        """The domain of a shape.
-
-        Args:
-            shape: The object.
-            least_delta: ``(n,)``, units of ``v``: ``delta`` is at least this.
+        """The domain of a shape; ``delta``, in units of ``v``, is at least ``least_delta``.
 
         Raises:
             ShapeError: If float32 cannot resolve details of the shape where it lies (``Shape.details_per_unit``;
@@ -106,9 +102,8 @@ class Domain:
             axis = int(np.argmax(delta / detail))
             raise ShapeError(
                 f"{shape.name}: float32 cannot tell details of {1 / shape.details_per_unit[axis]:.3g} apart at "
-                "coordinates up to "
-                f"{max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to its origin or use a "
-                "lower resolution"
+                f"coordinates up to {max(abs(lower[axis]), abs(upper[axis])):.3g} (axis {axis}); move the shape to "
+                "its origin or use a lower resolution"
             )
         limit = round_up(extent + delta * (1 + 1e-6))
         if shape.time:
@@ -119,8 +114,7 @@ class Domain:
     def fault(self, blur: np.ndarray | float = 0.0) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them.
 
-        Args:
-            blur: ``(n,)``, object units: what ``delta`` must hold besides (``shapes.recentred``).
+        ``delta`` must hold ``blur`` besides, ``(n,)``, object units (``shapes.recentred``).
         """
         arrays = [self.center, self.scale, self.limit, self.delta, self.lower, self.upper]
         if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:
@@ -181,12 +175,7 @@ class Domain:
     def widened(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The boxes, in ``v``, that hold every input the pipeline can make from boxes in object space (P_delta).
 
-        Args:
-            lower: ``(N, n)`` float64, object space.
-            upper: ``(N, n)`` float64.
-
-        Returns:
-            Lower and upper corners ``(N, n)`` float64, cut at ``limit`` (the domain test lets nothing else through).
+        They are cut at ``limit``, as the domain test lets nothing else through.
         """
         reach = self.delta * GROWTH + 1e-15 * (1 + np.abs(self.to_local(self.lower)))
         limit = self.limit.astype(np.float64)
@@ -195,12 +184,7 @@ class Domain:
     def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The boxes in object space that hold every point of which the pipeline can make a v in boxes of ``v``.
 
-        Args:
-            lower: ``(N, n)`` float64, coordinates ``v``.
-            upper: ``(N, n)`` float64.
-
-        Returns:
-            Lower and upper corners ``(N, n)`` float64; a query given in float64 counts as it is given.
+        A query given in float64 counts as it is given.
         """
         scale, center = self.scale.astype(np.float64), self.center.astype(np.float64)
         reach = self.delta * GROWTH

@@ -74,15 +74,11 @@ for (int i = begin; i < end; ++i) {{
 
 @cache
 def oracle_kernel(name: str, ndim: int, columns: int, body: str) -> wp.Kernel:
-    """The kernel of an oracle.
+    """The kernel of an oracle, by a name of this body and dimension only.
 
-    Args:
-        name: Of the kernel, of this body and dimension only.
-        ndim: Dimension n of the object.
-        columns: Numbers of a query.
-        body: See ``loop_snippet``. Besides the queries it reads ``map`` (cells per unit, offset and shape, n float64
-            each, and more where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``,
-            ``length`` and ``seed``; ``out`` holds what the oracle has put there.
+    Besides the queries the body (``loop_snippet``) reads ``map`` (cells per unit, offset and shape, n float64 each, and
+    more where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``, ``length`` and
+    ``seed``; ``out`` holds what the oracle has put there.
     """
 
     @named(name).block_kernel(loop_snippet(ndim, body, columns))
@@ -103,15 +99,7 @@ def oracle_kernel(name: str, ndim: int, columns: int, body: str) -> wp.Kernel:
 
 
 def cell_coordinates(grid: Grid, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The reference implementation of the kernels' ``Coordinate``: t and its rounding error.
-
-    Args:
-        grid: The object.
-        x: ``(..., n)`` float32, finite.
-
-    Returns:
-        Two arrays ``(..., n)`` float64 whose sum is the exact cell coordinate.
-    """
+    """The kernels' ``Coordinate`` of float32 ``(..., n)``: two float64 arrays, t and its rounding error."""
     product = np.asarray(x, dtype=np.float32).astype(np.float64) * grid.cells_per_unit
     t = product - grid.offset
     back = t - product
@@ -119,15 +107,7 @@ def cell_coordinates(grid: Grid, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def rational_map(grid: Grid, x: np.ndarray) -> list[Fraction]:
-    """Exact cell coordinates of one float32 point.
-
-    Args:
-        grid: The object.
-        x: ``(n,)`` float32, finite.
-
-    Returns:
-        n rational numbers.
-    """
+    """Exact cell coordinates of one float32 point ``(n,)``."""
     return [
         Fraction(float(v)) * Fraction(float(s)) - Fraction(float(o))
         for v, s, o in zip(x, grid.cells_per_unit, grid.offset, strict=True)
@@ -135,14 +115,7 @@ def rational_map(grid: Grid, x: np.ndarray) -> list[Fraction]:
 
 
 def integers(values: list[Fraction]) -> tuple[list[int], int]:
-    """Numerators over the least common denominator.
-
-    Args:
-        values: Rational numbers.
-
-    Returns:
-        The numerators, and the denominator.
-    """
+    """Numerators over the least common denominator, and that."""
     denominator = lcm(*(v.denominator for v in values))
     return [v.numerator * (denominator // v.denominator) for v in values], denominator
 
@@ -179,13 +152,7 @@ class ExactOracle:
         self._inputs = [wp.array(held[k].reshape(-1), dtype=t, device=self.device) for k, t in types.items()]
 
     def _answers(self, q: np.ndarray, seed: int = 0, given: np.ndarray | None = None) -> np.ndarray:
-        """``(N,)`` uint8: 0, 1, or 2 for undecided.
-
-        Args:
-            q: ``(N, m)`` float32.
-            seed: That the kernel sees.
-            given: ``(N,)`` uint8 that it finds in ``out``.
-        """
+        """``(N,)`` uint8: 0, 1, or 2 for undecided; the kernel sees ``seed``, and what is ``given`` in ``out``."""
         out = wp.empty(len(q), dtype=wp.uint8, device=self.device)
         if given is not None:
             out = wp.array(given, dtype=wp.uint8, device=self.device)
@@ -195,17 +162,10 @@ class ExactOracle:
         return out.numpy()
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
-        """The truth for queries.
+        """The truth ``(N,)`` bool for ``(N, m)`` float32 queries, object space; ``QueryError`` for another shape.
 
-        Args:
-            q: ``(N, m)`` float32, object space. Invalid queries (NaN, infinity, zero direction or normal, min > max)
-                meet nothing here; bounders answer *maybe* to them.
-
-        Returns:
-            ``(N,)`` bool.
-
-        Raises:
-            QueryError: For another shape.
+        Invalid queries (NaN, infinity, zero direction or normal, min > max) meet nothing here; bounders answer *maybe*
+        to them.
         """
         with np.errstate(over="ignore"):
             q = np.ascontiguousarray(q, dtype=np.float32)

@@ -212,14 +212,7 @@ def _kernel(kind: Query, ndim: int, form: str) -> wp.Kernel:
 
 
 class HardPositives:
-    """A stream of hard positives of one object.
-
-    Args:
-        query: Kind of query.
-        grid: The object.
-        length: Of a ray, object units.
-        device: Warp device; the default device if ``None``.
-    """
+    """A stream of hard positives of one object; a ray has ``length``, in object units."""
 
     def __init__(self, query: str, grid: Grid, length: float = 1.0, device=None):
         self.query, self.grid, self.length, self.device = query, grid, float(length), wp.get_device(device)
@@ -242,18 +235,14 @@ class HardPositives:
     def draw(
         self, seed: int, first: int, count: int, form: str = "float32", world: World | None = None
     ) -> tuple[wp.array, wp.array]:
-        """Queries number ``first`` to ``first + count - 1`` of a seed.
+        """Queries number ``first`` to ``first + count - 1`` of a seed, from 0 to 2^64 - 1.
 
-        Args:
-            seed: From 0 to 2^64 - 1.
-            first: Number of the first.
-            count: How many.
-            form: ``"float32"``; ``"float64"``: their numbers are not float32; ``"placed"``: in the world, float32.
-            world: Where the shape stands, for ``"placed"``.
+        The form is ``"float32"``; ``"float64"``: their numbers are not float32; ``"placed"``: where the shape stands in
+        the ``world``, float32.
 
         Returns:
             ``(count, m)`` float32 or float64, and ``(count,)`` uint8: 1 = certainly meets the object; others do not
-            count.
+                count.
         """
         n = self.grid.ndim
         world = world or World(np.eye(n), np.eye(n), np.zeros(n))
@@ -285,16 +274,9 @@ STILL = 0.25  # share of queries that are the border points themselves
 
 
 class HardShapePositives:
-    """A stream of hard positives of one shape, as ``hard.HardPositives`` is of a grid.
+    """A stream of hard positives of one shape, as ``HardPositives`` is of a grid.
 
-    Args:
-        query: Kind of query.
-        shape: The object.
-        length: Of a ray, object units.
-        device: Warp device of the queries; the default device if ``None``.
-
-    Raises:
-        QueryError: If the shape cannot tell which regions of this kind meet it.
+    Raises ``QueryError`` if the shape cannot tell which regions of this kind meet it.
     """
 
     def __init__(self, query: str, shape: Shape, length: float = 1.0, device=None):
@@ -355,19 +337,9 @@ def draw_positives(
     *,
     outside: bool = True,
 ) -> Iterator[np.ndarray]:
-    """Fresh independent positives, in chunks.
+    """Fresh independent positives ``(N, m)`` float32, in chunks, at least ``count`` of them.
 
-    Args:
-        query: Kind of query.
-        grid: The object.
-        count: How many in all; at least that many come.
-        seed: Of the samples.
-        device: Warp device of the oracle.
-        length: Of a ray.
-        outside: Queries that are given by points outside the domain are among them.
-
-    Yields:
-        ``(N, m)`` float32 queries, all of them positive.
+    With ``outside``, queries that are given by points outside the domain are among them.
     """
     rng = np.random.default_rng([*([seed] if isinstance(seed, (int, np.integer)) else seed), 20_24])
     kind = QUERIES[query]

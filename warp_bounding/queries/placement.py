@@ -96,34 +96,22 @@ class Placement:
         return cls(values, world)
 
     def check(self, domain: Domain | RegionDomain, *, double: bool) -> None:
-        """Refuse a map whose rounding error the bounder's proof does not cover.
+        """Refuse a map whose rounding error exceeds what the proof's ``delta`` leaves for a placement: ``QueryError``.
 
-        Args:
-            domain: The bounder's domain.
-            double: Queries come in float64 and are rounded to float32 in world space first.
-
-        Raises:
-            QueryError: If the bound of the error exceeds what ``delta`` leaves for a placement on an axis.
+        ``double``: queries come in float64 and are rounded to float32 in world space first.
         """
         needed, covered = placement_error(domain, self.world, double=double), _covered(domain)
         if not (needed <= covered).all() or not (_farthest(domain, self.world) < LARGEST).all():
             axis = int(np.argmax(needed - covered))
             raise QueryError(
                 f"xform and scale move a {domain.query} by a rounding error of up to {needed[axis]:.2g} along axis "
-                f"{axis}, the "
-                f"certificate covers {covered[axis]:.2g}: give queries in object space, or a shape nearer to its own "
-                "origin"
+                f"{axis}, the certificate covers {covered[axis]:.2g}: give queries in object space, or a shape nearer "
+                "to its own origin"
             )
 
 
 def placement_error(domain: Domain | RegionDomain, world: WorldMap, *, double: bool) -> np.ndarray:
-    """``(n,)``, local units: the error of a moved query, of points with that of the map to v; may be infinite.
-
-    Args:
-        domain: The bounder's.
-        world: The map.
-        double: Queries come in float64 and are rounded to float32 in the world first.
-    """
+    """``(n,)``, local units: the error of a moved query, of points with that of the map to v; may be infinite."""
     return QUERIES[domain.query].placed_rounding(domain, world, UNIT32 if double else 0.0)
 
 
@@ -139,8 +127,8 @@ def _farthest(domain: Domain | RegionDomain, world: WorldMap) -> np.ndarray:
 def _covered(domain: Domain | RegionDomain) -> np.ndarray:
     """``(n,)``, local units: how large ``placement_error`` may be.
 
-    Of points it is all of ``delta``, as their error counts the map to v as well; of regions it is what the rounding of
-    that map leaves.
+    Of points it is all of ``delta``, as their error counts the map to v as well; of regions what the map's rounding
+    leaves.
     """
     if domain is domain.base:
         return domain.delta

@@ -137,8 +137,7 @@ class PlaneQuery(Query):
     every = "every plane: any normal, given by any of its points"
     hard_positives = (
         "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one "
-        "as far "
-        "as several domains away"
+        "as far as several domains away"
     )
     oracle_body = _BODY
     sampled_point = """

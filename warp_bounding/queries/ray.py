@@ -178,8 +178,7 @@ class RayQuery(Query):
     )
     hard_positives = (
         "rays that pass, begin or end at such points, mostly on faces, edges and corners of boundary cells, many of "
-        "them "
-        "from outside the domain"
+        "them from outside the domain"
     )
     oracle_body = _BODY
     sampled_point = """

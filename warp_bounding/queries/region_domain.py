@@ -33,16 +33,10 @@ PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more t
 
 
 def domain_of(grid: Grid, query: str = "point", length: float = 1.0) -> "Domain | RegionDomain":
-    """The domain of a kind of query.
+    """The domain of a kind of query; rays have ``length``, object units.
 
-    Args:
-        grid: The object.
-        query: Kind of query.
-        length: Of a ray, object units.
-
-    Raises:
-        ShapeError: If float32 cannot resolve the grid's cells where the grid lies.
-        BounderError: If the length is so large that float32 cannot resolve the cells along a ray.
+    Raises ``ShapeError`` if float32 cannot resolve cells where the grid lies, ``BounderError`` if not along so long a
+    ray.
     """
     return RegionDomain.of(grid, query, length) if QUERIES[query].is_region else Domain.of(grid)
 
@@ -67,7 +61,6 @@ class RegionDomain:
 
     @classmethod
     def of(cls, grid: Shape, query: str, length: float = 1.0) -> "RegionDomain":
-        """See ``domain_of``."""
         if grid.unbounded:
             raise BounderError(f"{grid.name}: {query} queries are not bounded from the inside, points are")
         if grid.joints is not None:
@@ -100,7 +93,6 @@ class RegionDomain:
         return domain
 
     def fault(self, blur: np.ndarray | float = 0.0) -> str | None:
-        """As of ``Domain``."""
         kind = QUERIES.get(self.query)
         if kind is None or not kind.is_region:
             return f"{self.query} is not a kind of region"
@@ -138,7 +130,6 @@ class RegionDomain:
 
     @property
     def columns(self) -> int:
-        """Numbers of a query."""
         return 2 * self.base.ndim
 
     @property
@@ -148,17 +139,14 @@ class RegionDomain:
 
     @cached_property
     def stretch(self) -> np.ndarray:
-        """``(n,)`` float32: a ray's displacement w is this times its unit direction; ones for other regions."""
         return self.kind.stretch(self.base, self.length)
 
     @cached_property
     def limit(self) -> np.ndarray:
-        """``(ndim,)`` float32, largest ``|v|`` that a bounder is queried at."""
         return self.kind.limit(self)
 
     @cached_property
     def delta(self) -> np.ndarray:
-        """``(ndim,)`` float64, the input error of ``v`` that proofs cover."""
         return self.kind.delta(self)
 
     @property
@@ -188,7 +176,6 @@ class RegionDomain:
         return self.kind.to_object(self, np.asarray(v, dtype=np.float64))
 
     def to_dict(self) -> dict:
-        """JSON-ready numbers."""
         own = {"query": self.query, "space": SPACE, "length": self.length}
         return self.base.to_dict() | own | {"moving": self.time}  # "time" is a key of the base, whose time is False
 

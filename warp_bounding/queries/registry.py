@@ -22,11 +22,7 @@ QUERY_KINDS = QUERIES.keys()
 
 
 def check_query(query: str, *more: str) -> str:
-    """``query`` itself, if it is a kind that is known, or one of ``more``.
-
-    Raises:
-        QueryError: If it is not.
-    """
+    """``query`` itself, if it is a kind that is known, or one of ``more``; ``QueryError`` if not."""
     if query not in QUERIES and query not in more:
         raise QueryError(f"query must be one of {', '.join([*QUERIES, *more])}, got {query!r}")
     return query
@@ -54,11 +50,7 @@ def decision(
 def oracle(
     query: str, grid: Grid, device: str | None = None, length: float = 1.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The exact truth for queries of a kind, as of ``Query.oracle``: called with ``(N, m)`` it answers ``(N,)`` bool.
-
-    Raises:
-        QueryError: For an unknown kind, or a length that is negative or not finite.
-    """
+    """The exact truth for queries of a kind, as of ``Query.oracle``: called with ``(N, m)`` it gives ``(N,)`` bool."""
     return QUERIES[check_query(query)].oracle(grid, device, length)
 
 
@@ -77,16 +69,12 @@ auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN 
 
 
 def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = False) -> str:
-    """The C text from a query's numbers to the coordinates ``v``.
+    """The C text from a query's numbers to the coordinates ``v``, for a shape of n dimensions.
 
-    Args:
-        query: Kind of query.
-        n: Dimension of the shape.
-        free: Queries outside the domain on one of the first so many axes are answered with maybe: 1 where coordinate 0
-            is time, all n where the object is unbounded (points only). So is a region that lies wholly outside, and
-            maybe one that only just reaches into it.
-        placed: ``q`` are in the world, and the text may change them.
-        joints: ``q`` are values of joints, with their numbers at ``extra``; points only.
+    Queries outside the domain on one of the first ``free`` axes are answered with maybe: 1 where coordinate 0 is time,
+    all n where the object is unbounded (points only). So is a region that lies wholly outside, and maybe one that only
+    just reaches into it. ``placed``: ``q`` are in the world, and the text may change them. ``joints``: ``q`` are values
+    of joints, with their numbers at ``extra``; points only.
     """
     kind = QUERIES[query]
     text = f"{TEXT} {{ const V* q = turned; {kind.map_text} }}" if joints else kind.map_text
@@ -166,14 +154,9 @@ def _kernel(query: str, ndim: int) -> wp.Kernel:
 
 
 class SampledOracle(ExactOracle):
-    """The paper's labels. They are a subset of the exact ones: sampling misses thin hits and invents none.
+    """The paper's labels, a subset of the exact ones: sampling misses thin hits and invents none.
 
-    Args:
-        query: ``ray``, ``plane`` or ``box``; ``point`` gives the exact labels, a point being all of its region.
-        grid: The object.
-        device: Warp device; the default device if ``None``.
-        seed: Of the random points.
-        length: Of rays, object units.
+    ``seed`` is that of the random points. Of points the labels are exact, a point being all of its region.
     """
 
     def __init__(self, query: str, grid: Grid, device: str | None = None, seed: int = 0, length: float = 1.0):

@@ -84,8 +84,7 @@ def compile_seconds() -> float:
 def working_seconds() -> float:
     """The clock of budgets: ``time.perf_counter``, but it stands still while this thread compiles kernels.
 
-    Raises:
-        OutOfTimeError: In ``limited``, after its time.
+    Raises ``OutOfTimeError`` in ``limited``, after its time.
     """
     now = time.perf_counter() - _own.compiling
     if now > _own.end:
@@ -97,11 +96,8 @@ def working_seconds() -> float:
 def limited(seconds: float) -> Iterator[None]:
     """Work of this thread that may take so many ``working_seconds``, for proofs that have no limit of their own.
 
-    It ends at its first look at that clock, or its first launch of a kernel for one use, after this time. A limit
-    within another one ends no later than that.
-
-    Raises:
-        OutOfTimeError: Where the work did not end in time; what it was making is lost.
+    It ends, with ``OutOfTimeError``, at its first look at that clock, or its first launch of a kernel for one use,
+    after this time. A limit within another one ends no later than that.
     """
     before = _own.end
     _own.end = min(before, working_seconds() + seconds)
@@ -184,11 +180,8 @@ def run_shares(shares: Sequence[Callable[[], None]]) -> None:
 
     That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's handler
     may raise between any two steps, when a share has been taken and not begun, or news taken and not looked at. So
-    nothing is counted on that the interrupted thread has done: it looks anew who is at work.
-
-    Raises:
-        BaseException: What a share has raised, or a signal's handler meanwhile; some shares may then not have been
-            done.
+    nothing is counted on that the interrupted thread has done: it looks anew who is at work. What a share or a handler
+    has raised is raised at the end; some shares may then not have been done.
     """
     job = _Job(shares)
     try:
@@ -302,9 +295,6 @@ class BlockLaunch:
 
         One thread launches directly: to record it first would take half as long again as the launch alone. For several
         threads it is recorded, since only this one may ask Warp.
-
-        Raises:
-            OutOfTimeError: In ``limited``, after its time.
         """
         working_seconds()
         if self._most == 1:

@@ -43,10 +43,8 @@ def file_path(path: str | os.PathLike) -> Path:
 def write_whole(path: str | os.PathLike, content: bytes, kind: FileKind | None = None) -> None:
     """Write a file so that nobody ever sees half of it, even after a crash or on a full disk.
 
-    A symbolic link is kept, and the file that it points to is written. ``kind`` is that of ``check_writable``.
-
-    Raises:
-        FileFormatError: If it cannot be written; an existing file is then untouched.
+    A symbolic link is kept, and the file that it points to is written. ``kind`` is that of ``check_writable``. Raises
+    ``FileFormatError`` if it cannot be written; an existing file is then untouched.
     """
     check_writable(path, kind=kind)
     given, path, temporary = file_path(path), Path(os.path.realpath(path)), None
@@ -70,15 +68,9 @@ def write_whole(path: str | os.PathLike, content: bytes, kind: FileKind | None =
 def check_writable(path: str | os.PathLike, *inputs: str | os.PathLike, kind: FileKind | None = None) -> None:
     """Find out before long work whether its result can be written at the end; changes nothing.
 
-    Args:
-        path: File to write.
-        *inputs: Files that the work reads, if they exist.
-        kind: What is written. An existing file is then replaced only if it has that kind's suffix or content: a shape,
-            or whatever else a slip of the hand names, is kept.
-
-    Raises:
-        FileFormatError: If the path is a folder or a device, cannot be written to, is one of the inputs, or such a
-            file.
+    An existing file is replaced only if it has the suffix or content of the ``kind``: a shape, or whatever else a slip
+    of the hand names, is kept. Raises ``FileFormatError`` for such a file, a path that is a folder or a device or
+    cannot be written to, and one of the ``inputs``.
     """
     given = file_path(path)
     if not os.fspath(path) or "\0" in str(given):

@@ -91,9 +91,8 @@ def _connected(faces: np.ndarray) -> np.ndarray:
 
 PLACE = 3  # coordinates of space
 MOST_POSES = 5  # pose numbers
-ALLOWANCE = (
-    2.0**-38
-)  # of the size of all: by how much a gap may be off; each number of it goes through some tens of roundings of 2^-53
+# of the size of all: by how much a gap may be off; each number of it goes through some tens of roundings of 2^-53
+ALLOWANCE = 2.0**-38
 DEVICE = "cpu"
 
 

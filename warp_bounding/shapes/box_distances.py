@@ -158,9 +158,9 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
 # Taken are m = 1 and the function's own slope along n; n leads from the piece's nearest point to the centre of the box,
 # or out of the piece's nearest face where the centre lies in it.
 
-ROOM = (
-    2.0**-44
-)  # relative to all coordinates and values: some hundred times what float64 rounds in these few sums and products
+# relative to all coordinates and values: some hundred times what float64 rounds in these few sums and products
+
+ROOM = 2.0**-44
 SHORTEST = 2.0**-300  # a piece that is nearer to the centre has no direction
 
 

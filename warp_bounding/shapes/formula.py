@@ -65,14 +65,10 @@ def widened(corner: np.ndarray, step: np.ndarray, sign: int) -> np.ndarray:
 
 
 class Interval:
-    """Closed intervals ``[low, high]``, one for each of N boxes; numbers among the operands are exact.
+    """Closed intervals ``[low, high]``, ``(N,)`` float64, one a box; one argument is both ends, and numbers are exact.
 
     Overflow makes a bound infinite or the largest number, which is sound; a NaN bounds nothing, and every comparison
     with it is false. The caller silences the warnings of NumPy (``np.errstate``).
-
-    Args:
-        low: ``(N,)`` float64.
-        high: ``(N,)`` float64; as ``low`` where it is left out.
     """
 
     __slots__ = ("high", "low")
@@ -183,17 +179,7 @@ TIMES = 32  # cells of time
 
 
 def cells_of(shape: Shape, resolution: int | None, margin: float) -> Grid:
-    """The cells that a shape and its margin may meet.
-
-    Args:
-        shape: A certified shape of at most ``MOST_AXES`` coordinates, not dilated or dilated by ``margin``.
-        resolution: Cells along the longest side of the dilated object, 2 to 1024; 64 for ``None``. Time has ``TIMES``.
-        margin: Object units, at least 0.
-
-    Raises:
-        ShapeError: For a shape without certificates or of too many coordinates, an impossible resolution or
-            margin, or more cells than this machine can hold.
-    """
+    """The cells that a certified shape of ``MOST_AXES`` axes at most and its margin may meet (``Shape.to_grid``)."""
     resolution, margin = checked_resolution(resolution), checked_margin(margin)
     if not shape.certified:
         raise ShapeError(f"{shape.name}: cells need a shape that certifies boxes empty, and this one cannot")
@@ -272,28 +258,9 @@ class Formula(Shape):
         return f"<{type(self).__name__} {self.name}: {', '.join(words + [self.restriction] * bool(self.restriction))}>"
 
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> Grid:
-        """A ``Grid`` of closed cells that hold every point within ``margin`` of the shape, at most 4-D.
-
-        Args:
-            resolution: Cells along the longest side of the dilated object, 2 to 1024; 64 for ``None``.
-            margin: Object units, at least 0.
-
-        Raises:
-            ShapeError: For a shape without certificates or of more than 4 coordinates, an impossible resolution
-                or margin, or more cells than this machine can hold.
-        """
         return cells_of(self, resolution, margin)
 
     def check_contents(self, *, count: int = 4096, seed: int = 0) -> None:
-        """Refuse a shape that holds nothing or everything, as far as a search tells.
-
-        Args:
-            count: Random points, and boxes of a search at a time for a shape that certifies boxes.
-            seed: Of the random points.
-
-        Raises:
-            ShapeError: If no point was found in the object, or of random points none outside.
-        """
         x = np.random.default_rng(seed).uniform(self.sample_lower, self.sample_upper, (count, self.ndim))
         held = self.contains(x)
         if held.all():
@@ -354,15 +321,10 @@ class Solid(Formula):
         """Encloses the gap over boxes, given as one interval for each coordinate, before it is lowered."""
 
     def gap(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Certified bounds of the gap over closed boxes.
+        """Certified bounds of the gap over closed boxes of corners ``(N, n)`` float64.
 
-        Args:
-            lower: ``(N, n)`` float64, lower corners.
-            upper: ``(N, n)`` float64, upper corners.
-
-        Returns:
-            ``(N,)`` lower and ``(N,)`` upper bounds, float64, object units: above 0 outside the object, and there at
-            most the distance to it. NaN where a corner is NaN.
+        ``(N,)`` lower and ``(N,)`` upper bounds, float64, object units: above 0 outside the object, and there at most
+        the distance to it. NaN where a corner is NaN.
         """
         with np.errstate(all="ignore"):
             gap = self._lowered(columns(lower, upper))
@@ -404,7 +366,6 @@ class Solid(Formula):
 
     @property
     def geometry(self) -> str:
-        """SHA-256 of the solid's kind and numbers, the margin not included; the name does not enter."""
         return self._digest
 
     def decide(self, x: np.ndarray) -> np.ndarray:
@@ -420,21 +381,15 @@ class Solid(Formula):
         return (self.gap(lower, upper)[1] <= 0) & _are_boxes(lower, upper)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from points to the object, in space; 0 out of its time."""
         x = np.asarray(x, dtype=np.float64)
         return self.clearance(x, x)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from boxes to the object, in space; 0 out of its time."""
         low = self.gap(lower, upper)[0]
         return np.where((low > 0) & (low < np.inf) & _are_boxes(lower, upper), low, 0.0)
 
     def dilated(self, margin: float) -> "Solid":
-        """The solid and all points within ``margin`` of it; where ``exact`` is False, a little more near edges.
-
-        Raises:
-            ShapeError: For a margin that is negative or not finite, or a solid that is dilated already.
-        """
+        """The solid and all points within ``margin`` of it; where ``exact`` is False, a little more near edges."""
         margin = self._new_margin(margin)
         if margin is None:
             return self
@@ -453,9 +408,6 @@ class Foreign(Solid):
     """Any shape as a part of a solid; its gap is the distance, and in the object that to the border, which is unknown.
 
     A difference takes away the whole of it, with its border: in the object the gap is under 0 by ``LEAST`` or more.
-
-    Args:
-        shape: Any shape.
     """
 
     def __init__(self, shape: Shape):

@@ -39,9 +39,6 @@ class Answers:
         what: Its name, for messages.
         name: The shape's name, for messages.
         numbers: Whether it returns ``(N,)`` numbers instead of ``(N,)`` truth values.
-
-    Raises:
-        ShapeError: If it cannot be called.
     """
 
     def __init__(self, function: Callable, what: str, name: str, *, numbers: bool = False):
@@ -62,11 +59,7 @@ class Answers:
         return Answers(deepcopy(self.function, memo), self.what, self.name, numbers=self.numbers)
 
     def __call__(self, *arrays: np.ndarray) -> np.ndarray:
-        """The answers ``(N,)``, bool or float64, to finite arrays.
-
-        Raises:
-            ShapeError: If the function raises, or its answers cannot be relied on.
-        """
+        """The answers ``(N,)``, bool or float64, to finite arrays; ``ShapeError`` where they cannot be relied on."""
         if not len(arrays[0]):
             return np.zeros(0, dtype=np.float64 if self.numbers else bool)
         answer = self._query(arrays)
@@ -76,11 +69,7 @@ class Answers:
         return answer
 
     def compare(self, answer: np.ndarray, arrays: tuple[np.ndarray, ...], order: np.ndarray) -> None:
-        """Ask again, with the rows in another order.
-
-        Raises:
-            ShapeError: If a row gets another answer.
-        """
+        """Ask again, with the rows in another order; ``ShapeError`` if a row gets another answer."""
         again = self._query([array[order] for array in arrays])
         before = answer[order]
         if self.numbers:
@@ -170,14 +159,7 @@ class Distance(NamedTuple):
 
 
 def refute(shape: Shape, distance: Distance | None, count: int, seed: int) -> Counterexample | None:
-    """What contradicts a shape; ``None`` where nothing was found, which proves nothing.
-
-    Args:
-        shape: Not dilated.
-        distance: What its answers rest on; ``None`` if that is no distance.
-        count: Random points of each kind.
-        seed: Of the random numbers.
-    """
+    """What contradicts an undilated shape, or the distance that its answers rest on; ``None`` proves nothing."""
     with np.errstate(invalid="ignore", over="ignore"):  # infinite distances
         return _Search(shape, distance, count, np.random.default_rng(seed)).run()
 
@@ -467,7 +449,6 @@ class Function(Combinable, Formula):
         return held
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes hold no point of the object, provided the functions are what they claim."""
         lower, upper, real = _finite_boxes(lower, upper)
         found = ((lower > self.upper) | (upper < self.lower)).any(axis=1)
         left = real & ~found
@@ -524,11 +505,7 @@ class Function(Combinable, Formula):
         """The object, and all points of its box, wider by ``margin``, whose distance, over L, is at most ``margin``.
 
         Among them are all points within ``margin`` of the object, and there are no others if ``distance`` is the
-        Euclidean distance and L is 1.
-
-        Raises:
-            ShapeError: For a margin that is negative or not finite, a shape that is dilated already, a function
-                without a distance, or one of time.
+        Euclidean distance and L is 1. Raises ``ShapeError`` also for a function without a distance, or one of time.
         """
         margin = self._new_margin(margin)
         if margin is None:
@@ -575,11 +552,6 @@ class Function(Combinable, Formula):
         return refute(undilated, reported, count, seed)
 
     def check(self) -> None:
-        """Raise what ``refute`` finds.
-
-        Raises:
-            ShapeError: With the counterexample.
-        """
         found = self.refute()
         if found is not None:
             raise ShapeError(f"{self.name}: {found.message}")

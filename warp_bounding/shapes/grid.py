@@ -37,12 +37,9 @@ def summed_area(occupancy: np.ndarray) -> np.ndarray:
 
 
 def block_counts(table: np.ndarray, first: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """``(N,)`` int64, occupied cells in blocks; 0 where a block has no cell.
+    """``(N,)`` int64, occupied cells in blocks by the ``summed_area``; 0 where a block has no cell.
 
-    Args:
-        table: A grid's ``summed_area``.
-        first: ``(N, n)`` int64, first cells, from 0 to the grid's shape.
-        end: ``(N, n)`` int64, one past the last cells, from 0 to the grid's shape.
+    First cells and one past the last, ``(N, n)`` int64, are from 0 to the grid's shape.
     """
     end, count = np.maximum(end, first), np.zeros(len(first), dtype=np.int64)
     for sides in np.ndindex((2,) * table.ndim):
@@ -52,15 +49,9 @@ def block_counts(table: np.ndarray, first: np.ndarray, end: np.ndarray) -> np.nd
 
 
 def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Halve a grid along its longest axis until every box is full or empty (a k-d tree over a summed-area table).
+    """Disjoint boxes of cells that cover what is occupied: halved along the longest axis until all are full or empty.
 
-    Args:
-        occupancy: bool, n axes.
-        flat: An axis along which boxes are one cell thick; none if ``None``.
-
-    Returns:
-        First cells ``(N, n)`` int64 and one past the last cells ``(N, n)``; the boxes are disjoint and cover what is
-        occupied.
+    First cells ``(N, n)`` int64 and one past the last. Along an axis ``flat`` boxes are one cell thick.
     """
     table, ndim = summed_area(occupancy), occupancy.ndim
     layers = 1 if flat is None else occupancy.shape[flat]
@@ -238,7 +229,6 @@ class Grid(Shape):
 
     @property
     def ndim(self) -> int:
-        """Number of coordinates n of the shape."""
         return self.occupancy.ndim
 
     @property
@@ -452,9 +442,6 @@ class Grid(Shape):
         Args:
             resolution: Must be ``None``: a grid brings its own.
             margin: Object units, at least 0; cells are added around the grid where the dilated object needs them.
-
-        Returns:
-            A grid whose cells cover the dilated object.
 
         Raises:
             ShapeError: For a resolution, or a negative or non-finite margin.

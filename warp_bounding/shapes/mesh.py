@@ -82,15 +82,12 @@ class Faces(Shape):
         return self._dilated_solid.decide(x)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes hold no point of the object; see ``Shape``."""
         return self._dilated_solid.empty(lower, upper)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes lie in the object whole; see ``Shape``."""
         return self._dilated_solid.inside(lower, upper)
 
     def distance(self, x: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from points to the object, within a few roundings outside; 0 in it."""
         return self.distances(x)[:, 0]
 
     def distances(self, x: np.ndarray) -> np.ndarray:
@@ -195,8 +192,7 @@ class Mesh(Faces):
         if self._empty and (edges := self._turns[0]):
             raise ShapeError(
                 f"{self.name}: hollow='empty' needs faces that are turned alike, with all normals outwards; at "
-                f"{edges:,} edges they are not "
-                "(trimesh's fix_normals turns them)"
+                f"{edges:,} edges they are not (trimesh's fix_normals turns them)"
             )
         if self._empty and self._solid.both:
             raise ShapeError(
@@ -213,7 +209,6 @@ class Mesh(Faces):
 
     @property
     def ndim(self) -> int:
-        """Number of coordinates: 3."""
         return 3
 
     @cached_property
@@ -224,12 +219,10 @@ class Mesh(Faces):
 
     @cached_property
     def lower(self) -> np.ndarray:
-        """``(3,)`` float64, lower corner of a box that holds the faces and the margin."""
         return self._corner(0)
 
     @cached_property
     def upper(self) -> np.ndarray:
-        """``(3,)`` float64, upper corner of that box."""
         return self._corner(1)
 
     @cached_property
@@ -277,7 +270,6 @@ class Mesh(Faces):
         return self._solid.dilated(self.lower, self.upper, self.margin)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from closed boxes to the object; see ``Shape``."""
         return self._dilated_solid.clearance(lower, upper)
 
     def depth(self, x: np.ndarray) -> np.ndarray:
@@ -390,27 +382,14 @@ class Mesh(Faces):
 
 
 def mesh_of(vertices: np.ndarray, faces: np.ndarray, **about: str) -> "Mesh | Recentred":
-    """The mesh of vertices as read, also float64; ``Recentred`` where they lie too far from 0 for float32.
-
-    Raises:
-        ShapeError: As ``Mesh`` does.
-    """
+    """The mesh of vertices as read, also float64; ``Recentred`` where they lie too far from 0 for float32."""
     local, frame = recentred(np.asarray(vertices))
     mesh = Mesh(local, faces, **about)
     return mesh if frame is None else Recentred(mesh, frame)
 
 
 def check_faces(faces: np.ndarray, vertices: int, name: str) -> None:
-    """Refuse faces that are not triangles of existing vertices.
-
-    Args:
-        faces: Should be ``(F, 3)`` integers from 0 to ``vertices - 1``, with F of at least 1.
-        vertices: How many there are.
-        name: For messages.
-
-    Raises:
-        ShapeError: Naming what was expected and what came.
-    """
+    """Raise ``ShapeError`` for faces that are not ``(F, 3)`` integers from 0 to ``vertices - 1``, F of at least 1."""
     if faces.size == 0:
         raise ShapeError(f"{name}: expected a mesh with faces, got none")
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.dtype.kind not in "iu":

@@ -122,12 +122,10 @@ class MovingMesh(Faces):
 
     @cached_property
     def lower(self) -> np.ndarray:
-        """``(4,)`` float64: the first time, and the lower corner of a box that holds the faces and the margin."""
         return np.insert(self._corner(0), 0, self.times[0])
 
     @cached_property
     def upper(self) -> np.ndarray:
-        """``(4,)`` float64: the last time, and the upper corner of that box."""
         return np.insert(self._corner(1), 0, self.times[-1])
 
     @cached_property
@@ -166,14 +164,12 @@ class MovingMesh(Faces):
 
     @cached_property
     def speed(self) -> float:
-        """How fast points of the object move at most, object units per unit of time, rounded up; see ``Shape``."""
         used = self.frames[:, np.unique(self.faces)].astype(np.float64)
         ways = np.linalg.norm(np.diff(used, axis=0), axis=2).max(axis=1)
         return float((ways / np.diff(self.times.astype(np.float64))).max() * (1 + 1e-12)) + float(np.finfo(float).tiny)
 
     @property
     def knots(self) -> np.ndarray:
-        """``(K,)`` float64, the times of the keyframes."""
         return self.times.astype(np.float64)
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -286,14 +282,7 @@ MOST = 2**16  # corners at keyframes; of more only every second, or third, is on
 
 
 def corner_places(times: np.ndarray, frames: np.ndarray, faces: np.ndarray, margin: float) -> np.ndarray:
-    """``(P, 4)`` float64, time first: vertices of faces at keyframes; for a margin, what lies over them on either side.
-
-    Args:
-        times: ``(K,)``.
-        frames: ``(K, V, 3)``.
-        faces: ``(F, 3)``.
-        margin: Object units.
-    """
+    """``(P, 4)`` float64, time first: vertices of faces at keyframes; with a margin, what lies over them either way."""
     used = np.unique(faces)
     stride = max(1, len(frames) * len(used) // MOST)
     found = []
@@ -320,16 +309,7 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def random_places(
     times: np.ndarray, frames: np.ndarray, faces: np.ndarray, margin: float, count: int, rng: np.random.Generator
 ) -> np.ndarray:
-    """``(count, 4)`` float64, time first, uniform: points of faces, uniform by their area at the keyframe before.
-
-    Args:
-        times: ``(K,)``.
-        frames: ``(K, V, 3)``.
-        faces: ``(F, 3)``.
-        margin: How far points may be from the faces, object units.
-        count: How many.
-        rng: Source of randomness.
-    """
+    """``(count, 4)`` float64, time first, up to ``margin`` from faces, uniform by their area at the keyframe before."""
     times = times.astype(np.float64)
     time = np.sort(rng.uniform(times[0], times[-1], count))
     edges = np.searchsorted(time, times[1:-1])

@@ -199,8 +199,7 @@ def expect_near(vertices: np.ndarray, name: str) -> None:
     if (frame := recentred(vertices)[1]) is not None:
         raise ShapeError(
             f"{name}: float32 is too coarse for vertices at {list(frame.origin)}; subtract an origin from them first, "
-            "as load_shape does for "
-            "a mesh at rest"
+            "as load_shape does for a mesh at rest"
         )
 
 

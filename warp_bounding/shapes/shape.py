@@ -38,16 +38,7 @@ DEFAULT_RESOLUTION, MAX_RESOLUTION = 64, 1024  # cells along the longest axis of
 
 
 def check_memory(needed: float, what: str, advice: str) -> None:
-    """Refuse a step that needs more than all of the machine's memory.
-
-    Args:
-        needed: Bytes that the step holds at a time, about.
-        what: What needs them, for the message.
-        advice: What would need less.
-
-    Raises:
-        ShapeError: With both numbers.
-    """
+    """Raise ``ShapeError`` where about ``needed`` bytes for ``what`` are more than all of the memory."""
     there = _memory()
     if there is not None and needed > there:
         raise ShapeError(
@@ -90,13 +81,7 @@ def checked_margin(margin: float) -> float:
 def cells_per_unit(extent: float, resolution: int, name: str) -> float:
     """Cubic cells along an extent, rounded to few significant bits: they are never smaller than requested.
 
-    Args:
-        extent: Object units.
-        resolution: Cells along it.
-        name: For messages.
-
-    Raises:
-        ShapeError: If float32 cells cannot divide it.
+    Raises ``ShapeError`` if float32 cells cannot divide it.
     """
     mantissa, exponent = math.frexp(resolution / extent)
     scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
@@ -109,14 +94,7 @@ def cells_per_unit(extent: float, resolution: int, name: str) -> float:
 def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) -> tuple[np.ndarray, np.ndarray]:
     """First and last cell of a grid around an object: all cells that it may meet, and one more on every side.
 
-    Args:
-        lower: ``(3,)``, in cells from the origin.
-        upper: ``(3,)``, in cells from the origin.
-        reach: By how much the object is dilated, in cells.
-        name: For messages.
-
-    Raises:
-        ShapeError: If that is too far from the origin.
+    Corners ``(3,)`` and the reach, by which it is dilated, are in cells. Raises ``ShapeError`` too far from the origin.
     """
     from warp_bounding.shapes.triangles.cells import SLACK
 
@@ -168,18 +146,12 @@ LEFT = 0.01  # of a cell of time: as much may be left out at the ends of the ran
 
 
 def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, float, int]:
-    """Cells of time that lie between two times and leave little of the range out.
+    """Cells of time that lie between two float32 times and leave little of the range out.
 
     A rate has few significant bits and a first face lies at a multiple of half a cell, so cells seldom begin and end
     where the range does. Of all rates for ``count`` to ``count + SPARE`` cells, this is the first that leaves out
     ``LEFT`` of a cell or less, or else the best: of 32 cells between random times, half leave out less than 0.2 % of
     the range, all less than 1.5 %.
-
-    Args:
-        start: Unit of time, float32.
-        end: Unit of time, float32.
-        count: Number of cells that is requested.
-        name: For messages.
 
     Returns:
         Cells per unit of time, where the first cell begins (in cells, a multiple of 1/2), and their number.
@@ -287,11 +259,7 @@ class Pieces(NamedTuple):
 
     @classmethod
     def of(cls, whole: str, count: int, held: Iterable[int], name: str = "pieces") -> "Pieces":
-        """Checked.
-
-        Raises:
-            ShapeError: For numbers of no pieces, or none at all.
-        """
+        """Checked; raises ``ShapeError`` for numbers of no pieces, or none at all."""
         numbers = list(held)
         fine = all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n < count for n in numbers)
         if not numbers or not fine:
@@ -488,26 +456,14 @@ class Shape(Picklable, ABC):
         """``(N,)`` uint8 for points ``(N, n)``, float32 or float64: certainly ``OUT`` or ``IN``, or ``UNDECIDED``."""
 
     def contains(self, x: np.ndarray) -> np.ndarray:
-        """The truth for points; those that cannot be decided count as object.
-
-        Args:
-            x: ``(N, n)`` float32 or float64, object space. NaN is nowhere.
-
-        Returns:
-            ``(N,)`` bool.
-        """
+        """The truth ``(N,)`` bool for points ``(N, n)``; what cannot be decided counts as object. NaN is nowhere."""
         return self.decide(x) != OUT
 
     @abstractmethod
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Certified: which closed boxes hold no point of the object.
+        """Certified, ``(N,)`` bool: which closed boxes ``(N, n)`` float64 hold no point of the object.
 
-        Args:
-            lower: ``(N, n)`` float64, lower corners.
-            upper: ``(N, n)`` float64, upper corners.
-
-        Returns:
-            ``(N,)`` bool. False proves nothing; for NaN, and lower above upper, it is False.
+        False proves nothing; for NaN, and lower above upper, it is False.
         """
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -592,30 +548,14 @@ class Shape(Picklable, ABC):
         return None
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Random points of the object, up to rounding, where the shape can name some however thin it is.
-
-        Args:
-            count: How many.
-            rng: Source of randomness.
-
-        Returns:
-            ``(count, n)`` float64, or ``(0, n)`` where it cannot.
-        """
+        """Random points ``(count, n)`` of the object, up to rounding, however thin; ``(0, n)`` where it names none."""
         return np.empty((0, self.ndim))
 
     def check(self) -> None:
-        """Look for points that contradict what the shape claims of itself, where it rests on somebody's word.
-
-        Raises:
-            ShapeError: With the counterexample.
-        """
+        """Raise ``ShapeError`` with a point that contradicts what somebody has said of the shape."""
 
     def check_contents(self) -> None:
-        """Refuse a shape that a search finds to hold nothing, or everything.
-
-        Raises:
-            ShapeError: If no point was found in the object, or none outside.
-        """
+        """Raise ``ShapeError`` where a search finds no point in the object, or none outside."""
 
     # --- what can be made of it --------------------------------------------------------------------------------------
 

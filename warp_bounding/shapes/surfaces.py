@@ -6,14 +6,9 @@ import numpy as np
 
 
 def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows in lexicographic order, each once.
+    """Rows ``(N, k)`` without NaN in lexicographic order, each once.
 
-    Args:
-        rows: ``(N, k)`` numbers without NaN.
-
-    Returns:
-        ``(U, k)`` the distinct rows; ``(U,)`` int64, where each occurs first; and ``(N,)`` int64, which of them each
-        row is.
+    The distinct rows ``(U, k)``; ``(U,)`` int64, where each occurs first; ``(N,)`` int64, which of them each row is.
     """
     order = np.lexsort(rows.T[::-1])  # stable: the first of equal rows comes first
     ordered = rows[order]
@@ -66,24 +61,19 @@ class Surface:
         if not self.closed.any():
             return (
                 "surface only: the mesh is open, so just the surface and the margin around it are bounded, and what "
-                "lies "
-                "deeper inside counts as outside"
+                "lies deeper inside counts as outside"
             )
         return (
-            f"surface only for {int(self.loose.sum())} of {len(self.loose)} faces: there the mesh is open, so just the "
-            "surface "
-            "and the margin around it are bounded, and what lies deeper inside counts as outside; closed parts are "
-            "bounded whole"
+            f"surface only for {int(self.loose.sum())} of {len(self.loose)} faces: there the mesh is open, so just "
+            "the surface and the margin around it are bounded, and what lies deeper inside counts as outside; closed "
+            "parts are bounded whole"
         )
 
 
 def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
     """Tell the closed parts of a mesh from its open ones.
 
-    Args:
-        vertices: ``(V, 3)``, or ``(V, 3 K)`` for K keyframes, side by side: vertices are one where all numbers are
-            equal.
-        faces: ``(F, 3)``, indices of vertices.
+    Vertices are ``(V, 3)``, or ``(V, 3 K)`` for K keyframes, side by side: they are one where all numbers are equal.
     """
     _, _, merged = distinct_rows(vertices)
     corners = np.sort(merged[faces], axis=1)
@@ -96,16 +86,12 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
 
 
 def turns_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, bool]:
-    """How the faces of closed parts are turned.
-
-    Args:
-        vertices: ``(V, 3)``; those at equal places are one.
-        faces: ``(F, 3)``, all of closed parts.
+    """How the faces ``(F, 3)`` of closed parts are turned; vertices ``(V, 3)`` at equal places are one.
 
     Returns:
-        Edges that faces do not run through as often one way as the other: 0 where faces are turned alike. And whether
-        the faces are one piece that meets two by two at its edges, so that there is one inside, but where it passes
-        through itself.
+        Edges that faces do not run through as often one way as the other: 0 where faces are turned alike. And
+            whether the faces are one piece that meets two by two at its edges, so that there is one inside, but where
+            it passes through itself.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -129,8 +115,7 @@ def turns_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, bool]:
 def _without_free_edges(faces: np.ndarray) -> np.ndarray:
     """``(F,)`` bool: the faces that stay when those with an edge of their own are taken away, again and again.
 
-    Args:
-        faces: ``(F, 3)``, ascending in each row, no two rows the same.
+    Rows are ascending, no two the same.
     """
     pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [0, 2]]])
     unique, _, edge = distinct_rows(pairs)
@@ -176,15 +161,9 @@ SEED = 0  # of the random numbers
 
 
 def cycles_of(vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray) -> np.ndarray:
-    """The numbers of faces.
+    """The numbers ``(F,)`` uint64 of faces; 0 for a face in no cycle, for the doubles of a face, and if not ``closed``.
 
-    Args:
-        vertices: ``(V, 3)``; those at equal places are one.
-        faces: ``(F, 3)`` integers.
-        closed: ``(F,)`` bool, the faces that count (``surface_of``).
-
-    Returns:
-        ``(F,)`` uint64; 0 for a face in no cycle, and for the doubles of a face.
+    Vertices ``(V, 3)`` at equal places are one.
     """
     numbers = np.zeros(len(faces), dtype=np.uint64)
     places = np.flatnonzero(closed)
@@ -201,14 +180,7 @@ def cycles_of(vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray) -> np
 
 
 def _numbers(edge: np.ndarray, face: np.ndarray, count: np.ndarray, faces: int) -> np.ndarray:
-    """Of each face.
-
-    Args:
-        edge: Of each edge of a face.
-        face: Of each edge of a face.
-        count: Faces of each edge.
-        faces: How many there are.
-    """
+    """Of each of so many faces; ``edge`` and ``face`` of each edge of a face, ``count`` faces of each edge."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

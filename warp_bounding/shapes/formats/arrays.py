@@ -48,11 +48,7 @@ class Threshold:
 
     @classmethod
     def of(cls, given: object) -> "Threshold":
-        """From a number, from which on values are occupied, or a text such as ``"<128"``.
-
-        Raises:
-            ShapeError: For anything else.
-        """
+        """From a number, from which on values are occupied, or a text such as ``"<128"``; ``ShapeError`` for others."""
         found = _THRESHOLD.fullmatch(
             str(float(given)) if _is_number(given) else given if isinstance(given, str) else ""
         )
@@ -172,18 +168,9 @@ class Cells(NamedTuple):
 def grid_of(
     array: np.ndarray, name: str, time: bool | None, wanted: Wanted, placement: Placement, remark: str = ""
 ) -> Grid | Recentred:
-    """The shape of an array of truth values or numbers.
+    """The shape of an array of truth values or numbers; time comes first in 4-D if ``time`` is ``None``.
 
-    Args:
-        array: n-D.
-        name: For messages.
-        time: Whether coordinate 0 is time; ``None``: it is in 4-D.
-        wanted: Which values are occupied; without a threshold they are truth values, or 0 and 1.
-        placement: Of the cells.
-        remark: See ``Shape``.
-
-    Raises:
-        ShapeError: For an array that cannot be bounded, or of which it is not clear what is occupied.
+    Raises ``ShapeError`` for an array that cannot be bounded, or of which it is not clear what is occupied.
     """
     if isinstance(array, np.ma.MaskedArray):
         raise ShapeError(f"{name}: expected a plain array, got a masked one; fill it first")
@@ -237,29 +224,25 @@ def _what_to_say(array: np.ndarray) -> str:
     got = f"got {array.dtype} from {low:g} to {high:g}"
     if _may_be_vertices(array):
         return (
-            f"expected truth values, {got} of shape {array.shape}; write load_shape((vertices, faces)) if these "
-            "are a "
+            f"expected truth values, {got} of shape {array.shape}; write load_shape((vertices, faces)) if these are a "
             "mesh's vertices, load_shape(a >= 0.5) if they are cells, occupied from 0.5 on"
         )
     if _is_map(array) and not _may_be_vertices(array) and (array.dtype.kind == "i" or high > 1):
         return (
             f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give threshold='>=65', and "
-            "unknown='free' if cells "
-            "of -1 are free, else they count as occupied"
+            "unknown='free' if cells of -1 are free, else they count as occupied"
         )
     if low < 0:
         return (
             f"expected truth values, or 0 and 1, {got}; write load_shape(a <= 0) for signed distances, negative "
-            "inside, "
-            "load_shape(a > 0) if the object is where they are positive; for a file threshold='<=0' or '>0'"
+            "inside, load_shape(a > 0) if the object is where they are positive; for a file threshold='<=0' or '>0'"
         )
     top = high if np.isfinite(high) else array[np.isfinite(array)].max(initial=0)
     middle = 128 if array.dtype == np.uint8 else 0.5 if top <= 1 else float(f"{low / 2 + top / 2:.3g}")
     grey = ", a being the grey of a picture, such as rgb.mean(axis=2)" * (array.ndim == 3 and array.shape[2] in (3, 4))
     return (
         f"expected truth values, or 0 and 1, {got}; write load_shape(a < {middle:g}) if low values, the dark of a "
-        f"map, are occupied, load_shape(a >= {middle:g}) if high ones are{grey}; for a file "
-        f"threshold='<{middle:g}' "
+        f"map, are occupied, load_shape(a >= {middle:g}) if high ones are{grey}; for a file threshold='<{middle:g}' "
         f"or '>={middle:g}'"
     )
 

@@ -21,18 +21,7 @@ LONGEST_HEADER = 4096  # bytes
 
 
 def read_binvox(path: Path) -> Cells:
-    """Read the occupancy of a ``.binvox`` file.
-
-    Args:
-        path: An existing file.
-
-    Returns:
-        ``(X, Y, Z)`` bool, and what is to be said of the header's ``translate`` and ``scale``; nothing where they are 0
-        and 1.
-
-    Raises:
-        ShapeError: For anything that is not a complete, exact binvox file.
-    """
+    """Read occupancy ``(X, Y, Z)`` bool; ``ShapeError`` for anything that is not a complete, exact binvox file."""
     content = path.read_bytes()
     shape, start, header = _read_header(path, content)
     if (len(content) - start) % 2:

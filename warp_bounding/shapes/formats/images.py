@@ -46,19 +46,10 @@ def _check_frames(image, name) -> None:
 
 
 def read_png(path: Path, *, grey: bool) -> np.ndarray:
-    """Read a picture; coordinate 0 is the row, from the top.
+    """Read a picture ``(height, width)``; coordinate 0 is the row, from the top.
 
-    Args:
-        path: An existing file.
-        grey: Whether its grey values are wanted, 0 (black) to 255, or to 65,535 in a file of 16 bits; colours count by
-            their luma (ITU-R 601).
-
-    Returns:
-        ``(height, width)`` numbers; bool, where alpha is at least one half, if ``grey`` is not asked for.
-
-    Raises:
-        ShapeError: For a damaged file, an animation, a picture without alpha channel that no threshold is given
-            for, or grey values of one with transparent pixels.
+    Bool, where alpha is at least one half; or, if ``grey`` is asked for, 0 (black) to 255, or to 65,535 in a file of 16
+    bits. Colours count by their luma (ITU-R 601).
     """
     with opened(path, ("PNG",)) as image:
         return _pixels(image, path, grey=grey)
@@ -68,14 +59,7 @@ def alpha_of(image, name) -> np.ndarray | None:
     """0 to 255, 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparency.
 
     A PNG file may name one colour that is transparent, in its own bits. PIL keeps that number as it stands, and gives
-    grey of 2 and 4 bits and colours of 16 as 8 bits.
-
-    Args:
-        image: Of PIL, before its pixels are loaded: then it still knows how many bits the file has.
-        name: For messages.
-
-    Raises:
-        ShapeError: For a transparent colour of 16 bits, of which 8 bits do not tell the pixels.
+    grey of 2 and 4 bits and colours of 16 as 8 bits. How many bits the file has PIL knows before pixels are loaded.
     """
     bits = str(image.tile[0][3]) if getattr(image, "tile", None) else ""
     image.load()
@@ -99,8 +83,7 @@ def _pixels(image, name, *, grey: bool) -> np.ndarray:
     if grey and alpha is not None and alpha.min() < 255:
         raise ShapeError(
             f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are "
-            "not; "
-            "without threshold what is opaque is occupied"
+            "not; without threshold what is opaque is occupied"
         )
     if grey:
         return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))

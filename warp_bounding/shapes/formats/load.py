@@ -54,15 +54,7 @@ MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
 
 
 def read_mesh_data(path: Path) -> MeshData:
-    """Read the vertices and faces of a mesh file.
-
-    Args:
-        path: An existing file.
-
-    Raises:
-        ShapeError: In one line, for a file of another kind, one that is damaged, and one that holds what is not
-            read.
-    """
+    """Read the vertices and faces of a mesh file; ``ShapeError`` for one that is damaged or not read."""
     suffix = path.suffix.lower()
     if suffix not in MESH_READERS:
         raise ShapeError(f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}")
@@ -71,10 +63,7 @@ def read_mesh_data(path: Path) -> MeshData:
 
 
 def read_mesh(path: Path) -> Mesh | Recentred:
-    """Read a mesh file as ``read_mesh_data`` does.
-
-    Raises ``ShapeError`` also for what ``Mesh`` refuses.
-    """
+    """Read a mesh file as ``read_mesh_data`` does; ``ShapeError`` also for what ``Mesh`` refuses."""
     vertices, faces, notes = read_mesh_data(path)
     return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))
 
@@ -88,16 +77,7 @@ def read_mesh(path: Path) -> Mesh | Recentred:
 
 
 def with_hollow(shape, hollow: str):
-    """A shape whose hollows are filled or empty.
-
-    Args:
-        shape: A grid or a mesh.
-        hollow: One of ``HOLLOW``.
-
-    Raises:
-        ShapeError: For other shapes, and for a mesh whose faces do not tell air from solid parts, where hollows are
-            to be empty.
-    """
+    """A grid or a mesh whose hollows are filled or empty; ``ShapeError`` where that cannot be told."""
     if isinstance(shape, Recentred):
         return Recentred(with_hollow(shape.local, hollow), shape.coordinates)
     if isinstance(shape, Mesh):
@@ -200,18 +180,13 @@ _ARRAYS = (
 )
 _QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of a shape of one's own
 ACCEPTED = (
-    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or "
-    "an "
+    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an "
     "indicator"
 )
 
 
 def mesh_from(source: object) -> Mesh | Recentred | None:
-    """The shape of another library's mesh, or of arrays ``(vertices, faces)``; ``None`` for anything else.
-
-    Raises:
-        ShapeError: For a mesh that cannot be bounded.
-    """
+    """The shape of another library's mesh, or of arrays ``(vertices, faces)``; ``None`` for anything else."""
     if isinstance(source, tuple):
         return _from_pair(source)
     return _converted(source, _MESHES)
@@ -225,12 +200,8 @@ def array_from(source: object) -> np.ndarray | None:
 def function_from(source: object) -> Function | None:
     """The shape of an object that answers as a shape does; ``None`` for anything else.
 
-    Args:
-        source: Has ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty`` with the meaning that they have in
-            ``Shape``, and perhaps ``name``, ``note`` and ``time``.
-
-    Raises:
-        ShapeError: If its box or its answers contradict that.
+    It has ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty`` as in ``Shape``, and perhaps ``name``, ``note``,
+    ``time``.
     """
     if isinstance(source, type) or not all(hasattr(source, name) for name in _QUESTIONS):
         return None
@@ -348,9 +319,8 @@ def load_shape(
                 f"{found.name}: its own resolution and origin place it, got spacing={spacing}, origin={origin}"
             )
         place = found.placement or Placement(found.spacing if spacing is None else spacing, origin)
-        own = (
-            wanted if found.placement is None else Wanted()
-        )  # where it has a place of its own, its reader asked what is occupied
+        # where it has a place of its own, its reader asked what is occupied
+        own = wanted if found.placement is None else Wanted()
         placed = spacing is not None and origin is not None
         remark = "; ".join(filter(None, [found.remark, "" if placed else found.elsewhere]))
         found = grid_of(found.values, found.name, time, own, place, remark)

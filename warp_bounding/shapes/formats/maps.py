@@ -33,11 +33,7 @@ _LINE = re.compile(r"([A-Za-z_][\w-]*)\s*:(?:\s+(.*))?$")
 
 
 def read_pgm(path: Path) -> tuple[np.ndarray, int]:
-    """Grey values ``(height, width)`` of a PGM file, plain (P2) or binary (P5), top row first, and its white.
-
-    Raises:
-        ShapeError: For a file that is not one picture, whole.
-    """
+    """Grey values ``(height, width)`` of a PGM file, plain (P2) or binary (P5), top row first, and its white."""
     content = path.read_bytes()
     kind, found, position = content[:2], [], 2
     if kind not in (b"P2", b"P5"):
@@ -77,13 +73,8 @@ def read_pgm(path: Path) -> tuple[np.ndarray, int]:
 def read_ros_map(path: Path, wanted: Wanted) -> Cells:
     """A ROS map: the cells of the picture that its YAML file names, in metres.
 
-    Args:
-        path: Of the YAML file.
-        wanted: The threshold of a map of mode raw, and what unknown cells are.
-
-    Raises:
-        ShapeError: For a key that is missing or means nothing, an origin that is turned, or a picture that cannot
-            be read.
+    Raises ``ShapeError`` for a key that is missing or means nothing, an origin that is turned, or a picture of another
+    kind.
     """
     fields = _fields(path)
     if missing := [key for key in KEYS if key not in fields]:
@@ -161,12 +152,7 @@ def _shades(path: Path, *, trinary: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def read_movingai(path: Path) -> Cells:
-    """A map of Moving AI's benchmarks: cells of size 1, their centres on whole numbers.
-
-    Raises:
-        ShapeError: For another header, rows or columns that are not as many as it says, or characters that it does
-            not know.
-    """
+    """A map of Moving AI's benchmarks: cells of size 1, their centres on whole numbers."""
     with reading(path, "a Moving AI map"):
         lines = path.read_bytes().decode("ascii").replace("\r\n", "\n").rstrip("\n").split("\n")
     head = dict(words for line in lines[:3] if len(words := line.split()) == 2)

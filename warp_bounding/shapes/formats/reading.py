@@ -18,17 +18,10 @@ LONGEST_REASON = 200  # characters of a foreign error message that go into ours
 
 @contextlib.contextmanager
 def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
-    """Turn every exception of a foreign reader into one ``ShapeError`` of one line.
+    """Turn every exception of a foreign reader into a ``ShapeError`` of one line: what was ``expected``, and why.
 
     The readers of the file formats raise dozens of exception types on damaged input (``SyntaxError``, ``KeyError``,
     ``struct.error``, ...), none of them documented; hence the broad catch, which hides nothing: the cause is chained.
-
-    Args:
-        path: The file, for the message.
-        expected: What the file should hold.
-
-    Raises:
-        ShapeError: Naming the file, what was expected and what came.
     """
     try:
         yield
@@ -58,16 +51,7 @@ def _interrupts_held() -> Iterator[None]:
 
 
 def import_optional(module: str, package: str, path: str | os.PathLike) -> ModuleType:
-    """Import a module of an optional dependency.
-
-    Args:
-        module: Such as ``"PIL.Image"``.
-        package: The name that pip knows, for the message.
-        path: The file that needs it, for the message.
-
-    Raises:
-        ShapeError: Where it is not installed, with the command that installs it.
-    """
+    """Import a module of an optional dependency; ``ShapeError`` with the command that installs it if missing."""
     try:
         with _interrupts_held():
             return importlib.import_module(module)
@@ -135,19 +119,10 @@ def joined(parts: Iterable[tuple[np.ndarray, np.ndarray]], notes: Iterable[str] 
 
 
 def triangulated(vertices: np.ndarray, counts: np.ndarray, indices: np.ndarray, *, fans: bool = False) -> np.ndarray:
-    """Cut polygons into triangles.
+    """Cut polygons ``(P,)`` of so many corners, whose vertices come one after another, into triangles ``(T, 3)`` int64.
 
-    Args:
-        vertices: ``(V, 3)`` float64.
-        counts: ``(P,)``, how many corners each polygon has.
-        indices: ``(sum of counts,)``, vertices of the polygons, one after another.
-        fans: Whether all polygons become fans, also where these reach beside them.
-
-    Returns:
-        ``(sum of counts - 2, 3)`` int64, in the order of the polygons.
-
-    Raises:
-        ValueError: For polygons of fewer than three corners, or of vertices that are not there.
+    With ``fans`` all polygons become fans, also where these reach beside them. Raises ``ValueError`` for polygons of
+    fewer than three corners, or of vertices that are not there.
     """
     counts = np.asarray(counts, np.int64)
     if counts.size and counts.min() < 3:

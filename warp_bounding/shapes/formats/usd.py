@@ -29,18 +29,7 @@ MOST_NAMES = 3  # of prims, in a note
 
 
 def read_usd(path: Path) -> Mesh | Recentred:
-    """Read all shapes of a USD stage.
-
-    Args:
-        path: An existing ``.usd``, ``.usda``, ``.usdc`` or ``.usdz`` file.
-
-    Returns:
-        One mesh, in the coordinates of the stage's world.
-
-    Raises:
-        ShapeError: Where usd-core is missing, the file is damaged or refers to missing ones, there is no mesh in
-            it, a mesh is not one, or there are shapes that are not read.
-    """
+    """Read all shapes of a USD stage as one mesh, in world coordinates; ``ShapeError`` for what is not read."""
     usd = import_optional("pxr.Usd", "usd-core", path)
     tf = import_optional("pxr.Tf", "usd-core", path)
     utilities = import_optional("pxr.UsdUtils", "usd-core", path)

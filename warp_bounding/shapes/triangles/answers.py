@@ -243,13 +243,7 @@ def _inside(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
 def kernel_of(answer: wp.Function, mesh: type, point: type, module: str, dtype: type = wp.uint8, rows: int = 2):
     """The kernel that gives a mesh, and each query of one or two ``rows`` of points, to a function.
 
-    Args:
-        answer: Takes a ``mesh`` and the ``point`` of each row, such as the corners of a box; returns a ``dtype``.
-        mesh: ``Mesh`` or ``Motion``.
-        point: Warp's type of a point.
-        module: Where kernels are that are compiled together.
-        dtype: Warp's type of an answer.
-        rows: 1 or 2.
+    It answers with a ``dtype`` and is compiled with all others of the same ``module``.
     """
     name = f"{answer.key.strip('_')}_{len(point())}"
 

@@ -132,18 +132,9 @@ def solid_cells(
     margin: float | np.ndarray,
     air: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Occupy every closed cell within the margin of a triangle, or that may meet the inside of the closed parts.
+    """As ``surface_cells``; also cells that may meet the inside of ``closed`` parts. ``air`` is as of ``fill_inside``.
 
-    Args:
-        vertices: See ``surface_cells``.
-        faces: See ``surface_cells``.
-        closed: ``(F,)`` bool, the faces of closed parts (``surface_of``).
-        shape: See ``surface_cells``; there must be room for one empty cell on every side.
-        margin: See ``surface_cells``.
-        air: See ``fill_inside``.
-
-    Returns:
-        Bool array of the given shape.
+    There must be room for one empty cell on every side.
     """
     margin = np.broadcast_to(margin, len(faces))
     occupancy = np.zeros(shape, dtype=bool)
@@ -158,15 +149,9 @@ def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | N
     """Occupy what a flood from outside, from face to face through empty cells, does not reach.
 
     The empty closed cells that it reaches are connected and do not meet the surface, so none of them meets the inside
-    of a closed surface, however often that overlaps itself.
-
-    Args:
-        surface: ``(X, Y, Z)`` bool; the cells at its border are empty.
-        air: Told cells ``(N, 3)`` that do not meet the surface, says of which it is certain that they are outside all
-            the same; and with them all that are connected to them.
-
-    Returns:
-        ``(X, Y, Z)`` bool.
+    of a closed surface, however often that overlaps itself. Cells at the border are empty. ``air``, told cells ``(N,
+    3)`` that do not meet the surface, says of which it is certain that they, and all that are connected to them, are
+    outside.
     """
     from scipy import ndimage
 
@@ -362,13 +347,14 @@ class SidesGrid(NamedTuple):
 def build_sides(
     vertices: np.ndarray, faces: np.ndarray, triangles: Triangles, alike: bool = False, empty: bool = False
 ) -> SidesGrid:
-    """Find the sides of a grid's cells.
+    """Find the sides of a grid's cells around faces ``(F, 3)``, all of closed parts, and their hierarchy on the CPU.
 
     Args:
         vertices: ``(V, 3)`` float32.
-        faces: ``(F, 3)`` integers, all of them of closed parts.
-        triangles: The hierarchy of these faces, on the CPU.
-        alike: Whether faces are turned alike, and hollows may be told by winding numbers; else they are not counted.
+        faces: ``(F, 3)`` integers.
+        triangles: The hierarchy.
+        alike: Whether faces are turned alike, and hollows may be told by winding numbers; else they are not
+            counted.
         empty: Whether hollows are outside; only where faces are turned alike.
     """
     sides = Sides()

@@ -560,14 +560,9 @@ def gap(t: Ways, node: int, lower: wp.vec3, upper: wp.vec3) -> float:
 
 @wp.func
 def next_leaf(t: Any, start: int, lower: wp.vec3, upper: wp.vec3, reach: float) -> int:
-    """Go on with a walk: the first leaf from node ``start`` whose box is near enough, or the number of nodes.
+    """Go on with a walk: the first leaf from a node whose box is near enough, or the number of nodes.
 
-    Args:
-        t: The hierarchy.
-        start: Where the walk goes on.
-        lower: Of the box that is asked about, rounded outwards.
-        upper: Of that box.
-        reach: ``squared_reach`` of the margin.
+    The box that is asked about is rounded outwards; ``reach`` is the ``squared_reach`` of the margin.
     """
     node = wp.int32(start)
     while node < t.count:
@@ -594,12 +589,7 @@ def near_leaf(t: Any, lower: wp.vec3, upper: wp.vec3) -> int:
 
 
 def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Triangles:
-    """A hierarchy of triangles at rest, on the CPU.
-
-    Args:
-        corners: ``(F, 3, 3)`` float32: triangle, corner, coordinate.
-        cycles: ``(F,)`` uint64 (``surfaces.py``); zeros if ``None``.
-    """
+    """A hierarchy, on the CPU, of triangles at rest ``(F, 3, 3)`` float32, with ``cycles`` ``(F,)`` uint64 or zeros."""
     cycles = np.zeros(len(corners), dtype=np.uint64) if cycles is None else cycles
     low, high = _boxes(corners)
     order = _order([(low, high)])
@@ -615,14 +605,7 @@ def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Triangles:
 
 
 class MovingTriangles:
-    """A hierarchy of triangles that move, on the CPU.
-
-    Args:
-        times: ``(K,)``.
-        frames: ``(K, V, 3)`` float32.
-        faces: ``(F, 3)`` integers.
-        cycles: ``(F,)`` uint64 (``surfaces.py``); zeros if ``None``.
-    """
+    """A hierarchy, on the CPU, of triangles that move: times ``(K,)``, frames ``(K, V, 3)``, faces ``(F, 3)``."""
 
     def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, cycles: np.ndarray | None = None):
         self._frames = frames
@@ -888,12 +871,8 @@ def _above(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, turn: int, loose: w
 def crossing(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, axis: int, loose: wp.float64) -> int:
     """Does the ray from 0 along an axis cross the triangle in its inside (1), does it miss it (0), or unknown (-1)?
 
-    Args:
-        a: A corner, each coordinate rounded once.
-        b: Another one.
-        c: Another one.
-        axis: 0, 1 or 2; the ray goes upwards.
-        loose: By how much each coordinate may be wrong beyond that; the answer holds for all that they may be.
+    The ray goes upwards. Corners are rounded once, and may be wrong by ``loose`` beyond that: the answer holds for all
+    that.
     """
     i, j = (axis + 1) % 3, (axis + 2) % 3
     ab = _turn(a[i], a[j], b[i], b[j], loose)

@@ -202,14 +202,7 @@ def _enclose(
 
 
 class MovingSides:
-    """The grids of a motion, on the CPU.
-
-    Args:
-        triangles: The closed parts' faces.
-        frames: ``(K, V, 3)`` float32.
-        faces: ``(F, 3)`` integers, all of them of closed parts.
-        rounding: By which vertices may be elsewhere.
-    """
+    """The grids, on the CPU, of a motion whose faces ``(F, 3)`` are of closed parts and elsewhere by the rounding."""
 
     def __init__(self, triangles: MovingTriangles, frames: np.ndarray, faces: np.ndarray, rounding: float):
         self._triangles, self._rounding = triangles, rounding
@@ -257,11 +250,7 @@ class MovingSides:
                 break
 
     def know(self, spans: np.ndarray) -> None:
-        """Make the grids of some spans.
-
-        Args:
-            spans: ``(N, 2)`` float64, keyframes plus shares, first and last times.
-        """
+        """Make the grids of some spans ``(N, 2)`` float64, keyframes plus shares, first and last times."""
         if not self.pieces.count:
             return
         first, known = self._arrays["first"][0], self._arrays["known"][0]

@@ -38,11 +38,7 @@ from warp_bounding.shapes.triangles.moving import MovingSides
 
 
 class Dilated:
-    """A solid and its margin.
-
-    Args:
-        struct: Of the type that the kernels take.
-    """
+    """A solid and its margin, as the struct that the kernels take; answers as ``Shape`` does."""
 
     point: ClassVar[type]  # Warp's type of one
     corners: ClassVar[type]  # and of a function's numbers at the corners of a box
@@ -54,25 +50,20 @@ class Dilated:
         self._struct = struct
 
     def decide(self, x: np.ndarray) -> np.ndarray:
-        """``OUT``, ``IN`` or ``UNDECIDED`` for points; see ``Shape.decide``."""
         return self._answer(self.kernels[0], x)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes hold no point of the object; see ``Shape.empty``."""
         return self._answer(self.kernels[1], lower, upper).view(bool)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Which closed boxes lie in the object whole; see ``Shape.inside``."""
         return self._answer(self.kernels[2], lower, upper).view(bool)
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        """``(N, 2)`` float64, bounds of the distance in space from points to the object; see ``Shape.distances``."""
         return self._answer(self.kernels[3], x, dtype=wp.vec2d)
 
     def overestimate(
         self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
     ) -> np.ndarray:
-        """See ``Shape.overestimate``."""
         numbers = np.ascontiguousarray(values, dtype=np.float64)
         bars = np.broadcast_to(enough, len(numbers)).astype(np.float64)
         more = [
@@ -103,12 +94,7 @@ class Dilated:
 class Solid:
     """Triangles and the side of each point, without a margin.
 
-    Args:
-        vertices: ``(V, 3)`` float32.
-        faces: ``(F, 3)`` integers.
-        closed: ``(F,)`` bool, the faces of closed parts.
-        alike: Whether these are turned alike (``turns_of``).
-        empty: Whether hollows are outside.
+    Of ``closed`` faces it is known whether they are turned ``alike``, and whether their hollows are ``empty``, outside.
     """
 
     def __init__(
@@ -163,31 +149,22 @@ class DilatedSolid(Dilated):
     kernels = (*AT_REST, find_distances, find_excesses)
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Lower bounds of the distance from closed boxes to the object; see ``Shape.clearance``."""
         return self._answer(find_clearances, lower, upper, dtype=wp.float64)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Whether closed boxes meet the object."""
         return self._answer(decide_boxes, lower, upper)
 
     def decide_segments(self, start: np.ndarray, end: np.ndarray) -> np.ndarray:
-        """Whether closed segments meet the object."""
         return self._answer(decide_segments, start, end)
 
     def decide_planes(self, normal: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Whether planes meet the object."""
         return self._answer(decide_planes, normal, point)
 
 
 class MovingSolid:
     """Triangles that move, and the side of each point, without a margin.
 
-    Args:
-        times: ``(K,)`` float32.
-        frames: ``(K, V, 3)`` float32.
-        faces: ``(F, 3)`` integers.
-        closed: ``(F,)`` bool, the faces of closed parts.
-        rounding: By which vertices may be elsewhere: more than what float64 makes of an interpolation.
+    Vertices may be elsewhere by ``rounding``, more than what float64 makes of an interpolation.
     """
 
     def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, closed: np.ndarray, rounding: float):
@@ -216,15 +193,7 @@ class MovingSolid:
 
 
 class DilatedMovingSolid(Dilated):
-    """A solid that moves, and its margin.
-
-    Args:
-        solid: Without a margin.
-        lower: ``(4,)``, corner of a box that holds the dilated object, time first.
-        upper: ``(4,)``, the other corner.
-        margin: Object units.
-        speed: Of the fastest point at most, rounded up.
-    """
+    """A solid that moves, in a box ``(4,)`` with time first, its margin, and the speed of its fastest point at most."""
 
     point, corners = wp.vec4d, CornersThen
     kernels = (*MOVING, find_distances_then, find_excesses_then)
@@ -241,7 +210,6 @@ class DilatedMovingSolid(Dilated):
         super().__init__(motion)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
-        """See ``Shape.half_spaces``."""
         rows = [np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper)]
         found = HalfSpaces.blank(*rows)
         if len(lower):
