@@ -174,7 +174,6 @@ class Cascade(Bounder):
 
     @property
     def delta_share(self) -> "np.ndarray | None":
-        """See ``Bounder``."""
         return self.members[-1].delta_share
 
     @property

@@ -171,7 +171,6 @@ class DistanceBounder(Bounder):
 
     @classmethod
     def check_domain(cls, domain: Any) -> None:
-        """See ``Bounder``."""
         if not isinstance(domain, DistanceDomain):
             raise BounderError(f"{cls.method}: expected the domain of a distance, got {type(domain).__name__}")
         if domain.time and not cls.moving:
@@ -265,7 +264,6 @@ class DistanceBounder(Bounder):
 
     @property
     def told(self) -> str:
-        """See ``Bounder``."""
         return f"distance bounder, {self.ndim}D"
 
     @property

@@ -69,7 +69,6 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         return f"{level_text(self.shape, self.count, vector)} f = f + level_ * w[{self.step_at}];"
 
     def body(self, lanes: Lanes) -> str:
-        """See ``Source``."""
         return self.relieved(super().body(lanes), lanes)
 
     def relieved(self, network: str, lanes: Lanes) -> str:
@@ -77,7 +76,6 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         return f"{{ {network} }}\n{{ {self._relief(lanes.vector)} }}" if self.shape else network
 
     def function_body(self) -> str:
-        """See ``Source``."""
         network = super().function_body()
         if not self.shape:
             return network
@@ -107,11 +105,9 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @classmethod
     def supports(cls, query: str, ndim: int) -> bool:
-        """See ``DistanceBounder``."""
         return super().supports(query, ndim) and ndim <= MOST_AXES
 
     def check_tensors(self) -> None:
-        """See ``DistanceBounder``."""
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = activation_of(self.sizes.get("activation")).name
         sizes = (self.domain.ndim, *self.hidden, 1)
@@ -177,11 +173,9 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @property
     def part_count(self) -> int:
-        """See ``DistanceBounder``."""
         return 1 if self.lattice is None else self.lattice.count
 
     def part_of(self, v: np.ndarray) -> np.ndarray:
-        """See ``DistanceBounder``."""
         return super().part_of(v) if self.lattice is None else self.lattice.place(v)
 
     def relieve(self, overestimate: np.ndarray) -> None:
@@ -211,19 +205,16 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @property
     def source(self) -> MlpDistanceSource:
-        """See ``DistanceBounder``."""
         cut = {} if self.lattice is None else {"count": len(self._network_numbers()), "shape": self.lattice.shape}
         return MlpDistanceSource(self.ndim, self.domain.time, hidden=self.hidden, activation=self.activation, **cut)
 
     def weights(self) -> np.ndarray:
-        """See ``DistanceBounder``."""
         numbers = self._network_numbers()
         if self.lattice is None:
             return numbers
         return np.concatenate([numbers, self.tensors["edges"], self.tensors["step"]])
 
     def words(self) -> np.ndarray:
-        """See ``DistanceBounder``."""
         return super().words() if self.lattice is None else packed(self._levels)
 
     def _network_numbers(self) -> np.ndarray:
@@ -237,12 +228,10 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         return 4 * head + sum(tensor.nbytes for tensor in self.tensors.values())
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``DistanceBounder``."""
         v = np.asarray(v, dtype=np.float64)
         return self.network(v) + (0.0 if self.lattice is None else self.relief[self.lattice.place(v)])
 
     def rounding_bound(self) -> float:
-        """See ``DistanceBounder``."""
         error = self.network.rounding + FLUSHED
         if self.lattice is None:
             return error
@@ -251,7 +240,6 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     @property
     def tensor_text(self) -> str:
-        """See ``TensorCores``."""
         return self.source.relieved(super().tensor_text, Lanes(vector=False))
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

@@ -181,7 +181,6 @@ class UnionSource(Source):
         return {device: max(code.width[device] for code in self.codes) for device in self.codes[0].width}
 
     def ask(self, values: bool) -> str:
-        """See ``Source.ask``."""
         lanes, cases = Lanes(vector=True), []
         for index, code in enumerate(self.codes):
             lines = ["I denied_ = {}, granted_ = {};"]

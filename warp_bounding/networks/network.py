@@ -256,7 +256,6 @@ class SearchBounds:
         )
 
     def corners(self, network, parametrization, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``Network.corners``."""
         return bound_corners(
             network.kernel_shape(parametrization), network.packed, np.array(network.padding), lower, upper
         )

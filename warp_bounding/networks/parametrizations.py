@@ -403,6 +403,11 @@ for (int k = 0; k < K; ++k) {
 """
 
 
+def _own(name: str) -> property:
+    """What a part has of its parametrization."""
+    return property(lambda part: getattr(part.parametrization, name))
+
+
 @dataclass(frozen=True)
 class PartParametrization(Parametrization):
     """Another parametrization, within a part.
@@ -422,22 +427,8 @@ class PartParametrization(Parametrization):
         """A parametrization with these numbers of its own."""
         return cls(parametrization.inputs, parametrization, len(numbers))
 
-    @property
-    def noisy(self) -> bool:
-        """The parametrization's own."""
-        return self.parametrization.noisy
-
-    @property
-    def size(self) -> int:
-        return self.parametrization.size
-
-    @property
-    def columns(self) -> int:
-        return self.parametrization.columns
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        return self.parametrization.pairs
+    noisy, size, columns, pairs = (_own(name) for name in ("noisy", "size", "columns", "pairs"))
+    owners, blame, bend, split, middle = (_own(name) for name in ("owners", "blame", "bend", "split", "middle"))
 
     @property
     def expand(self) -> str:
@@ -450,33 +441,10 @@ class PartParametrization(Parametrization):
         """The parametrization's text, then what the part demands of a positive."""
         return self.parametrization.realize + _WITHIN
 
-    @property
-    def owners(self) -> str:
-        """The parametrization's own."""
-        return self.parametrization.owners
-
-    @property
-    def blame(self) -> str:
-        """The parametrization's own."""
-        return self.parametrization.blame
-
-    @property
-    def bend(self) -> str:
-        """The parametrization's own."""
-        return self.parametrization.bend
-
-    @property
-    def split(self) -> str:
-        """The parametrization's own."""
-        return self.parametrization.split
-
     def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
         lower = [(f"part_lower[{k}] - center[{k}] - noise[{k}]", [(k, "-1.0")]) for k in range(self.inputs)]
         upper = [(f"center[{k}] - noise[{k}] - part_upper[{k}]", [(k, "1.0")]) for k in range(self.inputs)]
         return [*self.parametrization.constraints(), *lower, *upper]
-
-    def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return self.parametrization.middle(a, b)
 
     def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
         return self.parametrization.coordinates(z, numbers[: self.count])

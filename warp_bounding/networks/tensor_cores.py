@@ -75,7 +75,6 @@ class TensorCores:
     def _launch_of(
         self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact: bool = False
     ) -> BlockLaunch:
-        """See ``bounders.batch``."""
         numbers = None if exact else self.tensor_numbers
         if numbers is None:
             return super()._launch_of(kernel_of, count, inputs, outputs)

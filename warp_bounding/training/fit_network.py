@@ -34,7 +34,7 @@ from warp_bounding.training.recipes.monotone import MonotoneTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
 from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
-from warp_bounding.training.samples import Problem, Samples, Trained, least_boxes, samples_of
+from warp_bounding.training.samples import Problem, Trained, samples_of
 
 # Options of a network's training, in addition to its problem.
 
@@ -405,19 +405,16 @@ class _Fit:
             return OccupancyTrainer(problem, *sizes, options.octaves)
         if self.of_planes:
             return SupportTrainer(problem, *sizes)
-        if self.monotone:
-            return MonotoneTrainer(self._of_callers(least_boxes(grid, domain, problem.seed)), *sizes)
         # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to
         # make up for layers that are worse for it.
         exits_too = self.early and self.as_points
-        samples = self._of_callers(samples_of(grid, domain, problem.seed))
+        samples = samples_of(grid, domain, problem.seed, monotone=self.monotone)
+        samples.callers = problem.callers
+        if self.monotone:
+            return MonotoneTrainer(samples, *sizes)
         if self.lattice is not None and self.as_points:
             return LocalTrainer(samples, *sizes, options.octaves, lattice=self.lattice)
         return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
-
-    def _of_callers(self, samples: Samples) -> Samples:
-        samples.callers = self.problem.callers
-        return samples
 
     def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
         return method(self.problem.domain, tensors, self.options.stored, self.problem.device)

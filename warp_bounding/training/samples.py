@@ -116,7 +116,6 @@ class CellPoints(ObjectPoints):
         return torch.cat([cell, (offset - step * slope).clamp_(-0.5, 0.5)])
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """See ``ObjectPoints``."""
         near = int(count * BOUNDARY_SHARE) if self.boundary.shape[1] else 0
         offset = self.rand(self.ndim, count) - 0.5
         snap = self.rand(self.ndim, near) < FACE_SHARE
@@ -124,7 +123,6 @@ class CellPoints(ObjectPoints):
         return torch.cat([self.pick(self.boundary, near), self.pick(self.occupied, count - near)], 1), offset
 
     def draw_touching(self, count: int, share: float) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """See ``ObjectPoints``."""
         cells, exposed = (self.boundary, self._exposed) if self.boundary.shape[1] else (self.occupied, None)
         index = self.integers(cells.shape[1], count)
         offset = self.rand(self.ndim, count) - 0.5
@@ -233,7 +231,6 @@ class ShapePoints(ObjectPoints):
         self._ends = torch.cat([self._ends, torch.from_numpy(np.stack(ends).astype(np.float32))], 1)
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """See ``ObjectPoints``."""
         near = int(count * BORDER_SHARE)
         cells = torch.cat([self.pick(self._border, near), self.pick(self._held, count - near)], 1)
         return cells, torch.zeros_like(cells)
@@ -245,7 +242,6 @@ class ShapePoints(ObjectPoints):
         return cells, torch.zeros_like(cells), ends * (self.rand(self.ndim, count) < share)
 
     def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
-        """See ``ObjectPoints``."""
         start, moved = (self._points_of(each) for each in (before, after))
         left = np.flatnonzero(~self.shape.contains(moved))
         nearest = NEAREST / float(self.domain.scale.min())
@@ -329,13 +325,6 @@ def _checked(x, domain: Domain | RegionDomain, shift: np.ndarray | float) -> np.
         )
     return np.ascontiguousarray(x)
 
-
-# What a kind of query gives to training: uniform samples with their truth, and positives that can be moved.
-#
-# A positive is a column of *state* numbers, such as a cell and an offset in [-1/2, 1/2]^n inside it for a point, from
-# which its coordinates ``v`` follow by a formula. Every state in the allowed range is a positive, so a positive can
-# walk down a network's output without ever leaving the object. Labels are those of the exact oracles; no sample is
-# ever taken for a proof.
 
 FEWEST_NEGATIVES = 64  # samples that stand for negatives where uniform samples gave none
 LEAST = 1e-12  # local units: added below divisors
@@ -538,6 +527,13 @@ class PointSamples(Samples):
     def locate(self, v: np.ndarray) -> torch.Tensor:
         return torch.cat(self.cells.locate(v)[:2])
 
+    def grow(self) -> None:
+        """There is nothing to find."""
+
+    def cell(self, state: torch.Tensor) -> torch.Tensor:
+        """Which cell a state is in."""
+        return state[: self.ndim]
+
 
 # Samples of points of a shape without cells: a positive is a point of the object, and stays one by being asked.
 #
@@ -634,6 +630,10 @@ class ShapePointSamples(Samples):
     def locate(self, v: np.ndarray) -> torch.Tensor:
         x = self.domain.to_object(v)
         return columns(v[self.shape.contains(x)])
+
+    def cell(self, state: torch.Tensor) -> torch.Tensor:
+        """Which of the cells of ``move`` a state is in."""
+        return (state / STEP).floor()
 
 
 def _first_layer(shape: Shape, domain: Domain) -> torch.Tensor | None:
@@ -891,77 +891,36 @@ class BoxSamples(RegionSamples):
 # A point stands for the box ``low = high = p``, the least of all boxes that hold it (``bounders.mlp``).
 
 
-class LeastBoxes(BoxSamples):
-    """Boxes of a grid; a state is a cell and an offset (n rows each).
+class LeastBoxes(LabelledRegions):
+    """Boxes of a grid, or of a shape without cells; a state is that of a point of the object.
 
     Attributes:
-        point_detail: ``(n, 1)``, as ``detail``, of the object's points.
+        points: Samples of points, the positives.
     """
-
-    def __init__(self, grid: Grid, domain: RegionDomain, generator: torch.Generator):
-        super().__init__(grid, domain, generator)
-        self.vertices, self.point_detail = self.cells.boundary_vertices().repeat(2, 1), self.cells.detail
-
-    def positives(self, count: int) -> torch.Tensor:
-        return torch.cat(self.cells.draw(count))
-
-    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        return self.point(state).repeat(2, 1)
-
-    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        low, high = slope.chunk(2)
-        return self.cells.walk(state, low + high, step)
-
-    def locate(self, v: np.ndarray) -> torch.Tensor:
-        """States of points ``(N, n)`` of the object, local space."""
-        return torch.cat(self.cells.locate(v)[:2])
-
-    def spread(self, state: torch.Tensor, most: int) -> torch.Tensor:
-        """Of states, lowest first, the first one in each cell, and no more than ``most``."""
-        return first_ones(state, state[: self.grid.ndim], most)
-
-
-class LeastBoxesOfShape(LabelledRegions):
-    """Boxes of a shape without cells; a state is the point, in local coordinates (n rows)."""
 
     query = BoxSamples.query
 
     def __init__(self, shape: Shape, domain: RegionDomain, generator: torch.Generator):
         super().__init__(shape, domain, generator)
-        self.points = ShapePointSamples(shape, domain.base, generator)
-        self.point_detail, self.vertices = self.points.detail, self.points.vertices.repeat(2, 1)
-        self.detail = self.point_detail.repeat(2, 1)
+        kind = PointSamples if isinstance(shape, Grid) else ShapePointSamples
+        self.points = kind(shape, domain.base, generator)
+        self.vertices, self.detail = self.points.vertices.repeat(2, 1), self.points.detail.repeat(2, 1)
+        self.positives, self.resolved, self.locate = self.points.positives, self.points.resolved, self.points.locate
 
     def usual_negatives(self, count: int) -> torch.Tensor:
         self.points.grow()
         return super().usual_negatives(count)
 
-    def positives(self, count: int) -> torch.Tensor:
-        return self.points.positives(count)
-
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        return state.repeat(2, 1)
+        return self.points.coordinates(state).repeat(2, 1)
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
         low, high = slope.chunk(2)
         return self.points.move(state, low + high, step)
 
-    def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
-        return self.points.resolved(before, after)
-
-    def locate(self, v: np.ndarray) -> torch.Tensor:
-        """See ``LeastBoxes``."""
-        return self.points.locate(v)
-
     def spread(self, state: torch.Tensor, most: int) -> torch.Tensor:
-        """See ``LeastBoxes``; cells are those of ``ShapePointSamples.move``."""
-        return first_ones(state, (state / STEP).floor(), most)
-
-
-def least_boxes(shape: Shape, domain: RegionDomain, seed: int) -> LeastBoxes | LeastBoxesOfShape:
-    """The samples of a grid or of another shape; the seed is that of the trainer that takes them, too."""
-    kind = LeastBoxes if isinstance(shape, Grid) else LeastBoxesOfShape
-    return kind(shape, domain, torch.Generator().manual_seed(seed))
+        """Of states, lowest first, the first one in each cell, and no more than ``most``."""
+        return first_ones(state, self.points.cell(state), most)
 
 
 # of grids, and of shapes without cells
@@ -969,8 +928,8 @@ SAMPLES: dict[str, type[Samples]] = {kind.query: kind for kind in (PointSamples,
 SHAPE_SAMPLES: dict[str, type[Samples]] = SAMPLES | {ShapePointSamples.query: ShapePointSamples}
 
 
-def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
-    """The samples of a domain's kind of query; the seed is that of the trainer that takes them, too.
+def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0, *, monotone: bool = False) -> Samples:
+    """The samples of a domain's kind of query, or for a monotone network; the seed is also that of its trainer.
 
     Raises:
         BounderError: For a kind of query that networks are not trained for.
@@ -978,7 +937,8 @@ def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0) -> Sa
     if domain.query not in SAMPLES:
         raise BounderError(f"training knows {', '.join(SAMPLES)}, got {domain.query}")
     kinds = SAMPLES if isinstance(shape, Grid) else SHAPE_SAMPLES
-    return kinds[domain.query](shape, domain, torch.Generator().manual_seed(seed))
+    kind = LeastBoxes if monotone else kinds[domain.query]
+    return kind(shape, domain, torch.Generator().manual_seed(seed))
 
 
 # What is given to every way of training: the object, its queries, and what the result may depend on.

@@ -19,7 +19,7 @@ import numpy as np
 from warp_bounding.training.engine import Soap, TrainableNetwork
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.recipes.default import NetworkTrainer, Recipe
-from warp_bounding.training.samples import LeastBoxes, LeastBoxesOfShape
+from warp_bounding.training.samples import LeastBoxes
 
 __all__ = ["MonotoneTrainer"]
 
@@ -32,9 +32,9 @@ MOST_ADDED = 256  # points of a search that join the hard ones
 class MonotoneTrainer(NetworkTrainer):
     """A monotone network in training, on samples whose positives are points; see ``NetworkTrainer``."""
 
-    samples: LeastBoxes | LeastBoxesOfShape
+    samples: LeastBoxes
 
-    def __init__(self, samples: LeastBoxes | LeastBoxesOfShape, hidden: tuple[int, ...], activation: str):
+    def __init__(self, samples: LeastBoxes, hidden: tuple[int, ...], activation: str):
         super().__init__(samples, hidden, activation, recipe=RECIPE)
 
     def add(self, v: np.ndarray) -> None:
@@ -54,7 +54,7 @@ class MonotoneTrainer(NetworkTrainer):
             rows, inputs = sign.shape
             if index == 0:
                 # An axis of few cells carries less detail than its range in v would suggest.
-                d = torch.randn(rows, n, generator=generator) * self.samples.point_detail.T
+                d = torch.randn(rows, n, generator=generator) * self.samples.points.detail.T
                 d /= d.norm(dim=1, keepdim=True)
                 foot = (torch.rand(rows, n, generator=generator) * 2 - 1) * SPREAD
                 gain = recipe.first_gain * (0.5 + torch.rand(rows, 1, generator=generator))
