@@ -8,7 +8,7 @@ OUT ?= out/demo
 .NOTPARALLEL:  # one pip at a time
 
 demo: $(VENV)/.show
-	$(BIN)/python -m sims particles --steps 75 --out $(OUT)
+	$(BIN)/python -m sims particles --steps 75 --output $(OUT)
 
 # on all cores that this process may use, each worker with a share of the files; a worker that is done helps the others
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --dist worksteal

@@ -13,6 +13,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.claim import as_fitted
+from warp_bounding.cli import count, number_option
 from warp_bounding.errors import BounderError, BoundingError, ShapeError
 from warp_bounding.queries.distance import METRICS
 from warp_bounding.runtime.launch import cpu_threads
@@ -20,7 +21,7 @@ from warp_bounding.runtime.launch import cpu_threads
 DIGEST = 16  # characters of the SHA-256 of an object's cells
 IDENTITY = ("dimension", "object", "query", "method", "space", "leaves")  # columns of a row that say whose it is
 
-Out = Annotated[str, typer.Option(help="Folder for the results; an earlier run there is continued.")]
+Out = Annotated[str, typer.Option("--output", "-o", help="Folder for the results; an earlier run there is continued.")]
 Data = Annotated[str, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")]
 MaybeData = Annotated[str | None, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")]
 Columns = Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray (default: all)")]
@@ -28,8 +29,8 @@ Methods = Annotated[str | None, typer.Option(help="Such as aabb,bvh,bvh-64,mlp (
 Objects = Annotated[str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1 (default: all)")]
 Budget = Annotated[str | None, typer.Option(help="Seconds of learned fits, as in 20,3d=40,3d-ray:mlp=90")]
 Seconds = Annotated[float | None, typer.Option(help="Time for each fit, or each proof")]
-Count = Annotated[int | None, typer.Option(help="Random queries")]
-Seed = Annotated[int | None, typer.Option(help="Random seed of the fits; the queries have the next ones (default: 0)")]
+Count = Annotated[int | None, number_option("Random queries, such as 1e6", count)]
+Seed = Annotated[int | None, number_option("Random seed of the fits; the queries have the next ones (default: 0)")]
 
 
 class Cell(NamedTuple):
@@ -104,7 +105,7 @@ def missing(cells: Iterable[Cell], folder: Folder, column: str = "", kinds: Sequ
     left = [(cell, kind) for cell in cells for kind in kinds if (cell.identity, kind) not in there]
     for thing in {cell.thing for cell, _ in left}:
         if digests.get((thing.ndim, thing.name), set()) - {grid_of(thing).digest[:DIGEST]}:
-            other = f"not the object that {folder.path} was measured on; choose another --out"
+            other = f"not the object that {folder.path} was measured on; choose another --output"
             raise ShapeError(f"{thing.path}: {other}")
     return left
 

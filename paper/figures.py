@@ -20,7 +20,7 @@ import typer
 from paper import results
 from paper.data import PATTERNS, Object, grid_of, own_shape
 from paper.drawing import packed, raster
-from warp_bounding.cli import quiet_warp
+from warp_bounding.cli import count, number_option, quiet_warp
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16
@@ -163,10 +163,12 @@ def command(
     data: Annotated[
         str | None, typer.Option(help="Folder of the paper's objects. Without it, our own are shown.")
     ] = None,
-    out: Annotated[str, typer.Option(help="Folder for figures; an earlier run there is continued.")] = "out/figures",
+    out: Annotated[
+        str, typer.Option("--output", "-o", help="Folder; an earlier run there is continued.")
+    ] = "out/figures",
     effort: Annotated[float | None, typer.Option(help="Multiplies the seconds of every fit (default: 1)")] = None,
-    samples: Annotated[int | None, typer.Option(help="Random queries for rates (default: 200000)")] = None,
-    seed: Annotated[int | None, typer.Option(help="Random seed of the fits (default: 0)")] = None,
+    samples: Annotated[int | None, number_option("Random queries for rates (default: 2e5)", count)] = None,
+    seed: Annotated[int | None, number_option("Random seed of the fits (default: 0)")] = None,
 ) -> int:
     """Make a figure of the paper, or all of them, with captions and numbers in README.md.
 
@@ -241,7 +243,7 @@ def computed(folder: results.Folder, figure: Figure, work: Work) -> dict[str, An
     found, work.stand_ins = read(folder, figure), dict(figure.objects)
     digests = {label: work.shape(label).digest[:DIGEST] for label in figure.wanted(work.settings)}
     if other := [label for label, digest in found["objects"].items() if digests.get(label, digest) != digest]:
-        raise ShapeError(f"{', '.join(other)}: not what {figure.name}.json was made of; choose another --out")
+        raise ShapeError(f"{', '.join(other)}: not what {figure.name}.json was made of; choose another --output")
     parts = figure.parts(work)
     for number, (name, compute) in enumerate(parts.items(), start=1):
         if name in found["parts"]:

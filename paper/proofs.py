@@ -18,7 +18,7 @@ from paper import results, table1
 from paper.cells import Cell, Columns, Count, Data, Methods, Objects, Out, Seconds, about, fitted, load, missing, select
 from paper.results import Rows, markdown, names
 from paper.table import COLUMNS, Variant, budget_text, column_of
-from warp_bounding.cli import quiet_warp
+from warp_bounding.cli import count, number_option, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.proof.stress import Walk, queries_at
@@ -44,7 +44,7 @@ def command(
     columns: Columns = None,
     methods: Methods = None,
     objects: Objects = None,
-    positives: Annotated[int | None, typer.Option(help="Hard positives of a sampled threshold (default: 1e6)")] = None,
+    positives: Annotated[int | None, number_option("Hard positives of a threshold (default: 1e6)", count)] = None,
     samples: Count = None,
     seconds: Seconds = None,
 ) -> int:

@@ -139,7 +139,7 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
             raise FileFormatError(f"{path}: no tables there yet; --data DIR is needed to make them")
         if strangers:
             reported = f"holds {', '.join(strangers)} but no {SETTINGS}"
-            raise FileFormatError(f"{path}: {reported}; choose another folder for --out")
+            raise FileFormatError(f"{path}: {reported}; choose another folder for --output")
     try:
         path.mkdir(parents=True, exist_ok=True)
         lock = open(path / ".lock", "ab")  # noqa: SIM115  closed below
@@ -150,7 +150,7 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
             if fcntl is not None:
                 fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            busy = f"another {name} is at work there; wait for it or choose another --out"
+            busy = f"another {name} is at work there; wait for it or choose another --output"
             raise FileFormatError(f"{path}: {busy}") from None
         if not (path / SETTINGS).exists():
             _write_settings(path, wanted | {"library": __version__}, [])
@@ -317,12 +317,13 @@ def command_line(command: str, **options: Any) -> str:
     """The command line that does the same on another machine: without the paths of this one; ``True`` is a flag."""
     words = ["python", "-m", "paper", *command.split()]
     for name, value in options.items():
+        option = "--output" if name == "out" else f"--{name}"
         if name == "data" and value is not None:
             value = "DIR"
         elif name in ("table", "out") and Path(value).is_absolute():
             value = Path(value).name
         if value is not None and value is not False:
-            words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
+            words += [option] if value is True else [option, str(value)]
     return shlex.join(words)
 
 

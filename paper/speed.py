@@ -18,12 +18,26 @@ import numpy as np
 import typer
 
 from paper import results
-from paper.cells import Budget, Cell, Columns, MaybeData, Methods, Objects, Out, Seed, about, fitted, missing, select
+from paper.cells import (
+    Budget,
+    Cell,
+    Columns,
+    Count,
+    MaybeData,
+    Methods,
+    Objects,
+    Out,
+    Seed,
+    about,
+    fitted,
+    missing,
+    select,
+)
 from paper.data import objects_in, own_objects, usual
 from paper.drawing import INK, PALE, page_of
 from paper.results import Rows, markdown, names
 from paper.table import COLUMNS, MADE, PAPER, VARIANTS, Column, Variant, budget_text, budgets_in, column_of, variant_of
-from warp_bounding.cli import quiet_warp, whole_number
+from warp_bounding.cli import count, number_option, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 
@@ -34,14 +48,13 @@ CSV = names("""dimension object query method space leaves device device_name ns 
 DATA, OWN = "data", "generated"  # whose objects are raced
 DEFAULTS = {"queries": 2_000_000, "rounds": 9, "samples": 400_000, "budget": 20.0, "budgets": "", "seed": 0}
 DEFAULTS |= {"length": 1.0, "shapes": DATA}
-QUICK = {"budget": "2,relu-field=1,learned-kdop=1", "queries": "200000", "rounds": 5, "samples": "50000"}
+QUICK = {"budget": "2,relu-field=1,learned-kdop=1", "queries": 200_000, "rounds": 5, "samples": 50_000}
 REFERENCE, EARLY, BOX = Variant("mlp"), Variant("mlp-early"), Variant("aabb")
 # Where no methods are named: an occupancy network has the code of the reference, and distances are asked otherwise.
 RACED = [v for v in VARIANTS if v.conservative and v.leaves is None and v.method not in MADE and not v.parametric]
 QUERY_SEED = 2  # added to the fits' for the queries of a race
 TABLE_2, QUERIES = Column(3, "ray"), 10_000_000  # the column of Table 2; what a time in milliseconds is for
 PAPER_DEVICE = "RTX 3090"
-Number = Annotated[str | None, typer.Option(help="A count, such as 2e6")]
 
 
 def command(
@@ -53,9 +66,9 @@ def command(
     objects: Objects = None,
     devices: Annotated[str | None, typer.Option(help="Warp devices, such as cpu,cuda:0 (default: all)")] = None,
     budget: Budget = None,
-    queries: Number = None,
-    rounds: Annotated[int | None, typer.Option(help="Rounds of each race (default: 9)")] = None,
-    samples: Number = None,
+    queries: Count = None,
+    rounds: Annotated[int | None, number_option("Rounds of each race (default: 9)", count)] = None,
+    samples: Count = None,
     seed: Seed = None,
 ) -> int:
     """Measure how fast every method answers, on every device, as in the paper's Table 2 and its supplement.
@@ -70,7 +83,6 @@ def command(
     given: dict[str, Any] = {
         name: QUICK.get(name) if quick and value is None else value for name, value in told.items()
     }
-    given |= {name: whole_number(name, given[name]) for name in ("queries", "samples") if given[name] is not None}
     given |= budgets_in(given["budget"], DEFAULTS["budget"]) if given["budget"] is not None else {}
     given["shapes"] = OWN if data is None else DATA
     quiet_warp()

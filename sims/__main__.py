@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sims import DEMOS
-from warp_bounding.cli import Device, Json, console, main, print_json, quiet_warp
+from warp_bounding.cli import Device, Json, Seed, console, count, main, number_option, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.whole_file import write_whole
 
@@ -23,15 +23,15 @@ def command(
         str | None,
         typer.Option(help="Write bunny.obj and other meshes from installed packages to this folder, instead."),
     ] = None,
-    out: Annotated[str, typer.Option(help="Folder for pictures, and for bounders that are fitted.")] = "out/demo",
+    out: Annotated[str, typer.Option("--output", "-o", help="Folder for pictures and fitted bounders.")] = "out/demo",
     quick: Annotated[bool, typer.Option("--quick", help="A small form of the demo, for a first look.")] = False,
     refit: Annotated[bool, typer.Option("--refit", help="Fit the networks anew, rather than load them.")] = False,
     budget: Annotated[float | None, typer.Option(help="Seconds a network, with --refit or --world.")] = None,
     bounder: Annotated[str | None, typer.Option(help="A file to take the network `mlp` from.")] = None,
     world: Annotated[str | None, typer.Option(help="path: image, array or .map file, or a folder of them.")] = None,
-    particles: Annotated[int | None, typer.Option(help="particles: how many.")] = None,
-    steps: Annotated[int | None, typer.Option(help="Simulation steps; shadows: pictures, digits: batches.")] = None,
-    seed: Annotated[int, typer.Option(help="Random seed.")] = 0,
+    particles: Annotated[int | None, number_option("particles: how many.", count)] = None,
+    steps: Annotated[int | None, number_option("Simulation steps; shadows: pictures, digits: batches.", count)] = None,
+    seed: Seed = 0,
     device: Device = "cpu",
     json: Json = False,
 ) -> int:
@@ -42,11 +42,6 @@ def command(
         return _write_assets(assets, json)
     if name not in DEMOS:
         raise BoundingError(f"demo must be one of {', '.join(DEMOS)}, got {name or 'none'}")
-    for option, value in (("particles", particles), ("steps", steps)):
-        if value is not None and value < 1:
-            raise BoundingError(f"{option} must be at least 1, got {value}")
-    if seed < 0:
-        raise BoundingError(f"seed must be at least 0, got {seed}")
     if budget is not None and not refit and world is None:
         raise BoundingError("budget is for --refit or --world, where networks are fitted; else they are loaded")
     quiet_warp(device)

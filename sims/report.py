@@ -2,6 +2,7 @@
 
 import os
 import platform
+import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, dataclass, field
 from itertools import groupby
@@ -11,11 +12,11 @@ import warp as wp
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import track
 from rich.table import Table
 
 import warp_bounding as wb
 from sims.assets import Shape
+from warp_bounding.runtime.progress import bar
 
 __all__ = ["CHOSEN", "UNPROVEN", "Run", "bounder_rows", "kept", "output", "result", "run_table", "shown", "verdict"]
 
@@ -69,9 +70,14 @@ def output(stderr: bool = False) -> Console:
 
 
 def shown(items: Iterable[T], description: str) -> Iterator[T]:
-    """The same items one after another, with a progress bar on standard error where that is a terminal."""
-    err = Console(stderr=True)
-    return track(items, description, console=err, transient=True, disable=not err.is_terminal)
+    """The same items one after another, with progress on standard error: a bar in a terminal, elsewhere a few lines."""
+    items = list(items)
+    if not Console(stderr=True).is_terminal:
+        print(f"{description} ...", file=sys.stderr, flush=True)
+    with bar(description) as update:
+        for number, item in enumerate(items):
+            update(number, len(items))
+            yield item
 
 
 def bounder_rows(

@@ -1,6 +1,6 @@
 """The demo ``cloth``: a cloth falls on the bunny and a star, simulated by Newton; and many meshes among many particles.
 
-    python -m sims cloth --out out/demo
+    python -m sims cloth --output out/demo
 
 ``scene`` has the model, ``example`` a run, ``field`` the many meshes, ``demo`` what is printed and returned,
 ``pictures`` draws. It needs the extra ``sims``, with Newton in it.

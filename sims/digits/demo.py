@@ -12,7 +12,7 @@ a proof reaches there is in ``sims.digits.neighbourhood``.
 
 After Fig. 12 of *Neural Bounding* (Liu et al. 2024).
 
-    python -m sims digits --out out/demo
+    python -m sims digits --output out/demo
 """
 
 from dataclasses import dataclass

@@ -9,7 +9,7 @@ there a bounder from the inside is queried, too, and what is certainly inside ne
 runs with no broad phase and with every bounder, from the same state; no contact may be missed, and all runs must end in
 the same state to the bit (see ``scene``).
 
-    python -m sims particles --out out/demo
+    python -m sims particles --output out/demo
 """
 
 from dataclasses import dataclass

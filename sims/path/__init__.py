@@ -1,6 +1,6 @@
 """The demo ``path``: plans motions in 2D worlds, with the world's bounder asked before every exact check.
 
-    python -m sims path --out out/path
+    python -m sims path --output out/path
 
 A probabilistic roadmap needs to know of thousands of states and edges whether they meet an obstacle. Each batch of them
 is first asked of a bounder; what the bounder clears is never checked again. Bounders of distances march along edges,

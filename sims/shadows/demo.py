@@ -12,7 +12,7 @@ are rays from the floor, and from one object towards the other. A ``wp.Mesh`` ha
 denies most rays at its first nodes; so do not expect a network to save time here, with meshes of some thousand faces on
 a CPU. What is at stake are the shadows.
 
-    python -m sims shadows --out out/demo
+    python -m sims shadows --output out/demo
 """
 
 from dataclasses import dataclass

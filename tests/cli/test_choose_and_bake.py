@@ -56,7 +56,7 @@ def folder(tmp_path):
 def test_a_folder_is_baked_once(folder, capsys):
     out = folder.parent / "out"
     (folder / "large.npy").write_bytes(bytes(30_000))
-    words = ("--out", out, "--method", "kdop", "--samples", 1000, "--jobs", 1, "--largest", 0.02)
+    words = ("--output", out, "--method", "kdop", "--samples", 1000, "--jobs", 1, "--largest", 0.02)
     status, text, err = run(capsys, "bake", folder, *words, "--json")
     assert status == 0, err
     found = json.loads(text)
@@ -76,14 +76,14 @@ def test_a_folder_is_baked_once(folder, capsys):
         (["--memory", "16k"], "--memory is for a choice, which --narrow-ns asks for; got '16k' without it"),
         (["--narrow-ns", 5, "--method", "kdop"], "--method is for a fit, and --narrow-ns asks for a choice"),
         (["--largest", 1e-6], "no shapes, expected files of"),
-        (["--workload", "nope.npy"], "nope.npy: no such file"),
+        (["--workload", "nope.npy"], "file 'nope.npy' does not exist"),
     ],
 )
 def test_what_would_be_wrong_for_every_shape_is_one_line(capsys, folder, options, words):
     out = folder.parent / "out"
-    status, text, err = run(capsys, "bake", folder, "--out", out, *options)
+    status, text, err = run(capsys, "bake", folder, "--output", out, *options)
     check_bad(status, text, err)
     assert words in err
     assert not out.exists()
-    check_bad(*run(capsys, "bake", folder / "none", "--out", out))
-    check_bad(*run(capsys, "bake", folder, "--out", folder))
+    check_bad(*run(capsys, "bake", folder / "none", "--output", out))
+    check_bad(*run(capsys, "bake", folder, "--output", folder))

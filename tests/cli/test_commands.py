@@ -1,4 +1,4 @@
-"""The commands, from fit to soak: exit status, one JSON object or text."""
+"""The commands, from fit to query: exit status, one JSON object or text."""
 
 import json
 import re
@@ -73,7 +73,7 @@ def test_certify_tells_another_shape_and_never_proves_a_wrong_one(files, capsys)
     part = shape("c").occupancy.copy()  # the geometry decides: a part of the shape is proven, too
     part[2:4] = False
     np.save(files / "part.npy", part)
-    for words in (("certify",), ("stress", "--count", 1000)):
+    for words in (("certify",), ("evaluate", "--stress", 1000)):
         status, out, _ = run(capsys, words[0], path, files / "part.npy", *words[1:])
         assert status == 0
         assert "part.npy is not the shape that the bounder was fitted to" in out.splitlines()[0]
@@ -148,7 +148,7 @@ def test_query_writes_a_mask_or_leaves_the_older_one(files, capsys, rng):
 # --- shapes' files ---------------------------------------------------------------------------------------------------
 
 
-def test_a_map_in_metres_from_fit_to_soak(capsys, tmp_path):
+def test_a_map_in_metres_from_fit_to_stress(capsys, tmp_path):
     grey = np.full((12, 20), 254, dtype=np.uint8)  # white is free
     grey[3:6, 4:9] = 10
     Image.fromarray(grey).save(tmp_path / "map.png")
@@ -157,7 +157,7 @@ def test_a_map_in_metres_from_fit_to_soak(capsys, tmp_path):
     assert status == 0
     wall = np.array([[-0.5 + 4 * 0.05, 2 + 6 * 0.05], [-0.5 + 9 * 0.05, 2 + 6 * 0.05]], dtype=np.float32)
     assert wb.load(path, device="cpu").query(wall).numpy().tolist() == [1, 0]
-    for name, *more in (["certify"], ["evaluate", *FEW], ["stress", "--count", 1000]):
+    for name, *more in (["certify"], ["evaluate", *FEW], ["evaluate", "--stress", 1000]):
         assert as_json(capsys, name, path, tmp_path / "map.png", *more, *options).get("same_indicator", True)
     assert run(capsys, "certify", path, tmp_path / "map.png", "--threshold", "<128")[0] == 1  # other cells
     status, out, err = run(capsys, "fit", tmp_path / "map.png", "-o", tmp_path / "new.safetensors", "--method", "aabb")
@@ -169,7 +169,7 @@ def test_a_map_in_metres_from_fit_to_soak(capsys, tmp_path):
 
 
 @pytest.mark.parametrize(("method", "own"), [("sphere", ()), ("distance-grid", ("--nodes", 6, "--storage", "uint8"))])
-def test_a_distance_from_fit_to_soak(method, own, files, capsys):
+def test_a_distance_from_fit_to_stress(method, own, files, capsys):
     source, options = files / "c.npy", ("--query", "distance", *own)
     path, (status, out, _) = fit(capsys, files, *options, "--json", method=method)
     fitted = json.loads(out)
@@ -181,7 +181,7 @@ def test_a_distance_from_fit_to_soak(method, own, files, capsys):
     rates = as_json(capsys, "evaluate", path, source, "--radius", 0.1, *FEW)
     assert (rates["fn"], rates["radius"]) == (0, 0.1)
     check_bad(*run(capsys, "evaluate", path, source, "--radius", "nan"))
-    status, out, _ = run(capsys, "stress", path, source, "--count", "1e5", "--seed", 3)
+    status, out, _ = run(capsys, "evaluate", path, source, "--stress", "1e5", "--seed", 3)
     assert (status, "none missed" in out) == (0, True)
 
 
@@ -196,7 +196,7 @@ def test_a_proof_goes_on_where_its_time_was_over(files, capsys):
     assert (run(capsys, "certify", path, source, "--checkpoint", left)[0], left.exists()) == (0, False)
 
 
-# --- soak ------------------------------------------------------------------------------------------------------------
+# --- stress ----------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -207,10 +207,10 @@ def rays(files):
     return files
 
 
-def test_soak_finds_a_false_negative_where_there_is_one(rays, capsys):
-    status, out, _ = run(capsys, "stress", rays / "good.safetensors", rays / "c.npy", "--count", "1e5", "--seed", 7)
+def test_stress_finds_a_false_negative_where_there_is_one(rays, capsys):
+    status, out, _ = run(capsys, "evaluate", rays / "good.safetensors", rays / "c.npy", "--stress", "1e5", "--seed", 7)
     assert (status, "none missed" in out, "seed 7" in out) == (0, True, True)
-    words = ("stress", rays / "raised.safetensors", rays / "c.npy", "--count", "1e6", "--seed", 7)
+    words = ("evaluate", rays / "raised.safetensors", rays / "c.npy", "--stress", "1e6", "--seed", 7)
     status, out, _ = run(capsys, *words)
     assert status == 1
     first, second = out.splitlines()

@@ -29,7 +29,9 @@ def asked(monkeypatch):
 
 
 def test_options_reach_the_demo(asked, capsys, tmp_path):
-    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path, "--quick", "--steps", 7, "--bounder", "f.st")
+    status, out, err = run(
+        capsys, "demo", "particles", "--output", tmp_path, "--quick", "--steps", 7, "--bounder", "f.st"
+    )
     assert (status, out.strip(), err) == (0, "a table", "")
     assert asked["out"] == tmp_path
     assert asked["quick"]
@@ -39,7 +41,7 @@ def test_options_reach_the_demo(asked, capsys, tmp_path):
 
 def test_a_broken_promise_is_status_1(asked, capsys, tmp_path):
     asked["identical"] = False
-    assert run(capsys, "demo", "particles", "--out", tmp_path)[0] == 1
+    assert run(capsys, "demo", "particles", "--output", tmp_path)[0] == 1
 
 
 @pytest.mark.parametrize(
@@ -61,7 +63,7 @@ def test_options_that_a_demo_does_not_have(capsys, arguments, message):
 
 def test_a_file_is_no_folder(asked, capsys, tmp_path):
     (tmp_path / "file").write_text("")
-    status, out, err = run(capsys, "demo", "particles", "--out", tmp_path / "file")
+    status, out, err = run(capsys, "demo", "particles", "--output", tmp_path / "file")
     assert (status, out) == (2, "")
     assert "out must be a folder that can be written to" in err
     assert "quick" not in asked

@@ -19,10 +19,14 @@ BAD = {
     "fit": "Missing",
     "fit {c}": "--output",
     "fit {c} --speed 9 " + NEW: "--speed",
-    "fit {c} --query cone " + NEW: "point, ray, plane, box",
+    "fit {c} --query cone " + NEW: "'point', 'ray', 'plane', 'box'",
     "fit {dir}/none.npy " + NEW: "none.npy",
     "fit {c} --hidden wide " + NEW: "hidden",
     "fit {c} --budget 1m " + NEW: "--budget",
+    "fit {c} --hidden 24-24 " + NEW: "hidden must be widths such as 50,50, got '24-24'",
+    "fit {c} --seed 1.5 " + NEW: "expected a whole number",
+    "fit {c} --side above " + NEW: "'outside', 'inside'",
+    "fit {c} --hollow half " + NEW: "'filled', 'empty'",
     "fit {c} --method kdop --leaves 7 " + NEW: "kdop takes no option 'leaves'",
     "fit {c} --method aabb --samples 0 " + NEW: "samples",
     "fit {c} --method aabb --spacing a " + NEW: "spacing must be numbers such as 0.05",
@@ -42,18 +46,20 @@ BAD = {
     "evaluate {out} {blob}": "3D",
     "evaluate {out} {c} --samples 1e20": "samples",
     "evaluate {out} {c} --protocol guess": "guess",
-    "info {dir}": "a folder",
+    "info {dir}": "is a directory",
     "info {c}": "got an array, image or voxel file",
-    "query {out} {dir}/none.npy -o {dir}/m.npy": "no such file",
+    "query {out} {dir}/none.npy -o {dir}/m.npy": "does not exist",
     "query {out} {c} -o {dir}/m.npy": "c.npy",
     "query {out} {out} -o {dir}/m.npy": "out.safetensors",
     "query {out} {q} -o {notes}": "notes.txt",
     "query {out} {q} -o {dir}/./out.safetensors": "is read here",
-    "stress {out} {c} --count many": "count",
-    "stress {out} {c} --count 9 --resume {c}": "c.npy",
+    "evaluate {out} {c} --stress many": "expected a whole number from 1 to 1e+15, such as 1e6, got 'many'",
+    "evaluate {out} {c} --stress 9 --resume {c}": "c.npy",
+    "evaluate {out} {c} --resume {dir}/new.json": "--resume is for --stress",
+    "stress {out} {c}": "No such command 'stress'; it is evaluate --stress now",
     "choose {c} --narrow-ns 1 --memory much " + NEW: "memory must be a number of bytes such as 16k or 4000, got 'much'",
-    "choose {c} --narrow-ns 1 --workload {dir}/none.npy " + NEW: "no such file",
-    "choose {c} --narrow-ns 1 --networks 24x24 " + NEW: "networks must be widths such as 24-24,50-50, or none",
+    "choose {c} --narrow-ns 1 --workload {dir}/none.npy " + NEW: "does not exist",
+    "choose {c} --narrow-ns 1 --networks 24-24 " + NEW: "networks must be widths such as '24,24 50,50', or none",
     "choose {c} --narrow-ns 1 -o {notes}": "notes.txt",
     "choose {c} --narrow-ns 1 --folder {dir} " + NEW: "holds other files",
 }
@@ -138,13 +144,13 @@ def test_a_full_disk_behind_standard_output_is_one_line():
     assert (done.returncode, done.stderr) == (2, f"warp-bounding: {os.strerror(errno.ENOSPC)}\n")
 
 
-def test_ctrl_c(capsys, monkeypatch):
+def test_ctrl_c(files, capsys, monkeypatch):
     def interrupted(*_):
         raise KeyboardInterrupt
 
     for name in ("quiet_warp", "_app"):  # in a command, and before
         monkeypatch.setattr(cli, name, interrupted)
-        assert run(capsys, "info", "b.safetensors") == (130, "", "interrupted\n")
+        assert run(capsys, "info", files / "c.npy") == (130, "", "interrupted\n")
 
 
 def test_processes_end_with_the_status(files):

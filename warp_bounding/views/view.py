@@ -31,6 +31,9 @@ CELLS, PIXELS = 80, 640  # along the longest side: of a level set in space, of a
 HALVINGS = 12  # of a grid's edge: to 1/4096 of a cell
 BEYOND = 0.08  # of the longest side that is seen: room around what is bounded
 DRAWN = 1500  # points of each group that are drawn
+LEVELS = 6  # radii or times that are shown where none are given
+FARTHEST = 0.25  # of the object's longest side: the largest of these radii
+MOST_CELLS = 1024  # along the longest side, that may be asked for
 PLANE, SPACE = 2, 3  # coordinates that are seen
 Test = Callable[[np.ndarray], np.ndarray]  # of points (N, k): (N,)
 # How a bounder of each kind is asked points (N, n) float32: one of boxes, boxes without a size; a distance, whether it
@@ -241,7 +244,7 @@ def view_of(
     bounder: Bounder,
     shape: Shape,
     *,
-    radii: Sequence[float] = (0.0,),
+    radii: Sequence[float] = (),
     times: Sequence[float] = (),
     held: Mapping[int, float] | None = None,
     resolution: int | None = None,
@@ -254,8 +257,8 @@ def view_of(
     Args:
         bounder: Of points, boxes or distances.
         shape: Its shape, without its margin.
-        radii: Of a distance, object units; others have only 0.
-        times: Of a shape that moves, at least one; of others none. Not both may be several.
+        radii: Of a distance, object units; others have only 0. Some are chosen where none are given.
+        times: Of a shape that moves; of others none. Some are chosen where none are given. Not both may be several.
         held: Values of other coordinates that are held, by their numbers.
         resolution: Cells (pixels, in a plane) along the longest side; ``CELLS`` or ``PIXELS`` if ``None``.
         samples: Points to ask for each radius or time.
@@ -266,7 +269,10 @@ def view_of(
         QueryError: For a shape of another dimension, a kind of query that cannot be seen, or numbers that do not fit.
     """
     held = dict(held or {})
+    radii, times = list(radii) or _radii(bounder, times), list(times) or _times(shape, radii)
     _check(bounder, shape, radii, times, held)
+    if resolution is not None and not 2 <= resolution <= MOST_CELLS:
+        raise QueryError(f"resolution must be from 2 to {MOST_CELLS}, got {resolution}")
     pairs = [(radius, time) for time in (times or [None]) for radius in radii]
     axes, within = _running(shape.ndim, held | ({0: 0.0} if shape.time else {})), bool(bounder.domain.unbounded)
     asked = {radius: _queried(bounder, shape, radius) for radius in radii}
@@ -311,6 +317,22 @@ def view_of(
     )
 
 
+def _radii(bounder: Bounder, times: Sequence[float]) -> list[float]:
+    """Radii to show a distance at, if none are given: from 0 to a share of the object's longest side."""
+    if bounder.query_kind != DISTANCE.name or bounder.domain.time or len(times) > 1:
+        return [0.0]
+    farthest = float(f"{FARTHEST * bounder.size:.1g}")
+    return [round(farthest * k / (LEVELS - 1), 12) for k in range(LEVELS)]
+
+
+def _times(shape: Shape, radii: Sequence[float]) -> list[float]:
+    """Times to show a motion at, if none are given: evenly spread, or the middle one where there are several radii."""
+    if not shape.time:
+        return []
+    start, end = float(shape.sample_lower[0]), float(shape.sample_upper[0])
+    return [(start + end) / 2] if len(radii) > 1 else np.linspace(start, end, LEVELS).tolist()
+
+
 def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float], held: Mapping[int, float]) -> None:
     """Refuse what cannot be seen, and numbers that do not fit."""
     if shape.ndim != bounder.ndim:
@@ -329,8 +351,6 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
     if times and not shape.time:
         raise QueryError("a time is for shapes that move, got one for a shape at rest")
     start, end = float(bounder.domain.lower[0]), float(bounder.domain.upper[0])
-    if shape.time and not times:
-        raise QueryError(f"expected a time from {start:.6g} to {end:.6g}")
     for time in times:
         if not start <= time <= end:
             raise QueryError(f"time must be from {start:.6g} to {end:.6g}, where the shape moves, got {time}")
