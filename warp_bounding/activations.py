@@ -77,32 +77,18 @@ class Activation(ABC):
     def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
         """A line with a band that holds the values at arguments ``z + l + y``; of activations that do not bend.
 
-        The part l of an argument is linear in the coordinates of a box, all that is not linear is y.
-
-        Args:
-            z: ``(N, H)``, centres of the arguments.
-            near: ``(N, H)``, ``|l| <= near``.
-            noise: ``(N, H)``, ``|y| <= noise``; near and noise are not both 0.
-
-        Returns:
-            slope, mean, bend and spread, each ``(N, H)``: the value at ``z + l + y`` is ``mean + slope (l + y)`` to
-            within ``spread``, and bend is 0. The caller adds what float64 rounds.
+        The part l of an argument is linear in the coordinates of a box, ``|l| <= near``, all that is not linear is y,
+        ``|y| <= noise``; near and noise are not both 0. Returns slope, mean, bend and spread, each ``(N, H)`` as the
+        arguments: the value is ``mean + slope (l + y)`` to within ``spread``, and bend is 0. The caller adds what
+        float64 rounds.
         """
         raise NotImplementedError(f"{self.name}: an activation whose `bends` is False defines `relax`")
 
     def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> "Curve":
         """A cubic with a band that holds the values at arguments ``z + l + p + y``; of activations that bend.
 
-        The part l of an argument is linear in the coordinates of a box, p is a quadratic form, y is all the rest.
-
-        Args:
-            z: ``(N, H)``, centres of the arguments.
-            near: ``(N, H)``, ``|l| <= near``.
-            radius: ``(N, H)``, ``|p| <= radius``.
-            noise: ``(N, H)``, ``|y| <= noise``; not all of the three are 0.
-
-        Returns:
-            The cubic and its band; the caller adds what float64 rounds.
+        The part l is linear in the coordinates of a box, ``|l| <= near``, p is a quadratic form, ``|p| <= radius``, y
+        is all the rest, ``|y| <= noise``; not all of the three are 0. The caller adds what float64 rounds.
         """
         raise NotImplementedError(f"{self.name}: an activation whose `bends` is True defines `curve`")
 

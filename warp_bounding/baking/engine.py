@@ -171,16 +171,11 @@ class Job:
 
 
 def jobs_of(folder: Path, out: Path, settings: Settings, largest: float) -> tuple[list[Job], list[str], int]:
-    """A job for each file of a folder whose extension ``load_shape`` reads.
+    """A job for each file of a folder, folders inside it included, whose extension ``load_shape`` reads.
 
-    Includes folders inside it, but neither hidden ones nor ``out``.
-
-    Returns:
-        The jobs; paths of files above ``largest`` megabytes, relative to the folder; the number of files of other
-        kinds.
-
-    Raises:
-        ShapeError: If there is no such folder, or no shape in it.
+    Hidden folders and ``out`` are left out. Returns also the paths of files above ``largest`` megabytes, relative to
+    the folder, and the number of files of other kinds. Raises ``ShapeError`` if there is no such folder, or no shape in
+    it.
     """
     if not folder.is_dir():
         raise ShapeError(f"{folder}: {'a file, expected a folder' if folder.exists() else 'no such folder'}")
@@ -247,15 +242,10 @@ def shape_digest(path: Path) -> str:
 
 
 def bake_shape(job: Job) -> dict[str, Any]:
-    """Bake one shape, unless that has been done.
+    """Bake one shape, unless that has been done: Dask repeats tasks whose results were lost when a worker died.
 
-    Dask repeats tasks whose results were lost when a worker died.
-
-    Returns:
-        The record, without the picture, which only the file has.
-
-    Raises:
-        FileFormatError: If the folder cannot be written to.
+    Returns the record, without the picture, which only the file has. Raises ``FileFormatError`` if the folder cannot be
+    written to.
     """
     if (record := job.done()) is None:
         started = time.perf_counter()

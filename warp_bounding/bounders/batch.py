@@ -461,14 +461,9 @@ class Asking(Framed, PicklableBounder, ABC):
     def batch_launch(
         self, queries: wp.array, count: int, place: wp.array | None, out: wp.array, *, values: bool = False
     ) -> BlockLaunch:
-        """The launch that answers a batch of queries, with the threshold as it is now.
+        """The launch that answers a batch of flat queries into ``out``, with the threshold as it is now.
 
-        Args:
-            queries: Flat, as ``flat_queries`` makes them.
-            count: How many.
-            place: ``Placement.values`` on the device, ``None`` for queries in object space; of a distance the radii.
-            out: ``(count,)``, uint8, or float32 for values.
-            values: See ``batch_kernel``.
+        ``place`` is ``Placement.values`` on the device, ``None`` for queries in object space; of a distance the radii.
         """
         data = self.data
         place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers

@@ -119,12 +119,8 @@ def meant(name: str, known: Iterable[str]) -> str | None:
 def unknown_option(name: str, method: str, known: Iterable[str], asked: str, callers: Iterable[Callable] = ()) -> str:
     """What to say of an option that a method does not take: which one was probably meant, and which ones there are.
 
-    Args:
-        name: As it was given.
-        method: Who does not take it.
-        known: Names of the options that the method takes.
-        asked: What it bounds, such as ``"point queries"``.
-        callers: Functions that hand options on to the method: their own arguments may have been meant.
+    ``asked`` is what it bounds, such as ``"point queries"``; ``callers`` hand options on to the method, so their own
+    arguments may have been meant.
     """
     callers, known = list(callers), list(known)
     near = meant(name, [*known, *(own for caller in callers for own in arguments_of(caller))])
@@ -140,15 +136,8 @@ def resolved(
 ) -> list[dict[str, Any]]:
     """The value of every option of each class of bounders: as given, else the class's default.
 
-    Args:
-        classes: Of bounders.
-        query: Kind of query.
-        given: Options by name.
-        callers: Functions that hand on the options, for the message of an unknown one.
-
-    Raises:
-        BounderError: For a wrong value, or an option that none of the classes takes for this kind of query; the message
-            names those that are taken.
+    ``callers`` hand on the options. Raises ``BounderError`` for a wrong value, or an option that none of the classes
+    takes for this kind of query; the message names those that are taken.
     """
     known = taken(classes, query)
     if unknown := [name for name in given if name not in known]:
@@ -324,17 +313,7 @@ class Bounder(Asking):
 
     @classmethod
     def fit(cls, grid: Grid, domain: AnyDomain, *, device: str | None = None, **options) -> "Bounder":
-        """The method's volume of a grid, in closed form; ``prove`` sets its threshold.
-
-        Args:
-            grid: The object.
-            domain: ``domain_of(grid, query)``.
-            device: Warp device.
-            options: The method's own.
-
-        Raises:
-            BounderError: If there is no closed form.
-        """
+        """The method's volume of a grid, in closed form, or ``BounderError``; ``prove`` sets its threshold."""
         raise BounderError(f"{cls.method}: there is no closed form")
 
     def least(self, grid: Grid) -> tuple[float, int]:
@@ -486,12 +465,7 @@ Shapes = dict[str, tuple[int, ...]]
 
 
 def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
-    """Refuse classes that say *no* to positives, with ``BounderError``.
-
-    Args:
-        name: Of the whole, for the message.
-        kinds: Classes of members.
-    """
+    """Refuse classes of members that say *no* to positives, with ``BounderError``; ``name`` is the whole's."""
     if any(kind.of_distances for kind in kinds):
         raise BounderError(f"{name}: expected bounders that answer yes or no, got one of distances")
     if wrong := [kind.method for kind in kinds if not kind.conservative]:
@@ -501,10 +475,7 @@ def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
 def check_members(name: str, members: Sequence[Bounder], *, domains: bool = True) -> None:
     """Refuse what is no conservative bounder of the first one's queries and domain, with ``BounderError``.
 
-    Args:
-        name: Of the whole, for the message.
-        members: Before they are put together.
-        domains: Whether the domain must be the same.
+    The domain need not be the same unless ``domains``; ``name`` is the whole's, for the message.
     """
     for member in members:
         if not isinstance(member, Bounder):
@@ -530,20 +501,10 @@ def members_of(
     *,
     own_domains: bool = False,
 ) -> tuple[list[Bounder], Shapes]:
-    """The members that the tensors and sizes of a whole hold, not yet at their thresholds.
+    """The members, from ``least`` to ``most``, that a whole's tensors and sizes hold, and the shapes of their tensors.
 
-    Args:
-        whole: Made of them.
-        least: How many there are at least.
-        most: How many there are at most.
-        fits: Whether a class can be a member.
-        own_domains: Whether entries may have a ``domain``; else it is not read.
-
-    Returns:
-        The members; and the shapes of the tensors that are theirs, by their names in the whole.
-
-    Raises:
-        BounderError: If there are more or fewer, or one cannot be a member or is not conservative.
+    They are not yet at their thresholds. Entries may have a ``domain`` where there are ``own_domains``. Raises
+    ``BounderError`` if there are more or fewer, or one cannot be a member (``fits``) or is not conservative.
     """
     entries = whole.sizes.get("parts")
     if not isinstance(entries, list) or not least <= len(entries) <= most:

@@ -397,19 +397,10 @@ class Bvh(Bounder):
         seconds: float = math.inf,
         device: str | None = None,
     ) -> "Bvh":
-        """Arrange a grid's occupied cells in boxes.
+        """Arrange a grid's occupied cells in so many leaf boxes, or fewer where the object consists of fewer.
 
-        Args:
-            grid: The object.
-            domain: Its domain, or that of a region.
-            leaves: Number of leaf boxes (fewer where the object consists of fewer); ``None`` for as many as a network's
-                memory holds.
-            hidden: Widths of that network's hidden layers.
-            seconds: Time for the boxes; the less there is, the looser they are.
-            device: Warp device.
-
-        Raises:
-            BounderError: If ``leaves`` is no positive whole number.
+        ``None`` are as many as the memory of a network with layers of widths ``hidden`` holds. The fewer ``seconds``,
+        the looser the boxes.
         """
         leaves = leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim) if leaves is None else _leaves(leaves)
         tree = build(grid, leaves, seconds)
@@ -520,10 +511,7 @@ class Bvh(Bounder):
 def plane_room(corner: float, n: int, limit: float) -> float:
     """Room for the rounding of a plane's comparison with the supports of boxes in n dimensions.
 
-    Args:
-        corner: The largest sum of the absolute coordinates of a box's corner.
-        n: Dimension.
-        limit: Of the plane's offset.
+    ``corner`` is the largest sum of the absolute coordinates of a box's corner, ``limit`` that of the plane's offset.
     """
     # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more: 2
     # n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 + size, may be set

@@ -58,16 +58,9 @@ GROWTH = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
 
 
 def moved(bounder: "DistanceBounder", queries: wp.array, count: int, columns: int | None = None) -> np.ndarray:
-    """How far from a float64 point its float32 one is at most, what g may fall by meanwhile included.
+    """``(N,)`` float64, object units: how far a float64 point is at most from its float32 one, and g's fall meanwhile.
 
-    Args:
-        bounder: Of the distance.
-        queries: float32, flat.
-        count: N, how many there are.
-        columns: Numbers of each, of which the point is the first ones; those of a point if ``None``.
-
-    Returns:
-        ``(N,)`` float64, object units.
+    ``queries`` are flat float32, the point the first ``ndim`` numbers of each.
     """
     x = np.abs(_rows(queries, count, columns or bounder.ndim)[:, : bounder.ndim])
     by, first = (UNIT32 * x + TINY) * GROWTH, int(bounder.domain.time)
@@ -77,16 +70,7 @@ def moved(bounder: "DistanceBounder", queries: wp.array, count: int, columns: in
 
 
 def turned(rays: wp.array, count: int, lengths: np.ndarray) -> np.ndarray:
-    """How far the end of a ray is at most from where its float64 direction leads.
-
-    Args:
-        rays: ``N`` origins and directions, float32, flat.
-        count: N.
-        lengths: One, or ``(N,)``.
-
-    Returns:
-        ``(N,)`` float64, object units.
-    """
+    """``(N,)`` float64, object units: how far the end of a ray is at most from where its float64 direction leads."""
     ndim = len(rays) // (2 * count) if count else 1
     largest = np.abs(_rows(rays, count, 2 * ndim)[:, ndim:]).max(axis=1)
     with np.errstate(divide="ignore"):
@@ -188,14 +172,10 @@ class DistanceBounder(Bounder):
         return 0.0
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Numbers at the corners of boxes: F is at most what is multilinear between them, certified.
+        """Numbers at the corners of boxes ``(N, n)``: F is at most what is multilinear between them, certified.
 
-        Args:
-            lower: ``(N, n)`` float64, local coordinates, in one of ``pieces`` each.
-            upper: ``(N, n)`` float64.
-
-        Returns:
-            ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
+        Each box lies in one of ``pieces``. Returns ``(N, 2^n)`` float64; the corner at place i is the upper one on axis
+        k where bit k of i is set.
         """
         raise TypeError(f"{type(self).__name__} does not define corners")
 
@@ -211,11 +191,10 @@ class DistanceBounder(Bounder):
         return np.zeros(len(v), dtype=np.int64)
 
     def relieve(self, overestimate: np.ndarray) -> None:
-        """Let each part have a slack of its own, in place: F grows by that, and no threshold is known any more.
+        """Let each part have a slack of its own, in place; no threshold is known any more.
 
-        Args:
-            overestimate: ``(parts,)`` float64: F exceeds the distance in each part by no more, local units. The largest
-                stays as it is.
+        F exceeds the distance in each part by no more than ``overestimate`` ``(parts,)``, local units; the largest
+        stays.
         """
 
     @property
@@ -586,12 +565,8 @@ NOISE = 1e-13  # relative to the sizes of all terms: more than float64 rounds in
 class Form(NamedTuple):
     """What a kernel computes a distance to a volume from.
 
-    Attributes:
-        source: Made from ``(ndim, time)`` and these sizes.
-        numbers: float32, the source's.
-        error: E, without ``FLUSHED``.
-        growth: See ``DistanceBounder``.
-        reference: F of ``(N, n)`` float64 local coordinates.
+    The source is made from ``(ndim, time)`` and sizes, ``numbers`` are its float32 ones, ``error`` is E without
+    ``FLUSHED``, ``reference`` is F of ``(N, n)`` float64 local coordinates; for ``growth`` see ``DistanceBounder``.
     """
 
     source: DistanceSource
@@ -627,14 +602,7 @@ class VolumeDistance(DistanceBounder):
 
     @classmethod
     def around(cls, volume: Bounder, domain: DistanceDomain, sizes: dict[str, Any], device: str | None = None):
-        """The distance to the volume of a bounder of points, with a threshold that covers rounding and nothing else.
-
-        Args:
-            volume: A bounder of points at its threshold.
-            domain: Of the same object.
-            sizes: What else there is to tell.
-            device: Warp device.
-        """
+        """The distance to the volume of a bounder of points, with a threshold that covers rounding and nothing else."""
         told = {
             "domain": volume.domain.to_dict(),
             "sizes": volume.sizes,

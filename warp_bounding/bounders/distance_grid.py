@@ -54,11 +54,9 @@ STORAGES = tuple(_DECODE)
 
 
 class Values(NamedTuple):
-    """Numbers as they are stored.
+    """Numbers as they are stored, float32, float16 or uint8.
 
-    Attributes:
-        stored: ``(...)`` float32, float16 or uint8.
-        meaning: ``(2,)`` float32, of 8 bits the value of 0 and the step; zeros of others.
+    Of 8 bits ``meaning`` ``(2,)`` float32 is the value of 0 and the step; zeros of others.
     """
 
     stored: np.ndarray
@@ -249,19 +247,9 @@ class DistanceGrid(DistanceBounder):
     ) -> "DistanceGrid":
         """The distances at nodes, lowered by what interpolation makes too large, and rounded down.
 
-        Args:
-            shape: The object.
-            domain: Of it, with some room.
-            lowered: Called with a grid in float32, it returns by how much F may exceed the distance in each of its
-                ``pieces`` (local units).
-            nodes: Along the longest side.
-            storage: How values are stored.
-            refine: How many finer cells there are along each axis of a cell that comes near the object's border; 1 for
-                none.
-            device: Warp device.
-
-        Raises:
-            BounderError: For more nodes than float32 can count, or a ``refine`` that is no power of two.
+        ``lowered`` is called with a grid in float32, and returns by how much F may exceed the distance in each of its
+        ``pieces`` (local units). Raises ``BounderError`` for more nodes than float32 can count, or a ``refine`` that is
+        no power of two.
         """
         if refine not in REFINED:
             raise BounderError(f"{cls.method}: refine must be one of {', '.join(map(str, REFINED))}, got {refine!r}")
@@ -384,11 +372,10 @@ class DistanceGrid(DistanceBounder):
         return np.concatenate([_as_words(self.tensors["values"]), _as_words(self.tensors["blocks"]), index])
 
     def _located(self, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """The cells that points ``(N, n)`` of the domain lie in.
+        """The cells that points ``(N, n)`` of the domain lie in: lower corners, sides ``(N, 1)``, and corner values.
 
-        Returns:
-            Their lower corners ``(N, n)``, in cells of the whole grid; their sides ``(N, 1)``; and the values at their
-            corners, ``2^n`` arrays ``(N,)``: at place i the upper one on axis k where bit k of i is set.
+        Corners are in cells of the whole grid. Values are ``2^n`` arrays ``(N,)``: at place i the upper one on axis k
+        where bit k of i is set.
         """
         t, n = (v + self.domain.limit.astype(np.float64)) * self._inverse, self.ndim
         cell = np.clip(np.floor(t), 0, np.array(self._exact.shape) - 2).astype(int)

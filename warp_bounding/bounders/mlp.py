@@ -157,13 +157,8 @@ class Mlp(tensor_cores.TensorCores, Bounder):
     def rebased(self, domain: Domain) -> "Mlp":
         """The same network of points for another domain: its first layer takes the map between both, in float32.
 
-        It is not proven: its threshold is this one's, and it has no certificate.
-
-        Args:
-            domain: The domain of the new network.
-
-        Raises:
-            BounderError: For networks of regions, and those with an encoding of this domain's coordinates.
+        It is not proven: its threshold is this one's, and it has no certificate. Raises ``BounderError`` for networks
+        of regions, and those with an encoding of this domain's coordinates.
         """
         if not self.domain.tested_as_point or self.features:
             raise BounderError(
@@ -267,10 +262,8 @@ class Lattice:
     def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Boxes ``(N, n)`` cut at the edges: each piece lies in the closure of one part, its lower corner in it.
 
-        A box that ends on an edge has a piece without width beyond it.
-
-        Returns:
-            Corners of the pieces, ``(K, n)`` float64 each, and which box each one is a piece of.
+        A box that ends on an edge has a piece without width beyond it. Returns corners of the pieces, ``(K, n)``
+        float64 each, and which box each one is a piece of.
         """
         owner = np.arange(len(lower))
         for k, axis in enumerate(self.edges):
@@ -310,8 +303,7 @@ class Lattice:
     def stored(cls, edges: np.ndarray, shape: tuple[int, ...], method: str) -> "Lattice":
         """The lattice of a file: the edges of each axis in turn.
 
-        Raises:
-            BounderError: If they do not ascend, or one of them is too near to 0.
+        Raises ``BounderError`` if they do not ascend, or one of them is too near to 0.
         """
         lattice = cls(np.split(edges, np.cumsum([count - 1 for count in shape])[:-1]))
         if not (all((np.diff(axis) > 0).all() for axis in lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()):
@@ -429,17 +421,10 @@ class Local(Bounder):
     def of(cls, member: Mlp, lattice: Lattice, thresholds: np.ndarray, step: float) -> "Local":
         """A network at thresholds ``(parts,)``, each rounded down to a level, as far at least as the lowest one.
 
-        So the lowest one loses nothing, once what all are too low by is made the bounder's own threshold.
-
-        Args:
-            member: The network; its own threshold is not used.
-            lattice: The parts.
-            thresholds: In array order of the parts; infinity where no positive lies, minus infinity where no query is
-                to be denied.
-            step: Between two levels, a power of two. The highest level stands for all thresholds above it.
-
-        Raises:
-            BounderError: If float32 cannot distinguish the thresholds in such steps.
+        So the lowest one loses nothing, once what all are too low by is made the bounder's own threshold. Infinity
+        stands where no positive lies, minus infinity where no query is to be denied; ``step``, a power of two, lies
+        between two levels, of which the highest stands for all thresholds above it. Raises ``BounderError`` if float32
+        cannot distinguish them.
         """
         some = np.isfinite(thresholds)
         least = float(thresholds[some].min()) if some.any() else 0.0

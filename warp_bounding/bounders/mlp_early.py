@@ -162,11 +162,9 @@ class MlpEarly(Mlp):
         return self.tensors["grants.thresholds"]
 
     def granting(self, grants: Sequence[tuple[np.ndarray, np.ndarray]], thresholds: Sequence[float]) -> "MlpEarly":
-        """This bounder with other grants, at its own thresholds and with its certificate, which they do not touch.
+        """This bounder with other grants (weight and bias, shaped as of the exits) and their thresholds.
 
-        Args:
-            grants: Weight and bias of each, shapes as of the exits.
-            thresholds: Of each.
+        Its own thresholds and its certificate stay.
         """
         tensors = dict(self.tensors)
         for index, grant in enumerate(grants):

@@ -232,14 +232,9 @@ class Union(Bounder):
 
     @classmethod
     def of(cls, parts: list[Bounder], held: list[Held] | None = None) -> "Union":
-        """Parts at their own thresholds, without a certificate.
+        """Parts at their own thresholds, without a certificate; ``held`` is what each of them holds, ``None`` for all.
 
-        Args:
-            parts: The bounders.
-            held: What each of them holds; ``None``: all.
-
-        Raises:
-            BounderError: If they are bounders of other queries or domains, or cannot be put together.
+        Raises ``BounderError`` if they are bounders of other queries or domains, or cannot be put together.
         """
         check_members(cls.method, parts, domains=False)
         domain = _common([part.domain for part in parts])
@@ -401,12 +396,9 @@ class Union(Bounder):
 
 
 def _common(domains: list[AnyDomain]) -> AnyDomain:
-    """The domain in which parts are queried together.
+    """The domain in which parts are queried together: with the most coordinates, and the least margin for rounding.
 
-    It has the most coordinates, and no more margin for rounding than any other.
-
-    Raises:
-        BounderError: If the first coordinates of one are not those of another.
+    Raises ``BounderError`` if the first coordinates of one are not those of another.
     """
     widest = max(domains, key=lambda domain: domain.space_ndim)
     if all(domain.to_dict() == widest.to_dict() for domain in domains):
@@ -501,15 +493,9 @@ def union(*bounders: Bounder) -> Union:
 
 
 def united(parts: list[Bounder], regions: list[Region], shape: Shape) -> Union:
-    """Bounders put together, each proven for what its region holds of a shape.
+    """Bounders put together, each proven for what its region, a float32 box, holds of a shape (``part_of``).
 
-    Args:
-        parts: With certificates, each of the part of the shape in its region (``part_of``).
-        regions: Boxes, object space, float32 numbers.
-        shape: The object.
-
-    Raises:
-        BounderError: If the regions do not cover the object, or a part has no certificate.
+    Raises ``BounderError`` if the regions do not cover the object, or a part has no certificate.
     """
     whole = Union.of(parts, regions)
     check_cover(shape, regions)

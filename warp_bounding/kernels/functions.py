@@ -171,16 +171,11 @@ def point_func(source: Source) -> wp.Function:
 def batch_kernel(source: Source, placed: bool, values: bool, body: str | None = None) -> wp.Kernel:
     """The kernel that answers many queries, one block a thread.
 
-    It takes ``(x, count, block, parameters, words, placement, out)``.
-
-    Args:
-        source: Of the method.
-        placed: Whether ``placement`` is read: a world-to-object map, or the radius of a distance, one or one per query.
-        values: Instead of 0 and 1, write ``f`` itself (float32; +inf where the answer is *maybe* without it, -inf
-            outside), or the distance.
-        body: On CUDA, the statements from ``V v[]`` to ``V f`` that the 32 threads of a warp run together. The kernel
-            then takes ``numbers``, too, before ``out``, which the body reads, the threshold first; it is launched with
-            whole blocks of threads.
+    It takes ``(x, count, block, parameters, words, placement, out)``. Where ``placed``, ``placement`` is read: a
+    world-to-object map, or the radius of a distance, one or one per query. With ``values`` it writes ``f`` itself
+    (float32; +inf where the answer is *maybe* without it, -inf outside), or the distance. A ``body``, on CUDA, are
+    statements from ``V v[]`` to ``V f`` that the 32 threads of a warp run together; the kernel then takes ``numbers``
+    before ``out``, which the body reads, the threshold first, and is launched with whole blocks of threads.
     """
     role = f"{'_placed' * placed}{'_values' * values}"
     out_type = wp.float32 if values else wp.uint8

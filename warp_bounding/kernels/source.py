@@ -59,18 +59,13 @@ class Early(NamedTuple):
 
 @dataclass(frozen=True)
 class Source:
-    """What a method's native code depends on: sizes, never values. Equal sources share one compiled function.
+    """What a method's native code depends on: sizes, never values.
 
-    ``parameters`` begin with what identifies them (``label``), ``center[n] scale[n] limit[n] threshold`` and what
-    ``locate`` needs in addition; the method's numbers follow from ``start`` on.
-
-    Attributes:
-        ndim: Dimension n of the shape.
-        time: Coordinate 0 is time.
-        query: Kind of query.
-        unbounded: Outside the domain the answer is *maybe*, as it is outside a range of time.
-        space: Always the same; part of the names and tags of functions, which stay what they were.
-        joints: The coordinates are values of joints; ``identity`` distinguishes these, and is unchanged for all others.
+    Equal sources share one compiled function. ``parameters`` begin with what identifies them (``label``), ``center[n]
+    scale[n] limit[n] threshold`` and what ``locate`` needs in addition; the method's numbers follow from ``start`` on.
+    ``ndim`` is the dimension n of the shape; where ``unbounded``, the answer outside the domain is *maybe*, as it is
+    outside a range of time. ``space`` is always the same, a part of the names and tags of functions, which stay what
+    they were; ``joints`` says that coordinates are values of joints.
     """
 
     ndim: int
@@ -147,11 +142,9 @@ class Source:
     def around(self, placed: bool, values: bool) -> dict[str, str]:
         """The C text around ``f``, by its names in ``batch.h``: from a query to v, and from f to what is answered.
 
-        Here f is compared with the threshold; ``kernels.distances`` compares a distance with a radius.
-
-        Args:
-            placed: Queries are in the world, and a map leads from there to the object.
-            values: What is answered is ``f`` itself.
+        Where ``placed``, queries are in the world, and a map leads from there to the object; with ``values`` what is
+        answered is ``f`` itself. Here f is compared with the threshold; ``kernels.distances`` compares a distance with
+        a radius.
         """
         yes, no, decision = _ANSWERS[values]
         texts = {
@@ -245,13 +238,7 @@ V level_;
 
 
 def level_text(shape: tuple[int, ...], first: int, vector: bool) -> str:
-    """C statements that compute ``level_`` from ``v``, ``w`` and ``words``.
-
-    Args:
-        shape: Parts along each axis of v.
-        first: Index in ``w`` of the first edge; those of each axis in turn.
-        vector: Whether v has a query in each lane.
-    """
+    """C statements that compute ``level_`` from ``v``, ``w``, where edges begin at ``first``, and ``words``."""
     lines = []
     for k, count in enumerate(shape):
         if count > 1:

@@ -179,12 +179,9 @@ REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AV
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """What a kernel of bounds is compiled for.
+    """What a kernel of bounds is compiled for: of each hidden layer inputs, neurons, activation, leading linear rows.
 
-    Attributes:
-        ndim: Inputs K of the network, as many as the parametrization has: the length of v, so 2n of rays.
-        layers: ``(inputs, neurons, activation's name, leading linear rows)`` of each hidden layer.
-        parametrization: How a box becomes inputs.
+    ``ndim`` are the inputs K of the network, as many as the parametrization has: the length of v, so 2n of rays.
     """
 
     ndim: int
@@ -195,12 +192,7 @@ class NetworkShape:
 
 
 def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
-    """What stands before the text of ``body``: types, tools and the parametrization's names, on a CPU and on CUDA.
-
-    Args:
-        shape: What the kernel is compiled for.
-        inputs: C statements that name the kernel's arrays.
-    """
+    """What stands before ``body``, on a CPU and on CUDA: types, the arrays' names (``inputs``) and tools."""
     names = sorted({layer[2] for layer in shape.layers})
     tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
     tools += "".join(activation_of(name).relaxation() for name in names)
@@ -484,19 +476,10 @@ def bound_boxes(
     table: np.ndarray | None = None,
     device="cpu",
 ) -> BoxBounds:
-    """Bounds of a network over boxes.
+    """Bounds of a network over boxes with corners ``(N, Z)`` float64 in the parametrization's numbers.
 
-    Args:
-        shape: The network's shape, and the parametrization.
-        weights: ``Network.packed``: float64, per hidden layer biases ``(H,)``, weights ``(H, K)`` in row order and
-            their absolute values, then the output's bias and weights.
-        padding: ``Network.padding``: float64, a bound of what each layer's float64 arithmetic rounds, the output's
-            last.
-        lower: ``(N, Z)`` float64, lower corners in the parametrization's numbers.
-        upper: ``(N, Z)`` float64, upper corners.
-        numbers: float64 parameters of the parametrization.
-        table: int32 parameters of the parametrization.
-        device: Warp device.
+    ``weights`` and ``padding`` are those of a ``Network`` (``packed``); ``numbers`` and ``table`` are float64 and int32
+    parameters of the parametrization.
     """
     count, size = lower.shape
     device = wp.get_device(device)
@@ -549,16 +532,8 @@ def bound_corners(
 ) -> np.ndarray:
     """Numbers at the corners of boxes: f is at least what is multilinear between them, certified.
 
-    Args:
-        shape: The network's shape, and the plain parametrization.
-        weights: ``Network.packed``.
-        padding: ``Network.padding``.
-        lower: ``(N, n)`` float64, lower corners.
-        upper: ``(N, n)`` float64, upper corners.
-        device: Warp device.
-
-    Returns:
-        ``(N, 2^n)`` float64; the corner at place i is the upper one on axis k where bit k of i is set.
+    Boxes are as of ``bound_boxes``, of the plain parametrization. Returns ``(N, 2^n)`` float64; the corner at place i
+    is the upper one on axis k where bit k of i is set.
     """
     count, size = lower.shape
     device = wp.get_device(device)

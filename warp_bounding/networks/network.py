@@ -224,17 +224,10 @@ class Network:
         table: np.ndarray | None = None,
         device="cpu",
     ) -> BoxBounds:
-        """The same over boxes ``(N, Z)`` of a parametrization's numbers.
+        """``bound`` over boxes ``(N, Z)`` float64 of a parametrization's numbers.
 
-        Args:
-            parametrization: How a box becomes inputs.
-            lower: Float64.
-            upper: Float64.
-            limit: ``(K,)``, largest size of the inputs.
-            terms: ``(K,)``, of the sum of an input's absolute terms over a box; ``limit`` if ``None``.
-            numbers: Float64 parameters of the parametrization.
-            table: Int32 parameters of the parametrization.
-            device: Warp device.
+        ``limit`` ``(K,)`` is the largest size of the inputs, ``terms`` that of the sum of an input's absolute terms
+        over a box, ``limit`` if ``None``; ``numbers`` and ``table`` are parameters of the parametrization.
         """
         return BOUNDS.get().boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
 

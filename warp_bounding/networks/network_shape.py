@@ -71,19 +71,10 @@ class _Affine(NamedTuple):
 
 
 def layers_of(sequential: Iterable, ndim: int, name: str) -> tuple[list[Layer], Layer, list[float]]:
-    """Hidden layers and the output of a ``Sequential`` of modules.
+    """Hidden layers and the output of a ``Sequential``: modules of ``MODULES`` and affine ones, nested ones unrolled.
 
-    Args:
-        sequential: Modules in their order: affine ones (``Linear``) and those of ``MODULES``; nested ones are unrolled.
-        ndim: Number of inputs.
-        name: For messages.
-
-    Returns:
-        Hidden layers; the output, with one row; and of each, the output last, a bound of what its biases were rounded
-        by. Weights are float64 copies.
-
-    Raises:
-        ShapeError: For other modules, sizes that do not fit, several outputs, or weights that are not finite.
+    And of each, the output last, a bound of what its biases were rounded by. Weights are float64 copies. Raises
+    ``ShapeError`` for other modules, sizes that do not fit, several outputs, or weights that are not finite.
     """
     steps, layers, errors, size = _alternating(list(_steps(sequential, name))), [], [], ndim
     for index in range(0, len(steps), 2):

@@ -165,10 +165,7 @@ def _pairs(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def numbers(source: "MlpSource", layers: list[tuple[np.ndarray, np.ndarray]], threshold: np.float32) -> np.ndarray:
     """float32 numbers as the text reads them at ``tensor``.
 
-    Args:
-        source: One that ``fits``.
-        layers: ``(weight, bias)`` of each layer, the output last.
-        threshold: ``lowered``.
+    Of layers, the output last, of a source that ``fits``, and the ``lowered`` threshold.
     """
     *hidden, (out_weight, out_bias) = layers
     lane = np.arange(32)
@@ -216,9 +213,7 @@ def sine_error(limit: float) -> float:
 def _chain(products: list[np.ndarray], start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """``(H,)``: what an ``mma`` after the other is off by, and the largest size of their sum.
 
-    Args:
-        products: Sizes of the products of each, ``(H, n)``.
-        start: ``(H,)``, size of what they are added to.
+    ``products`` are sizes of the products of each, ``(H, n)``; ``start`` ``(H,)`` that of what they are added to.
     """
     lost, size = np.zeros_like(start), start
     for terms in products:

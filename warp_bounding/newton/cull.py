@@ -66,13 +66,7 @@ class Tally:
 def tallies(names: list[str], shapes: np.ndarray, kept: np.ndarray) -> dict[str, Tally]:
     """Pairs by the name of their shape, in the order of the shapes.
 
-    Args:
-        names: Of each shape.
-        shapes: ``(N,)`` int, of each pair.
-        kept: ``(N,)`` bool, which the pass goes through.
-
-    Returns:
-        A tally for each name.
+    ``shapes`` ``(N,)`` int are those of the pairs, ``kept`` ``(N,)`` bool says which the pass goes through.
     """
     pairs = np.bincount(shapes, minlength=len(names))
     culled = np.bincount(shapes[~kept], minlength=len(names))

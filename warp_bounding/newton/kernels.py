@@ -247,13 +247,9 @@ def query_hulls(
 
 
 def runs_of(pairs: np.ndarray) -> np.ndarray:
-    """Which ``LANES`` pairs in a row are of one shape and particles that follow each other.
+    """Which ``LANES`` of the pairs ``(N, 2)`` in a row are of one shape and particles that follow each other.
 
-    Args:
-        pairs: ``(N, 2)`` int, particle and shape.
-
-    Returns:
-        ``(N // LANES,)`` uint8, one at least.
+    ``(N // LANES,)`` uint8, one at least.
     """
     rows = pairs[: len(pairs) // PAIRS_AT_ONCE * PAIRS_AT_ONCE].reshape(-1, PAIRS_AT_ONCE, 2)
     same = (np.diff(rows, axis=1) == (1, 0)).all(axis=(1, 2))

@@ -143,15 +143,7 @@ def _plane(scale: wp.vec3) -> Extent:
 
 @wp.func
 def extent_of(kind: int, scale: wp.vec3) -> Extent:
-    """The box and the ball around a primitive; ``tested`` is false for a shape of another kind.
-
-    Args:
-        kind: A ``newton.GeoType``.
-        scale: The shape's, whose meaning is the kind's.
-
-    Returns:
-        The extent, world units.
-    """
+    """The box and the ball around a primitive, world units; ``tested`` is false for a shape of another kind."""
     if kind == _PLANE:
         return _plane(scale)
     if kind == _SPHERE:

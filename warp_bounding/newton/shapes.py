@@ -121,17 +121,10 @@ def check_bounder(
     unproven: bool,
     mesh_of: Callable[[int], tuple[np.ndarray, np.ndarray]],
 ) -> None:
-    """Refuse a bounder that is not one of a shape's mesh.
+    """Refuse, with ``BounderError``, a bounder that is not one of a shape's mesh, as it is on the device.
 
-    Args:
-        pipeline: Whose model has the shape.
-        shape: Its index.
-        bounder: Of points, with margin enough for the pipeline's contact gap, or of distances.
-        unproven: Whether one without a proof, or with too small a margin, will do.
-        mesh_of: Called with the index of a shape, it returns points and triangles of its mesh on the device.
-
-    Raises:
-        BounderError: That says what was expected and what came.
+    One of points needs margin enough for the pipeline's contact gap. ``unproven`` takes one without a proof, or with
+    too small a margin, too; ``mesh_of`` reads points and triangles of a shape.
     """
     model = pipeline.model
     whole = isinstance(shape, (int, np.integer)) and not isinstance(shape, bool)

@@ -80,13 +80,10 @@ FASTER = 2.0  # largest factor by which the used fraction may go on faster when 
 
 
 class Clock:
-    """How much of a budget is used up.
+    """How much of a budget is used up: of seconds from now on, compiling kernels not counted, or of ``steps``.
 
-    Args:
-        seconds: From now on; compiling kernels takes none (``working_seconds``).
-        steps: Number of steps; if given, time plays no role and runs are repeatable.
-        progress: Called with done, total and a note, or ``None``.
-        share: The part of the user's progress that is training; proofs come behind it.
+    With steps time plays no role, and runs are repeatable. ``share`` is the part of the user's progress that is
+    training; proofs come behind it.
     """
 
     def __init__(self, seconds: float, steps: int | None = None, progress: Progress | None = None, share: float = 1.0):
@@ -142,13 +139,9 @@ def geometric(begin: float, end: float, used: float) -> float:
 
 
 def cosine(rate: float, end: float, warm_up: float, used: float) -> float:
-    """A learning rate that rises linearly during the warm-up, and falls by half a cosine.
+    """A learning rate that rises linearly to ``rate`` at the used fraction ``warm_up``, and falls by half a cosine.
 
-    Args:
-        rate: The highest rate.
-        end: The rate at the end, as a share of the highest.
-        warm_up: Used fraction at which the rate is highest.
-        used: Used fraction of the budget.
+    At the end it is the share ``end`` of the highest.
     """
     warm = min(1.0, (used + 1e-3) / warm_up)
     return rate * warm * (end + (1 - end) * 0.5 * (1 + math.cos(math.pi * min(used, 1.0))))
@@ -199,19 +192,11 @@ class _State:
 
 
 class Soap:
-    """Optimiser over a list of matrices, which it changes in place.
+    """Optimiser over ``(out, in)`` float32 matrices, changed in place; of a single row only the columns are rotated.
 
-    Args:
-        weights: ``(out, in)`` float32 matrices; of a single row only the columns are rotated.
-        beta1: Decay of the first moment.
-        beta2: Decay of the second moment, more than ``beta1**2``.
-
-    Attributes:
-        bound: A coordinate in the eigenbasis moves by at most this times the learning rate, a step.
-        count: Steps so far.
-
-    Raises:
-        ValueError: For decays under which Adam's steps have no bound.
+    ``beta1`` and ``beta2`` are the moments' decays, ``beta2 > beta1**2``, else Adam's steps have no bound
+    (``ValueError``). A coordinate in the eigenbasis moves by ``bound`` times the learning rate a step at most;
+    ``count`` are the steps so far.
     """
 
     def __init__(self, weights: list[torch.Tensor], beta1: float, beta2: float):
@@ -260,11 +245,7 @@ def _eigenvectors(factor: torch.Tensor) -> torch.Tensor:
 
 
 def _refine(factor: torch.Tensor, basis: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-    """One step of orthogonal iteration.
-
-    Returns:
-        The new basis, and the share ``(new, old)`` of each old coordinate's variance that each new one takes.
-    """
+    """One step of orthogonal iteration: the new basis, and each old coordinate's share of each new one's variance."""
     image = factor @ basis
     order = (image * basis).sum(0).argsort(descending=True)
     refined = torch.linalg.qr(image[:, order])[0].contiguous()
@@ -330,14 +311,7 @@ def tensors_of(layers: list[torch.Tensor]) -> dict[str, np.ndarray]:
 
 
 class TrainableNetwork:
-    """Parameters of a network, flat and as one matrix a layer.
-
-    Args:
-        ndim: Number of coordinates ``v``.
-        hidden: Hidden widths.
-        activation: A name in ``ACTIVATIONS``.
-        octaves: Octaves of the positional encoding; 0 for none.
-    """
+    """Parameters of a network of ``ndim`` coordinates ``v``, flat and as one matrix a layer."""
 
     def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0):
         self.ndim, self.hidden, self.activation, self.octaves = ndim, hidden, activation, octaves
@@ -474,14 +448,9 @@ class Adversary:
 def adversarial_minimum(
     samples: Samples, network: TrainableNetwork, seconds: float, states: torch.Tensor | None = None, rounds: int = 1000
 ) -> Adversary:
-    """Search for the least value of a network over positives.
+    """Search for the least value of a network over positives, for some seconds or rounds.
 
-    Args:
-        samples: Samples of the kind of query.
-        network: The network; not changed.
-        seconds: Time limit.
-        states: ``(S, N)``, positives known to be hard.
-        rounds: Largest number of rounds; with unlimited time the search is repeatable.
+    ``states`` ``(S, N)`` are positives known to be hard. With unlimited time the search is repeatable.
     """
     started = working_seconds()
     with single_threaded_torch():

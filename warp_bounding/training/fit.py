@@ -235,13 +235,7 @@ def _fit_parts(
 
 
 def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]:
-    """``info`` of a bounder that was fitted to a shape, but for its ``rates``.
-
-    Args:
-        shape: What is bounded, its margin included.
-        seed: Of everything random.
-        record: Of the training, with its seconds.
-    """
+    """``info`` of a bounder that was fitted to a shape, its margin included, but for its ``rates``."""
     return {
         "indicator": shape.digest,
         "name": shape.name,
@@ -385,13 +379,11 @@ KDOP_SECONDS = 10.0  # training longer does not make learned half-spaces tighter
 class Trainer:
     """How the bounders of a class are made.
 
-    Attributes:
-        train: Called with the class, the problem, the values of all of the class's options, the seconds that training
-            may take, and a function for progress or ``None``.
-        proves: ``train`` sets threshold and certificate itself. In a cascade such trainers share the rest of the budget
-            equally. Where ``train`` does not, ``fit`` calls ``prove`` afterwards, and before a trainer that proves it
-            gets the share ``fit.FRONT_SHARE`` only.
-        most_seconds: ``fit`` gives no more seconds, because they would make nothing tighter.
+    ``train`` is called with the class, the problem, the values of all of the class's options, the seconds that training
+    may take, and a function for progress or ``None``. Where it ``proves``, it sets threshold and certificate itself,
+    and such parts of a cascade share the rest of the budget equally; else ``fit`` calls ``prove`` afterwards, and the
+    part gets the share ``FRONT_SHARE`` only before one that proves. More than ``most_seconds`` would make nothing
+    tighter.
     """
 
     train: Callable[[type[Bounder], Problem, dict[str, Any], float, Progress | None], Trained]

@@ -94,13 +94,10 @@ ATTEST_SECONDS, SHAPE_ATTEST_SECONDS, ATTEST_SHARE = 2.5, 12.0, 0.15
 
 
 def final_proof_seconds(search: Search, used: float, of_cells: bool = True, untold: float = 1.0) -> float:
-    """Seconds expected for the proof of the final network.
+    """Seconds expected for the proof of the final network, by a search of the one at a used fraction of its training.
 
-    Args:
-        search: Of the network at a used fraction of its training time.
-        used: That fraction.
-        of_cells: Whether the object is a grid; of regions of other shapes ``search`` is about coarse cells.
-        untold: Factor of what a search that did not end says of the rest: ``UNTOLD`` of rays and boxes.
+    ``untold`` is a factor of what a search that did not end says of the rest. Of regions of shapes that are not
+    ``of_cells`` the search is about coarse cells.
     """
     begin, end = PROOF_GROWTH
     seconds = search.seconds if search.complete else untold * search.needed
@@ -205,21 +202,11 @@ def decide_parts(
     limits: dict[str, float],
     report=lambda note: None,
 ) -> tuple[Local, dict]:
-    """A network of rays or boxes with a threshold for each part of its domain, and its certificate.
+    """A network of rays or boxes with a threshold for each part of its domain and its certificate, and a record.
 
-    Where the proof leaves thresholds that cost too much, those of the lowest positives that it has found are taken, and
-    fresh positives attest them all together.
-
-    Args:
-        member: The network; its own threshold is not used.
-        lattice: The parts.
-        problem: What it bounds.
-        found: ``(N, ndim)``, the lowest positives known, coordinates ``v``.
-        limits: ``seconds`` or ``boxes`` for the prover.
-        report: Called with a note on what begins.
-
-    Returns:
-        The bounder; and a record: ``gap``, ``proof_cost``, ``proof_seconds``, ``complete`` and ``thresholds``.
+    Where the proof, within ``limits``, leaves thresholds that cost too much, those of the lowest positives that it has
+    found are taken, and fresh positives attest them all together. ``found`` ``(N, ndim)`` are the lowest positives
+    known, coordinates ``v``.
     """
     domain, grid, length = problem.domain, problem.grid, problem.domain.oracle_length
     drawn = draw_positives(problem.query, grid, POSITIVES, problem.seed, "cpu", length, outside=False)
@@ -259,15 +246,8 @@ def decide(
 ) -> dict:
     """Set the threshold of a network of rays or boxes, by proof if there is time for one, and give it its certificate.
 
-    Args:
-        part: The network; changed in place.
-        problem: What it bounds.
-        found: ``(N, ndim)``, the lowest positives known, coordinates ``v``.
-        limits: ``seconds`` or ``boxes`` for the prover; ``None`` if it is not to try.
-        report: Called with a note on what begins.
-
-    Returns:
-        A record: ``gap``, and where the prover has tried ``proof_cost`` and ``proof_seconds``.
+    ``found`` ``(N, ndim)`` are the lowest positives known, coordinates ``v``; ``limits`` are seconds or boxes for the
+    prover, ``None`` if it is not to try. Returns a record of the gap, and of what the proof took and costs.
     """
     costs, least = Costs(part, problem), float(part.reference(found).min())
     record, left = {}, None
@@ -339,15 +319,10 @@ def fit_network(
 class _Fit:
     """One fit.
 
-    Attributes:
-        as_points: Whether f is proven over the object's points.
-        of_planes: Whether the network is a plane's two supports (``Head``).
-        proof_worthwhile: Of rays and boxes: whether a proof is expected to be worth its time.
-        final_search_limit: Seconds that the adversary may take once training has ended, before a proof.
-        first_reserve: Share of the budget reserved for setting the threshold until a search has measured what that
-            takes, and again where a proof is given up. The user's progress counts the rest as training, whatever is
-            kept later.
-        boxes: Number of boxes that searches during training have bounded.
+    ``as_points`` says that f is proven over the object's points, ``of_planes`` that the network is a plane's two
+    supports (``Head``), ``proof_worthwhile`` of rays and boxes that a proof is expected to be worth its time.
+    ``first_reserve`` is the share of the budget reserved for setting the threshold until a search has measured what
+    that takes, and again where a proof is given up; the user's progress counts the rest as training.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):

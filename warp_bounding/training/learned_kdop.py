@@ -29,12 +29,7 @@ HALVINGS = 12  # of the interval in which f is highest along a ray
 
 
 class HalfSpaceProblem:
-    """Half-spaces around points.
-
-    Args:
-        domain: Of the kind of query.
-        support: Certified, of what is bounded.
-    """
+    """Half-spaces around points, for a domain and the certified support of what is bounded."""
 
     def __init__(self, domain: Domain | RegionDomain, support: ObjectSupport):
         self.domain, self.support = domain, support
@@ -183,11 +178,7 @@ def train_learned_kdop(
 
 
 def _classic(domain: AnyDomain, k: int | None) -> np.ndarray:
-    """``kdop``'s half-spaces where it offers ``k`` of them, else its default ones.
-
-    Raises:
-        BounderError: For another ``k`` that is less than those, or more than ``MOST``.
-    """
+    """``kdop``'s half-spaces where it offers ``k`` of them, else its default ones, of which there must be fewer."""
     try:
         return classic_normals(domain, k)
     except BounderError:

@@ -138,10 +138,9 @@ class CellPoints(ObjectPoints):
         return self.to_local(columns(_boundary_vertices(self.grid.occupancy)) - 0.5)
 
     def locate(self, y: np.ndarray) -> tuple[torch.Tensor, torch.Tensor, np.ndarray]:
-        """Cells and offsets of points found elsewhere, and which of them they are: ``(N,)`` bool.
+        """Cells and offsets of points ``(N, n)`` float64, local space, and which these are.
 
-        Args:
-            y: ``(N, n)`` float64, local space; a point in no occupied cell, by rounding, is dropped.
+        A point in no occupied cell, by rounding, is dropped: ``(N,)`` bool says so.
         """
         t = (y - self.origin.numpy().T.astype(np.float64)) / self.unit.numpy().T
         cell = np.rint(t).astype(np.int64)
@@ -264,21 +263,10 @@ MOST = 1 << 20  # queries that are kept, a random choice of more
 
 
 class CallersQueries:
-    """Some queries, labelled by the exact truth.
+    """Some queries ``(Q, m)``, object space, float32 in ``x``, labelled by the exact truth.
 
-    Args:
-        x: ``(Q, m)`` numbers, object space, of the domain's kind of query.
-        shape: What is bounded.
-        domain: Of the queries.
-        seed: Of the choice where there are too many.
-        frame: Whose origin is taken off them.
-
-    Attributes:
-        x: ``(Q, m)`` float32.
-        positives: Share of them that meet the object.
-
-    Raises:
-        QueryError: For another shape, none at all, or numbers that mean nothing.
+    Of too many a random choice is kept; the ``frame``'s origin is taken off them. Raises ``QueryError`` for another
+    shape, none at all, or numbers that mean nothing.
     """
 
     def __init__(self, x, shape: Shape, domain: Domain | RegionDomain, seed: int = 0, frame: Frame | None = None):
@@ -336,16 +324,10 @@ ATTEMPTS = 20  # batches in which a negative is looked for
 class Samples:
     """Random samples of one kind of query, as columns; made of the object, a domain and a source of randomness.
 
-    Attributes:
-        query: Kind of query.
-        ndim: Length of ``v``.
-        generator: Source of everything random.
-        detail: ``(ndim, 1)``, the object's cells along each axis of ``v``, relative to the axis with most.
-        waves: ``(2 K, ndim + 1)``, a first layer whose sines are those and the cosines of the object's waves
-            (``Shape.waves``); ``None`` where it has none.
-        vertices: ``(ndim, K)``, all of the positives where a minimum of f is likely, such as corners; may be none.
-        callers: Queries of the caller's own, which take the place of some of the negatives; ``None`` where there are
-            none.
+    ``detail`` ``(ndim, 1)`` are the object's cells along each axis of ``v``, relative to the axis with most; ``waves``
+    ``(2 K, ndim + 1)`` a first layer whose sines are those of the object (``Shape.waves``); ``vertices`` ``(ndim, K)``
+    all positives where a minimum of f is likely, such as corners; ``callers`` queries of the caller's own, which take
+    the place of some of the negatives.
     """
 
     query = ""
@@ -383,12 +365,9 @@ class Samples:
         raise NotImplementedError
 
     def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        """States after one step downhill; they stay positives, or ``resolved`` makes them positives again.
+        """States ``(S, N)`` after one step down ``slope`` ``(ndim, N)``, which may be overwritten.
 
-        Args:
-            state: ``(S, N)``.
-            slope: ``(ndim, N)``, gradient in ``v``; may be overwritten.
-            step: Length, about in cells, one number or ``(N,)``.
+        They stay positives, or ``resolved`` makes them positives again; ``step`` is in cells, about, one or ``(N,)``.
         """
         raise NotImplementedError
 
@@ -548,13 +527,7 @@ STEP = 2 / 64  # local units: what ``move`` calls a cell
 
 
 class ShapePointSamples(Samples):
-    """Random points of a shape; see ``Samples``. A state is the point itself, in local coordinates (n rows).
-
-    Args:
-        shape: The object.
-        domain: Its domain, which gives the map to ``v``.
-        generator: Source of randomness.
-    """
+    """Random points of a shape; see ``Samples``. A state is the point itself, in local coordinates (n rows)."""
 
     query = "point"
 
@@ -929,11 +902,7 @@ SHAPE_SAMPLES: dict[str, type[Samples]] = SAMPLES | {ShapePointSamples.query: Sh
 
 
 def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0, *, monotone: bool = False) -> Samples:
-    """The samples of a domain's kind of query, or for a monotone network; the seed is also that of its trainer.
-
-    Raises:
-        BounderError: For a kind of query that networks are not trained for.
-    """
+    """The samples of a domain's kind of query, or for a monotone network; the seed is also that of its trainer."""
     if domain.query not in SAMPLES:
         raise BounderError(f"training knows {', '.join(SAMPLES)}, got {domain.query}")
     kinds = SAMPLES if isinstance(shape, Grid) else SHAPE_SAMPLES

@@ -133,7 +133,7 @@ def weights_of(recipe: Recipe, used: float) -> tuple[float, float, float]:
 def accumulate(
     batches: tuple[Batches, Batches], recipe: Recipe, team: Team, workers: list[Evaluator], row: int, used: float
 ) -> None:
-    """Gradient of the loss on one batch that ``plan`` has drawn, the one with number ``row`` since the last refresh.
+    """Gradient of the loss on the batch number ``row`` that ``plan`` has drawn since the last refresh.
 
     The workers, one for each thread, are of one network; each one's share is in its ``gradient``.
     """
@@ -169,9 +169,7 @@ def summed(workers: list[Evaluator]) -> list[torch.Tensor]:
 def _stratified(active: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
     """Batches drawn from two strata: the samples that carry gradient, ``active`` ``(N,)`` bool, and the others.
 
-    Returns:
-        ``(refresh, batch)`` indices, and ``(batch,)`` weights under which a batch's sum estimates the sum over all
-        samples.
+    Indices ``(refresh, batch)``, and weights ``(batch,)`` under which a batch's sum estimates that over all samples.
     """
     strata = [active.nonzero()[:, 0], (~active).nonzero()[:, 0]]
     counts = [int(recipe.batch * recipe.active), recipe.batch - int(recipe.batch * recipe.active)]
@@ -189,24 +187,13 @@ WAVE_DECAY = 0.03
 
 
 class NetworkTrainer:
-    """A network in training.
+    """A network in training, on samples whose generator is the source of everything random.
 
-    Args:
-        samples: Samples of the kind of query; their generator is the source of everything random.
-        hidden: Hidden widths.
-        activation: A name in ``ACTIVATIONS``.
-        octaves: Octaves of the positional encoding.
-        recipe: Constants; those of the kind of query if ``None``.
-
-    Attributes:
-        network: The parameters as they are now.
-        false_positives: Estimated share of false positives, of all uniform samples, at the last refresh.
-        false_negatives: Share of the worst positives that the paper's threshold of 0 would deny.
-        hard: ``(S, K)``, states of the worst positives known; none before the first refresh.
-        decay: In each step the hidden layers' weights shrink by this times the learning rate: smaller weights bend f
-            less, which shortens its proof.
-        takes_positives: Whether ``run`` heeds ``on_refresh``, so that positives found by others can enter the training
-            (the paper's does not); ``fit_network`` reserves time for finding them only then.
+    ``false_positives`` is the estimated share of all uniform samples, ``false_negatives`` that of the worst positives
+    which the paper's threshold of 0 would deny, both of the last refresh; ``hard`` ``(S, K)`` are the states of the
+    worst positives known. In each step the hidden layers' weights shrink by ``decay`` times the learning rate: smaller
+    weights bend f less, which shortens its proof. Where it ``takes_positives``, ``run`` heeds ``on_refresh``, and
+    ``fit_network`` reserves time for finding positives.
     """
 
     takes_positives = True
@@ -248,10 +235,8 @@ class NetworkTrainer:
     def run(self, clock: Clock, on_refresh: Callable[[float], None] = lambda used: None) -> None:
         """Train until the clock's budget is used up, or an interrupt.
 
-        Args:
-            clock: The budget; its count of steps goes on.
-            on_refresh: Called before every refresh with the used fraction, and at the end with 1; it may ``add``
-                positives.
+        ``on_refresh`` is called before every refresh with the used fraction, and at the end with 1; it may ``add``
+        positives.
         """
         recipe, optimiser = self.recipe, self._optimiser()
         for step, used in clock.steps():
@@ -372,12 +357,10 @@ BEGIN, END = 0.7, 0.9
 
 
 class LocalTrainer(NetworkTrainer):
-    """A network in training, at thresholds of parts of the domain.
+    """A network in training, at thresholds of the parts of a lattice.
 
-    Attributes:
-        lattice: The parts.
-        least: ``(parts,)``, the least f of the positives known in each at the last refresh; infinity where there is
-            none.
+    ``least`` ``(parts,)`` is the least f of the positives known in each at the last refresh; infinity where there is
+    none.
     """
 
     def __init__(

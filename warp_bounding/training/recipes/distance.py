@@ -76,15 +76,7 @@ JUDGED = (0.0, 0.05, 0.1, 0.2)  # local units: radii at which false positives ar
 
 
 class DistanceTrainer:
-    """A network in training.
-
-    Args:
-        cls: Of the bounder.
-        problem: The object, and the domain.
-        hidden: Widths.
-        activation: A name in ``ACTIVATIONS``.
-        parts: Of the domain, each with a slack of its own.
-    """
+    """A network in training; each of ``parts`` of the domain has a slack of its own."""
 
     def __init__(self, cls: type[MlpDistance], problem: Problem, hidden: tuple[int, ...], activation: str, parts: int):
         shape, seed = problem.grid, problem.seed

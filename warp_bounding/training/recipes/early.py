@@ -57,19 +57,11 @@ HALVINGS = 6  # tries of a Newton step, each half as long, until one lowers the 
 def train_exits(
     trainer: NetworkTrainer | SupportTrainer, tensors: dict[str, np.ndarray], seconds: float, steps: int | None = None
 ) -> tuple[dict[str, np.ndarray], list[NetworkTrainer] | list[SupportTrainer]]:
-    """Train one exit behind each hidden layer but the last.
+    """Train one exit behind each hidden layer but the last, in seconds for all together or in steps for each.
 
-    Call it under ``single_threaded_torch``. Randomness comes from the trainer's own generator.
-
-    Args:
-        trainer: The network's trainer after training, whose samples and hard positives are used.
-        tensors: The network as a bounder stores it; not changed.
-        seconds: Time for all exits together.
-        steps: Number of steps of each exit in place of a time, for repeatable runs.
-
-    Returns:
-        ``exits.i.weight`` and ``exits.i.bias`` as ``MlpEarly`` stores them, and each exit's trainer: that of a network
-        that ends there, with the worst positives known.
+    Call it under ``single_threaded_torch``, after the network's trainer, whose samples, hard positives and generator
+    are used. Returns ``exits.i.weight`` and ``exits.i.bias`` as ``MlpEarly`` stores them, and each exit's trainer: that
+    of a network that ends there, with the worst positives known.
     """
     exits, trainers = {}, []
     depth = sum(name.startswith("layers.") and name.endswith(".weight") for name in tensors) - 2
@@ -147,10 +139,7 @@ class EarlyTrainer(NetworkTrainer):
 class _ExitTrainer(NetworkTrainer):
     """A network of which only the output is trained, some fifty weights, by damped Newton steps on all samples.
 
-    Args:
-        trainer: The whole network's trainer.
-        layers: The hidden layers, which stay as they are.
-        output: ``(1, H + 1)``, the output that joint training has begun; random if ``None``.
+    The hidden layers stay as they are; ``output`` ``(1, H + 1)`` is what joint training has begun, or random.
     """
 
     def __init__(self, trainer: NetworkTrainer, layers: list[torch.Tensor], output: torch.Tensor | None = None):
@@ -266,14 +255,7 @@ SEED = 30_011  # added to the problem's: no sample of the training
 
 
 def granted(bounder: MlpEarly, problem: Problem) -> MlpEarly:
-    """The same bounder with grants, with its thresholds and its certificate.
-
-    Call it under ``single_threaded_torch``.
-
-    Args:
-        bounder: With all thresholds.
-        problem: What it bounds.
-    """
+    """The same bounder with grants, its thresholds and its certificate; call it under ``single_threaded_torch``."""
     if len(bounder.hidden) < 2:
         return bounder
     rng = np.random.default_rng(problem.seed + SEED)
