@@ -72,7 +72,7 @@ class Bakes:
 
     def command(self, *more: str) -> list[str]:
         """The command line of a bake."""
-        start = [sys.executable, "-m", "warp_bounding", "bake", str(self.shapes), "--out", str(self.out)]
+        start = [sys.executable, "-m", "warp_bounding", "bake", str(self.shapes), "--output", str(self.out)]
         return [*start, *self.fit, "--json", *more]
 
     def records(self) -> dict[str, int]:
@@ -191,7 +191,7 @@ def killed(shapes: Path, work: Path, fit: list[str], every: float, seed: int) ->
 
 def undisturbed(shapes: Path, work: Path, fit: list[str]) -> dict:
     """A bake without deaths: what its tasks take of the workers' time."""
-    start = [sys.executable, "-m", "warp_bounding", "bake", str(shapes), "--out", str(work / "calm")]
+    start = [sys.executable, "-m", "warp_bounding", "bake", str(shapes), "--output", str(work / "calm")]
     done = subprocess.run([*start, *fit, "--json", "--jobs", str(WORKERS)], stdout=subprocess.PIPE, check=True)
     reported = json.loads(done.stdout)
     names = ("shapes", "failed", "proven", "seconds", "running_seconds", "task_seconds", "workers")

@@ -492,7 +492,7 @@ class Hierarchy(Figure):
     def facts(self, parts):
         levels = parts["school"]["levels"].items()
         reported = (
-            f"{self.titles[n]} {p['fp']:.2f} % ({p['nbytes'] / 1024:.1f} kB, {p['certificate']})" for n, p in levels
+            f"{self.titles[n]} {p['fp']:.2f} % ({p['nbytes'] / 1000:.1f} kB, {p['certificate']})" for n, p in levels
         )
         return [f"False positives: {'; '.join(reported)}."]
 

@@ -110,7 +110,7 @@ def command(
 
         title = lambda key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}"  # noqa: E731
         done = results.work(folder, sorted(groups), measure, title)
-        for kind, content in early_plot(devices_of(folder.rows)).items():
+        for kind, content in early_plot(devices_of([*folder.rows, *_rows_of_gpu(folder.path)])).items():
             folder.write(f"early_out.{kind}", content)
         folder.write(results.PAGE, page(folder))
     missed = sum(r["fn"] for r in folder.rows if variant_of(r).conservative)
@@ -118,6 +118,12 @@ def command(
         results.say(f"promise broken: {missed:,} false negatives of methods that promise none")
     print(f"{len(folder.rows)} cells; the tables are {folder.path / results.PAGE}")
     return int(bool(missed or not done))
+
+
+def _rows_of_gpu(path: Path) -> Rows:
+    """Rows of a run on a GPU, where its folder ``cuda`` is in this one: they are drawn beside its own."""
+    table = path / "cuda" / f"{NAME}.csv"
+    return results.read_rows(table, CSV, results.read_settings(table.parent)[0])[0] if table.is_file() else []
 
 
 def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[dict[str, Any]]:
@@ -336,9 +342,14 @@ def _every(cells: Mapping[tuple[Variant, Column], Mean], *, relative: bool) -> l
     return markdown([None, *(c.title for c in columns)], ([v.label, *(told(v, c) for c in columns)] for v in variants))
 
 
+def _kind(device: str) -> str:
+    """The kind of a device, for people."""
+    return "CPU" if device == "cpu" else "GPU"
+
+
 def early_plot(devices: Mapping[str, Mapping[tuple[Variant, Column], Mean]]) -> dict[str, bytes]:
     """The paper's early-out plot: time without exits over that with exits, by column; file content by format."""
-    series = {f"ours, {device}": gains for device, cells in devices.items() if (gains := gains_of(cells))}
+    series = {f"ours, {_kind(device)}": gains for device, cells in devices.items() if (gains := gains_of(cells))}
     if not series:
         return {}
     columns, first, theirs = list(next(iter(series.values()))), next(iter(devices.values())), paper_gains()
@@ -363,7 +374,7 @@ def early_plot(devices: Mapping[str, Mapping[tuple[Variant, Column], Mean]]) -> 
         panel.axhline(1.0, color=INK, linewidth=1, zorder=0.9)
         panel.set_xticks(places, [named(c) for c in columns])
         panel.set_ylabel("time without exits / time with exits")
-        panel.set_title("Early exits: how many times as fast, by column (over 1 is a gain)", loc="left")
+        panel.set_title("Early exits: how many times as fast, by column (under 1 they cost time)", loc="left")
         panel.grid(axis="y", color=PALE, linewidth=0.8)
         panel.set_axisbelow(True)
         panel.legend(frameon=False)

@@ -286,7 +286,7 @@ def _mean(rows: Rows, name: str) -> float:
 
 def _size(rows: Rows) -> str:
     mean = _mean(rows, "nbytes")
-    return NO_METHOD if not rows else f"{mean:.0f} B" if mean < 1024 else f"{mean / 1024:.1f} kB"
+    return NO_METHOD if not rows else f"{mean:.0f} B" if mean < 1000 else f"{mean / 1000:.1f} kB"
 
 
 def _detail(row: dict[str, Any] | None) -> str:
@@ -319,12 +319,10 @@ def page(folder: results.Folder) -> str:
 
 # --- the rank plot ----------------------------------------------------------------------------------------------------
 
-STYLES = {  # colour and marker, in the legend's order; lightness and marker differ for the colour-blind, too
-    "mlp": "#d1420ao", "mlp-early": "#f0a30ad", "monotone-mlp": "#a8323e>", "mlp-local": "#c77f4f8",
-    "hierarchy": "#e8b48cp", "learned-kdop+mlp": "#7a2f00*", "distance": "#5f8a1e<", "relu-field": "#d97bb6X",
-    "learned-kdop": "#8a1c5aP", "aabb": "#1b5e9es", "obb": "#4aa3dfD", "sphere": "#a0a4a8o", "ellipsoid": "#75797dh",
-    "oriented-ellipsoid": "#43474bp", "kdop": "#00846b^", "bvh": "#5ec4a8v",
-}  # fmt: skip
+HIGHLIGHTED = {"mlp": "#d1420ao", "learned-kdop+mlp": "#7a2f00*", "kdop": "#00846b^", "bvh": "#4aa3dfv"}
+GREYS = ("mlp-early", "monotone-mlp", "mlp-local", "hierarchy", "distance", "relu-field", "learned-kdop", "aabb", "obb",
+    "sphere", "ellipsoid", "oriented-ellipsoid")  # fmt: skip
+STYLES = dict.fromkeys(GREYS, "#c3c8cc,") | HIGHLIGHTED  # colour and marker; the highlighted ones are drawn last
 CAPTIONS = dict(
     zip(t.SPACES, ("volumes around the object", "volumes around query parameters,\nas in the paper"), strict=True)
 )
@@ -335,7 +333,7 @@ def rank_plot(rows: Rows) -> dict[str, bytes]:
     """The paper's rank plot: false-positive rates of every test case (object x query), sorted, a line a method.
 
     A panel a dimension. Where a table shows means, this shows whether a method is tight always or only on average.
-    Classic volumes are cool and grey, what is learned is warm. Volumes around numbers of queries have panels of their
+    Four methods are highlighted, all others grey. Volumes around numbers of queries have panels of their
     own, with the networks in both. The exact protocol is drawn where there is any.
 
     Returns:
@@ -360,7 +358,7 @@ def rank_plot(rows: Rows) -> dict[str, bytes]:
             for panel, ndim in zip(line, dimensions, strict=True):
                 own = [r for r in rows if r["dimension"] == ndim]
                 for method, style in STYLES.items():
-                    both, learned = method in t.IN_BOTH, method in t.LEARNED
+                    both, main = method in t.IN_BOTH, method in HIGHLIGHTED
                     here = lambda r, both=both: not both or r["space"] == space  # noqa: E731, B023
                     found = [r for r in own if r["method"] == method and (here(r) or r["query"] == "point")]
                     if any(here(r) for r in found):
@@ -369,9 +367,9 @@ def rank_plot(rows: Rows) -> dict[str, bytes]:
                             "color": style[:7],
                             "marker": style[7],
                             "markeredgecolor": "white",
-                            "zorder": 3 + learned,
+                            "zorder": 3 + main,
                         }
-                        drawn |= {"markersize": 6, "markeredgewidth": 0.6, "linewidth": 2.4 if learned else 1.5}
+                        drawn |= {"markersize": 6, "markeredgewidth": 0.6, "linewidth": 2.4 if main else 1.0}
                         every = max(1, -(-len(rates) // 12))
                         (lines[method],) = panel.plot(np.arange(1, len(rates) + 1), rates, markevery=every, **drawn)
                 cases = len({(r["object"], r["query"]) for r in own})
@@ -383,8 +381,11 @@ def rank_plot(rows: Rows) -> dict[str, bytes]:
                 panel.spines[["top", "right"]].set_visible(False)
                 if space == spaces[-1]:
                     panel.set_xlabel(f"{cases} test cases (object × query),\nsorted for each method: easy to hard")
-        names = [m for m in STYLES if m in lines]
-        figure.legend([lines[m] for m in names], names, loc="outside right upper", frameon=False)
+        names = [m for m in HIGHLIGHTED if m in lines]
+        others = [m for m in GREYS if m in lines]
+        handles = [lines[m] for m in names] + [lines[m] for m in others[:1]]
+        names += [f"others: {chr(10).join(others)}".replace(": ", ":" + chr(10))] if others else []
+        figure.legend(handles, names, loc="outside right upper", frameon=False)
         figure.suptitle(f"False-positive rates by method, {protocol} truth", x=0.01, ha="left", color=INK)
 
     return page_of(fill)

@@ -76,9 +76,12 @@ def panels(path: Path, count: int, width: int, height: int) -> Iterator[tuple]:
 
 
 def write(plotter, text: str, place: tuple[float, float], size: int, color: str = INK) -> None:
-    """Text in a panel, at shares of its width and height."""
+    """Text in a panel, at shares of its width and height, in the font of the figures."""
     if text:
-        plotter.add_text(text, position=place, viewport=True, font_size=size, color=color)
+        from matplotlib import font_manager
+
+        font = font_manager.findfont("DejaVu Sans")
+        plotter.add_text(text, position=place, viewport=True, font_size=size, color=color, font_file=font)
 
 
 def aim(plotter, position, focal_point, angle: float, lit: tuple[float, float, float] = (0.0, 0.0, 0.8)) -> None:

@@ -11,7 +11,7 @@ __all__ = ["draw"]
 PICTURE = "cloth.png"
 PANEL = (800, 560)  # pixels
 TIPS = "White tips: the star's points between particles; only particles collide"
-CLOTH, WRONG = "#3f7fc4", "#d62718"
+CLOTH, WRONG, OPACITY = "#3f7fc4", "#d62718", 0.55  # what lies under the cloth shows through
 
 
 def _top(positions: np.ndarray, triangles: np.ndarray, radius: float) -> np.ndarray:
@@ -37,7 +37,9 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
             plotter.add_mesh(surface, color=STONE, smooth_shading=True, ambient=0.25, specular=0.1)
         top = _top(data[f"positions{number}"], data["triangles"], float(data["radius"]))
         cloth = polygons(top, data["triangles"])
-        plotter.add_mesh(cloth, color=CLOTH, smooth_shading=True, ambient=0.15, specular=0.25, specular_power=20)
+        look = {"smooth_shading": True, "ambient": 0.15, "specular": 0.25, "specular_power": 20}
+        plotter.enable_depth_peeling(8)
+        plotter.add_mesh(cloth, color=CLOTH, opacity=OPACITY, **look)
         under = data[f"depths{number}"] > 0
         if under.any():
             dots = pyvista.PolyData(upright(top[under]))

@@ -20,7 +20,7 @@ from sims import base
 from sims.assets import Shape
 from sims.chosen import Taken, take
 from sims.drawing import Drawn, draw_with
-from sims.particles.bounds import bounds_data
+from sims.particles.bounds import MOMENT, bounds_data, of_moment
 from sims.particles.broad import Everyone, MovingBox, OfMotion, OfSides
 from sims.particles.due import WhenDue
 from sims.particles.example import CONTACT, CONTAINMENT, Example, rain_data
@@ -142,7 +142,8 @@ class Demo(base.Demo):
     def draw(self) -> Drawn:
         bounders, examples, reference = self.of_shape(SCENE), self.examples, self.examples["none"]
         rates = {row["bounder"]: row["fp_rate"] for row in self.rows[SCENE]}
-        pictured = {name: (bounders[name], rates[name]) for name in PICTURED if name in bounders}
+        pictured = {MOMENT: of_moment(self.scene, reference.time)}
+        pictured |= {name: (bounders[name], rates[name]) for name in PICTURED if name in bounders}
         rained = {name: examples[name] for name in RAINED if name in examples} or {"none": reference}
         data = bounds_data(self.scene, reference.time, pictured) | rain_data(rained, bounders, reference)
         return draw_with("sims.particles.pictures", self.out, data)

@@ -14,7 +14,7 @@ PALETTE = ["#0b3c8c", "#1f7fd0", "#39b8d9", "#a5e3d8"]
 NIGHT, PAPER, AROUND, WRONG = ("#0d1620", "#2b3e50"), "#c9d6e2", "#9cc8f5", "#ff3b2f"
 RADIUS, WRONG_RADIUS = 0.006, 0.014  # of a drop; of one that lost a contact
 DRAWN = 12  # of so many free drops one has a line
-COLUMNS_OF_BOUNDS, BOUNDS_SIZE, RAIN_PANEL = 3, (1600, 680), (800, 800)  # pixels
+BOUNDS_PANEL, RAIN_PANEL, HEAD = (533, 680), (800, 800), 112  # pixels; those at the top are for text
 
 
 def draw(data: dict[str, np.ndarray], folder: Path) -> None:
@@ -50,14 +50,14 @@ def _look(plotter, center: np.ndarray, away: tuple[float, float, float], raised:
 def _draw_bounds(data: dict[str, np.ndarray], path: Path) -> None:
     count = sum(key.startswith("bound") and key.endswith("_value") for key in data)
     bunny = polygons(data["vertices"], data["faces"])
-    for number, plotter in panels(path, count, BOUNDS_SIZE[0] * count // COLUMNS_OF_BOUNDS, BOUNDS_SIZE[1]):
+    for number, plotter in panels(path, count, BOUNDS_PANEL[0] * count, BOUNDS_PANEL[1]):
         plotter.set_background("white")
         plotter.add_mesh(bunny, color=STONE, smooth_shading=True, ambient=0.25, specular=0.1)
         _add_bound(plotter, data, f"bound{number}", BOUND, 0.27)
         method, figures, apart = str(data[f"bound{number}_caption"]).split("\n")
-        write(plotter, method, (0.06, 0.93), 17)
-        write(plotter, figures, (0.06, 0.885), 11)
-        write(plotter, apart, (0.06, 0.015), 11)
+        write(plotter, method, (0.05, 0.93), 13)
+        write(plotter, figures, (0.05, 0.885), 9)
+        write(plotter, apart, (0.05, 0.015), 9)
         _look(plotter, np.array(bunny.center), (-0.9, -5.4, 1.5), 0.1, 28)
 
 
@@ -77,10 +77,25 @@ def _draw_rain(data: dict[str, np.ndarray], path: Path) -> None:
         if lost.any():
             drops = pyvista.PolyData(x[lost]).glyph(geom=_ball(WRONG_RADIUS), scale=False, orient=False)
             plotter.add_mesh(drops, color=WRONG, ambient=0.5)
-        head, lines = str(data[f"rain{number}_caption"]).split("\n", 1)
-        write(plotter, head, (0.04, 0.93), 15, PAPER)
-        write(plotter, lines, (0.04, 0.84), 11, PAPER)
-        _look(plotter, np.array(bunny.center), (-1.3, -6.2, 1.6), 0.2, 22)
+        _look(plotter, np.array(bunny.center), (-1.3, -6.2, 1.6), 0.12, 22)
+    _label(path, [str(data[f"rain{number}_caption"]).split("\n") for number in range(count)])
+
+
+def _label(path: Path, captions: list[list[str]]) -> None:
+    """Put captions into a strip above a picture's panels, where no drop falls."""
+    from matplotlib import font_manager
+    from PIL import Image, ImageDraw, ImageFont
+
+    fonts = [ImageFont.truetype(font_manager.findfont("DejaVu Sans"), size) for size in (24, 17)]
+    drawn = Image.open(path).convert("RGB")
+    whole = Image.new("RGB", (drawn.width, drawn.height + HEAD), NIGHT[0])
+    whole.paste(drawn, (0, HEAD))
+    pen = ImageDraw.Draw(whole)
+    for number, (head, *lines) in enumerate(captions):
+        left = drawn.width * number // len(captions) + 24
+        pen.text((left, 10), head, font=fonts[0], fill=PAPER)
+        pen.text((left, 42), "\n".join(lines), font=fonts[1], fill=PAPER, spacing=4)
+    whole.save(path)
 
 
 def _ball(radius: float):

@@ -153,7 +153,7 @@ def particles(stay: Stay) -> str:
     """The first demo, small: every run ends in the same state, and there are pictures."""
     _with_demos(stay)
     few = ["--particles", "2000", "--steps", "6"] if stay.short else []
-    stay.run(["python", "-m", "sims", "particles", "--quick", *few, "--out", "demo"])
+    stay.run(["python", "-m", "sims", "particles", "--quick", *few, "--output", "demo"])
     pictures = sorted(path.name for path in (stay.folder / "demo").rglob("*.png"))
     _expect(pictures, "the demo wrote no picture")
     return f"{len(pictures)} pictures"
