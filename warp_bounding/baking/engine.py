@@ -18,7 +18,6 @@ import os
 import signal
 import time
 import warnings
-from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from importlib.util import find_spec
@@ -45,8 +44,7 @@ __all__ = ["LARGEST", "SAMPLES", "SHEET", "Baked", "Job", "Record", "SchedulerEr
 
 LARGEST = 500.0  # megabytes of a shape's file: reading one takes some ten times as much memory
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
-WINDOW = 10_000  # tasks that the scheduler knows at a time
-MANIFEST_SECONDS, MANIFEST_SHARE = 5.0, 0.02  # the manifest is not written oftener, nor for a larger share of the time
+MANIFEST_SHARE = 0.02  # the manifest is written for no larger share of the time while a bake runs
 # of workers under the same task, after which it is given up: a shape that ends every process would go on for ever
 DEATHS = 10
 CONNECT_SECONDS = 15
@@ -542,17 +540,16 @@ def bake_with(
         update(0, 1, "what is there is read")
         every = {job.record.path_in(out): job for job in found}  # the same file under the same name twice is one
         records = {path: job.done() for path, job in every.items()}
-        open_ = deque(job for path, job in every.items() if records[path] is None)
+        open_ = [job for path, job in every.items() if records[path] is None]
         done = Baked(out, kept=len(every) - len(open_), foreign=foreign, too_large=too_large)
         others = [record for record in all_records(out) if record.path_in(out) not in every]
-        written, pause = time.perf_counter(), MANIFEST_SECONDS
+        next_time = 0.0
         try:
             for record in _ended(open_, out, done, jobs, scheduler, update, tell) if open_ else ():
                 records[record.path_in(out)] = record
-                if (now := time.perf_counter()) - written > pause:
+                if (now := time.perf_counter()) > next_time:
                     write_manifest(out, [*others, *filter(None, records.values())])
-                    written = time.perf_counter()
-                    pause = max(MANIFEST_SECONDS, (written - now) / MANIFEST_SHARE)
+                    next_time = now + (time.perf_counter() - now) / MANIFEST_SHARE
         finally:  # Ctrl-C, and whatever else ends it: what is there is listed
             done.seconds = time.perf_counter() - started
             done.records = [records[path] or job.record for path, job in every.items()]
@@ -562,9 +559,9 @@ def bake_with(
 
 
 def _ended(
-    open_: deque[Job], out: Path, done: Baked, jobs: int | None, scheduler: str | None, update: Progress, tell
+    open_: list[Job], out: Path, done: Baked, jobs: int | None, scheduler: str | None, update: Progress, tell
 ) -> Iterator[Record]:
-    """Hand out jobs until there are none, ``WINDOW`` at a time at most; the records, as they end."""
+    """Hand out jobs; the records, as they end."""
     total = len(open_)
     update(0, total, "workers start")
     with _connected(jobs, scheduler) as client:
@@ -574,17 +571,11 @@ def _ended(
             tell(f"dashboard: {client.dashboard_link}")
         _check_workers(client, [out, Path(open_[0].path).parent])
         started, done.workers = time.perf_counter(), sum(client.nthreads().values())
-        futures, running = {}, distributed.as_completed()
-        while open_ or futures:
-            if open_ and len(futures) < WINDOW // 2:
-                batch = [open_.popleft() for _ in range(min(WINDOW - len(futures), len(open_)))]
-                keys = [f"bake-{job.bounder_path.stem}" for job in batch]
-                for future, job in zip(client.map(bake_shape, batch, key=keys, pure=False), batch, strict=True):
-                    futures[future.key] = job
-                    running.add(future)
-            future = next(running)
-            record = _outcome(future, futures.pop(future.key), client)
-            del future  # else Dask would do it again if the worker that has its result died
+        by_key = {f"bake-{job.bounder_path.stem}": job for job in open_}
+        running = distributed.as_completed(client.map(bake_shape, open_, key=list(by_key), pure=False))
+        for future in running:
+            record = _outcome(future, by_key[future.key], client)
+            future.release()  # else Dask would do it again if the worker that has its result died
             done.task_seconds += record.seconds
             done.failed, done.baked = done.failed + bool(record.error), done.baked + (not record.error)
             if record.error:

@@ -311,6 +311,15 @@ class Lattice:
         return lattice
 
 
+def checked_parts(bounder: Bounder) -> list[int]:
+    """How many parts there are along each axis, as the sizes say; raises ``BounderError`` for what cannot be."""
+    shape, ndim = bounder.sizes.get("shape"), bounder.domain.ndim
+    whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
+    if not whole or len(shape) != ndim or prod(shape) > MOST_THRESHOLDS:
+        raise BounderError(f"{bounder.method}: expected {ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}")
+    return shape
+
+
 def packed(levels: np.ndarray) -> np.ndarray:
     """``(ceil(parts / 4),)`` uint32, words of levels ``(parts,)`` uint8."""
     return np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
@@ -437,12 +446,7 @@ class Local(Bounder):
         return cls(member.domain, tensors, sizes | {"shape": list(lattice.shape)}, member._device)
 
     def check_tensors(self) -> None:
-        shape = self.sizes.get("shape")
-        whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
-        if not whole or len(shape) != self.domain.ndim or prod(shape) > MOST_THRESHOLDS:
-            raise BounderError(
-                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}"
-            )
+        shape = checked_parts(self)
         self.members, shapes = members_of(self, 1, 1, lambda kind: kind is Mlp)
         (self.member,) = self.members
         expected = {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "scale": (2,)}

@@ -17,11 +17,11 @@ from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.mlp import (
     ACTIVATION,
     HIDDEN,
-    MOST_THRESHOLDS,
     THRESHOLDS,
     Lattice,
     Mlp,
     check_hidden,
+    checked_parts,
     packed,
     unpacked,
 )
@@ -114,7 +114,7 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         expected = {}
         for i in range(len(sizes) - 1):
             expected |= {f"layers.{i}.weight": (sizes[i + 1], sizes[i]), f"layers.{i}.bias": (sizes[i + 1],)}
-        shape = self._check_shape()
+        shape = checked_parts(self) if self.sizes.get("shape", []) != [] else []
         if shape:
             expected |= {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "step": (1,)}
         self.expect_shapes(expected)
@@ -123,15 +123,6 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         *layers, (weight, bias) = self._layers()
         self.network = Network([*layers, (weight, bias)], self.activation, None, limit)
         self._negative = Network([*layers, (-weight, -bias)], self.activation, None, limit)
-
-    def _check_shape(self) -> list[int]:
-        shape = self.sizes.get("shape", [])
-        whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
-        if not whole or (shape and (len(shape) != self.domain.ndim or prod(shape) > MOST_THRESHOLDS)):
-            raise BounderError(
-                f"{self.method}: expected {self.domain.ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}"
-            )
-        return shape
 
     def _check_lattice(self, shape: list[int]) -> Lattice:
         lattice, step = Lattice.stored(self.tensors["edges"], shape, self.method), float(self.tensors["step"][0])

@@ -408,6 +408,22 @@ class Evaluator:
         return self.network.layers[0][:, :-1].T @ signal
 
 
+def evaluated(
+    team: Team,
+    workers: list[Evaluator],
+    columns: torch.Tensor,
+    encode: Callable[[torch.Tensor], torch.Tensor] = lambda part: part,
+) -> torch.Tensor:
+    """``(N,)`` values of a network at columns ``(S, N)``, which ``encode`` makes inputs of, by all threads."""
+    values = torch.empty(columns.shape[1])
+
+    def job(index: int, part: slice) -> None:
+        values[part] = workers[index].forward(encode(columns[:, part]))
+
+    team.over(columns.shape[1], job)
+    return values
+
+
 # The least value of a network over all positives of a kind of query, as far as a search finds it.
 #
 # The prover starts from what this finds, and where it does not end in its time, this sets the threshold. Starts are the
@@ -476,14 +492,8 @@ class _Search:
         self.states, self.values, self.steps = states, self.evaluate(states), torch.full((states.shape[1],), 0.4)
 
     def evaluate(self, states: torch.Tensor) -> torch.Tensor:
-        values = torch.empty(states.shape[1])
-
-        def job(index: int, part: slice) -> None:
-            x = self.network.encode(self.samples.coordinates(states[:, part]))
-            values[part] = self.workers[index].forward(x)
-
-        self.team.over(states.shape[1], job)
-        return values
+        coordinates, encode = self.samples.coordinates, self.network.encode
+        return evaluated(self.team, self.workers, states, lambda part: encode(coordinates(part)))
 
     def walk(self, states: torch.Tensor, steps: torch.Tensor, moves: int):
         """States, values and steps after some moves, none of which leads upwards."""

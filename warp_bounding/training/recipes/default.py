@@ -18,7 +18,7 @@ import numpy as np
 
 from warp_bounding.bounders.mlp import Lattice
 from warp_bounding.queries import QUERIES
-from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, geometric
+from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, evaluated, geometric
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Samples
 
@@ -317,13 +317,7 @@ class NetworkTrainer:
         return f if offset is None else f - offset
 
     def _evaluate(self, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
-        values = torch.empty(x.shape[1])
-
-        def job(index: int, part: slice) -> None:
-            values[part] = workers[index].forward(x[:, part])
-
-        self.team.over(x.shape[1], job)
-        return values
+        return evaluated(self.team, workers, x)
 
     def _descend(self, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
         """States ``(S, N)`` after so many moves down f, which shrink from 0.4 cells on."""

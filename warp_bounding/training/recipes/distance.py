@@ -31,6 +31,7 @@ from warp_bounding.training.engine import (
     Team,
     TrainableNetwork,
     cosine,
+    evaluated,
     geometric,
     interrupts,
     single_threaded_torch,
@@ -193,13 +194,7 @@ class DistanceTrainer:
         return self._cls(self.domain, tensors, sizes, device).cut_in(self._parts)
 
     def _evaluate(self, v: torch.Tensor) -> torch.Tensor:
-        values = torch.empty(v.shape[1])
-
-        def job(index: int, part: slice) -> None:
-            values[part] = self.workers[index].forward(self.network.encode(v[:, part]))
-
-        self.team.over(v.shape[1], job)
-        return values
+        return evaluated(self.team, self.workers, v, self.network.encode)
 
     def _gradients(self, used: float) -> list[torch.Tensor]:
         """Gradients of the loss on a random batch, one matrix a layer."""
