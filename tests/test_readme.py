@@ -58,13 +58,12 @@ def after(namespace: dict) -> dict:
         "bounder.candidates(": lambda: values.count.numpy()[0] == values.mask.numpy().sum() > 0,
         "shape.dilated(": lambda: (values.mask.numpy()[:1000][values.truth] == 1).all() and values.truth.any(),
         "wp.launch(step": lambda: (values.contacts.numpy() == values.mask.numpy()).all(),
-        "wp.launch(narrow_phase": lambda: (values.near.numpy() == values.mask.numpy()[:1000]).all(),
         "bounder.values(": lambda: (
             (values.values.numpy() >= values.bounder.threshold) == (values.mask.numpy() == 1)
         ).all(),
         "of_motion.query(": lambda: values.of_motion.certificate.proven and 0 < values.mask.numpy().mean() < 1,
         "free = wb.proof.clear_segments(": lambda: values.free.any() and not values.free.all(),
-        "asked.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
+        "prepared.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
         "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
         "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,
     }
@@ -177,7 +176,7 @@ def test_everything_shown_runs(count, place):
     """README and *Get started*, or all pages: each goes on where the one before ends."""
     asked = run("\n".join(page.read_text() for page in PAGES[:count]), place)
     missing = {"cull.collide("} if find_spec("newton") is None else set()
-    assert asked == set(after({})) - missing if count == len(PAGES) else "bounder.candidates(" in asked
+    assert asked == set(after({})) - missing if count == len(PAGES) else "wp.launch(step" in asked
 
 
 def test_what_is_broken_is_found(place):

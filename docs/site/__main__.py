@@ -1,6 +1,6 @@
 """Builds the site: ``python docs/site [--out build/docs]``.
 
-Sources are laid out in ``<out>-sources``, Sphinx makes pages of them (its warnings are errors), and every link of the
+What pages say of ``results`` must be what is there (``measured.py``). Sources are laid out in ``<out>-sources``, Sphinx makes pages of them (its warnings are errors), and every link of the
 pages is followed, without the web.
 """
 
@@ -10,6 +10,7 @@ import time
 from pathlib import Path
 
 from links import problems
+from measured import changed
 from sphinx.cmd.build import build_main
 from stage import ROOT, StageError, stage
 
@@ -22,6 +23,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--out", type=Path, default=ROOT / "build/docs", help="where the pages go")
     out = parser.parse_args(arguments).out.resolve()
     sources, start = out.with_name(f"{out.name}-sources"), time.perf_counter()
+    if stale := [page.relative_to(ROOT).as_posix() for page in changed()]:
+        print(f"error: {', '.join(stale)}: differs from results/; python docs/site/measured.py writes it", file=sys.stderr)
+        return 1
     try:
         stage(sources)
     except StageError as error:

@@ -1,18 +1,21 @@
-"""Tables of the pages, made from files in ``results``: ``python docs/site/measured.py`` writes them anew.
+"""Tables and lists of the README and the pages, made from files in ``results``.
 
-Each function of ``MEASURED`` reads what a benchmark or a demo has written and returns a table in Markdown. A page
-asks for one by its name, with the comment ``<!-- measured: NAME -->`` on a line by itself; the table follows, up to
-``<!-- end -->``. Readers of the plain page see neither.
+``python docs/site/measured.py`` writes them anew, ``--check`` fails if that would change a page. Each function of
+``MEASURED`` reads what a benchmark or a demo has written and returns Markdown. A page names one with the comment
+``<!-- measured: NAME -->`` on a line by itself; what it returns follows, up to ``<!-- end -->``.
 """
 
+import argparse
 import csv
 import json
 import re
+import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-__all__ = ["MARK", "MEASURED", "bold_least", "table"]
+__all__ = ["MEASURED", "ROOT", "bold_least", "changed", "rendered", "table"]
 
+ROOT = Path(__file__).resolve().parents[2]
 PRICES = (10, 100, 1_000, 10_000)  # nanoseconds of a narrow phase
 DEMOS = ("particles", "cloth", "path", "shadows", "arm")
 COLUMNS = [(n, query) for n in "234" for query in ("point", "ray", "plane", "box")]
@@ -20,8 +23,9 @@ COLUMNS = [(n, query) for n in "234" for query in ("point", "ray", "plane", "box
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown; the first column is text, the others are numbers."""
-    lines = [" | ".join(head), "|".join(["---", *["---:"] * (len(head) - 1)]), *(" | ".join(row) for row in rows)]
-    return "".join(f"| {line} |\n" for line in lines)
+    lines = [" | ".join(head), *(" | ".join(row) for row in rows)]
+    lines = [f"| {line} |\n" for line in lines]
+    return "".join([lines[0], f"|---|{'---:|' * (len(head) - 1)}\n", *lines[1:]])
 
 
 def bold_least(rows: list[list[str]], numbers: list[list[float | None]]) -> list[list[str]]:
@@ -56,24 +60,34 @@ def _size(sizes: list[int]) -> str:
     return said[0] if said[0] == said[1] else f"{said[0]} to {said[1]}"
 
 
+SOME = (
+    *("aabb", "obb", "kdop", "learned-kdop", "mlp 16-16", "mlp 24-24", "mlp 50-50", "bvh 64", "bvh 300"),
+    *("hierarchy 8 x 15-15 x 48", "voxels 192"),
+)  # methods of the tables; results/meshes has them all
+
+
 def meshes(results: Path) -> str:
-    """False positives of every method on every mesh, by bytes."""
+    """False positives of methods on every mesh, by bytes."""
+    return _of_meshes(results, SOME)
+
+
+def _of_meshes(results: Path, only: Sequence[str]) -> str:
     rows = _lines(results / "meshes/meshes.jsonl")
     names, found = list(dict.fromkeys(row["mesh"] for row in rows)), {}
     for row in rows:
-        if row["certificate"] == "proven":
+        if row["certificate"] == "proven" and row["label"] in only:
             found.setdefault(row["label"], {})[row["mesh"]] = row
     labels = sorted(found, key=lambda label: max(row["bytes"] for row in found[label].values()))
     numbers = [[found[label][name]["fp_rate"] if name in found[label] else None for name in names] for label in labels]
     cells = bold_least([["" if n is None else f"{n:.2f}" for n in row] for row in numbers], numbers)
     sizes = [_size([row["bytes"] for row in found[label].values()]) for label in labels]
     shown = zip(labels, sizes, cells, strict=True)
-    return table(["method", "bytes", *names], [[f"`{label}`", size, *row] for label, size, row in shown])
+    return table(["false positives, %", "bytes", *names], [[f"`{label}`", size, *row] for label, size, row in shown])
 
 
 def prices(results: Path) -> str:
     """The cost of a query, with the narrow phase of what the bounder leaves, at several prices of that."""
-    rows = [r for r in _lines(results / "meshes/meshes.jsonl") if r["mesh"] == "bunny" and r["certificate"] == "proven"]
+    rows = [r for r in _lines(results / "meshes/meshes.jsonl") if r["mesh"] == "bunny" and r["label"] in SOME]
     left = [(row["fp_rate"] + row["positives"]) / 100 for row in rows]
     costs = [[row["nanoseconds"] + share * price for price in PRICES] for row, share in zip(rows, left, strict=True)]
     labels, shares = [f"`{row['label']}`" for row in rows] + ["*none*"], [*left, 1.0]
@@ -85,44 +99,38 @@ def prices(results: Path) -> str:
     return table(head, [[labels[i], f"{own[i]:.1f}", f"{100 * shares[i]:.1f}", *cells[i]] for i in order])
 
 
+DISTANCES = ("aabb", "kdop", "learned-kdop", "bvh 64 leaves, 192 cells", "distance-grid 16 nodes", "mlp 24-24",
+             "mlp 32-32", "distance-grid 32 nodes")  # fmt: skip
+
+
 def distances(results: Path) -> str:
-    """False positives of distances at several radii and of segments, with what a question costs."""
-    rows = [row for row in _lines(results / "distances/distances.jsonl") if row["certificate"] == "proven"]
-    numbers = [[*row["rates"], row["segments"], row["ns_point"], row["ns_segment"]] for row in rows]
-    cells = bold_least([[f"{n:.2f}" for n in row[:6]] + [f"{n:.1f}" for n in row[6:]] for row in numbers], numbers)
-    head = [
-        "distance",
-        "bytes",
-        *(f"within {r}" for r in (0, 0.02, 0.05, 0.1, 0.2)),
-        "segments",
-        "ns a point",
-        "a segment",
+    """False positives of distances at several radii and of segments, with the time of a query."""
+    rows = [row for row in _lines(results / "distances/distances.jsonl") if row["label"] in DISTANCES]
+    numbers = [
+        [*(row["rates"][i] for i in (0, 2, 4)), row["segments"], row["ns_point"], row["ns_segment"]] for row in rows
     ]
+    cells = bold_least([[f"{n:.2f}" for n in row[:4]] + [f"{n:.1f}" for n in row[4:]] for row in numbers], numbers)
+    head = ["distance", "bytes", "within 0", "0.05", "0.2", "segments", "ns a point", "a segment"]
     return table(head, [[f"`{row['label']}`", _size([row["bytes"]]), *c] for row, c in zip(rows, cells, strict=True)])
 
 
-def demos(results: Path) -> str:
-    """A table of every demo: narrow-phase calls and time that each bounder leaves of the run without a broad phase."""
-    tables = []
+CLASSIC, NETWORKS = ("moving aabb", "aabb", "kdop", "bvh", "bvh-1500", "voxels"), ("mlp", "mlp-early")
+UNIT = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "arm": "cell"}
+
+
+def times(results: Path) -> str:
+    """Wall time of every demo, whole steps: without a bounder, with the best classic, a network, and what is chosen."""
+    rows = []
     for demo in DEMOS:
-        report = json.loads((results / f"demos/{demo}.json").read_text(encoding="utf-8"))
-        sections = list(dict.fromkeys(run["section"] for run in report["runs"]))
-        runs = {(run["bounder"], run["section"]): run for run in report["runs"]}
-        labels = [
-            x for x in dict.fromkeys(run["bounder"] for run in report["runs"]) if x != "none" and "cores" not in x
-        ]
-        rows = [[f"`{x}`", *(_left(runs.get((x, s)), runs["none", s]) for s in sections)] for x in labels]
-        tables.append(table([f"{demo}: calls / time, %", *(section or "all" for section in sections)], rows))
-    return "\n".join(tables)
-
-
-def _left(run: dict | None, none: dict) -> str:
-    """What a run leaves of the calls and of the time of the one without a broad phase, in %; and what it missed."""
-    if run is None:
-        return ""
-    time = (run["ms_broad"] + run["ms_narrow"]) / (none["ms_broad"] + none["ms_narrow"])
-    lost = f", **{run['missed']:,} missed**" if run["missed"] or not run["identical"] else ""
-    return f"{100 * run['narrow_calls'] / none['narrow_calls']:.1f} / {100 * time:.0f}{lost}"
+        runs = _demo(results, demo)
+        for section in dict.fromkeys(section for _, section in runs):
+            own = {name: run["ms_step"] for (name, part), run in runs.items() if part == section}
+            best = [min((name for name in names if name in own), key=own.get) for names in (CLASSIC, NETWORKS)]
+            cells = [f"{own[name]:,.1f} (`{name}`)" for name in best]
+            cells.append(f"{own['chosen']:,.1f}" if "chosen" in own else "")
+            name = ", ".join(filter(None, (demo, section.removeprefix("Planar arm, ")))) + f", a {UNIT[demo]}"
+            rows.append([name, f"{own['none']:,.1f}", *cells])
+    return table(["wall time, ms", "without", "best classic", "network, proven", "`choose`"], rows)
 
 
 def table1(results: Path) -> str:
@@ -174,17 +182,6 @@ def raced(results: Path) -> str:
         cells = [f"{float(r['ns']):.1f} ({float(r['ratio']):.2f})" for r in own]
         lines.append([query, *cells[:-1], f"{float(own[-1]['ns']):.1f}"])
     return table(["", *(f"`{method}`, {_size([int(rows[method, 'point']['nbytes'])])}" for method in methods)], lines)
-
-
-def speed(results: Path) -> str:
-    """Nanoseconds and false positives of every method in every column of the paper."""
-    rows = [r for r in _rows(results / "speed/speed.csv") if r["device"] == "cpu" and r["space"] == "geometric"]
-    found = {(row["method"], row["dimension"], row["query"]): row for row in rows}
-    shown = []
-    for method in dict.fromkeys(row["method"] for row in rows):
-        of = [found.get((method, *column)) for column in COLUMNS]
-        shown.append([f"`{method}`", *(f"{float(r['ns']):.1f} ({float(r['fp_rate']):.2f})" if r else "" for r in of)])
-    return table(["method", *(f"{n}D {query}" for n, query in COLUMNS)], shown)
 
 
 # Rows of ``results/gpu``: what is asked, its part, and how it is called there, in float32 and on tensor cores.
@@ -245,34 +242,153 @@ def gpu_cull(results: Path) -> str:
     return table(["H100, ms", "without a cull", "boxes (times as fast)", "bounders (times as fast)"], lines)
 
 
+# --- the README and *Is it for me?* -----------------------------------------------------------------------------------
+
+
+def _demo(results: Path, name: str) -> dict[tuple[str, str], dict]:
+    """Runs of a demo, by bounder and section."""
+    report = json.loads((results / f"demos/{name}.json").read_text(encoding="utf-8"))
+    return {(run["bounder"], run["section"]): run for run in report["runs"]}
+
+
+def _share(runs: dict[tuple[str, str], dict], bounder: str, section: str = "") -> str:
+    """The time of broad and narrow phase with a bounder, in % of that without one."""
+    own, none = (runs[name, section]["ms_broad"] + runs[name, section]["ms_narrow"] for name in (bounder, "none"))
+    return f"{100 * own / none:.0f} %"
+
+
+def _card(results: Path, part: str, way: str, card: str = "h100") -> str:
+    """Nanoseconds of a query on a card."""
+    found = json.loads((results / f"gpu/{card}/{part}.json").read_text(encoding="utf-8"))["found"][way]
+    return f"{(found['ns'] if isinstance(found, dict) else found)[0]:.2g} ns"
+
+
+def _cull(results: Path, cell: str) -> str:
+    """How many times as fast Newton's pass is on an H100, with bounders."""
+    row = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"][cell]
+    from warp_bounding.newton.cull import SORTED
+
+    with_it = f"distance, 16 warps{', by place' if row['pairs'] >= SORTED else ''}"
+    times = [min(row[f"{way}, ms, turn {turn}"][0] for turn in (0, 1)) for way in ("none", with_it)]
+    return f"{times[0] / times[1]:.2f}"
+
+
+def pays(results: Path) -> str:
+    """Where a bounder pays, a line each."""
+    rain, arm = _demo(results, "particles"), _demo(results, "arm")
+    field = json.loads((results / "demos/cloth.json").read_text(encoding="utf-8"))["field"][0]
+    faster = next(entry["ratio"] for entry in field["bounders"] if entry["bounder"] == "distance")
+    lines = {
+        "Expensive checks, many coordinates": "an arm takes "
+        f"{_share(arm, 'mlp', 'Planar arm, 3 joints')} (three joints) and {_share(arm, 'mlp', 'Planar arm, 4 joints')} "
+        f"(four); with a tree of boxes {_share(arm, 'bvh', 'Planar arm, 3 joints')} and "
+        f"{_share(arm, 'bvh', 'Planar arm, 4 joints')}.",
+        "Moving shapes": "rain on a turning bunny takes "
+        f"{_share(rain, 'mlp', 'containment')}; with a box refitted every step "
+        f"{_share(rain, 'moving aabb', 'containment')}.",
+        "Distances, swept queries": f"a proven grid takes "
+        f"{_card(results, 'grids', 'bunny-distance-grid-32, function')} a point on an H100, `wp.mesh_query_point` "
+        f"{_card(results, 'closest', 'wp.mesh_query_point, no limit')}.",
+        "Newton, many particles": f"its contact pass is {faster:.1f} times as fast on a CPU "
+        f"({field['pairs']:,} pairs), {_cull(results, '1000000 particles, 1 meshes')} times on an H100 (a "
+        "million particles).",
+        "Whole edges": "proven free, without samples.",
+        "Smooth meshes": "tight in few kilobytes, below.",
+    }
+    return "".join(f"* **{what}**: {how}\n" for what, how in lines.items())
+
+
+def pays_not(results: Path) -> str:
+    """Where a bounder, or a network, does not pay, a line each."""
+    rain, cloth, path = (_demo(results, name) for name in ("particles", "cloth", "path"))
+    shadows, sections = _demo(results, "shadows"), ("rooms", "maze")
+    grids, nets = ([_share(path, each, section) for section in sections] for each in ("distance-grid", "mlp"))
+    near = 1e6 * rain["none", "contact"]["ms_narrow"] / 100_000
+    lines = {
+        "Cheap exact tests": f"near contacts of that rain ({near:.0f} ns) take {_share(rain, 'mlp', 'contact')}.",
+        "One cloth on two meshes": f"a network takes {_share(cloth, 'mlp')}.",
+        "Paths in a 2D grid": f"a network takes {' and '.join(nets)}, a grid of distances {' and '.join(grids)}.",
+        "Shadow rays": f"a network takes {_share(shadows, 'mlp')}, a k-DOP {_share(shadows, 'kdop')}.",
+        "Static meshes on a GPU": f"a tree of boxes takes {_card(results, 'points', 'bvh')} a point on an H100, a "
+        f"network in your own kernel {_card(results, 'points', '24 float32')}.",
+        "Few particles": "with ten thousand, Newton's pass on an H100 is "
+        f"{_cull(results, '10000 particles, 1 meshes')} times as fast.",
+    }
+    return "".join(f"* **{what}**: {how}\n" for what, how in lines.items())
+
+
+def arms(results: Path) -> str:
+    """Planning times of the arms, whole cells."""
+    runs = _demo(results, "arm")
+    sections = list(dict.fromkeys(section for _, section in runs))
+    methods = ("none", "aabb", "bvh", "mlp")
+    ms = [[runs[method, section]["ms_step"] for method in methods] for section in sections]
+    names = [section.removeprefix("Planar arm, ") for section in sections]
+    rows = [[f"{n:,.0f}" for n in row] for row in ms]
+    rows = [
+        [f"**{cell}**" if n == min(times) else cell for cell, n in zip(row, times, strict=True)]
+        for row, times in zip(rows, ms, strict=True)
+    ]
+    heads = ["planning time, ms", "no bounder", *(f"`{method}`" for method in methods[1:])]
+    return table(heads, [[name, *row] for name, row in zip(names, rows, strict=True)])
+
+
+SHORT = ("mlp 24-24", "bvh 300", "mlp 50-50")
+
+
+def tightness(results: Path) -> str:
+    """False positives of few methods on every mesh, by bytes."""
+    return _of_meshes(results, SHORT)
+
+
 MEASURED: dict[str, Callable[[Path], str]] = {
     "meshes": meshes,
     "prices": prices,
     "distances": distances,
-    "demos": demos,
-    "speed": speed,
+    "times": times,
     "table1": table1,
     "raced": raced,
     "gpu": gpu,
     "gpu-closest": gpu_closest,
     "gpu-cull": gpu_cull,
+    "pays": pays,
+    "pays-not": pays_not,
+    "arms": arms,
+    "tightness": tightness,
 }
 MARK = re.compile(
-    r"^<!-- measured: ([\w-]+) -->$(?:\n((?!<!-- ).*\n)*<!-- end -->$)?", re.MULTILINE
-)  # with its table, if that is there
+    r"^<!--measured:([\w-]+)-->$(?:\n((?!<!--).*\n)*<!--end-->$)?", re.MULTILINE
+)  # with what was measured, if that is there
 
 
-def main() -> None:
-    """Write the tables of all pages anew, each behind its mark."""
-    root = Path(__file__).resolve().parents[2]
-    for page in sorted((root / "docs").rglob("*.md")):
-        text = page.read_text(encoding="utf-8")
-        made = MARK.sub(
-            lambda m: f"<!-- measured: {m[1]} -->\n\n{MEASURED[m[1]](root / 'results')}\n<!-- end -->", text
-        )
-        if made != text:
-            page.write_text(made, encoding="utf-8")
+def rendered(page: Path) -> str:
+    """A page's text with everything measured written anew."""
+
+    def made(found: re.Match) -> str:
+        if found[1] not in MEASURED:
+            raise ValueError(f"{page}: expected one of {', '.join(MEASURED)}, got {found[1]}")
+        return f"<!--measured:{found[1]}-->\n\n{MEASURED[found[1]](ROOT / 'results')}\n<!--end-->"
+
+    return MARK.sub(made, page.read_text(encoding="utf-8"))
+
+
+def changed() -> dict[Path, str]:
+    """Pages that differ from what is measured, with the text that they should have."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    return {page: text for page in pages if (text := rendered(page)) != page.read_text(encoding="utf-8")}
+
+
+def main() -> int:
+    """Write the pages anew, or check them: then 1 if one would change."""
+    parser = argparse.ArgumentParser(description="Write what was measured into the pages.")
+    parser.add_argument("--check", action="store_true", help="change nothing; exit status 1 if a page would change")
+    check = parser.parse_args().check
+    for page, text in (found := changed()).items():
+        print(f"{page.relative_to(ROOT)}: {'differs from results/' if check else 'written'}")
+        if not check:
+            page.write_text(text, encoding="utf-8")
+    return int(check and bool(found))
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

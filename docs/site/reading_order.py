@@ -12,4 +12,4 @@ GUIDE = [
     for target in re.findall(r"^\| \[.*?\]\((guide/[\w-]+\.md)\)", (DOCS / "guide.md").read_text(), re.MULTILINE)
 ]
 PAGES = [ROOT / "README.md", DOCS / "get-started.md", DOCS / "guide.md", *GUIDE]
-PAGES += [DOCS / f"{name}.md" for name in ("which-bounder", "simulations", "tables", "claims")]
+PAGES += [DOCS / f"{name}.md" for name in ("is-it-for-me", "which-bounder", "simulations", "paper", "claims")]

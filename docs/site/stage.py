@@ -2,8 +2,8 @@
 
 The pages are read on their own, too, where they lie in the repository: ``README.md`` and ``CHANGELOG.md`` at the top,
 ``docs``, the notebooks and the pages of ``results`` beside each other, with links between them. Here each gets its
-place in the site (``place``), links are turned to where their targets have gone (``relinked``), and tables of
-measurements are filled in (``filled``). A link to something that the site does not have is an error.
+place in the site (``place``), and links are turned to where their targets have gone (``relinked``). A link to
+something that the site does not have is an error.
 """
 
 import os
@@ -12,9 +12,8 @@ import shutil
 from pathlib import Path
 
 from gallery import gallery
-from measured import MARK, MEASURED
 
-__all__ = ["ROOT", "StageError", "filled", "place", "relinked", "stage"]
+__all__ = ["ROOT", "StageError", "place", "relinked", "stage"]
 
 ROOT = Path(__file__).resolve().parents[2]
 LINK = re.compile(r"(?P<before>\]\()(?P<target>[^)\s#]*)(?P<anchor>#[^)\s]*)?(?P<after>\))")
@@ -87,21 +86,6 @@ def relinked(text: str, path: str, root: Path = ROOT) -> str:
     return "".join(part if number % 2 else LINK.sub(turned, part) for number, part in enumerate(parts))
 
 
-def filled(text: str, path: str, results: Path) -> str:
-    """A page's text with its tables of measurements in place of their marks.
-
-    Raises:
-        StageError: For a table that ``MEASURED`` does not have.
-    """
-
-    def made(found: re.Match) -> str:
-        if found[1] not in MEASURED:
-            raise StageError(f"{path}: expected a table of {', '.join(MEASURED)}, got {found[1]}")
-        return MEASURED[found[1]](results)
-
-    return MARK.sub(made, text)
-
-
 def stage(to: Path, root: Path = ROOT) -> None:
     """Lay out the site's sources; what the folder held before is removed.
 
@@ -123,7 +107,7 @@ def stage(to: Path, root: Path = ROOT) -> None:
         target = to / place(name)
         target.parent.mkdir(parents=True, exist_ok=True)
         if path.suffix == ".md":
-            text = filled(path.read_text(encoding="utf-8"), name, root / "results")
+            text = path.read_text(encoding="utf-8")
             if name == "README.md":  # the first page of the site has the project's name
                 text = text.replace("# warp-bounding\n", "# Overview\n", 1)
             target.write_text(relinked(text, name, root), encoding="utf-8")
