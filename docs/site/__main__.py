@@ -24,7 +24,9 @@ def main(arguments: list[str] | None = None) -> int:
     out = parser.parse_args(arguments).out.resolve()
     sources, start = out.with_name(f"{out.name}-sources"), time.perf_counter()
     if stale := [page.relative_to(ROOT).as_posix() for page in changed()]:
-        print(f"error: {', '.join(stale)}: differs from results/; python docs/site/measured.py writes it", file=sys.stderr)
+        print(
+            f"error: {', '.join(stale)}: differs from results/; python docs/site/measured.py writes it", file=sys.stderr
+        )
         return 1
     try:
         stage(sources)
