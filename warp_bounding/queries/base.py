@@ -85,6 +85,7 @@ class Query(ABC):
         hard_certain: C text that clears ``sure`` unless the rounded query ``x`` meets the cell for certain. It is given
             ``cell``, ``at``, ``vector``, ``normal`` and their errors, ``rho``, ``slack`` and ``inset`` (``hard``).
         hard_certain_placed: The same for a query in the world, where it is another text.
+        decider: Name of the method of shapes that decides queries of this kind.
         directed: Of each n of a query's numbers, whether they are a direction without a length; else they are a point.
         map_text: The C text from the numbers ``q`` to the coordinates ``v``.
         placed_text: The C text that moves q from the world into the object's space; it runs before ``map_text``.
@@ -101,6 +102,7 @@ class Query(ABC):
     hard_to_world: ClassVar[str]
     hard_certain: ClassVar[str]
     hard_certain_placed: ClassVar[str] = ""
+    decider: ClassVar[str] = ""
     directed: ClassVar[tuple[bool, ...]]
     map_text: ClassVar[str]
     placed_text: ClassVar[str]
@@ -175,11 +177,17 @@ class Query(ABC):
 
     def decides(self, shape: Shape) -> bool:
         """Whether a shape without cells can decide queries of this kind."""
-        return False
+        return getattr(shape, self.decider, None) is not None
 
     def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
         """``(N,)`` uint8, the truth of such a shape for float32 ``(N, m)``: ``OUT``, ``IN`` or ``UNDECIDED``."""
-        raise QueryError(f"{shape.name}: cannot tell the truth for {self.name} queries; give a resolution")
+        if not self.decides(shape):
+            raise QueryError(f"{shape.name}: cannot tell the truth for {self.name} queries; give a resolution")
+        return np.where(self.valid(q), getattr(shape, self.decider)(*self.halves(q, length)), OUT).astype(np.uint8)
+
+    def halves(self, q: np.ndarray, length: float) -> list[np.ndarray]:
+        """What the shape's ``decider`` is asked about."""
+        return np.split(q, 2, axis=1)
 
     @abstractmethod
     def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:

@@ -15,7 +15,6 @@ from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32
 from warp_bounding.shapes.grid import Grid, summed_area
-from warp_bounding.shapes.shape import OUT, Shape
 
 # Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW``
 # makes the box thin, 1 reaches the end of the domain. Half of all sides touch p or are narrow.
@@ -55,6 +54,7 @@ class BoxQuery(Query):
     """Box queries."""
 
     name = "box"
+    decider = "decide_boxes"
     every = "every axis-aligned box, of any size, also of none"
     hard_positives = (
         "thin, small or touching boxes around its points, mostly on faces, edges and corners of boundary cells, some "
@@ -106,14 +106,6 @@ for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)
-
-    def decides(self, shape: Shape) -> bool:
-        return shape.decide_boxes is not None
-
-    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        if not self.decides(shape):
-            return super().decide(shape, q, length)
-        return np.where(self.valid(q), shape.decide_boxes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
     def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Min uniform in [0, 1]^n, max = min + (1 - min) U."""

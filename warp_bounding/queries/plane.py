@@ -44,7 +44,6 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
 from warp_bounding.runtime.native import literal
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.shape import OUT, Shape
 
 AWAY = 8.0  # a hard plane's given point is up to so many times as far from the object's as a random point of the domain
 SMALLEST_STEP = 24  # a hard plane is a quarter of a cell, halved up to so many times, from being tangent
@@ -134,6 +133,7 @@ class PlaneQuery(Query):
     """Plane queries."""
 
     name = "plane"
+    decider = "decide_planes"
     every = "every plane: any normal, given by any of its points"
     hard_positives = (
         "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one "
@@ -205,14 +205,6 @@ sure &= below && above;
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
-
-    def decides(self, shape: Shape) -> bool:
-        return shape.decide_planes is not None
-
-    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        if not self.decides(shape):
-            return super().decide(shape, q, length)
-        return np.where(self.valid(q), shape.decide_planes(*np.split(q, 2, axis=1)), OUT).astype(np.uint8)
 
     def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Normal of length 1 up to rounding, by uniform spherical angles, and point uniform in [0, 1]^n."""

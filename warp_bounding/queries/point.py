@@ -43,6 +43,7 @@ class PointQuery(Query):
     """Point queries; ``Grid.contains`` is a plain reference implementation of their oracle too."""
 
     name = "point"
+    decider = "decide"
     is_region = False
     every = "every point of the domain"
     hard_positives = "points of the object, mostly on its border (of cells: on faces, edges and corners)"
@@ -64,9 +65,6 @@ for (int k = 0; k < N; ++k) {
         """Uniform points from ``sample_lower`` to ``sample_upper``; of a grid that is [0, 1]^n, as in the paper."""
         u = rng.random((count, grid.ndim), dtype=np.float32)
         return (grid.sample_lower + u * (grid.sample_upper - grid.sample_lower)).astype(np.float32)
-
-    def decides(self, shape: Shape) -> bool:
-        return True
 
     def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
         return shape.decide(q)

@@ -40,7 +40,6 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
 from warp_bounding.runtime.native import literal
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.shape import OUT, Shape
 
 AT_END, AT_START = 0.3, 0.2  # shares of the hard rays that end, and that begin, at their point of the object
 ALMOST = 1 - 2e-7  # of the length: a ray that ends at a point still reaches it after its numbers are rounded to float32
@@ -172,6 +171,7 @@ class RayQuery(Query):
     """Ray queries."""
 
     name = "ray"
+    decider = "decide_segments"
     has_length = True
     every = (
         "every segment o + t d/|d|, 0 <= t <= {length} (object units): any origin o, inside or outside, any direction d"
@@ -227,18 +227,11 @@ sure &= begin_ <= end_;
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, q.shape[1] // 2 :] != 0).any(axis=1)
 
-    def decides(self, shape: Shape) -> bool:
-        return shape.decide_segments is not None
-
-    def decide(self, shape: Shape, q: np.ndarray, length: float = 1.0) -> np.ndarray:
-        if not self.decides(shape):
-            return super().decide(shape, q, length)
-        # the end of the segment is rounded to float64
+    def halves(self, q: np.ndarray, length: float) -> list[np.ndarray]:
+        """Both ends of segments, the second one rounded to float64."""
         origin, direction = np.split(np.asarray(q, dtype=np.float64), 2, axis=1)
         size = np.linalg.norm(direction, axis=1, keepdims=True)
-        valid = self.valid(q)
-        end = origin + length * direction / np.where(valid[:, None], size, 1.0)
-        return np.where(valid, shape.decide_segments(origin, end), OUT).astype(np.uint8)
+        return [origin, origin + length * direction / np.where(self.valid(q)[:, None], size, 1.0)]
 
     def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
         """Origin uniform in [0, 1]^n, direction of length 1 up to rounding, by uniform spherical angles."""

@@ -380,10 +380,6 @@ class Solid(Formula):
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return (self.gap(lower, upper)[1] <= 0) & _are_boxes(lower, upper)
 
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        x = np.asarray(x, dtype=np.float64)
-        return self.clearance(x, x)
-
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         low = self.gap(lower, upper)[0]
         return np.where((low > 0) & (low < np.inf) & _are_boxes(lower, upper), low, 0.0)

@@ -470,10 +470,6 @@ class Function(Combinable, Formula):
         within = not self.margin or ((lower >= self.lower) & (upper <= self.upper)).all(axis=1)
         return (gap.high <= self._level) & real & within
 
-    def distance(self, x: np.ndarray) -> np.ndarray | None:
-        x = np.asarray(x, dtype=np.float64)
-        return self.clearance(x, x)
-
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
         if self._distance is None:
             return None

@@ -60,10 +60,7 @@ def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarra
         first[:, flat], last[:, flat] = np.arange(layers), np.arange(layers) + 1
     found = []
     while len(first):
-        count = np.zeros(len(first), dtype=np.int64)
-        for corner in np.ndindex((2,) * ndim):
-            sign = (-1) ** (ndim - sum(corner))
-            count += sign * table[tuple(np.where(corner, last, first).T)]
+        count = block_counts(table, first, last)
         full = count == (last - first).prod(axis=1)
         found.append((first[full], last[full]))
         mixed = (count > 0) & ~full

@@ -6,12 +6,12 @@ import numpy as np
 
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.shape import IN, OUT, Shape
+from warp_bounding.shapes.shape import IN, OUT, Derived, Shape
 
 # --- The part in a box ------------------------------------------------------------------------------------------------
 
 
-class Clipped(Shape):
+class Clipped(Derived):
     """The points of a shape that lie in a box, its border included.
 
     Args:
@@ -21,21 +21,11 @@ class Clipped(Shape):
     """
 
     def __init__(self, shape: Shape, lower: np.ndarray, upper: np.ndarray):
-        self.whole = shape
+        super().__init__(shape)
         self.box = (np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
         self._lower, self._upper = np.maximum(self.box[0], shape.lower), np.minimum(self.box[1], shape.upper)
         if not (self._lower <= self._upper).all():
             raise ShapeError(f"{shape.name}: a part outside the box of the whole, from {lower} to {upper}")
-        self.name, self.note, self.time, self.margin = shape.name, shape.note, shape.time, shape.margin
-        self.certified, self.joints = shape.certified, shape.joints
-
-    @property
-    def restriction(self) -> str:
-        return self.whole.restriction
-
-    @property
-    def ndim(self) -> int:
-        return self.whole.ndim
 
     @property
     def lower(self) -> np.ndarray:
@@ -86,9 +76,6 @@ class Clipped(Shape):
         found = self._held(self.whole.points(count, rng))
         return found[rng.integers(len(found), size=count)] if len(found) else found
 
-    def check(self) -> None:
-        self.whole.check()
-
     def dilated(self, margin: float) -> "Shape":
         """The part of the dilated whole in the same box."""
         return self if self._new_margin(margin) is None else Clipped(self.whole.dilated(margin), *self.box)
@@ -125,7 +112,7 @@ TRIED, TINY_BOX = (
 )  # points of the object around which boxes are tried; their sides, of the shape's longest
 
 
-class Complement(Shape):
+class Complement(Derived):
     """All points that are not certainly in a shape; the shape that ``fit(..., side="inside")`` bounds.
 
     Args:
@@ -145,17 +132,8 @@ class Complement(Shape):
     def __init__(self, shape: Shape):
         if shape.unbounded:
             raise ShapeError(f"{shape.name}: a complement has no complement here")
-        self.whole = shape
-        self.name, self.note, self.time, self.margin = f"outside of {shape.name}", shape.note, shape.time, shape.margin
-        self.certified, self.largest_delta, self.joints = shape.certified, shape.largest_delta, shape.joints
-
-    @property
-    def restriction(self) -> str:
-        return self.whole.restriction
-
-    @property
-    def ndim(self) -> int:
-        return self.whole.ndim
+        super().__init__(shape)
+        self.name, self.largest_delta = f"outside of {shape.name}", shape.largest_delta
 
     @property
     def lower(self) -> np.ndarray:
@@ -209,9 +187,6 @@ class Complement(Shape):
         """``(N,)`` bool: whether boxes lie in what is known of the whole."""
         first, last = self.whole.known
         return ((lower >= first) & (upper <= last)).all(axis=1)
-
-    def check(self) -> None:
-        self.whole.check()
 
     def check_contents(self) -> None:
         """See ``Shape``; also refuses a shape that certifies no box to lie in it."""

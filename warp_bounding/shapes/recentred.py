@@ -16,7 +16,7 @@ import numpy as np
 
 from warp_bounding.errors import ShapeError
 from warp_bounding.rounding import UNIT64
-from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Shape
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Derived, Shape
 
 __all__ = ["Frame", "Recentred", "expect_near", "own_coordinates", "parted", "recentred"]
 
@@ -66,7 +66,7 @@ class Frame:
         return cls(*(tuple(map(float, values[name])) for name in ("origin", "blur")))
 
 
-class Recentred(Shape):
+class Recentred(Derived):
     """A shape in world coordinates, of which the local shape is what is bounded.
 
     What is asked of it here is answered in world coordinates, in float64; a bounder of it takes world coordinates, too.
@@ -84,9 +84,8 @@ class Recentred(Shape):
     """
 
     def __init__(self, local: Shape, frame: Frame):
-        self.local, self.coordinates = local, frame
-        self.name, self.note, self.time = local.name, local.note, local.time
-        self.margin, self.resolution, self.certified = local.margin, local.resolution, local.certified
+        super().__init__(local)
+        self.local, self.coordinates, self.resolution = local, frame, local.resolution
 
     def __repr__(self) -> str:
         return f"{repr(self.local)[:-1]}, {self.coordinates.told}>"
@@ -95,15 +94,6 @@ class Recentred(Shape):
     def origin(self) -> np.ndarray:
         """``(n,)`` float64, world coordinates of the local 0."""
         return np.array(self.coordinates.origin)
-
-    @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return self.local.ndim
-
-    @property
-    def restriction(self) -> str:
-        return self.local.restriction
 
     @property
     def remark(self) -> str:
@@ -164,9 +154,6 @@ class Recentred(Shape):
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
         return self.local.points(count, rng) + self.origin
-
-    def check(self) -> None:
-        self.local.check()
 
     def check_contents(self) -> None:
         self.local.check_contents()

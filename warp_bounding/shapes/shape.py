@@ -482,7 +482,8 @@ class Shape(Picklable, ABC):
 
         Where coordinate 0 is time, the distance is in space, to the object at the point's time; 0 out of its time.
         """
-        return None
+        x = np.asarray(x, dtype=np.float64)
+        return self.clearance(x, x)
 
     def distances(self, x: np.ndarray) -> np.ndarray | None:
         """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` if unknown.
@@ -606,3 +607,23 @@ class Shape(Picklable, ABC):
         if self.margin:
             raise ShapeError(f"{self.name}: the shape is dilated by {self.margin} already, got margin={margin}")
         return margin
+
+
+class Derived(Shape):
+    """A shape that is made of another one, ``whole``: what it does not say of itself is as there."""
+
+    def __init__(self, whole: Shape):
+        self.whole = whole
+        for key in ("name", "note", "time", "margin", "certified", "joints"):
+            setattr(self, key, getattr(whole, key))
+
+    @property
+    def restriction(self) -> str:
+        return self.whole.restriction
+
+    @property
+    def ndim(self) -> int:
+        return self.whole.ndim
+
+    def check(self) -> None:
+        self.whole.check()
