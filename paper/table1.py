@@ -176,7 +176,10 @@ class Means:
             self.groups.setdefault((variant_of(row), column_of(row)), []).append(row)
         objects = {c: sorted({r["object"] for r in self.rows if column_of(r) == c}) for c in t.COLUMNS}
         self.objects = {c: names for c, names in objects.items() if names}  # of each column
+        self.sampled = protocol == "sampled"  # which can be compared with the paper
         self.variants = [v for v in t.VARIANTS if any(v == variant for variant, _ in self.groups)]
+        if not self.sampled:
+            self.variants = [v for v in self.variants if not v.parametric]
 
     def rate(self, variant: Variant, column: Column) -> float | None:
         """Mean false positives of a cell, per cent; ``None`` where it was not measured on all objects of its column."""
@@ -195,7 +198,11 @@ class Means:
 
     def cell(self, variant: Variant, column: Column) -> str:
         """A cell of the table."""
-        own, paper, parametric = self.groups.get((variant, column)), variant.paper(column), variant.parametric
+        own, paper, parametric = (
+            self.groups.get((variant, column)),
+            variant.paper(column) if self.sampled else None,
+            variant.parametric,
+        )
         if own:
             text, signs, count = f"{_mean(own, 'fp_rate'):.2f}", [], len(self.objects[column])
             text = f"**{text}**" if variant in self.best(column) else text
@@ -258,22 +265,6 @@ class Means:
         )
         return f"{head}{'; '.join(parts)}. Lower in {lower} of {len(parts)} columns." if parts else ""
 
-    def details(self, column: Column) -> list[str]:
-        """One column, object by object."""
-        objects = self.objects[column]
-        of = {(variant_of(r), r["object"]): r for r in self.rows if column_of(r) == column}
-        positives = {name: f"{r['positives']:.2f}" for (_, name), r in reversed(of.items())}
-        lines = [["*positives %*", *(positives[o] for o in objects), None, None, None]]
-        for variant in self.variants:
-            own = [of[variant, o] for o in objects if (variant, o) in of]
-            if own:
-                times = (
-                    _mean([r for r in own if r[name] is not None], name) for name in ("fit_seconds", "proof_seconds")
-                )
-                seconds = (NO_METHOD if np.isnan(t) else f"{t:.2f}" for t in times)
-                lines.append([variant.label, *(_detail(of.get((variant, o))) for o in objects), _size(own), *seconds])
-        return markdown([None, *objects, "memory", "fit s", "proof s"], lines)
-
 
 def paper_network(column: Column) -> float:
     """The paper's best network: false positives, per cent."""
@@ -289,32 +280,19 @@ def _size(rows: Rows) -> str:
     return NO_METHOD if not rows else f"{mean:.0f} B" if mean < 1000 else f"{mean / 1000:.1f} kB"
 
 
-def _detail(row: dict[str, Any] | None) -> str:
-    if row is None:
-        return NOT_YET
-    variant, missed = variant_of(row), f" **({row['fn']:,} FN)**" if row["fn"] else ""
-    sign = {"proven": "", "statistical": "<sup>s</sup>"}.get(
-        row["certificate"], "" if variant.parametric else "<sup>u</sup>"
-    )
-    return f"{row['fp_rate']:.3f}{sign if variant.conservative else ''}{missed}"
-
-
 def page(folder: results.Folder) -> str:
     """The whole page."""
-    tables, details = [], []
+    tables = []
     for protocol in t.PROTOCOLS:
         means = Means(folder.rows, protocol)
         if means.rows:
             tables += [f"## False positives, {protocol} protocol", "", HEADLINES[protocol], ""]
-            tables += [*means.table(), "", means.against_the_paper(), ""]
-        for column in means.objects:
-            details += ["<details>", f"<summary>{column.title}, {protocol}</summary>", ""]
-            details += [*means.details(column), "", "</details>", ""]
+            tables += [*means.table(), "", means.against_the_paper() if means.sampled else "", ""]
     names = {n: {r["object"] for r in folder.rows if r["dimension"] == n} for n in t.HIDDEN}
     values = {"objects": ", ".join(f"{len(own)} in {n}D" for n, own in names.items() if own) or "none"}
     values |= {"sizes": ", ".join(f"{n}D {hidden}" for n, hidden in t.HIDDEN.items())}
     values |= {"budget_text": t.budget_text(folder.settings), "recipes": section(folder.path)}
-    return folder.page(NAME, tables=tables or ["Nothing has been measured yet."], details=details, **values)
+    return folder.page(NAME, tables=tables or ["Nothing has been measured yet."], **values)
 
 
 # --- the rank plot ----------------------------------------------------------------------------------------------------

@@ -1,7 +1,7 @@
 """Builds the site: ``python docs/site [--out build/docs]``.
 
-What pages say of ``results`` must be what is there (``measured.py``). Sources are laid out in ``<out>-sources``, Sphinx makes pages of them (its warnings are errors), and every link of the
-pages is followed, without the web.
+What pages say of ``results`` must be what is there (``measured.py``). Sources are laid out in ``<out>-sources``,
+Sphinx makes pages of them (its warnings are errors), and every link of the pages is followed, without the web.
 """
 
 import argparse
