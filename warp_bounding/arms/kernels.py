@@ -1,10 +1,10 @@
 """Float64 kernels that answer about points and closed boxes of configurations in which an arm collides.
 
-What is known of single pairs of bodies comes from ``pairs_of``.
+What is known of single pairs of bodies is told before the answers.
 """
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import warp as wp
 
@@ -229,76 +229,6 @@ class Chain:
     slides: wp.array(dtype=wp.int32)
 
 
-class Kinematics:
-    """Warp types and functions for arms of n joints.
-
-    Attributes:
-        values: The type of n joint values.
-        turns: The type of all links' rotations, three rows each.
-        places: The type of all links' origins.
-        place: ``place(chain, q, turns, places)`` fills in both, ``turns`` and ``places`` being variables of the caller.
-        link: ``link(turns, places, i) -> Place``; of the base where i is below 0.
-        rate: ``rate(chain, turns, places, i, x) -> vec3d``, how the place x of a corner changes with joint i.
-    """
-
-    def __init__(self, n: int):
-        self.values = values = wp.types.vector(length=n, dtype=wp.float64)
-        self.turns = turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
-        self.places = places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
-        zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
-
-        @named(f"arm_rotations_{n}").func
-        def rotations(chain: Chain, q: values) -> turns:
-            found, before = turns(), wp.identity(n=3, dtype=wp.float64)
-            for i in range(n):
-                before = before * chain.turn[i]
-                if chain.slides[i] == 0:
-                    c, s = wp.cos(q[i]), wp.sin(q[i])
-                    before = before * wp.mat33d(c, -s, zero, s, c, zero, zero, zero, one)
-                for row in range(3):
-                    for column in range(3):
-                        found[3 * i + row, column] = before[row, column]
-            return found
-
-        @named(f"arm_link_{n}").func
-        def link(rotations: turns, origins: places, i: int) -> Place:
-            found = Place()
-            found.turn = wp.identity(n=3, dtype=wp.float64)
-            if i >= 0:
-                for row in range(3):
-                    for column in range(3):
-                        found.turn[row, column] = rotations[3 * i + row, column]
-                found.at = wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2])
-            return found
-
-        @named(f"arm_origins_{n}").func
-        def origins(chain: Chain, q: values, rotations: turns) -> places:
-            found = places()
-            for i in range(n):
-                before = link(rotations, found, i - 1)
-                at = before.at + before.turn * chain.at[i]
-                if chain.slides[i] != 0:
-                    at += wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2]) * q[i]
-                for k in range(3):
-                    found[i, k] = at[k]
-            return found
-
-        @named(f"arm_rate_{n}").func
-        def rate(chain: Chain, rotations: turns, origins: places, i: int, x: wp.vec3d) -> wp.vec3d:
-            axis = wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2])
-            if chain.slides[i] != 0:
-                return axis
-            return wp.cross(axis, x - wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2]))
-
-        self.rotations, self.origins, self.link, self.rate = rotations, origins, link, rate
-
-
-@cache
-def kinematics_of(n: int) -> Any:
-    """The kinematics of n joints."""
-    return Kinematics(n)
-
-
 # --- Pairs of bodies --------------------------------------------------------------------------------------------------
 #
 # What is known of a pair of bodies of an arm, at a configuration and over boxes of them, in float64.
@@ -351,151 +281,6 @@ class Collisions:
     allowance: wp.float64  # metres, by how much a gap may be off
 
 
-class Pairs:
-    """Warp functions for arms of n joints; each is explained where it is written."""
-
-    def __init__(self, n: int):
-        arm = kinematics_of(n)
-        values, turns, places, link, rate = arm.values, arm.turns, arm.places, arm.link, arm.rate
-
-        @named(f"arm_center_{n}").func
-        def center_of(c: Collisions, turn: turns, at: places, body: int) -> wp.vec3d:
-            """The centre of the ball around a hull, where its link is."""
-            own = c.bodies.link[body]
-            if own < 0:
-                return c.bodies.center[body]
-            place = link(turn, at, own)
-            return place.turn * c.bodies.center[body] + place.at
-
-        @named(f"arm_apart_{n}").func
-        def balls_apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
-            """How far the balls around two hulls are from each other, by the centre of the other one."""
-            way = center - center_of(c, turn, at, pair[0])
-            return wp.length(way) - c.bodies.ball[pair[0]] - c.bodies.ball[pair[1]]
-
-        @named(f"arm_arcs_{n}").func
-        def arcs(c: Collisions, half: values) -> values:
-            """How far each joint of a box takes a point at most that is a metre from its axis."""
-            found = values()
-            for i in range(n):
-                found[i] = half[i]
-                if c.chain.slides[i] == 0:
-                    found[i] = _TWO * wp.sin(wp.min(half[i], _HALF_TURN) * _HALF)
-            return found
-
-        @named(f"arm_swept_{n}").func
-        def swept(c: Collisions, pair: wp.vec2i, arc: values) -> wp.float64:
-            """How far a pair comes nearer at most in a box, by its arcs; first order."""
-            most = wp.float64(0.0)
-            for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
-                most += c.reach[pair[1], i] * arc[i]
-            return most * _OUTWARD
-
-        @named(f"arm_bend_{n}").func
-        def bend(c: Collisions, pair: wp.vec2i, half: values) -> wp.float64:
-            """By how much a linear function of a pair may be off in a box; second order."""
-            most = wp.float64(0.0)
-            begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
-            before = wp.float64(0.0)
-            for j in range(begin, end):
-                most += c.reach[pair[1], j] * half[j] * (before + _HALF * half[j])
-                before += half[j]
-            return most * _OUTWARD
-
-        @named(f"arm_slopes_{n}").func
-        def slopes(c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, x: wp.vec3d) -> values:
-            """How ``normal . x`` changes with each joint, of the place x of a corner of the other body."""
-            found = values()
-            for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
-                found[i] = wp.dot(normal, rate(c.chain, turn, at, i, x))
-            return found
-
-        @named(f"arm_bound_{n}").func
-        def bound(
-            c: Collisions,
-            turn: turns,
-            at: places,
-            pair: wp.vec2i,
-            normal: wp.vec3d,
-            room: wp.float64,
-            half: values,
-            slope: values,
-        ) -> wp.float64:
-            """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
-            one, other = pair[0], pair[1]
-            b = link(turn, at, c.bodies.link[other])
-            level = wp.dot(normal, farthest(c.bodies, one, link(turn, at, c.bodies.link[one]), normal)) + room
-            least = wp.float64(wp.inf)
-            for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
-                x = corner(c.bodies, b, k)
-                own = slopes(c, turn, at, pair, normal, x)
-                value = wp.dot(normal, x) - level
-                for i in range(n):
-                    value -= wp.abs(own[i] - slope[i]) * half[i]
-                least = wp.min(least, value)
-            return least
-
-        @named(f"arm_room_{n}").func
-        def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
-            """The radii of a pair, and what may be off."""
-            return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
-
-        @named(f"arm_middle_{n}").func
-        def middle(c: Collisions, lower: values, upper: values) -> values:
-            q = values()
-            for i in range(n):
-                q[i] = (lower[i] * _HALF + upper[i] * _HALF) / c.weights[i]
-            return q
-
-        @named(f"arm_meets_{n}").func
-        def meets(c: Collisions, s: Separation, pair: wp.vec2i, way: wp.float64) -> bool:
-            """Do two bodies touch for certain, even if they go apart by some way?"""
-            radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
-            return s.apart + way <= radii or s.depth > way + c.allowance
-
-        @named(f"arm_radius_{n}").func
-        def radius_of(
-            c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
-        ) -> wp.float64:
-            """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
-            begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
-            b = link(turn, at, c.bodies.link[pair[1]])
-            steep, bent, before = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
-            for k in range(c.bodies.first[pair[1]], c.bodies.first[pair[1] + 1]):
-                own = slopes(c, turn, at, pair, normal, corner(c.bodies, b, k))
-                square = wp.float64(0.0)
-                for i in range(begin, end):
-                    part = (wp.abs(own[i]) + c.allowance) / c.weights[i]
-                    square += part * part
-                steep = wp.max(steep, square)
-            for j in range(begin, end):
-                share, part = _ONE / (c.weights[j] * c.weights[j]), c.reach[pair[1], j] / c.weights[j]
-                bent += part * part * (_TWO * before + share)
-                before += share
-            slope, curve = wp.sqrt(steep) * _OUTWARD, wp.sqrt(bent) * _OUTWARD
-            # The root of slope r + curve r^2 / 2 = gap, written so that nothing cancels.
-            root = _TWO * gap / (slope + wp.sqrt(slope * slope + _TWO * curve * gap))
-            return wp.max(gap / reach, root) * _INWARD
-
-        self.center_of = center_of
-        self.balls_apart = balls_apart
-        self.arcs = arcs
-        self.swept = swept
-        self.bend = bend
-        self.slopes = slopes
-        self.bound = bound
-        self.room_of = room_of
-        self.middle = middle
-        self.meets = meets
-        self.radius_of = radius_of
-
-
-@cache
-def pairs_of(n: int) -> Any:
-    """The functions for n joints."""
-    return Pairs(n)
-
-
 # --- Answers ----------------------------------------------------------------------------------------------------------
 
 OPEN, FREE, FULL = 0, 1, 2  # answers about boxes: nothing is known, none of its configurations collides, all do
@@ -522,12 +307,173 @@ class Kernels(NamedTuple):
 @cache
 def kernels_of(n: int) -> Kernels:
     """The kernels for arms of n joints."""
-    arm = kinematics_of(n)
-    values, rotations_of, origins_of, link = arm.values, arm.rotations, arm.origins, arm.link
-    own = pairs_of(n)
-    center_of, balls_apart, arcs, swept, bend = own.center_of, own.balls_apart, own.arcs, own.swept, own.bend
-    slopes, bound, room_of, middle, meets = own.slopes, own.bound, own.room_of, own.middle, own.meets
-    radius_of = own.radius_of
+    values = wp.types.vector(length=n, dtype=wp.float64)
+    turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
+    places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
+    zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
+
+    @named(f"arm_rotations_{n}").func
+    def rotations(chain: Chain, q: values) -> turns:
+        found, before = turns(), wp.identity(n=3, dtype=wp.float64)
+        for i in range(n):
+            before = before * chain.turn[i]
+            if chain.slides[i] == 0:
+                c, s = wp.cos(q[i]), wp.sin(q[i])
+                before = before * wp.mat33d(c, -s, zero, s, c, zero, zero, zero, one)
+            for row in range(3):
+                for column in range(3):
+                    found[3 * i + row, column] = before[row, column]
+        return found
+
+    @named(f"arm_link_{n}").func
+    def link(rotations: turns, origins: places, i: int) -> Place:
+        found = Place()
+        found.turn = wp.identity(n=3, dtype=wp.float64)
+        if i >= 0:
+            for row in range(3):
+                for column in range(3):
+                    found.turn[row, column] = rotations[3 * i + row, column]
+            found.at = wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2])
+        return found
+
+    @named(f"arm_origins_{n}").func
+    def origins(chain: Chain, q: values, rotations: turns) -> places:
+        found = places()
+        for i in range(n):
+            before = link(rotations, found, i - 1)
+            at = before.at + before.turn * chain.at[i]
+            if chain.slides[i] != 0:
+                at += wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2]) * q[i]
+            for k in range(3):
+                found[i, k] = at[k]
+        return found
+
+    @named(f"arm_rate_{n}").func
+    def rate(chain: Chain, rotations: turns, origins: places, i: int, x: wp.vec3d) -> wp.vec3d:
+        axis = wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2])
+        if chain.slides[i] != 0:
+            return axis
+        return wp.cross(axis, x - wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2]))
+
+    @named(f"arm_center_{n}").func
+    def center_of(c: Collisions, turn: turns, at: places, body: int) -> wp.vec3d:
+        """The centre of the ball around a hull, where its link is."""
+        own = c.bodies.link[body]
+        if own < 0:
+            return c.bodies.center[body]
+        place = link(turn, at, own)
+        return place.turn * c.bodies.center[body] + place.at
+
+    @named(f"arm_apart_{n}").func
+    def balls_apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
+        """How far the balls around two hulls are from each other, by the centre of the other one."""
+        way = center - center_of(c, turn, at, pair[0])
+        return wp.length(way) - c.bodies.ball[pair[0]] - c.bodies.ball[pair[1]]
+
+    @named(f"arm_arcs_{n}").func
+    def arcs(c: Collisions, half: values) -> values:
+        """How far each joint of a box takes a point at most that is a metre from its axis."""
+        found = values()
+        for i in range(n):
+            found[i] = half[i]
+            if c.chain.slides[i] == 0:
+                found[i] = _TWO * wp.sin(wp.min(half[i], _HALF_TURN) * _HALF)
+        return found
+
+    @named(f"arm_swept_{n}").func
+    def swept(c: Collisions, pair: wp.vec2i, arc: values) -> wp.float64:
+        """How far a pair comes nearer at most in a box, by its arcs; first order."""
+        most = wp.float64(0.0)
+        for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
+            most += c.reach[pair[1], i] * arc[i]
+        return most * _OUTWARD
+
+    @named(f"arm_bend_{n}").func
+    def bend(c: Collisions, pair: wp.vec2i, half: values) -> wp.float64:
+        """By how much a linear function of a pair may be off in a box; second order."""
+        most = wp.float64(0.0)
+        begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
+        before = wp.float64(0.0)
+        for j in range(begin, end):
+            most += c.reach[pair[1], j] * half[j] * (before + _HALF * half[j])
+            before += half[j]
+        return most * _OUTWARD
+
+    @named(f"arm_slopes_{n}").func
+    def slopes(c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, x: wp.vec3d) -> values:
+        """How ``normal . x`` changes with each joint, of the place x of a corner of the other body."""
+        found = values()
+        for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
+            found[i] = wp.dot(normal, rate(c.chain, turn, at, i, x))
+        return found
+
+    @named(f"arm_bound_{n}").func
+    def bound(
+        c: Collisions,
+        turn: turns,
+        at: places,
+        pair: wp.vec2i,
+        normal: wp.vec3d,
+        room: wp.float64,
+        half: values,
+        slope: values,
+    ) -> wp.float64:
+        """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
+        one, other = pair[0], pair[1]
+        b = link(turn, at, c.bodies.link[other])
+        level = wp.dot(normal, farthest(c.bodies, one, link(turn, at, c.bodies.link[one]), normal)) + room
+        least = wp.float64(wp.inf)
+        for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
+            x = corner(c.bodies, b, k)
+            own = slopes(c, turn, at, pair, normal, x)
+            value = wp.dot(normal, x) - level
+            for i in range(n):
+                value -= wp.abs(own[i] - slope[i]) * half[i]
+            least = wp.min(least, value)
+        return least
+
+    @named(f"arm_room_{n}").func
+    def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
+        """The radii of a pair, and what may be off."""
+        return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
+
+    @named(f"arm_middle_{n}").func
+    def middle(c: Collisions, lower: values, upper: values) -> values:
+        q = values()
+        for i in range(n):
+            q[i] = (lower[i] * _HALF + upper[i] * _HALF) / c.weights[i]
+        return q
+
+    @named(f"arm_meets_{n}").func
+    def meets(c: Collisions, s: Separation, pair: wp.vec2i, way: wp.float64) -> bool:
+        """Do two bodies touch for certain, even if they go apart by some way?"""
+        radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
+        return s.apart + way <= radii or s.depth > way + c.allowance
+
+    @named(f"arm_radius_{n}").func
+    def radius_of(
+        c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
+    ) -> wp.float64:
+        """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
+        begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
+        b = link(turn, at, c.bodies.link[pair[1]])
+        steep, bent, before = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
+        for k in range(c.bodies.first[pair[1]], c.bodies.first[pair[1] + 1]):
+            own = slopes(c, turn, at, pair, normal, corner(c.bodies, b, k))
+            square = wp.float64(0.0)
+            for i in range(begin, end):
+                part = (wp.abs(own[i]) + c.allowance) / c.weights[i]
+                square += part * part
+            steep = wp.max(steep, square)
+        for j in range(begin, end):
+            share, part = _ONE / (c.weights[j] * c.weights[j]), c.reach[pair[1], j] / c.weights[j]
+            bent += part * part * (_TWO * before + share)
+            before += share
+        slope, curve = wp.sqrt(steep) * _OUTWARD, wp.sqrt(bent) * _OUTWARD
+        # The root of slope r + curve r^2 / 2 = gap, written so that nothing cancels.
+        root = _TWO * gap / (slope + wp.sqrt(slope * slope + _TWO * curve * gap))
+        return wp.max(gap / reach, root) * _INWARD
+
     normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
     numbers = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
 
@@ -554,8 +500,8 @@ def kernels_of(n: int) -> Kernels:
         distances[t] = _ZERO
         if not finite:
             return
-        turn = rotations_of(c.chain, q)
-        at = origins_of(c.chain, q, turn)
+        turn = rotations(c.chain, q)
+        at = origins(c.chain, q, turn)
         touches, unsure, nearest = wp.bool(False), wp.bool(False), near + wp.float64(0.0)
         moving, center = wp.int32(-1), wp.vec3d()
         for number in range(c.pairs.shape[0]):
@@ -619,8 +565,8 @@ def kernels_of(n: int) -> Kernels:
             size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
             half[i] = ((high[i] * _HALF - low[i] * _HALF) * _OUTWARD + size * _BLUR) / c.weights[i] * _OUTWARD
             small = small and half[i] <= _LARGEST_HALF
-        turn = rotations_of(c.chain, q)
-        at = origins_of(c.chain, q, turn)
+        turn = rotations(c.chain, q)
+        at = origins(c.chain, q, turn)
         directions, left = normals(), numbers()
         count, known = wp.int32(0), wp.bool(True)
         lowest, slope, arc = wp.float64(wp.inf), values(), arcs(c, half)

@@ -19,7 +19,7 @@ from warp_bounding.rounding import round_down, round_up
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.shapes.formula import Formula
 from warp_bounding.shapes.shape import DETAILS, OUT, HalfSpaces, Shape
-from warp_bounding.shapes.triangles.blends import FREE, FULL, Blends, half_spaces_kernel, kernels_of
+from warp_bounding.shapes.triangles.blends import FREE, FULL, Blends, kernels_of
 
 # --- Patches ----------------------------------------------------------------------------------------------------------
 #
@@ -280,7 +280,7 @@ class BlendShapes(Formula):
         found, asked, low, high = self._to_query(lower, upper)
         known, own = HalfSpaces.blank(*map(np.asarray, (lower, upper))), HalfSpaces.blank(low, high)
         boxes = [self._array(side) for side in (low, high)]
-        launch_on_cores(half_spaces_kernel(self.ndim), len(asked), [self._blends, *boxes], own.arrays(), DEVICE)
+        launch_on_cores(kernels_of(self.ndim).half_spaces, len(asked), [self._blends, *boxes], own.arrays(), DEVICE)
         known.empty[:] = found
         for all_of_them, of_queried in zip(known, own, strict=True):
             all_of_them[asked] = of_queried

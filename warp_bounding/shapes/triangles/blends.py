@@ -10,6 +10,18 @@ often a connected part of the surface passes a ray along x, one way less the oth
 that rounding could decide, it is the sum of the angles under which its triangles are seen. Parts count one by one, so
 that two that overlap do not cancel where they wind in opposite directions. Triangles lie in patches, and those of a
 patch whose box at these poses is far away, or beside the ray, need no look.
+
+*Half-spaces* hold what there is of the object in boxes of place and pose that are not certified to be empty.
+
+With n of length 1 and rates ``r``, ``n . (vertex - place) - r . pose`` is linear in place and pose. Its largest value
+over the box and over all vertices of a triangle near it is a level that no point of the triangle passes in the box,
+and that and the margin none that no point within the margin passes. Beyond it lies a convex part of the box, in place
+and pose together, that meets no triangle: the surface winds around all of it as often as around its farthest corner.
+Where that is outside, all of it is.
+
+Of a triangle with the normal m only what is near the box counts: there ``n . p = (n - s m) . p + s m . p`` for any s,
+of which the first is bounded by the box and the second is linear in place and pose again. n is the way from the
+nearest triangle to the place at the box's centre, or the other way, and r is how that triangle moves along it.
 """
 
 from functools import cache
@@ -62,13 +74,8 @@ def half_side(low: wp.float64, high: wp.float64) -> wp.float64:
     return ((high * _HALF - low * _HALF) + wp.max(wp.abs(low), wp.abs(high)) * _BLUR) * _OUTWARD
 
 
-class Functions(NamedTuple):
-    """For one number of coordinates, of which three are the place."""
-
-    seen: wp.Function  # a triangle's corners at a pose, less the place
-    apart: wp.Function  # how far a patch stays from the place all over a box
-    gap: wp.Function  # how far a triangle does
-    winding: wp.Function  # how often a part of the surface winds around a place at a pose, at most
+_THIRD, _FOUR = wp.constant(wp.float64(1.0 / 3.0)), wp.constant(wp.float64(4.0))
+_SHORTEST = wp.constant(wp.float64(SHORTEST))
 
 
 class Kernels(NamedTuple):
@@ -76,11 +83,12 @@ class Kernels(NamedTuple):
 
     points: wp.Kernel  # truth of points
     boxes: wp.Kernel  # whether closed boxes are free, or full
+    half_spaces: wp.Kernel  # that hold the points of boxes
 
 
 @cache
-def functions_of(n: int) -> Functions:
-    """The functions for points of n coordinates."""
+def kernels_of(n: int) -> Kernels:
+    """The kernels for points of n coordinates."""
     values, poses = wp.types.vector(length=n, dtype=wp.float64), n - 3
 
     @named(f"blend_vertex_{n}").func
@@ -216,14 +224,6 @@ def functions_of(n: int) -> Functions:
             most = greater(most, turns)
         return most
 
-    return Functions(seen, apart, gap, winding)
-
-
-@cache
-def kernels_of(n: int) -> Kernels:
-    """The kernels for points of n coordinates."""
-    values, (seen, apart, gap, winding) = wp.types.vector(length=n, dtype=wp.float64), functions_of(n)
-
     @named(f"blend_points_{n}").kernel
     def points(
         first: int,
@@ -291,33 +291,6 @@ def kernels_of(n: int) -> Kernels:
             answers[t] = wp.uint8(_FREE)
         if asked == _FULL and around > _HALF:
             answers[t] = wp.uint8(_FULL)
-
-    return Kernels(points, boxes)
-
-
-# --- Half-spaces ------------------------------------------------------------------------------------------------------
-#
-# Half-spaces that hold a mesh of blend shapes in boxes of place and pose, where a box is not certified to be empty.
-#
-# With n of length 1 and rates ``r``, ``n . (vertex - place) - r . pose`` is linear in place and pose. Its largest value
-# over the box and over all vertices of a triangle near it is a level that no point of the triangle passes in the box,
-# and that and the margin none that no point within the margin passes. Beyond it lies a convex part of the box, in place
-# and pose together, that meets no triangle: the surface winds around all of it as often as around its farthest corner.
-# Where that is outside, all of it is.
-#
-# Of a triangle with the normal m only what is near the box counts: there ``n . p = (n - s m) . p + s m . p`` for any s,
-# of which the first is bounded by the box and the second is linear in place and pose again. n is the way from the
-# nearest triangle to the place at the box's centre, or the other way, and r is how that triangle moves along it.
-
-_THIRD, _FOUR = wp.constant(wp.float64(1.0 / 3.0)), wp.constant(wp.float64(4.0))
-_SHORTEST = wp.constant(wp.float64(SHORTEST))
-
-
-@cache
-def half_spaces_kernel(n: int) -> wp.Kernel:
-    """The kernel for points of n coordinates."""
-    values, poses = wp.types.vector(length=n, dtype=wp.float64), n - 3
-    seen, apart, gap, winding = functions_of(n)
 
     @named(f"blend_passes_{n}").func
     def passes(b: Blends, i: int, along: wp.vec3d, at: wp.vec3d, rates: values, half: values) -> wp.float64:
@@ -452,4 +425,4 @@ def half_spaces_kernel(n: int) -> wp.Kernel:
                     loss[t] = above - b.margin - sign * wp.dot(along, way)
                     return
 
-    return half_spaces
+    return Kernels(points, boxes, half_spaces)
