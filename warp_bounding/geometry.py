@@ -14,7 +14,6 @@ from warp_bounding.errors import BounderError
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
-from warp_bounding.shapes.surfaces import distinct_rows
 
 # Connected components of a grid's closed cells, and few corners that have the same convex hull.
 #
@@ -284,6 +283,8 @@ def enclosing_of_hull(points: np.ndarray, radii: np.ndarray, family: str) -> tup
     """
     if not radii.any():
         return enclosing_of_points(points, family)
+    from warp_bounding.shapes.surfaces import distinct_rows
+
     points, _, _ = distinct_rows(points)
     origin, size = points.mean(axis=0), np.ptp(points, axis=0).max()
     points, radii = _thickened((points - origin) / size, family), radii / size

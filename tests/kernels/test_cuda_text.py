@@ -10,8 +10,8 @@ from distances import far
 from random_networks import random_network, random_supports
 
 from warp_bounding.bounders import DISTANCES, METHODS
+from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kernel
 from warp_bounding.kernels.functions import batch_kernel
-from warp_bounding.kernels.marches import box_kernel, lanes_kernel, lines_kernel
 from warp_bounding.networks.bounds import NetworkShape, PlainParametrization
 from warp_bounding.networks.bounds import _kernel as bound_kernel
 from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization

@@ -33,7 +33,6 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_down, round_up
-from warp_bounding.shapes.box_distances import BoxDistances
 from warp_bounding.shapes.grid import Grid
 
 # --- hierarchies of boxes --------------------------------------------------------------------------------------------
@@ -624,6 +623,8 @@ class BvhDistance(VolumeDistance):
 
     @classmethod
     def form_of(cls, volume: Bounder, domain: DistanceDomain) -> Form:
+        from warp_bounding.shapes.box_distances import BoxDistances  # with kernels that nothing else needs
+
         if not float(volume.threshold) > -1:
             raise BounderError(f"{cls.method}: the threshold leaves nothing out")
         n, own = domain.ndim, volume.domain

@@ -27,10 +27,12 @@ import warp as wp
 from warp_bounding.bounders.bounder import Bounder, Option, taken
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.kernels.distances import FLUSHED, MOST_DIMENSIONS, DistanceSource, share_of
-from warp_bounding.kernels.marches import (
+from warp_bounding.kernels.distances import (
     BOX_STEPS,
+    FLUSHED,
+    MOST_DIMENSIONS,
     SEGMENT_STEPS,
+    DistanceSource,
     box_func,
     box_kernel,
     distance_func,
@@ -38,6 +40,7 @@ from warp_bounding.kernels.marches import (
     lines_kernel,
     ray_func,
     segment_func,
+    share_of,
 )
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain

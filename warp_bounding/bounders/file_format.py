@@ -19,8 +19,6 @@ from warp_bounding.certificates import Subject
 from warp_bounding.errors import FileFormatError
 from warp_bounding.queries.region_domain import SPACE
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
-from warp_bounding.shapes.formats.load import MESH_READERS, READERS
-from warp_bounding.shapes.formats.usd import USD_SUFFIXES
 from warp_bounding.version import __version__
 
 FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
@@ -103,6 +101,9 @@ def _read(path: Path) -> tuple[dict[str, np.ndarray], str]:
     except (safetensors.SafetensorError, OSError, ValueError, TypeError) as error:
         if isinstance(error, FileFormatError):
             raise
+        from warp_bounding.shapes.formats.load import MESH_READERS, READERS
+        from warp_bounding.shapes.formats.usd import USD_SUFFIXES
+
         if (suffix := path.suffix.lower()) in READERS:
             shape = "a mesh" if suffix in (*MESH_READERS, *USD_SUFFIXES) else "an array, image or voxel"
             got = f"got {shape} file; where both are named, the bounder comes first, then the shape"

@@ -15,12 +15,12 @@ from typing import Any
 
 import numpy as np
 
+from warp_bounding import shapes
 from warp_bounding.certificates import Certificate, Subject, fn_rate_bound
 from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.queries.distance import DISTANCE, METRICS, in_metric
 from warp_bounding.queries.domain import DELTA_LARGEST_SHARE
 from warp_bounding.rounding import round_down
-from warp_bounding.shapes import load_shape
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.parts import SIDES, Complement, outside_of
 from warp_bounding.shapes.recentred import Frame, own_coordinates, parted
@@ -38,7 +38,7 @@ def in_local(bounder: Subject, shape) -> tuple:
     Raises:
         ShapeError: If their origins are not the same, or the shape cannot be read.
     """
-    local, frame = parted(load_shape(shape))
+    local, frame = parted(shapes.load_shape(shape))
     if frame != bounder.frame:
         reported = [_framed(each) for each in (bounder.frame, frame)]
         raise ShapeError(f"{local.name}: expected the bounder's origin, {reported[0]}, got {reported[1]}")
@@ -51,7 +51,7 @@ def _framed(frame: Frame | None) -> str:
 
 def of_side(bounder: Subject, shape) -> Shape:
     """The shape that is given, in a distance's metric; its complement where the bounder is about that."""
-    shape = own_coordinates(load_shape(shape), "this")
+    shape = own_coordinates(shapes.load_shape(shape), "this")
     bounder.expect_local("this")
     if bounder.query_kind == DISTANCE.name:
         return in_metric(shape, bounder.sizes.get("metric", METRICS[0]))

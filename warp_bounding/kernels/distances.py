@@ -28,12 +28,17 @@ NaN or minus infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' un
 """
 
 from dataclasses import dataclass, field
+from functools import cache
 from typing import ClassVar
 
-from warp_bounding.kernels.source import LABEL, TOOLS, Source, aligned, fill
+import warp as wp
+
+from warp_bounding.kernels.functions import Data, Words, function_snippet, lanes_of
+from warp_bounding.kernels.source import LABEL, TOOLS, Lanes, Source, aligned, fill
+from warp_bounding.queries.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.rounding import UNIT32
-from warp_bounding.runtime.native import literal, native_text
+from warp_bounding.runtime.native import Numbers, literal, named, native_text, unique_name, vector_type
 
 text = native_text("distances.h")
 
@@ -123,3 +128,492 @@ class DistanceSource(Source):
             "located": fill(text.LOCATED, **texts),
             "returned": f"{{ typedef float V;{texts['after']}\nreturn g; }}",
         }
+
+
+# --- marching and halving ---------------------------------------------------------------------------------------------
+#
+# Warp functions of a distance, for any source: at a point, along a segment or a ray, over a box; and batches.
+#
+# ``distance_func`` is native text (``distances.h``), and all others ask it, so they are the same function in Warp's own
+# Python for every source and device.
+#
+# *Marching.* A segment is ``a + t w``, ``0 <= t <= 1``. At a time t all points before which are proven to be farther
+# than the radius, the point ``x = a + t w`` is computed; each of its numbers is off by at most ``u (2 t |w_k| + |x_k|)
+# (1 + 3 u)``, or ``3 u`` more of ``|w_k|`` where w is a difference of float32 numbers, and ``(n + 6) u`` more where w
+# is a direction that was scaled to a length; altogether by at most ``room = BLUR (|a|_1 + |w|_1) + LEAST``, ``BLUR = (n
+# + 16) u``. Where ``g(x) > radius + room``, every point within ``g(x) - radius - room`` of the exact point at t is
+# farther than the radius from the object. So t may grow by that over the length of the segment: the length is rounded
+# up, the quotient and the new t down, by more than their operations round. A march begins where the segment enters the
+# box that holds the object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where
+# nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of first
+# contact. Batches march in lanes (``lanes_kernel``), by the same steps.
+#
+# *Time.* Where coordinate 0 is time, the distance from a moving point to an object that moves, too, shrinks by no more
+# than both ways together: ``|w|`` in space and the object's speed times ``|w_0|``. Their sum is what is called the
+# length, and what rounds of ``a_0`` and ``w_0`` counts times the speed in the room. A segment that leaves the range of
+# time is told nothing of: *maybe*, at 0. Contact is that with the faces as they move; a march passes by where a hole
+# closes around a point and touches nothing.
+#
+# *Halving.* A box is clear where g at a point c of it exceeds the largest distance in it from c, rounded up. Otherwise
+# it is halved along its longest side at c, which is a float32 number, so that the halves cover the box exactly; its
+# sides in time count times the *pace*, which g falls by at most, since the object may enclose points that it does not
+# touch, and g at a time tells of that time alone. Where g is 0 at c no halving can clear it, and the answer is *maybe*.
+# The walk goes depth first without a stack: a path of bits tells which half was taken at each level. Only the part in
+# the domain is asked, since the object lies there.
+
+# From when to when may a segment meet the object at all? Only while it is in the box that holds the object, dilated by
+# the radius.
+#
+# With the names of ``functions``: the exact point at a time t of [0, 1] is within ``room`` of ``a + t w`` in every
+# coordinate, the radius contained. So where contact is possible, ``a_k + t w_k`` lies between ``center_k - far`` and
+# ``center_k + far``, ``far = half_k + room`` and what these sums round, on every axis of space. A difference of
+# float32 numbers and a quotient round by one unit each, which ``SHORTER`` and ``LONGER`` outweigh; the sign of both is
+# exact. Numbers that are set to zero err by less than ``LEAST``, which is added to far once more.
+
+LEAST = 2.0**-100  # object units: above what results that are set to zero take
+LONGER = 1.0 + 2.0**-19  # outweighs the rounding of a length of up to 64 numbers
+SHORTER = 1.0 - 2.0**-21  # outweighs the rounding of a difference, a quotient and a sum
+FINITE = 3.0e38
+SUMS = 16.0 * UNIT32  # of all numbers that are added up: more than six roundings
+
+
+@cache
+def owns_func(source: DistanceSource) -> wp.Function:
+    """``owns(w) -> bool``: are these data of this source? Nothing is reported of others, whose domain is another."""
+    first, second = (wp.uint32(bits) for bits in source.tag)
+
+    @named(unique_name(source, "owns")).func
+    def owns(w: Numbers) -> bool:
+        if w.shape[0] < LABEL:
+            return False
+        return (
+            wp.cast(w[0], wp.uint32) == first
+            and wp.cast(w[1], wp.uint32) == second
+            and w.shape[0] >= wp.cast(w[2], wp.int32)
+        )
+
+    return owns
+
+
+@cache
+def clip_func(source: DistanceSource) -> wp.Function:
+    """``vec2 = clip(data, a, w, room)``: contact is possible between these two times only; never if they fall."""
+    vector, n, time, owns = vector_type(source.ndim), source.ndim, int(source.time), owns_func(source)
+    center, limit, unit = LABEL, LABEL + source.ndim, LABEL + 2 * source.ndim + 1
+
+    @named(unique_name(source, "clip")).func
+    def clip(data: Data, a: vector, w: vector, room: float) -> wp.vec2:
+        span = wp.vec2(0.0, 1.0)
+        if not owns(data.parameters) or not room < FINITE:
+            return span
+        for k in range(time, n):
+            at = float(data.parameters[center + k])
+            half = float(data.parameters[limit + k] * data.parameters[unit])
+            far = half + room + ((wp.abs(at) + half + room) * SUMS + LEAST)
+            low, high = at - far - a[k], at + far - a[k]
+            if w[k] == 0.0:
+                if low > 0.0 or high < 0.0:
+                    span[0] = 2.0
+            else:
+                enter, leave = low / w[k], high / w[k]
+                if w[k] < 0.0:
+                    enter, leave = high / w[k], low / w[k]
+                if enter * SHORTER > span[0]:
+                    span[0] = enter * SHORTER
+                if leave * LONGER < span[1]:
+                    span[1] = leave * LONGER
+        return span
+
+    return clip
+
+
+SEGMENT_STEPS = 32  # evaluations of a segment or a ray at most, where no number is given
+BOX_STEPS = 64  # evaluations of a box
+SHORTEST = 2.0**-58  # object units, added to a length: above what squares that are set to zero take
+MOST_LEVELS = 62  # halvings of a box
+
+
+@cache
+def distance_func(source: DistanceSource) -> wp.Function:
+    """``distance(data: Data, x: vec_n) -> float32``, g of one point; 0 for the data of another source."""
+    name, vector = named(unique_name(source, "distance")), vector_type(source.ndim)
+
+    @name.func_native(function_snippet(source))
+    def native_distance(parameters: Numbers, words: Words, q: vector) -> float: ...
+
+    @name.func
+    def distance(data: Data, x: vector) -> float:
+        return native_distance(data.parameters, data.words, x)
+
+    return distance
+
+
+def _named(source: DistanceSource, role: str) -> named:
+    return named(unique_name(source, role))
+
+
+@cache
+def clock_func(source: DistanceSource) -> wp.Function:
+    """``clock(data) -> vec3``: the middle and half of the range of time, and the speed; zeros of a shape at rest."""
+    numbers, limit, time = LABEL + 2 * source.ndim, LABEL + source.ndim, source.time
+
+    @_named(source, "clock").func
+    def clock(data: Data) -> wp.vec3:
+        reported, w = wp.vec3(), data.parameters
+        if time and w.shape[0] > numbers + 5:
+            reported = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
+        return reported
+
+    return clock
+
+
+@cache
+def room_func(source: DistanceSource) -> wp.Function:
+    """``room(a, w, length, radius, clock)``: what g must exceed, for radius and rounding.
+
+    Infinite for numbers that cannot be marched.
+    """
+    vector, n, blur, time = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32, int(source.time)
+
+    @_named(source, "room").func
+    def room(a: vector, w: vector, length: float, radius: float, clock: wp.vec3) -> float:
+        size = wp.float32(0.0)
+        for k in range(n):
+            if k < time:
+                size += clock[2] * (wp.abs(a[k]) + wp.abs(w[k]))
+            else:
+                size += wp.abs(a[k]) + wp.abs(w[k])
+        if radius >= 0.0 and size < FINITE and length < FINITE:
+            return (radius + size * blur + LEAST) * LONGER
+        return wp.inf
+
+    return room
+
+
+@cache
+def segment_line(source: DistanceSource) -> wp.Function:
+    """``(w, length) = line(start, end, clock)``: a segment ``start + t w``, its length rounded up.
+
+    The length is infinite where it leaves the range of time.
+    """
+    vector, n, time = vector_type(source.ndim), source.ndim, int(source.time)
+
+    @_named(source, "segment_line").func
+    def line(start: vector, end: vector, clock: wp.vec3):
+        w, square = end - start, wp.float32(0.0)
+        for k in range(time, n):
+            square += w[k] * w[k]
+        length = wp.sqrt(square) * LONGER + SHORTEST
+        if time:
+            length = (length + clock[2] * wp.abs(w[0]) * LONGER) * LONGER
+            if not (wp.abs(start[0] - clock[0]) <= clock[1] and wp.abs(end[0] - clock[0]) <= clock[1]):
+                length = wp.inf
+        return w, length
+
+    return line
+
+
+@cache
+def ray_line(source: DistanceSource) -> wp.Function:
+    """``(w, length) = line(direction, length)``: a ray's displacement and length, rounded up; infinite if unusable."""
+    vector, n = vector_type(source.ndim), source.ndim
+
+    @_named(source, "ray_line").func
+    def line(direction: vector, length: float):
+        largest, square = wp.float32(0.0), wp.float32(0.0)
+        finite = wp.bool(True)
+        for k in range(n):
+            largest = wp.max(largest, wp.abs(direction[k]))
+            finite = finite and direction[k] - direction[k] == 0.0
+        w, long = vector(), wp.float32(wp.inf)
+        if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
+            d = direction / largest
+            for k in range(n):
+                square += d[k] * d[k]
+            w = d * (length / wp.sqrt(square))
+            long = length * LONGER + SHORTEST
+        return w, long
+
+    return line
+
+
+@cache
+def march_func(source: DistanceSource) -> wp.Function:
+    """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is at least ``|w|``."""
+    distance, vector, clip = distance_func(source), vector_type(source.ndim), clip_func(source)
+
+    @_named(source, "march").func
+    def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
+        span = clip(data, a, w, room)
+        t, last, maybe, going = span[0], span[1], wp.bool(True), wp.int32(steps)
+        if t > last:
+            t, maybe, going = wp.float32(1.0), wp.bool(False), wp.int32(0)
+        while going > 0:
+            going -= 1
+            free = distance(data, a + w * t) - room
+            after = (t + free * SHORTER / length) * SHORTER
+            if not (free > 0.0 and after > wp.max(t, LEAST)):
+                going = wp.int32(0)
+            else:
+                t = after
+                if after >= last:
+                    t, maybe = wp.float32(1.0), wp.bool(False)
+                    going = wp.int32(0)
+        return maybe, t
+
+    return march
+
+
+@cache
+def segment_func(source: DistanceSource) -> wp.Function:
+    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``.
+
+    See module.
+    """
+    march, vector = march_func(source), vector_type(source.ndim)
+    line, room, clock_of = segment_line(source), room_func(source), clock_func(source)
+
+    @_named(source, "segment").func
+    def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
+        clock = clock_of(data)
+        w, length = line(start, end, clock)
+        maybe, t = march(data, start, w, length, room(start, w, length, radius, clock), steps)
+        return maybe, t
+
+    return segment
+
+
+@cache
+def ray_func(source: DistanceSource) -> wp.Function:
+    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``.
+
+    Returns ``(maybe: bool, t: float)``; see module.
+    """
+    march, vector = march_func(source), vector_type(source.ndim)
+    line, room = ray_line(source), room_func(source)
+
+    @_named(source, "ray").func
+    def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
+        w, long = line(direction, length)
+        maybe, t = march(data, origin, w, long, room(origin, w, long, radius, wp.vec3()), steps)
+        return maybe, t
+
+    return ray
+
+
+@cache
+def box_func(source: DistanceSource) -> wp.Function:
+    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object?
+
+    See module.
+    """
+    distance, vector, n = distance_func(source), vector_type(source.ndim), source.ndim
+    name, center, limit = _named(source, "box"), LABEL, LABEL + source.ndim
+    unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
+    pace_at = LABEL + 2 * source.ndim + HEADER + HEADER_OF_TIME - 1
+    owns = owns_func(source)
+
+    @name.func
+    def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
+        low, high, clock = vector(), vector(), clock_of(data)
+        empty, real, pace = wp.bool(False), owns(data.parameters), wp.float32(0.0)
+        if real:
+            if time:
+                pace = float(data.parameters[pace_at])
+            for k in range(n):
+                real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
+                if k < time:
+                    low[k] = lower[k]
+                    high[k] = upper[k]
+                    real = real and lower[k] >= clock[0] - clock[1] and upper[k] <= clock[0] + clock[1]
+                else:
+                    # rounded outwards: three operations
+                    at = float(data.parameters[center + k])
+                    half = float(data.parameters[limit + k] * data.parameters[unit])
+                    room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
+                    low[k] = wp.max(lower[k], at - half - room)
+                    high[k] = wp.min(upper[k], at + half + room)
+                    empty = empty or low[k] > high[k]
+        if not real:
+            return True
+        if empty:
+            return False
+        path, level, left = wp.uint64(0), wp.int32(0), wp.int32(steps)
+        while left > 0:
+            left -= 1
+            first = low + vector()  # copies
+            last = high + vector()
+            c, square, moved = vector(), wp.float32(0.0), wp.float32(0.0)
+            for turn in range(level + 1):  # down the path, and at its end the centre
+                axis, longest = wp.int32(0), wp.float32(-1.0)
+                for k in range(n):
+                    side = last[k] - first[k]
+                    if k < time:
+                        side = side * pace
+                    if side > longest:
+                        axis, longest = k, side
+                if turn < level:
+                    middle = first[axis] * 0.5 + last[axis] * 0.5
+                    if (path >> wp.uint64(level - 1 - turn)) & wp.uint64(1) == wp.uint64(0):
+                        last[axis] = middle
+                    else:
+                        first[axis] = middle
+            for k in range(n):
+                c[k] = first[k] * 0.5 + last[k] * 0.5
+                reach = wp.max(last[k] - c[k], c[k] - first[k])
+                if k < time:
+                    moved = pace * reach * LONGER
+                else:
+                    square += reach * reach
+            g = distance(data, c)
+            if g > (wp.sqrt(square) * LONGER + SHORTEST + moved) * LONGER:
+                while level > 0 and path & wp.uint64(1) == wp.uint64(1):
+                    path = path >> wp.uint64(1)
+                    level -= 1
+                if level == 0:
+                    return False
+                path = path | wp.uint64(1)
+            elif g > 0.0 and level < MOST_LEVELS:
+                path = path << wp.uint64(1)
+                level += 1
+            else:
+                left = wp.int32(0)
+        return True
+
+    return box
+
+
+# --- batches ---------------------------------------------------------------------------------------------------------
+#
+# Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one
+# has ended.
+#
+# A first kernel, in Warp's own Python, makes of each query what a march needs (``segment_line``): a, w, its
+# length, the room that rounding needs with the radius, and from when to when contact is possible (``clip_func``): a
+# query that passes the object's box takes no lane at all. The second one, native, marches: the same steps as
+# ``march_func`` with the same rounding, but for what sums in another order round, which the room covers.
+# Lanes ask g together; those that have ended are written out and filled again, so that a vector is full until the
+# block runs out of queries. On CUDA it is a query a thread.
+
+
+@cache
+def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
+    """``(lines, count, block, parameters, words, steps, maybe, times)``.
+
+    Each thread takes a block of lines ``(count, 2 n + 4)``. With a ``body`` it is for CUDA, as
+    ``batch_kernel`` is, and takes ``numbers`` behind ``steps``.
+    """
+    texts = {"shorter": literal(SHORTER), "least": literal(LEAST), "block": source.block, "lanes": lanes_of(source)}
+    texts |= source.around(placed=False, values=True) | {"scalar_body": source.body(Lanes(vector=False))}
+    if body is None:
+        step = fill(text.STEP, **texts, body=source.body(Lanes(vector=True)))
+        scalar_step = fill(text.STEP, **texts, body=texts["scalar_body"])
+
+        @_named(source, "lines").block_kernel(fill(text.MARCH, **texts, step=step, scalar_step=scalar_step))
+        def march(
+            lines: Numbers,
+            count: int,
+            block: int,
+            parameters: Numbers,
+            words: Words,
+            steps: int,
+            maybe: wp.array(dtype=wp.uint8),
+            times: wp.array(dtype=wp.float32),
+        ): ...
+
+        return march
+
+    after = f"const float threshold = tensor[0]; {texts['after']}"
+    step = fill(text.STEP, **texts | {"after": after}, body=body)
+
+    @_named(source, "warp_lines").block_kernel(fill(text.TOGETHER, **texts, step=step))
+    def together(
+        lines: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: Words,
+        steps: int,
+        numbers: Numbers,
+        maybe: wp.array(dtype=wp.uint8),
+        times: wp.array(dtype=wp.float32),
+    ): ...
+
+    return together
+
+
+@cache
+def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
+    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``.
+
+    Writes what ``lanes_kernel`` marches along: a row of 2 n + 4 numbers a query.
+    """
+    n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
+    of_segment, of_ray, clip = segment_line(source), ray_line(source), clip_func(source)
+
+    def lines_of(
+        first: int,
+        # inputs
+        data: Data,
+        a: Numbers,
+        b: Numbers,
+        length: Numbers,
+        lengths: int,
+        radius: Numbers,
+        radii: int,
+        clock: wp.vec3,
+        # outputs
+        lines: Numbers,
+    ):
+        i, _ = wp.tid()
+        i += first
+        start, end = vector(), vector()
+        for k in range(n):
+            if ray:
+                start[k] = a[2 * n * i + k]
+                end[k] = a[2 * n * i + n + k]
+            else:
+                start[k] = a[i * n + k]
+                end[k] = b[i * n + k]
+        w, long = vector(), wp.float32(0.0)
+        if ray:
+            w, long = of_ray(end, length[lengths * i])
+        else:
+            w, long = of_segment(start, end, clock)
+        row, most = i * (2 * n + 4), room(start, w, long, radius[radii * i], clock)
+        span = clip(data, start, w, most)
+        for k in range(n):
+            lines[row + k] = start[k]
+            lines[row + n + k] = w[k]
+        lines[row + 2 * n] = long
+        lines[row + 2 * n + 1] = most
+        lines[row + 2 * n + 2] = span[0]
+        lines[row + 2 * n + 3] = span[1]
+
+    return _named(source, "ray_lines" if ray else "segment_lines").kernel(lines_of)
+
+
+@cache
+def box_kernel(source: DistanceSource) -> wp.Kernel:
+    """``(first, data, lower, upper, steps, maybe)``, one box a thread."""
+    box, n, vector = box_func(source), source.ndim, vector_type(source.ndim)
+
+    def boxes(
+        first: int,
+        # inputs
+        data: Data,
+        lower: Numbers,
+        upper: Numbers,
+        steps: int,
+        # outputs
+        maybe: wp.array(dtype=wp.uint8),
+    ):
+        i, _ = wp.tid()
+        i += first
+        low, high = vector(), vector()
+        for k in range(n):
+            low[k] = lower[i * n + k]
+            high[k] = upper[i * n + k]
+        maybe[i] = wp.uint8(box(data, low, high, steps))
+
+    return _named(source, "boxes").kernel(boxes)

@@ -1,5 +1,5 @@
 // Around a distance: from a query to v, and from f to g; and marches along segments and rays. Names behind $ are filled
-// in by kernels/distances.py and kernels/marches.py.
+// in by kernels/distances.py.
 
 /// TOOLS
 #if !defined(__CUDA_ARCH__)

@@ -15,9 +15,8 @@ from functools import cache
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.kernels.distances import DistanceSource
+from warp_bounding.kernels.distances import DistanceSource, distance_func
 from warp_bounding.kernels.functions import point_func
-from warp_bounding.kernels.marches import distance_func
 from warp_bounding.kernels.source import Source
 from warp_bounding.newton.kernels import ONE_PAIR, SUM_ROUNDING, coordinates_of
 from warp_bounding.newton.placing import Hull, Placed
