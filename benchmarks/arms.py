@@ -226,6 +226,8 @@ def page(kept: StoredRows, command: str) -> str:
     lines = [
         "# Arms: colliding configurations in a network's memory",
         "",
+        f"These are measurements of {', '.join(sorted({row['versions'].split(' (')[0] for row in rows}))}.",
+        "",
         f"`{command}`",
         "",
         f"{kept.about}. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",

@@ -53,17 +53,7 @@ def page(kept: StoredRows, command: str) -> str:
                 f"({100 * row['positives']:.1f}): {price / cost:.2f} times"
             )
         lines.append(f"| {row['dimension']}D {row['query']} | {' | '.join(cells)} |")
-    for row in kept.rows:
-        lines += ["", "<details>", f"<summary>{row['dimension']}D {row['query']}: all candidates</summary>", ""]
-        lines += ["| | bytes | ns | leaves % | certificate | s |", "|---|---:|---:|---:|---|---:|"]
-        # others were impossible, or had no room in the budget
-        measured = [each for each in row["rows"] if each.get("share") is not None]
-        for own in sorted(measured, key=lambda each: each["share"]):
-            lines.append(
-                f"| {own['label']} | {own['nbytes']:,} | {own['nanoseconds']:.1f} | {100 * own['share']:.2f} | "
-                f"{own['certificate']} | {own['seconds']:.1f} |"
-            )
-        lines += ["", "</details>"]
+    lines += ["", "All candidates: [chosen.jsonl](chosen.jsonl)."]
     return "\n".join(lines) + "\n"
 
 

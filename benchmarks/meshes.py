@@ -138,14 +138,14 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every "
         "side;",
         "the truth is the mesh's own (`Mesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
-        "`voxels` and `relu-field` are made of cells at the resolution that stands beside them.",
+        "`voxels` and `relu-field` are made of cells.",
         "",
         "![False positives against memory, by mesh](meshes.png)",
         "",
         "## At the memory of a network",
         "",
-        "The network 24-24 beside the tightest hierarchy of no more than its memory, and beside the smallest one that "
-        "is as tight.",
+        "The network 24-24 compared with the tightest tree of boxes of at most its memory, and with the smallest one "
+        "that is as tight.",
         "",
         "| mesh | network 24-24 | bytes | bvh of at most its memory | bytes | smallest bvh that is as tight | area "
         "across an axis |",
@@ -174,23 +174,28 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
             lines += [
                 "It is built of boxes, so a hierarchy of boxes has nothing to lose but the margin's rounded edges."
             ]
-    for name, own in by_mesh.items():
-        positives = own[0]["positives"]
-        lines += ["", f"## {name}", "", f"{own[0]['shape']}; {positives:.2f} % of the points are in the object.", ""]
-        lines += [
-            "| method | bytes | FP % | FP % against its cells | FN | hard points asked, missed | proof | ns a point | "
-            "fit s | proof s |",
-            "|---|---|---|---|---|---|---|---|---|---|",
-        ]
-        for row in sorted(own, key=lambda row: list(METHODS).index(row["label"])):
-            cells = DASH if row["fp_rate_cells"] is None else f"{row['fp_rate_cells']:.2f}"
-            label = f"{row['label']}, {row['resolution']} cells" if row["resolution"] else row["label"]
-            asked = f"{row['attacked'] / 1e6:.1f} million, {0 if row['missed'] is None else 1}"
-            lines.append(
-                f"| {label} | {row['bytes']:,} | {row['fp_rate']:.2f} | {cells} | {row['fn']} | {asked} | "
-                f"{row['certificate']} | "
-                f"{row['nanoseconds']:.1f} | {row['fit_seconds']:.1f} | {row['proof_seconds']:.1f} |"
-            )
+    lines += [
+        "",
+        "## Every method",
+        "",
+        "False positives in %, and the range of nanoseconds a point and seconds of fit and proof over all meshes.",
+    ]
+    lines += ["Proof, hard points and rates against cells: [meshes.jsonl](meshes.jsonl).", ""]
+    lines += [f"| method | bytes | {' | '.join(by_mesh)} | ns | s |", "|---|---|" + "---|" * (len(by_mesh) + 2)]
+    for label in METHODS:
+        own = {row["mesh"]: row for row in rows if row["label"] == label}
+        if own:
+            rates = (f"{own[name]['fp_rate']:.2f}" if name in own else DASH for name in by_mesh)
+            times = [
+                [r["nanoseconds"] for r in own.values()],
+                [r["fit_seconds"] + r["proof_seconds"] for r in own.values()],
+            ]
+            spans = (f"{min(each):.1f} to {max(each):.1f}" for each in times)
+            sizes = " to ".join(dict.fromkeys(f"{f(r['bytes'] for r in own.values()):,}" for f in (min, max)))
+            lines.append(f"| {label} | {sizes} | {' | '.join(rates)} | {' | '.join(spans)} |")
+    missed = sum(row["fn"] + (row["missed"] is not None) for row in rows)
+    asked = sum(row["attacked"] for row in rows) / 1e6
+    lines += ["", f"False negatives: {missed}, in {asked:,.0f} million hard points of all bounders."]
     draw(by_mesh, folder / "meshes.png")
     return "\n".join(lines) + "\n"
 

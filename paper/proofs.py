@@ -262,7 +262,7 @@ def _share(group: Rows, count: str, total: str) -> str:
     return _mean((None if r[count] is None else 100 * r[count] / r[total] for r in group), 4)
 
 
-Cells = dict[str | None, Callable[[Any], str]]
+Cells = dict[str, Callable[[Any], str]]
 SHIPPED: Cells = {
     "networks": lambda g: str(len(g)),
     "with a FN at output 0.5": lambda g: _of(r["missed_zero"] for r in g),
@@ -284,19 +284,6 @@ COSTS: Cells = {
     "boxes, mean": lambda g: _mean((r["boxes"] for r in g), 0),
     "seconds, mean (worst)": lambda g: _mean((r["proof_seconds"] for r in g), 2, worst=True),
 }
-EVERY: Cells = {
-    None: lambda r: column_of(r).title,
-    "object": lambda r: r["object"],
-    "method": lambda r: r["method"],
-    "search": lambda r: r["search"],
-    "FN at 0.5": lambda r: "–" if r["missed_zero"] is None else "yes" if r["missed_zero"] else "none found",
-    "FN at the sampled minimum": lambda r: f"yes, by the {r['found_by']}" if r["missed_sampled"] else "none found",
-    "FP % sampled": lambda r: f"{r['fp_sampled']:.3f}",
-    "FP % proven": lambda r: f"{r['fp_proven']:.3f}",
-    "depth, std": lambda r: "" if r["depth_std"] is None else f"{r['depth_std']:.3g}",
-    "boxes": lambda r: f"{r['boxes']:,}",
-    "s": lambda r: f"{r['proof_seconds']:.2f}",
-}
 
 
 def _of(counts: Iterable[int | None]) -> str:
@@ -314,7 +301,5 @@ def page(folder: results.Folder) -> str:
         for title, cells in (("what sampling would have shipped", SHIPPED), ("what the proof costs", COSTS)):
             body = ([name, *(cell(group) for cell in cells.values())] for name, group in groups.items())
             lines += [f"## {method}: {title}", "", *markdown([None, *cells], body), ""]
-    order = sorted(rows, key=lambda r: (COLUMNS.index(column_of(r)), r["object"], r["method"]))
-    every = markdown(list(EVERY), ([cell(r) for cell in EVERY.values()] for r in order), 6)
-    lines += ["## Every network", "", *every] if rows else []
+    lines += ["Every network: [proofs.csv](proofs.csv)."] if rows else []
     return folder.page(NAME, told=told(rows), tables=lines, budget_text=budget_text(folder.settings["table"]))
