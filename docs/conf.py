@@ -86,6 +86,15 @@ def take_mathjax(app) -> None:
     raise FileNotFoundError("expected tex-svg.js in the package sphinx-mathjax-offline: pip install '.[docs]'")
 
 
+def take_plotly(app) -> None:
+    """Put plotly.js beside ``bunny.html``, the page of ``show`` that needs it."""
+    from plotly.offline import get_plotlyjs
+
+    to = Path(app.outdir) / "_static" / "plotly.min.js"
+    to.parent.mkdir(parents=True, exist_ok=True)
+    to.write_text(get_plotlyjs(), encoding="utf-8")
+
+
 def public_reference(app, env, node, contnode):
     """What a signature names by the module that it is defined in leads to its public name's entry."""
     domain, target = env.get_domain("py"), node.get("reftarget", "")
@@ -113,6 +122,7 @@ def give_colons_back(app, what, name, obj, options, lines) -> None:
 def setup(app) -> None:
     """Connect what is not an option."""
     app.connect("builder-inited", take_mathjax)
+    app.connect("builder-inited", take_plotly)
     app.connect("missing-reference", public_reference)
     app.connect("autodoc-process-docstring", keep_colons, priority=400)  # Napoleon's own is 500
     app.connect("autodoc-process-docstring", give_colons_back, priority=600)

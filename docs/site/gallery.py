@@ -1,4 +1,4 @@
-"""The gallery: every notebook by a picture, its title and its first sentence, from the committed notebook.
+"""The gallery: every demo by its picture, and every notebook by a picture, its title and its first sentence.
 
 Nothing is executed. The picture is the largest of the notebook's own outputs, made small; a notebook without one has a
 card without a picture.
@@ -16,9 +16,22 @@ __all__ = ["card", "gallery", "picture", "summary"]
 
 LONGEST = 150  # characters of a summary of several sentences
 WIDTH = 640  # pixels of a thumbnail, twice of what it is shown at
+DEMOS = {  # pictures of docs: title, command, and what is seen
+    "rain.png": ("Rain", "particles", "100,000 drops on a bunny that turns, twists and swells."),
+    "cloth.png": ("Cloth", "cloth", "Newton's cloth on two meshes."),
+    "path.png": ("Paths", "path", "Roadmaps in two maps."),
+    "arm.png": ("Arms", "arm", "Plans of arms with three and four joints."),
+    "shadows.png": ("Shadows", "shadows", "Shadow rays of a bunny and a chair."),
+}
 HEAD = """# Gallery
 
-The notebooks, a course: each is shown with the outputs that it had when it was run last, from top to bottom.
+## Demos
+
+@demos@
+
+## Notebooks
+
+A course: each is shown with the outputs that it had when it was run last, from top to bottom.
 To run them yourself: `pip install '.[notebooks]'`, and open the folder `notebooks` in Jupyter.
 
 """
@@ -75,6 +88,19 @@ def card(path: Path, folder: Path) -> str:
     return "\n".join([*lines, "", text, ":::"])
 
 
+def demo_cards(folder: Path) -> list[str]:
+    """Cards of the demos in MyST; their thumbnails are written beside the pictures."""
+    cards = []
+    for name, (title, command, text) in DEMOS.items():
+        image, small = Image.open(folder / name).convert("RGB"), folder / f"small-{name}"
+        image.thumbnail((WIDTH, WIDTH))
+        image.save(small, optimize=True)
+        lines = [f":::{{grid-item-card}} {title}", ":link: simulations", ":link-type: doc", f":img-top: {small.name}"]
+        lines += [f":img-alt: {title}: {text}", "", f"{text} `python -m sims {command}`", ":::"]
+        cards.append("\n".join(lines))
+    return cards
+
+
 def gallery(notebooks: list[Path], folder: Path) -> None:
     """Write the page ``gallery.md`` and the thumbnails.
 
@@ -83,8 +109,9 @@ def gallery(notebooks: list[Path], folder: Path) -> None:
         folder: The sources of the site.
     """
     names = [path.relative_to(folder).with_suffix("").as_posix() for path in notebooks]
+    head = HEAD.replace("@demos@", "\n\n".join(["::::{grid} 1 2 2 3\n:gutter: 3", *demo_cards(folder), "::::"]))
     cards = "\n\n".join(card(path, folder) for path in notebooks)
     tree = "\n".join(["```{toctree}", ":hidden:", "", *names, "```"])
     (folder / "gallery.md").write_text(
-        f"{HEAD}::::{{grid}} 1 2 2 3\n:gutter: 3\n\n{cards}\n\n::::\n\n{tree}\n", encoding="utf-8"
+        f"{head}::::{{grid}} 1 2 2 3\n:gutter: 3\n\n{cards}\n\n::::\n\n{tree}\n", encoding="utf-8"
     )

@@ -11,6 +11,7 @@ __all__ = ["MOMENT", "bounds_data", "decisions", "of_moment"]
 SAMPLES = 100_000
 CELLS = 96  # along each side of the domain, where a bound's surface is looked for
 APART = "Islands off the bunny are false positives, too"
+ANEW = "Fitted anew in every step"
 MOMENT = "kdop of one moment"
 NAMES = {  # of panels
     MOMENT: "k-DOP of this moment",
@@ -37,7 +38,8 @@ def bounds_data(scene: Scene, time: float, bounders: dict[str, tuple[wb.Bounder,
         figures = f"{rate:.1f} % false positives, {_size(bounder.nbytes)}"
         pieces = label(data[f"bound{number}_value"] > 0)[1]
         proof = "proven" if bounder.certificate is not None and bounder.certificate.proven else "not proven"
-        caption = f"{NAMES.get(method, method)}\n{figures}, {proof}\n{APART if pieces > 1 else ''}"
+        remark = ANEW if method == MOMENT else APART if pieces > 1 else ""
+        caption = f"{NAMES.get(method, method)}\n{figures}, {proof}\n{remark}"
         data[f"bound{number}_caption"] = np.array(caption)
     return data
 

@@ -387,13 +387,14 @@ CUTS = (2, 2, 1)  # by the axis that is up: the axis along which the camera look
 DISTANCE = 1.7  # of the camera from the middle, in plotly's units: about the sides of what is seen
 
 
-def page(view: View, title: str, up: str) -> str:
+def page(view: View, title: str, up: str, library: str | None = None) -> str:
     """A page of a view.
 
     Args:
         view: What is seen.
         title: Its heading.
         up: The axis that is up, a name in ``UPS``; of a view in space.
+        library: Address of plotly.js, for a page that does not hold it.
 
     Raises:
         BoundingError: If a package is missing.
@@ -425,7 +426,11 @@ def page(view: View, title: str, up: str) -> str:
     reported |= {"colours": {"object": STONE, "bound": BOUND}, "groups": [group._asdict() for group in view.groups]}
     reported |= {"states": [about(state) for state in view.states], "surfaces": packed}
     facts = "\n".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in view.facts.items())
-    parts = {"title": escape(title), "facts": facts, "library": needed("plotly.offline").get_plotlyjs()}
+    parts = {"title": escape(title), "facts": facts, "library": ""}
+    if library is None:
+        parts["library"] = f"<script>\n{needed('plotly.offline').get_plotlyjs()}\n</script>"
+    else:
+        parts["library"] = f'<script src="{escape(library)}"></script>'
     parts["view"] = json.dumps(reported, allow_nan=False).replace("</", "<\\/")
     template = (files("warp_bounding.views") / "page.html").read_text(encoding="utf-8")
     return re.sub(r"@(title|facts|library|view)@", lambda found: parts[found[1]], template)
