@@ -18,6 +18,7 @@ __all__ = [
     "Drawn",
     "aim",
     "draw_with",
+    "heading",
     "panels",
     "polygons",
     "save_figure",
@@ -40,6 +41,11 @@ def save_figure(figure, path: Path, dpi: int, colours: int = COLOURS) -> Path:
     figure.canvas.draw()
     with_palette(Image.fromarray(np.asarray(figure.canvas.buffer_rgba())), colours).save(path, optimize=True)
     return path
+
+
+def heading(axes, name: str, line: str) -> None:
+    """What stands above a panel of a figure: what was run, and a line about what came of it."""
+    axes.set_title(f"{CAPTIONS.get(name, name)}\n{line}", loc="left", fontsize=11, color=INK, linespacing=1.35)
 
 
 def upright(points: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.arm.workplace import Workplace
-from sims.drawing import INK, save_figure
+from sims.drawing import INK, heading, save_figure
 from sims.planning.roadmap import Roadmap
 
 __all__ = ["draw", "draw_one", "longest_path", "shapes_at", "slice_of"]
@@ -49,9 +49,8 @@ def draw(
             ax = axes[row][column]
             _cell(ax, example.world)
             _path(ax, example, problem, colour)
-            kind = "proven" if column == 0 else "not proven"
             collided, solved = int(example.collisions().sum()), example.solved
-            ax.set_title(f"{names[column]}, {kind}: {collided} of {solved} paths collide", loc="left", fontsize=10)
+            heading(ax, names[column], f"{collided} of {solved} paths collide")
         axes[row][0].set_ylabel(pair[0].world.name)
         middle = pair[0].states[0] if problem is None else _middle(pair[0].paths[problem])
         _slice(axes[row][2], pair[0].world, own, names, middle)
@@ -64,7 +63,7 @@ def draw_one(example: Roadmap, folder: Path) -> Path:
     figure, axes = _canvas(1, 1)
     _cell(axes[0][0], example.world)
     _path(axes[0][0], example, longest_path(example, example), PROVEN)
-    axes[0][0].set_title(f"{example.solved} of {len(example.problems)} problems solved", loc="left", fontsize=10)
+    heading(axes[0][0], example.world.name, f"{example.solved} of {len(example.problems)} problems solved")
     return save_figure(figure, Path(folder) / f"{example.world.scene}.png", DPI, COLOURS)
 
 
@@ -190,7 +189,7 @@ def _slice(ax, place: Workplace, bounders: dict[str, wb.Bounder], names: tuple[s
     ax.set_ylabel("joint 1, degrees")
     if place.shape.ndim > 2:
         others = ", ".join(f"{value:.0f}" for value in np.degrees(place.joint_values(middle[None])[0, 2:]))
-        ax.set_title(f"configurations, the other joints at {others}", loc="left", fontsize=10)
+        heading(ax, "configurations", f"the other joints at {others}")
 
 
 def _legend(figure, names: tuple[str, str]) -> None:

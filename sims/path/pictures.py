@@ -11,7 +11,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.base import Example
-from sims.drawing import INK, save_figure
+from sims.drawing import INK, heading, save_figure
 
 __all__ = ["draw", "draw_one", "worst_path"]
 
@@ -54,10 +54,7 @@ def draw(
             _outline(ax, example, bounder, colour)
             _path(ax, example, problem, colour)
             collided, solved = int(example.collisions().sum()), example.solved
-            kind = "proven" if column == 0 else "not proven"
-            ax.set_title(
-                f"{example.world.name}: {names[column]}, {kind}: {collided} of {solved} paths collide", loc="left"
-            )
+            heading(ax, names[column], f"{example.world.name}: {collided} of {solved} paths collide")
             if problem is not None and column == 1 and collided:
                 _close_up(ax, example, bounder, problem)
     _legend(figure, names)
@@ -75,7 +72,7 @@ def draw_one(example: Example, folder: Path) -> Path:
     _world(ax, example)
     solved = np.flatnonzero(np.isfinite(example.lengths))
     _path(ax, example, solved[np.argmax(example.lengths[solved])] if len(solved) else None, PROVEN)
-    ax.set_title(f"{example.world.name}: {example.solved} of {len(example.problems)} problems solved", loc="left")
+    heading(ax, example.world.name, f"{example.solved} of {len(example.problems)} problems solved")
     return save_figure(figure, Path(folder) / f"{example.world.scene}.png", DPI, COLOURS)
 
 

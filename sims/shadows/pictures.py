@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from sims.base import Example
-from sims.drawing import INK
+from sims.drawing import CAPTIONS, INK
 
 __all__ = ["OVERSAMPLING", "draw", "draw_one", "shaded"]
 
@@ -22,7 +22,7 @@ THINGS = np.array([[0.74, 0.66, 0.55], [0.36, 0.17, 0.08], [0.30, 0.38, 0.46]]) 
 TILES = 1.0  # world units a side
 HAZE = (7.0, 20.0)  # distances at which the floor begins to fade, and is gone
 LOST = (0.86, 0.03, 0.05)  # linear, of a shadow pixel that was lost
-PALE, GOOD, BAD = "#5b6771", "#1d6b3a", "#b01218"
+PALE = "#5b6771"
 BAND, GAP = 46, 12  # pixels above a panel for its title, and between panels
 DPI = 100
 
@@ -73,15 +73,14 @@ def _title(name: str, example: Example, reference: Example) -> tuple[str, str, s
     if example is reference:
         word = "no broad phase" if not bounders else " and ".join(sorted({b.method for b in bounders}))
         return word, f"{example.calls[-1]:,} mesh rays", INK
-    proven = all(b.certificate is not None and b.certificate.proven for b in bounders)
     share = 1.0 - example.calls[-1] / reference.calls[-1]
     spared = f"{100 * share:.0f} % of mesh rays spared"
     same = example.shadows[-1].tobytes() == reference.shadows[-1].tobytes()
-    word = f"{name}: {'proven' if proven else 'not proven'}"
+    word = CAPTIONS.get(name, name)
     if same:
-        return word, f"identical, every pixel, to the picture without culling; {spared}", GOOD
+        return word, f"identical, every pixel, to the picture without culling; {spared}", INK
     pixels = int((reference.shadows[-1] != 0).sum())
-    return word, f"{100 * lost / max(pixels, 1):.1f} % of the shadow is missing (red); {spared}", BAD
+    return word, f"{100 * lost / max(pixels, 1):.1f} % of the shadow is missing (red); {spared}", INK
 
 
 def draw(folder: Path, reference: Example, examples: dict[str, Example], *, oversampling: int = OVERSAMPLING) -> Path:
@@ -107,7 +106,7 @@ def draw(folder: Path, reference: Example, examples: dict[str, Example], *, over
         figure.figimage(panel, xo=left, yo=GAP, origin="upper")
         word, sentence, colour = _title(name, example, reference)
         across = left / size[0]
-        figure.text(across, 1 - 7 / size[1], word, size=11.5, weight="bold", color=colour, va="top")
+        figure.text(across, 1 - 7 / size[1], word, size=11, color=colour, va="top")
         figure.text(across, 1 - 27 / size[1], sentence, size=9.5, color=PALE, va="top")
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
