@@ -233,9 +233,9 @@ def page(kept: StoredRows, command: str) -> str:
         f"{kept.about}. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
         "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a "
         "planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
-        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; everything else is a "
-        "bounder, asked ten million hard configurations unless its row says less. *Proven*: where samples attest a "
-        "threshold, the share of the volume of 20,000 random boxes, a 32nd of the domain wide, in which a minute's "
+        "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; all others are "
+        "bounders, tested with ten million hard configurations unless a row says less. *Proven*: where samples attest "
+        "a threshold, the share of the volume of 20,000 random boxes, a 32nd of the domain wide, in which a minute's "
         "search proves it.",
     ]
     for name, cell in CELLS.items():

@@ -344,7 +344,7 @@ def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     devices = dict.fromkeys(row.get("device", "cpu") for row in kept.rows)
     lines = [
-        "# What is asked most, beside what users have already",
+        "# The most frequent queries, compared with what users have already",
         "",
         f"`{command}`",
         "",

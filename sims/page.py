@@ -27,8 +27,8 @@ STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "pictu
 ABOUT = {
     "particles": "100,000 particles rain on the moving bunny; `moving aabb` is fitted anew in every step, the others "
     "never. *Porous*: drops seep through it, and "
-    "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, of which it need "
-    "not.",
+    "the narrow phase says which ones are in it; `+inside`: with a second network, from the inside, which decides "
+    "some without it.",
     "cloth": "A cloth falls on the bunny and a star, on one thread (Newton); ms_broad is the cull. `distance`: a "
     "network of the distance, one fit for every contact gap.",
     "path": "Rooms and a maze: states and whole edges of a roadmap, cleared by a bounder or checked exactly; "
@@ -70,7 +70,7 @@ def page(folder: Path) -> str:
         "world's",
         "grid. *Of cells*: the same against the cells of a mesh, for bounders that bound these. A `statistical` "
         "certificate is",
-        "no proof. `chosen`: what `wb.choose` takes of the table's proven bounders, told what is asked in a run "
+        "no proof. `chosen`: what `wb.choose` takes of the table's proven bounders, given the queries of a run "
         "without a broad phase",
         "and what a call of the narrow phase takes in it (the planner's by `wb.choose_among`).",
     ]
