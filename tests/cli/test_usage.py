@@ -109,6 +109,27 @@ def test_help_is_quick_and_imports_no_library():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
+def test_each_command_has_an_example_and_methods_are_completed(capsys):
+    for name in ("fit", "certify", "evaluate", "info", "query", "choose", "show", "bake"):
+        status, out, _ = run(capsys, name, "--help")
+        assert status == 0
+        assert f"Example: warp-bounding {name} " in " ".join(out.split())
+    asked = {"_WARP_BOUNDING_COMPLETE": "complete_bash", "COMP_WORDS": "warp-bounding fit --method k", "COMP_CWORD": "3"}
+    environment = os.environ | {"PYTHONPATH": str(ROOT)} | asked
+    words = [sys.executable, "-m", "warp_bounding"]
+    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
+    assert done.stdout.split() == ["kdop"]
+
+
+def test_verbose_shows_warps_messages_on_standard_error(files):
+    path = files / "b.safetensors"
+    words = ("fit", files / "c.npy", "-o", path, "--method", "aabb", "--samples", 2000, "--json")
+    assert command(*words).stderr == ""
+    done = command(*words, "--verbose")
+    assert len(done.stdout.splitlines()) == 1
+    assert "load on device" in done.stderr
+
+
 def test_paths_are_no_markup(files, capsys):
     """Brackets in a file's name are text, whatever the library that prints makes of them."""
     odd = "[red]x :smile:"
