@@ -8,7 +8,6 @@ from scipy import spatial
 
 from warp_bounding.geometry import (
     GAP,
-    connected_labels,
     enclosing_of_points,
     extreme_corners,
     farthest,
@@ -59,25 +58,6 @@ def test_it_is_the_farthest_place_and_never_nearer(n, size, diagonal):
     for some in (centres, np.zeros((1, n)), np.eye(n)[-1:]):  # also at the origin and on an axis
         found, best = farthest(some, matrix), best_place(some, matrix)
         assert best * (1 - 1e-15) <= found <= best * (1 + NEAR)
-
-
-@pytest.mark.parametrize("share", [0.01, 0.1, 0.3, 0.7])
-@pytest.mark.parametrize("cells", [(200,), (20, 25), (7, 8, 6), (4, 5, 3, 4)])
-def test_labels_are_those_of_a_plain_flood(cells, share, rng):
-    occupancy = rng.random(cells) < share
-    occupancy.flat[0] = True
-    left, numbers = {tuple(cell) for cell in np.argwhere(occupancy).tolist()}, {}
-    while left:
-        front, number = [left.pop()], len(numbers)
-        while front:
-            cell = front.pop()
-            numbers[cell] = number
-            near = [tuple(a + s - 1 for a, s in zip(cell, step, strict=True)) for step in np.ndindex((3,) * len(cells))]
-            front += left.intersection(near)
-            left.difference_update(near)
-    flood = [numbers[tuple(cell)] for cell in np.argwhere(occupancy).tolist()]
-    labels = connected_labels(occupancy).tolist()
-    assert len({*zip(labels, flood, strict=True)}) == len({*labels}) == len({*flood})
 
 
 def all_corners(cells):

@@ -17,7 +17,7 @@ from warp_bounding.queries.directions import sample_directions
 from warp_bounding.queries.hard import HardPositives, draw_positives
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
-from warp_bounding.queries.ray import MOST_JUMP, RAY, empty_distance
+from warp_bounding.queries.ray import RAY
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.queries.registry import locate
 from warp_bounding.shapes import Grid
@@ -100,14 +100,6 @@ def test_jumps_over_empty_space_miss_nothing(cells, length, device, rng):
     truth = RAY.truth(grid, q, length)
     np.testing.assert_array_equal(RAY.oracle(grid, device, length)(q), truth)
     assert 20 < truth.sum() < 580
-
-
-def test_distance_counts_cells_along_the_farthest_axis():
-    occupancy = np.zeros((120, 100), dtype=bool)
-    occupancy[60, 90] = occupancy[30, 40] = True
-    cells = np.stack(np.indices(occupancy.shape), axis=-1)
-    exact = np.minimum(*(np.abs(cells - at).max(axis=-1) for at in ((60, 90), (30, 40))))
-    np.testing.assert_array_equal(empty_distance(occupancy), np.minimum(exact, MOST_JUMP))
 
 
 # --- what only touches -----------------------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 asked for."""
 
 import contextlib
-import io
 import re
 import signal
 import sys
@@ -13,7 +12,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from grid_cases import GRID_CASES
+from grid_cases import GRID_CASES, npy, ros
 from mesh_cases import MESH_CASES
 from PIL import Image
 
@@ -173,15 +172,7 @@ def test_meshes_and_arrays_of_other_libraries(device):
     refused(signed, "load_shape(a <= 0)")
 
 
-YAML = "image: m.pgm\nresolution: {}\norigin: {}\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 GREY = np.array([[0, 50, 90], [128, 204, 205], [206, 254, 255], [0, 255, 254]], np.uint8)
-
-
-def ros(folder, values=GREY, *, resolution=0.05, origin="[-2.03, -3.11, 0.0]"):
-    head = f"P5\n{values.shape[1]} {values.shape[0]}\n255\n".encode()
-    (folder / "m.pgm").write_bytes(head + values.tobytes())
-    (folder / "m.yaml").write_text(YAML.format(resolution, origin))
-    return load_shape(folder / "m.yaml")
 
 
 def corners(shape: tuple[int, int], resolution: float, origin: tuple[float, float]):
@@ -197,7 +188,7 @@ def corners(shape: tuple[int, int], resolution: float, origin: tuple[float, floa
 def test_no_wall_of_a_map_is_denied_wherever_it_lies(tmp_path, origin, resolution):
     values = np.full((30, 50), 254, np.uint8)
     values[4:9, 10:31] = values[20:, 40:] = 0
-    shape = ros(tmp_path, values, origin=f"[{origin[0]!r}, {origin[1]!r}, 0]", resolution=resolution)
+    shape = load_shape(ros(values, origin=f"[{origin[0]!r}, {origin[1]!r}, 0]", resolution=resolution)(tmp_path))
     bounder = wb.fit(shape, method="aabb", device="cpu")
     assert bounder.certificate.proven
     row, column, corner = corners(values.shape, resolution, origin)
@@ -216,7 +207,7 @@ def test_no_wall_of_a_map_is_denied_wherever_it_lies(tmp_path, origin, resolutio
 def test_regions_of_a_map_at_any_origin(tmp_path, query):
     values = np.full((12, 16), 254, np.uint8)
     values[3:6, 5:9] = 0
-    shape = ros(tmp_path, values, origin="[500000.13, 4649776.37, 0]")
+    shape = load_shape(ros(values, origin="[500000.13, 4649776.37, 0]")(tmp_path))
     bounder = wb.fit(shape, query, "kdop", device="cpu")
     middle = shape.origin + 0.05 * np.array([7.0, 12 - 4.5])
     x = {"ray": [middle - [0.3, 0], [1, 0]], "plane": [[1, 0], middle], "box": [middle, middle]}[query]
@@ -280,12 +271,6 @@ def test_ctrl_c_is_not_lost_in_an_import(tmp_path, monkeypatch):
         assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def npy(array, **options):
-    buffer = io.BytesIO()
-    np.save(buffer, array, **options)
-    return buffer.getvalue()
 
 
 BAD_FILES = {

@@ -143,21 +143,18 @@ def test_boxes_and_segments(rng, name, margin):
     x = hard_points(plain, margin, rng, 2)
     y = _ends(x, float(plain.extent.max()), rng)
     low, high = np.minimum(x, y), np.maximum(x, y)
-    truth = [
-        any(in_tetrahedron(corners, a) for corners in enclosed) or box_is_near(plain.vertices, faces, limit, a, b)
-        for a, b in zip(low, high, strict=True)
-    ]
-    answer = mesh.decide_boxes(low, high)
-    _checked(answer, truth)
-    assert (answer[:2] == UNDECIDED).mean() <= 0.05
+    for first, last, decide, is_near in (
+        (x, y, mesh.decide_segments, segment_is_near),
+        (low, high, mesh.decide_boxes, box_is_near),
+    ):
+        truth = [
+            any(in_tetrahedron(corners, a) for corners in enclosed) or is_near(plain.vertices, faces, limit, a, b)
+            for a, b in zip(first, last, strict=True)
+        ]
+        answer = decide(first, last)
+        _checked(answer, truth)
+        assert (answer[:2] == UNDECIDED).mean() <= 0.05
     assert (mesh.empty(low, high) <= (answer == OUT)).all()
-    truth = [
-        any(in_tetrahedron(corners, a) for corners in enclosed) or segment_is_near(plain.vertices, faces, limit, a, b)
-        for a, b in zip(x, y, strict=True)
-    ]
-    answer = mesh.decide_segments(x, y)
-    _checked(answer, truth)
-    assert (answer[:2] == UNDECIDED).mean() <= 0.05
 
 
 @pytest.mark.parametrize("name", NAMES)

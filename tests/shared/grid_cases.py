@@ -130,10 +130,17 @@ PGM = {
 
 
 def ros(
-    picture=None, name="m.pgm", origin="[-2.03, -3.11, 0.0]", negate="0", thresholds=(0.65, 0.196), more="", drop=""
+    picture=None,
+    name="m.pgm",
+    origin="[-2.03, -3.11, 0.0]",
+    negate="0",
+    thresholds=(0.65, 0.196),
+    more="",
+    drop="",
+    resolution=0.05,
 ):
-    """Writes a map of cells of 5 cm."""
-    lines = [f"image: {name}", "resolution: 0.05", f"origin: {origin}", f"negate: {negate}"]
+    """Writes a map, by default of cells of 5 cm."""
+    lines = [f"image: {name}", f"resolution: {resolution}", f"origin: {origin}", f"negate: {negate}"]
     lines += [f"occupied_thresh: {thresholds[0]}", f"free_thresh: {thresholds[1]}", *more.split("\n")]
 
     def write(folder: Path) -> Path:
