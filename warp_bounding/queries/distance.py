@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.errors import QueryError, ShapeError
-from warp_bounding.queries.domain import EXTENTS, json_number
+from warp_bounding.queries.domain import EXTENTS, PointMap, json_number
 from warp_bounding.rounding import UNIT32, round_up
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
@@ -87,7 +87,7 @@ def object_box(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class DistanceDomain:
+class DistanceDomain(PointMap):
     """The box that holds the object, and the map to local space, where it lies in about [-1, 1]^n.
 
     Attributes:
@@ -109,10 +109,7 @@ class DistanceDomain:
     speed: float = 0.0
 
     query = DISTANCE.name
-    length = None
     unbounded, joints = False, None  # as ``Domain`` has them
-    tested_as_point = True
-    tested_as_region = False
 
     @classmethod
     def of(cls, shape: Shape, room: float = 0.0) -> "DistanceDomain":
@@ -180,16 +177,6 @@ class DistanceDomain:
         return None
 
     @property
-    def ndim(self) -> int:
-        return len(self.center)
-
-    space_ndim = columns = ndim
-
-    @property
-    def base(self) -> "DistanceDomain":
-        return self
-
-    @property
     def delta(self) -> np.ndarray:
         """``(n,)`` float64, zeros: a float32 query is exact."""
         return np.zeros(self.ndim)
@@ -217,14 +204,6 @@ class DistanceDomain:
             p[:, 0] = v[:, 0]
         return p
 
-    def to_local(self, x: np.ndarray) -> np.ndarray:
-        """``v`` of object coordinates ``(..., n)``, in float64."""
-        return (np.asarray(x, dtype=np.float64) - self.center) * self.scale.astype(np.float64)
-
-    def to_object(self, v: np.ndarray) -> np.ndarray:
-        """Object coordinates of ``v``, in float64."""
-        return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
-
     def sample_at(self, v: np.ndarray) -> np.ndarray:
         """``to_object`` of samples ``(N, n)`` within the range of time.
 
@@ -243,15 +222,7 @@ class DistanceDomain:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> "DistanceDomain":
         """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
-        arrays = {
-            k: np.array([json_number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", "lower", "upper")
-        }
-        for name in ("center", "scale", "limit"):
-            with np.errstate(over="ignore"):
-                single = arrays[name].astype(np.float32)
-            if not (single == arrays[name]).all():
-                raise ValueError(f"the domain's {name} must be float32 numbers, got {values[name]}")
-            arrays[name] = single
+        arrays = cls.read(values, ("lower", "upper"))
         moving = {"time": True, "speed": float(json_number(values["speed"], "speed"))} if "speed" in values else {}
         domain = cls(**arrays, **moving)
         if fault := domain.fault():

@@ -14,9 +14,10 @@ all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and t
 mapped (``joints``).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -37,12 +38,52 @@ LIMIT_LEAST, LIMIT_MOST = 0.5, 2.0  # of |v|: a domain's ends and limit lie betw
 # Leaves room, 2^-44 of the largest coordinate, for the float64 rounding of cells' positions far from the origin, and of
 # the difference between a query and a frame's origin (2^-53 of it).
 POSITIONS_ROUNDING = 1.0 + 2.0**-20
-DOUBLE = ("delta", "lower", "upper")  # float64 fields of a domain; the others are float32
+SINGLE, DOUBLE = ("center", "scale", "limit"), ("delta", "lower", "upper")  # float32 and float64 fields of a domain
 GROWTH = 1.0 + 1e-9  # covers the float64 evaluation of the bounds below, whose relative error is under 1e-14
 
 
+class PointMap:
+    """What domains of points share: the map ``v = (x - center) * scale``."""
+
+    query: ClassVar[str]
+    length = None
+    tested_as_point, tested_as_region = True, False  # ``v`` is one point of the space that is bounded
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.center)
+
+    space_ndim = columns = ndim  # the dimension of the object, and how many numbers a query has
+
+    @property
+    def base(self):
+        """The domain of points: this one."""
+        return self
+
+    def to_local(self, x: np.ndarray) -> np.ndarray:
+        """``v`` of object coordinates ``(..., n)``, in float64."""
+        return (np.asarray(x, dtype=np.float64) - self.center) * self.scale.astype(np.float64)
+
+    def to_object(self, v: np.ndarray) -> np.ndarray:
+        """Object coordinates of ``v``, in float64."""
+        return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
+
+    @staticmethod
+    def read(values: dict, double: Sequence[str]) -> dict[str, np.ndarray]:
+        """Arrays of a file: float64 ones, and float32 ones; raises ``ValueError`` for numbers that are not float32."""
+        found = {k: np.array([json_number(a, k) for a in values[k]]) for k in (*SINGLE, *double)}
+        for name in SINGLE:
+            with np.errstate(over="ignore"):
+                single = found[name].astype(np.float32)
+            if not (single == found[name]).all():
+                raise ValueError(f"the domain's {name} must be float32 numbers, got {values[name]}")
+            found[name] = single
+        return found
+
+
 @dataclass(frozen=True, eq=False)
-class Domain:
+class Domain(PointMap):
     """The box that a bounder was made for, and the map to local space, where that box is about [-1, 1]^n.
 
     Attributes:
@@ -68,11 +109,7 @@ class Domain:
     unbounded: bool = False
     joints: Joints | None = None
 
-    query = "point"
-    length = None
-    oracle_length = 1.0
-    tested_as_point = True  # ``v`` is one point of the space that is bounded
-    tested_as_region = False
+    query, oracle_length = "point", 1.0
 
     @classmethod
     def of(cls, shape: Shape, *, least_delta: np.ndarray | float = 0.0) -> "Domain":
@@ -137,22 +174,10 @@ class Domain:
             covered[0] = 0 < self.limit[0] <= (np.minimum(low, high) - needed - blurred)[0]
         return None if covered.all() else "the domain's limit does not fit its corners"
 
-    @property
-    def ndim(self) -> int:
-        """Number of coordinates."""
-        return len(self.center)
-
-    space_ndim = columns = ndim  # the dimension of the object, and how many numbers a query has
-
     @cached_property
     def reach(self) -> np.ndarray:
         """``(n,)`` float64: largest coordinates of a point of the domain, in absolute value, object space."""
         return np.maximum(np.abs(self.lower), np.abs(self.upper)) + self.delta / self.scale.astype(np.float64)
-
-    @property
-    def base(self) -> "Domain":
-        """The domain of points: this one."""
-        return self
 
     @property
     def header(self) -> np.ndarray:
@@ -163,14 +188,6 @@ class Domain:
     def extra(self) -> np.ndarray:
         """float32 numbers behind the threshold: those of joints."""
         return np.zeros(0, np.float32) if self.joints is None else self.joints.numbers
-
-    def to_local(self, x: np.ndarray) -> np.ndarray:
-        """``v`` of object coordinates ``(..., n)``, in float64."""
-        return (np.asarray(x, dtype=np.float64) - self.center) * self.scale.astype(np.float64)
-
-    def to_object(self, v: np.ndarray) -> np.ndarray:
-        """Object coordinates of ``v``, in float64."""
-        return np.asarray(v, dtype=np.float64) / self.scale.astype(np.float64) + self.center
 
     def widened(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The boxes, in ``v``, that hold every input the pipeline can make from boxes in object space (P_delta).
@@ -202,16 +219,11 @@ class Domain:
     @classmethod
     def from_dict(cls, values: dict) -> "Domain":
         """Inverse of ``to_dict``; raises ``ValueError`` for numbers that are not a domain's (``fault``)."""
-        arrays = {k: np.array([json_number(a, k) for a in values[k]]) for k in ("center", "scale", "limit", *DOUBLE)}
-        with np.errstate(over="ignore"):
-            single = {k: a.astype(np.float32) for k, a in arrays.items() if k not in DOUBLE}
-        rounded = [k for k, a in single.items() if not (a == arrays[k]).all()]
-        if rounded:
-            raise ValueError(f"the domain's {rounded[0]} must be float32 numbers, got {values[rounded[0]]}")
+        arrays = cls.read(values, DOUBLE)
         flags = {"time": values["time"], "unbounded": values.get("unbounded", False)}
         flags = {name: json_bool(value, name) for name, value in flags.items()}
         joints = Joints.from_dict(values["joints"], json_number) if "joints" in values else None
-        domain = cls(**single, **{k: arrays[k] for k in DOUBLE}, **flags, joints=joints)
+        domain = cls(**arrays, **flags, joints=joints)
         fault = domain.fault()
         if fault:
             raise ValueError(fault)
