@@ -37,7 +37,7 @@ SHARE_SECONDS, PLACES, SIDE = (
 )  # for the share of the volume that is proven of a bounder that samples attest
 SHOWN = ("planar-3", "planar-4", "four", "six")  # cells that are measured
 MOST_GRID = 4  # coordinates of cells, which a hierarchy of boxes is made of
-FEWER_PARTS = {"four": {"hidden": (8, 47, 47), "thresholds": 1024}}  # of the network: tighter in this cell
+FEWER_PARTS = {"four": {"hidden": (8, 47, 47), "parts": 1024}}  # of the network: tighter in this cell
 DASH = "–"
 
 
@@ -200,7 +200,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
             "proof_seconds": bounder.certificate.seconds,
             "proven_share": 1.0
             if bounder.certificate.proven
-            else proven_share(bounder, shape, seconds=SHARE_SECONDS, places=PLACES, side=SIDE).volume,
+            else proven_share(bounder, shape, budget=SHARE_SECONDS, places=PLACES, side=SIDE).volume,
             "nanoseconds": nanoseconds(bounder, np.resize(samples[0].x, (TIMED, shape.ndim)), ROUNDS),
         }
 
@@ -217,7 +217,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
 def nbytes_of(joints: int, options: dict) -> int:
     """Bytes of a network's numbers and of its parts' thresholds."""
     widths = (joints, *options["hidden"], 1)
-    return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("thresholds", 0)
+    return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("parts", 0)
 
 
 def page(kept: StoredRows, command: str) -> str:

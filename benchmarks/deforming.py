@@ -133,7 +133,7 @@ class Step:
 def fitted(shape: wb.shapes.BlendShapes, budget: float) -> dict[str, wb.Bounder]:
     """Bounders over place and pose."""
     reported = {"learned-kdop": {"method": "learned-kdop", "budget": SHORT}}
-    reported |= {name: {"hidden": HIDDEN, "budget": budget, "thresholds": parts} for name, parts in PARTS.items()}
+    reported |= {name: {"hidden": HIDDEN, "budget": budget, "parts": parts} for name, parts in PARTS.items()}
     return {name: wb.fit(shape, device="cpu", progress=False, **options) for name, options in reported.items()}
 
 

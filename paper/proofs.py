@@ -128,7 +128,7 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     points = (
         as_queried(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
     )  # others are searched over other numbers
-    search = prove(copy, grid, seconds=s["seconds"], eps=rates.room(sampled), points=points)
+    search = prove(copy, grid, budget=s["seconds"], eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     certificate = bounder.certificate
     if certificate is not None and certificate.proven and search.upper_bound < certificate.lower_bound:

@@ -41,7 +41,7 @@ class Made(NamedTuple):
 
 LOCAL, TREE, DISTANCE = "mlp-local", "hierarchy", "distance"
 MADE = {
-    LOCAL: Made(Local, {"thresholds": 256}),
+    LOCAL: Made(Local, {"parts": 256}),
     TREE: Made(Union, {"leaves": 8}, "hierarchy", 3, ("point",)),
     DISTANCE: Made(MlpDistance, {}),
 }

@@ -55,7 +55,7 @@ class FitSpec:
     @property
     def made(self) -> str:
         """The method that its bounder's file names: a network with thresholds of parts is one of its own."""
-        return "local" if self.options.get("thresholds", 1) > 1 and self.query != "distance" else self.method
+        return "local" if self.options.get("parts", 1) > 1 and self.query != "distance" else self.method
 
     @property
     def closed(self) -> bool:

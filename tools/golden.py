@@ -164,7 +164,7 @@ def query_distance(name: str, bounder, shape) -> None:
 
 
 def answers(folder: Path) -> None:
-    """Every method, kind of query and dimension; distances; cascades, thresholds, both sides; functions' text."""
+    """Every method, kind of query and dimension; distances; cascades, parts, both sides; functions' text."""
     folder.mkdir(parents=True, exist_ok=True)
     shapes = objects()
     methods = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels", *LEARNED)
@@ -195,7 +195,7 @@ def answers(folder: Path) -> None:
     for query, method in CASCADES:
         bounder = made(folder, f"{method}-{query}-3d", three, query=query, method=method, **FEW | {"hidden": (6, 5)})
         ask(f"{method} {query} 3d", bounder, query, three)
-    parts = made(folder, "local-point-3d", three, thresholds=8, **FEW)
+    parts = made(folder, "local-point-3d", three, parts=8, **FEW)
     ask("thresholds point 3d", parts, "point", three)
     inner = made(folder, "inside-3d", three, side="inside", **FEW)
     ask("inside point 3d", inner, "point", three)
@@ -230,7 +230,7 @@ def certified(slow: bool) -> None:
         if slow or not file.startswith(SLOW):
             bounder = wb.load(stored(scene, name), device="cpu")
             own = bounded(spec, shape)
-            reported = wb.certify(bounder, own, seconds=math.inf if slow else 20.0)
+            reported = wb.certify(bounder, own, budget=math.inf if slow else 20.0)
             found[f"certify {file}"] = f"{reported.kind} {float(bounder.threshold)!r}"
 
 

@@ -71,7 +71,7 @@ SIZES: dict[str, list[dict[str, Any]]] = {  # of closed forms, the quickest to f
     **{name: [{}] for name in ("aabb", "sphere", "ellipsoid", "oriented-ellipsoid", "obb", PREFILTER, "relu-field")},
     "kdop": [{}, {"k": 26}],
 }
-UNITS = {"leaves": "{} leaves", "resolution": "{} cells", "nodes": "{} nodes", "thresholds": "{} parts", "k": "k {}"}
+UNITS = {"leaves": "{} leaves", "resolution": "{} cells", "nodes": "{} nodes", "parts": "{} parts", "k": "k {}"}
 
 
 class Candidate(NamedTuple):
@@ -118,10 +118,10 @@ def candidates_of(query: str, shape: Shape, networks: tuple[tuple[int, ...], ...
             network(name, hidden)
     if Mlp.method in neural and PREFILTER in able and BEHIND in networks:
         network(CASCADE, BEHIND)
-    if any(option.name == "thresholds" and query in option.queries for option in Mlp.options):
+    if any(option.name == "parts" and query in option.queries for option in Mlp.options):
         for hidden in networks if Mlp.method in neural else ():
             if hidden in PARTS:
-                network(Mlp.method, hidden, thresholds=PARTS[hidden])
+                network(Mlp.method, hidden, parts=PARTS[hidden])
     # of points, a network of just the answers is tighter
     if as_distance and region and MlpDistance.supports("distance", ndim):
         for hidden in networks[-2:]:
@@ -592,7 +592,7 @@ def choose(
     bounders: Mapping[str, Bounder] | None = None,
     overhead_ns: float = 0.0,
     statistical: bool = False,
-    folder=None,
+    checkpoint=None,
     progress: Progress | bool | None = None,
 ) -> Choice:
     """Fit candidates of every method, in several sizes, measure them on your own queries, and take the cheapest.
@@ -608,9 +608,9 @@ def choose(
             A few thousand at least: candidates are fitted to half of them and measured on the others.
         memory: Most bytes that a query may read (``Bounder.nbytes``).
         device: Warp device where it is measured, and of the bounder; the default device if ``None``.
-        budget: Seconds that fits and measurements take together, up to an eighth more; what ``folder`` holds is charged
-            with what it took. What there is no time for is not begun, or stopped, and its row shows the budget that it
-            needs. Compiling kernels, once for each size of network, is not counted.
+        budget: Seconds that fits and measurements take together, up to an eighth more; what ``checkpoint`` holds is
+            charged with what it took. What there is no time for is not begun, or stopped, and its row shows the budget
+            that it needs. Compiling kernels, once for each size of network, is not counted.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
@@ -622,8 +622,8 @@ def choose(
         overhead_ns: What your step takes for a query if there is any bounder, without the bounder itself, such as for
             lists of what is left.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
-        folder: Where candidates are stored as they are fitted; a call with the same settings goes on there. ``None``
-            keeps nothing.
+        checkpoint: Folder where candidates are stored as they are fitted; a call with the same settings goes on there.
+            ``None`` keeps nothing.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends fitting; what was fitted is then compared.
 
@@ -657,7 +657,8 @@ def choose(
     options |= {"length": float(length)} if QUERIES[query].has_length else {}
     given = None if workload is None else hashlib.sha256(fit_to.tobytes()).hexdigest()
     settings = {"shape": bounded.digest, "query": query, **options, "queries": given}
-    options["workload"], folder = None if workload is None else fit_to, None if folder is None else Path(folder)
+    options["workload"] = None if workload is None else fit_to
+    folder = None if checkpoint is None else Path(checkpoint)
     limits = (float(narrow_ns), float(overhead_ns), memory, statistical, device, budget, folder)
     search, own = Search(shape, query, options, bounded, x, length, *limits), bounders or {}
     for label, bounder in own.items():

@@ -32,6 +32,8 @@ __all__ = ["app_of", "main"]
 INTERRUPTED = 130
 ABOUT = "Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."
 RENAMED = {"soak": "evaluate --stress", "stress": "evaluate --stress", "--queries": "--workload"}
+RENAMED |= {"--threshold": "--level", "--thresholds": "--parts", "--certificate": "--statistical"}
+RENAMED |= {"--resume": "--checkpoint", "--folder": "--checkpoint"}
 
 # --- the process -----------------------------------------------------------------------------------------------------
 
@@ -172,7 +174,7 @@ Workload = Annotated[
     Path | None, Option(help="A .npy file, (Q, m), of your own queries: where false positives count.", **EXISTS)
 ]
 READING = {  # how the file of a shape is read: type, and help
-    "threshold": (str, "Which values of an array, or grey values of an image, are occupied: '<128', '<=0'."),
+    "level": (str, "Which values of an array, or grey values of an image, are occupied: '<128', '<=0'."),
     "spacing": (str, "Size of an array's or image's cells, one or one for each axis: 0.05 or 0.1,0.05; rows first."),
     "origin": (str, "Where the centre of an array's or image's first cell is: -12.5,3; rows first."),
     "unknown": (Literal["occupied", "free"], "Of a map, what unseen cells are (default: occupied)."),
@@ -182,9 +184,9 @@ READING_PANEL = "How SHAPE is read"
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
 
 
-def _option(name: str, kind: Any, **about: Any) -> inspect.Parameter:
+def _option(name: str, kind: Any, *names: str, **about: Any) -> inspect.Parameter:
     """An option of a command that need not be given."""
-    return inspect.Parameter(name, KEYWORD, default=None, annotation=Annotated[kind | None, Option(**about)])
+    return inspect.Parameter(name, KEYWORD, default=None, annotation=Annotated[kind | None, Option(*names, **about)])
 
 
 def _with_options(command: Callable, *more: inspect.Parameter) -> Callable:
@@ -414,13 +416,13 @@ def _options_by_method() -> dict[str, list]:
 def _method_options() -> list[inspect.Parameter]:
     """The method, and a parameter for each option of a method, in a panel of the methods that take it."""
     words: dict[str, dict[str, list[str]]] = {}
-    known, numbers = _options_by_method(), set()
+    known, kinds = _options_by_method(), {}
     for method, options in known.items():
         for option in options:
             default = ",".join(map(str, option.default)) if isinstance(option.default, tuple) else option.default
-            shown = option.help + ("" if default is None else f" (default: {default})")
+            shown = option.help + ("" if default is None or default is False else f" (default: {default})")
             words.setdefault(option.name, {}).setdefault(shown, []).append(method)
-            numbers |= {option.name} if option.parse is int else set()
+            kinds[option.name] = option.parse if option.parse in (int, bool) else str
     which = f"{', '.join(known)}; or several, asked one after the other, as in learned-kdop+mlp."
     method = Annotated[str, Option(help=which, autocompletion=lambda: list(known))]
     found = [inspect.Parameter("method", KEYWORD, default="mlp", annotation=method)]
@@ -429,9 +431,10 @@ def _method_options() -> list[inspect.Parameter]:
         takers = list(dict.fromkeys(method for each in texts.values() for method in each))
         panel = "Options of networks" if "mlp" in takers else f"Options of {', '.join(takers)}"
         panel = "Options of distances" if len(takers) > len(known) / 2 else panel
-        about = {"parser": whole_number, "metavar": "N"} if name in numbers else {}
+        about = {int: {"parser": whole_number, "metavar": "N"}}.get(kinds[name], {})
         text = next(iter(texts)) if panel.endswith((takers[0], "distances")) else text
-        found.append(_option(name, int if name in numbers else str, help=text, rich_help_panel=panel, **about))
+        flag = [f"--{name}"] if kinds[name] is bool else []  # without a --no-NAME
+        found.append(_option(name, kinds[name], *flag, help=text, rich_help_panel=panel, **about))
     return found
 
 
@@ -491,7 +494,7 @@ def certify(
             raise BoundingError(f"{name} must be one that a bounder can have, got {expected[name]}")
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
-        found = prove(bounder, loaded, **expected, seconds=budget, progress=update, checkpoint=checkpoint)
+        found = prove(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
     fitted = bounder.info.get("indicator")
     verdict = {"proven": found.proven, "same_indicator": found.indicator == fitted, "certified_indicator": fitted}
     report(
@@ -519,7 +522,7 @@ def evaluate(
     length: Annotated[float | None, Option(help="Of a distance that is asked rays: theirs (default: 1).")] = None,
     steps: Annotated[int | None, number_option("Of a distance: most evaluations of a ray (32) or a box (64).")] = None,
     stress: Annotated[int | None, number_option("Ask so many hard positives instead, such as 1e8.", count)] = None,
-    resume: Annotated[Text, Option(metavar="STATE.json", help="Of --stress: its state; goes on from it.")] = None,
+    checkpoint: Annotated[Text, Option(metavar="STATE.json", help="Of --stress: its state; goes on from it.")] = None,
     device: Device = "cpu",
     json: Json = False,
     **reading: Text,
@@ -535,11 +538,11 @@ def evaluate(
     """
     from warp_bounding.evaluation import evaluate as measure
 
-    if stress is None and resume is not None:
-        raise QueryError("--resume is for --stress")
+    if stress is None and checkpoint is not None:
+        raise QueryError("--checkpoint is for --stress")
     bounder, loaded = load_both(file, shape, device, reading)
     if stress is not None:
-        return _stress(file, shape, bounder, loaded, stress, seed, resume, json)
+        return _stress(file, shape, bounder, loaded, stress, seed, checkpoint, json)
     of_distance = {"radius": radius, "query": query, "length": length, "steps": steps}
     with bar("evaluate") as update:
         seed = 1 if seed is None else seed
@@ -558,12 +561,12 @@ def evaluate(
     return 0 if rates.fn == 0 else 1
 
 
-def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed, state, as_json: bool) -> int:
+def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed, checkpoint, as_json: bool) -> int:
     """Ask hard positives, and report; the exit status."""
     from warp_bounding.proof import stress_test
 
     with bar("stress") as update:
-        found = stress_test(bounder, loaded, wanted, seed=seed, state=state, progress=update)
+        found = stress_test(bounder, loaded, wanted, seed=seed, checkpoint=checkpoint, progress=update)
     fitted, (form, place) = bounder.info.get("indicator"), (found.missed_form, found.missed_world)
     kinds = ", ".join(f"{n:,} {form}" for form, n in found.forms.items() if n) or "none"
     took = f"seed {found.seed}, {found.seconds:.1f} s, {found.rate / 1e6:.1f} million/s"
@@ -577,8 +580,8 @@ def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed, state, 
             f"FALSE NEGATIVE: the {found.query} {region} meets the shape and is answered with no.",
             f"{asked} were answered with maybe before it ({kinds}); the same again with --seed {found.seed}; {took}",
         ]
-    if state and not found.complete:
-        lines.append(f"To go on: the same command again, with --resume {state}")
+    if checkpoint and not found.complete:
+        lines.append(f"To go on: the same command again, with --checkpoint {checkpoint}")
     about = {"path": file, "shape": shape, "same_indicator": found.indicator == fitted}
     about |= {**found.to_dict(), "rate": round(found.rate)}
     report(as_json, about, other_shape(shape, found.indicator, fitted), *lines)
@@ -688,7 +691,7 @@ def choose(
     networks: Annotated[str, Option(help="Hidden widths of networks to try; or none.")] = "24,24 16,16 50,50",
     methods: Annotated[Text, Option(help="Such as bvh,mlp,distance-grid (default: all).")] = None,
     statistical: Annotated[bool, Option("--statistical", help="Choose among sampled bounders, too.")] = False,
-    folder: Annotated[Text, Option(help="Keeps candidates, to go on (default: OUTPUT with .choice).")] = None,
+    checkpoint: Annotated[Text, Option(help="Folder of candidates, to go on (default: OUTPUT with .choice).")] = None,
     device: Device = "cpu",
     json: Json = False,
     **reading: Text,
@@ -714,9 +717,9 @@ def choose(
     for path, kind in ((output, whole_file.BOUNDER_FILE), (picture, whole_file.PICTURE_FILE)):
         check_writable(path, shape, *([workload] if workload else []), kind=kind)
     own, loaded = read_queries(workload), read_shape(shape, reading)
-    kept = Path(output).with_suffix(".choice") if folder is None else Path(folder)
+    kept = Path(output).with_suffix(".choice") if checkpoint is None else Path(checkpoint)
     with bar("choose") as update:
-        choice = take(loaded, workload=own, folder=kept, progress=update, **arguments)
+        choice = take(loaded, workload=own, checkpoint=kept, progress=update, **arguments)
     if choice.bounder is not None:
         choice.bounder.save(output)
     write_whole(picture, cost_plot(choice), whole_file.PICTURE_FILE)
@@ -852,7 +855,7 @@ def bake(
 
 def _parameters(command: Callable) -> dict[str, inspect.Parameter]:
     """The options of ``fit`` or ``choose`` that ``bake`` has, too."""
-    own = ("shape", "output", "folder", "json")
+    own = ("shape", "output", "checkpoint", "json")
     found = {name: p for name, p in inspect.signature(command).parameters.items() if name not in own}
     return {name: p.replace(kind=KEYWORD) for name, p in found.items()}
 
@@ -880,7 +883,8 @@ def _settings(given: dict[str, Any]):
         wanted = "a choice, which --narrow-ns asks for" if fitted else "a fit, and --narrow-ns asks for a choice"
         got = f"got {given[name]!r} {'without it' if fitted else 'too'}"
         raise BoundingError(f"--{name.replace('_', '-')} is for {wanted}; {got}")
-    arguments = fit_arguments(given) if fitted else choose_arguments(given)
+    of_choice = given | {"statistical": bool(given["statistical"])}
+    arguments = fit_arguments(given) if fitted else choose_arguments(of_choice)
     return Settings(arguments, reading_of(given), queries, given["samples"])
 
 

@@ -70,9 +70,9 @@ def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS
     if shape.ndim <= FEW_JOINTS:
         return specs
     waves = 2 * len(shape.arm.angles)
-    angles = {"hidden": (waves, *BEHIND_ANGLES), "thresholds": PARTS}
+    angles = {"hidden": (waves, *BEHIND_ANGLES), "parts": PARTS}
     if shape.ndim > PROVEN_JOINTS:
-        angles = {"hidden": (waves, *OF_MANY), "certificate": "statistical"}
+        angles = {"hidden": (waves, *OF_MANY), "statistical": True}
     boxes = {"bvh": replace(specs["bvh"], resolution=CELLS_OF_BOXES[1])}
     return specs | boxes | {"mlp": replace(specs["mlp"], budget=BUDGETS[1], options=specs["mlp"].options | angles)}
 

@@ -41,7 +41,7 @@ def reach(bounder: wb.Bounder, network, latent: int, *, count: int = CODES, seco
     reported = []
     for radius in RADII:
         shapes = [neighbourhood(network, code, radius) for code in codes(count, latent, SEED)]
-        found = [wb.certify(bounder, shape, seconds=seconds) for shape in shown(shapes, f"codes within {radius:g}")]
+        found = [wb.certify(bounder, shape, budget=seconds) for shape in shown(shapes, f"codes within {radius:g}")]
         kinds = [each.kind for each in found]
         boxes = [each.boxes for each in found if each.kind == "proven"]
         row = {

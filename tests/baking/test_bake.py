@@ -136,7 +136,7 @@ def test_warnings_are_notes_and_a_choice_may_be_that_none_pays(folder):
         (Settings({"query": "distance", "method": "kdop", "leaves": 5}), "kdop takes no option 'leaves'"),
         (Settings({"narrow_ns": -1.0}), "narrow_ns must be"),
         (Settings({"narrow_ns": 1.0, "k": 14}), "unexpected keyword argument 'k'"),
-        (Settings(queries="none.npy"), "No such file"),
+        (Settings(workload="none.npy"), "No such file"),
     ],
 )
 def test_what_is_wrong_for_every_shape_is_told_before(folder, settings, told):

@@ -339,7 +339,7 @@ def test_bounders_of_pieces_together(tmp_path, rng):
     assert (found[within] == want[within]).mean() > 0.9999  # but for rounding
     assert (ask(whole, x[:5000]).astype(bool) == found[:5000]).mean() > 0.9999
     again = reloaded(whole, tmp_path)
-    assert wb.certify(again, own, seconds=120).proven
+    assert wb.certify(again, own, budget=120).proven
     assert (maybe(again, x) == found).all()
     assert wb.evaluate(again, own, samples=20_000).fn == 0
     starts, ends = (rng.uniform(own.lower, own.upper, (1000, 3)).astype(np.float32) for _ in range(2))
@@ -353,15 +353,15 @@ def test_bounders_of_pieces_together(tmp_path, rng):
 def test_some_pieces_are_not_the_whole(tmp_path):
     again = reloaded(of_piece((2,)), tmp_path)
     assert again.info["pieces"] == {"whole": arm().digest, "count": 3, "held": [2]}
-    assert wb.certify(again, arm().piece([2]), seconds=120).proven
-    assert wb.certify(of_piece((0, 1)), arm(), seconds=20).kind == "inapplicable"
+    assert wb.certify(again, arm().piece([2]), budget=120).proven
+    assert wb.certify(of_piece((0, 1)), arm(), budget=20).kind == "inapplicable"
     some = wb.union(of_piece((1,)), of_piece((2,)))  # link 0 could touch nothing, but nobody has shown that
     assert Pieces.from_dict(some.info["pieces"]).held == (1, 2)
     assert some.certificate.indicator == arm().piece([1, 2]).digest
-    found = wb.certify(some, arm(), seconds=20)
+    found = wb.certify(some, arm(), budget=20)
     assert found.kind == "undecided"
     assert "no part holds the pieces [0]" in found.message
-    assert wb.certify(some, arm().piece([1, 2]), seconds=120).proven
+    assert wb.certify(some, arm().piece([1, 2]), budget=120).proven
 
 
 def test_a_file_that_lies_about_pieces(tmp_path):
@@ -374,7 +374,7 @@ def test_a_file_that_lies_about_pieces(tmp_path):
         rewrite(file, lambda d: d["sizes"].update(parts=[entry, d["sizes"]["parts"][1] | {"pieces": list(pieces)}]))
         return file
 
-    assert not wb.certify(wb.load(edited(part | {"pieces": [0]}, (1, 2)), device="cpu"), arm(), seconds=20).proven
+    assert not wb.certify(wb.load(edited(part | {"pieces": [0]}, (1, 2)), device="cpu"), arm(), budget=20).proven
     domain = part["domain"] | {"scale": [x / 2 for x in part["domain"]["scale"]]}
     for entry, message in (
         ({k: v for k, v in part.items() if k != "pieces"}, "that holds no pieces"),
@@ -389,7 +389,7 @@ def test_a_file_that_lies_about_pieces(tmp_path):
     ("told", "parts"),
     [
         ({"method": "learned-kdop", "leaves": 2, "steps": 10}, {"aabb", "learned-kdop"}),
-        ({"levels": 1, "hidden": (8,), "steps": 50, "thresholds": 9}, {"aabb", "local"}),
+        ({"levels": 1, "hidden": (8,), "steps": 50, "parts": 9}, {"aabb", "local"}),
     ],
 )
 def test_a_hierarchy_is_proven(told, parts):

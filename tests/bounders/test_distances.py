@@ -199,7 +199,7 @@ def test_radii_of_their_own(rng):
 @pytest.mark.parametrize("name", ["c", pytest.param("tetrahedron", marks=pytest.mark.slow)])
 def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
     shape = thing(name)
-    cut = wb.fit(shape, "distance", method="mlp", hidden=(8,), steps=200, seed=0, device="cpu", thresholds=20)
+    cut = wb.fit(shape, "distance", method="mlp", hidden=(8,), steps=200, seed=0, device="cpu", parts=20)
     assert cut.lattice.count > 8
     assert cut.relief.max() > 0
     assert cut.relief.min() == 0

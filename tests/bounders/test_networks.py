@@ -36,7 +36,7 @@ CLOSE = {"blob": (3, 4, 2), "c": (5, 3)}
 
 @cache
 def fit_points(name: str) -> wb.Bounder:
-    return wb.fit(shape(name), method="mlp", hidden=(8,), steps=300, thresholds=PARTS, device="cpu", progress=False)
+    return wb.fit(shape(name), method="mlp", hidden=(8,), steps=300, parts=PARTS, device="cpu", progress=False)
 
 
 def some_local(name: str, seed: int = 0) -> Local:
@@ -162,7 +162,7 @@ REGIONS = {"ray": {"length": 0.6}, "box": {}}
 
 @cache
 def fit_regions(query: str) -> wb.Bounder:
-    options = {"hidden": (8,), "steps": 300, "thresholds": 16, "device": "cpu", "progress": False}
+    options = {"hidden": (8,), "steps": 300, "parts": 16, "device": "cpu", "progress": False}
     return wb.fit(shape("c"), query, method="mlp", **options, **REGIONS[query])
 
 
@@ -204,7 +204,7 @@ def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
             lying.freeze(threshold, None).info = bounder.info
             assert wb.certify(lying, grid).kind == "refuted" or threshold < 0
             assert not wb.certify(lying, grid).proven
-    assert wb.certify(bounder, grid, seconds=0).kind == "undecided"
+    assert wb.certify(bounder, grid, budget=0).kind == "undecided"
 
 
 @pytest.mark.parametrize("name", ["c", "blob"])
@@ -258,8 +258,8 @@ def test_what_a_fit_refuses():
         ("plane", "mlp", 4),
         ("box", "monotone-mlp", 4),
     ):
-        with pytest.raises(BounderError, match="thresholds"):
-            wb.fit(shape("c"), query, method, thresholds=count, steps=1, device="cpu", progress=False)
+        with pytest.raises(BounderError, match="parts"):
+            wb.fit(shape("c"), query, method, parts=count, steps=1, device="cpu", progress=False)
 
 
 EXITS = {  # shape, query, hidden, activation: one exit and two

@@ -23,7 +23,7 @@ SMALL = {**QUIET, "networks": (), "budget": 240.0, "methods": ("aabb", "obb", "b
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     """Closed forms are fitted once: choices of the same queries go on in the same folder."""
-    return {**SMALL, "folder": tmp_path_factory.mktemp("choice") / "c"}
+    return {**SMALL, "checkpoint": tmp_path_factory.mktemp("choice") / "c"}
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +109,7 @@ def test_other_kinds_of_query(query):
 
 
 def test_it_goes_on_where_it_was_killed(tmp_path, monkeypatch):
-    given = {"narrow_ns": 2000.0, "methods": ("aabb", "sphere", "bvh"), "folder": tmp_path / "c", **QUIET}
+    given = {"narrow_ns": 2000.0, "methods": ("aabb", "sphere", "bvh"), "checkpoint": tmp_path / "c", **QUIET}
     real, begun = module.fit, []
 
     def killed(*args, **options):
@@ -135,20 +135,20 @@ def test_it_goes_on_where_it_was_killed(tmp_path, monkeypatch):
 
 def test_folders_of_others_are_left_alone(tmp_path):
     given = {**SMALL, "methods": "aabb", "narrow_ns": 1e4}
-    wb.choose(DISK, folder=tmp_path / "c", **given)
+    wb.choose(DISK, checkpoint=tmp_path / "c", **given)
     with pytest.raises(FileFormatError, match="another seed, 0 and not 1"):
-        wb.choose(DISK, folder=tmp_path / "c", seed=1, **given)
+        wb.choose(DISK, checkpoint=tmp_path / "c", seed=1, **given)
     record = tmp_path / "c" / "choice.json"
     good = record.read_text()
     for spoiled in (good.replace('"version": "', '"version": "9.'), good.replace('"missing": {}', '"missing": 3'), "{"):
         record.write_text(spoiled)
         with pytest.raises(FileFormatError, match=r"another version|damaged|cannot be used"):
-            wb.choose(DISK, folder=tmp_path / "c", **given)
+            wb.choose(DISK, checkpoint=tmp_path / "c", **given)
         assert record.read_text() == spoiled
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "thesis.tex").write_text("x")
     with pytest.raises(FileFormatError, match="holds other files"):
-        wb.choose(DISK, folder=tmp_path / "mine", **given)
+        wb.choose(DISK, checkpoint=tmp_path / "mine", **given)
     assert [path.name for path in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
@@ -236,7 +236,7 @@ def test_networks_are_trained_until_they_can_be_judged_or_not_at_all(fits, budge
 
 
 def test_a_repeat_fits_nothing_and_a_larger_budget_goes_on(fits, tmp_path):
-    given = {**GIVEN, "methods": ("aabb", "kdop", "mlp"), "folder": tmp_path / "c"}
+    given = {**GIVEN, "methods": ("aabb", "kdop", "mlp"), "checkpoint": tmp_path / "c"}
     first = wb.choose(BLOCK, budget=60.0, **given)
     begun = len(fits)
     again = wb.choose(BLOCK, budget=60.0, **given)

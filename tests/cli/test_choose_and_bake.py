@@ -32,7 +32,9 @@ def test_what_is_chosen_is_written_and_a_choice_goes_on(capsys, disk):
     assert output.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
     assert wb.load(output, device="cpu").certificate.proven
     before = {path: path.stat().st_mtime_ns for path in (disk.parent / "c.choice").glob("*.safetensors")}
-    again, (status, out, err) = choose(capsys, disk, "--json", "--folder", disk.parent / "c.choice", price=0, name="d")
+    again, (status, out, err) = choose(
+        capsys, disk, "--json", "--checkpoint", disk.parent / "c.choice", price=0, name="d"
+    )
     found = json.loads(out)
     assert (status, found["label"], found["path"], again.exists()) == (0, "none", None, False)
     after = {path: path.stat().st_mtime_ns for path in (disk.parent / "c.choice").glob("*.safetensors")}

@@ -152,17 +152,17 @@ def test_a_map_in_metres_from_fit_to_stress(capsys, tmp_path):
     grey = np.full((12, 20), 254, dtype=np.uint8)  # white is free
     grey[3:6, 4:9] = 10
     Image.fromarray(grey).save(tmp_path / "map.png")
-    options = ("--threshold", "<128", "--spacing", "0.05", "--origin", "-0.5,2")
+    options = ("--level", "<128", "--spacing", "0.05", "--origin", "-0.5,2")
     path, (status, *_) = fit(capsys, tmp_path, *options, source="map.png")
     assert status == 0
     wall = np.array([[-0.5 + 4 * 0.05, 2 + 6 * 0.05], [-0.5 + 9 * 0.05, 2 + 6 * 0.05]], dtype=np.float32)
     assert wb.load(path, device="cpu").query(wall).numpy().tolist() == [1, 0]
     for name, *more in (["certify"], ["evaluate", *FEW], ["evaluate", "--stress", 1000]):
         assert as_json(capsys, name, path, tmp_path / "map.png", *more, *options).get("same_indicator", True)
-    assert run(capsys, "certify", path, tmp_path / "map.png", "--threshold", "<128")[0] == 1  # other cells
+    assert run(capsys, "certify", path, tmp_path / "map.png", "--level", "<128")[0] == 1  # other cells
     status, out, err = run(capsys, "fit", tmp_path / "map.png", "-o", tmp_path / "new.safetensors", "--method", "aabb")
     check_bad(status, out, err)
-    assert "threshold='<128'" in err
+    assert "level='<128'" in err
 
 
 # --- distances -------------------------------------------------------------------------------------------------------

@@ -209,7 +209,7 @@ def judge(path: Path, subject: Subject, rng, tally: Tally, count: int = 4096, qu
         tally.counts["refused"] += 1
         return None
     margin = bounder.info.get("margin") or 0.0
-    proof = wb.certify(bounder, subject.grid, seconds=SECONDS) if margin <= MOST_MARGIN else None
+    proof = wb.certify(bounder, subject.grid, budget=SECONDS) if margin <= MOST_MARGIN else None
     if proof is None or not proof.proven:
         tally.counts["not proven"] += 1
         return None

@@ -47,7 +47,7 @@ FITTED = {  # of a mesh: query, method, and options of ``fit``
     "network": ("point", "mlp", LEARNED),
     "network, dilated": ("point", "mlp", DILATED | LEARNED),
     "exits": ("point", "mlp-early", {"hidden": EARLY, "steps": 5}),
-    "parts": ("point", "mlp", {"thresholds": 8, **LEARNED}),
+    "parts": ("point", "mlp", {"parts": 8, **LEARNED}),
     "cells": ("point", "voxels", {"resolution": 8}),
     "hierarchy": ("point", "bvh", {"leaves": 6, "resolution": 8}),
     "cascade": ("point", "kdop+mlp", DILATED | LEARNED),
@@ -205,7 +205,7 @@ def subjects() -> list[Subject]:
         for method, kind in DISTANCES.items():
             if kind.supports("distance", ndim):
                 found.append(Subject(f"{method} distance {name}", name, partial(_distance, method, name)))
-    found.append(Subject("mlp distance c in parts", "c", partial(_distance, "mlp", "c", thresholds=20)))
+    found.append(Subject("mlp distance c in parts", "c", partial(_distance, "mlp", "c", parts=20)))
     found.append(Subject("distance-grid distance c refined", "c", partial(_distance, "distance-grid", "c", refine=4)))
     for query, methods in CASCADES.items():
         found.append(Subject(f"{methods} {query} c", "c", partial(_cascade, methods, "c", query)))

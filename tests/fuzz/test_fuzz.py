@@ -126,12 +126,12 @@ def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
     assert domain.fault() is None
     invalid = type(honest)(domain, honest.tensors, honest.sizes, "cpu").freeze(1e4, None)
     assert denied(invalid, grid, rng)
-    assert wb.certify(invalid, grid, seconds=5).kind == "refuted"
+    assert wb.certify(invalid, grid, budget=5).kind == "refuted"
     with undistracted():
-        assert "cells of the shape" in wb.certify(invalid, grid, seconds=5).message
+        assert "cells of the shape" in wb.certify(invalid, grid, budget=5).message
     monkeypatch.setattr(covers, "MOST_CELLS", np.inf)
     with undistracted():
-        assert not wb.certify(invalid, grid, seconds=5).proven
+        assert not wb.certify(invalid, grid, budget=5).proven
 
 
 def test_a_flat_field_is_looked_up_inside_its_grid():

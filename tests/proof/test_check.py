@@ -174,7 +174,7 @@ def test_prove_reports_what_it_did_and_parts_are_proven_one_by_one():
 def test_no_time_is_no_decision():
     grid, bounder = shape("blob"), random_mlp(shape("blob"), (24, 24), gain=8.0)
     prove(bounder, grid, eps=1e-4, boxes=300_000)
-    proof = wb.certify(bounder, grid, seconds=0.0)
+    proof = wb.certify(bounder, grid, budget=0.0)
     assert proof.proven or (proof.kind, proof.message[:24]) == ("undecided", "no decision within 0 s. ")
 
 
@@ -457,7 +457,7 @@ def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
         invalid = wb.load(edited(bounder, tmp_path / "b.safetensors", LIES[lie]), device="cpu")
     except FileFormatError:
         return
-    proof = wb.certify(invalid, own, seconds=5.0)
+    proof = wb.certify(invalid, own, budget=5.0)
     if not proof.proven:
         return
     assert wb.certify(invalid, own, margin=MARGIN).proven == (proof.margin == MARGIN)

@@ -42,7 +42,7 @@ def small_steps(monkeypatch):
 @pytest.fixture
 def left(tmp_path):
     """A checkpoint of ``far()``."""
-    wb.certify(far(), ball(), seconds=0.0, checkpoint=tmp_path / "left")
+    wb.certify(far(), ball(), budget=0.0, checkpoint=tmp_path / "left")
     return tmp_path / "left"
 
 
@@ -67,7 +67,7 @@ def test_stopped_again_and_again(tmp_path):
     assert shares == sorted(shares)  # it goes on, it does not begin anew
     assert shares[-1] == 1
     assert not file.exists()
-    late = wb.certify(bounder, ball(), seconds=0.0, checkpoint=file)
+    late = wb.certify(bounder, ball(), budget=0.0, checkpoint=file)
     assert late.kind == "undecided"
     assert f"goes on from {file}" in late.message
     assert file.exists()

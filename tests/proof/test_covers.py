@@ -198,7 +198,7 @@ def test_certify_closes_no_box_whose_bound_is_nan(query, monkeypatch):
     broken = replace(cover, numbers=np.full_like(cover.numbers, np.nan))
     assert np.isnan(broken.bound(cover.lower, cover.upper).lower).any()
     monkeypatch.setattr(check, "parametrized", lambda *_: broken)
-    assert certify(bounder, grid, seconds=0.2).kind != "proven"
+    assert certify(bounder, grid, budget=0.2).kind != "proven"
 
 
 def test_planes_have_no_bound_where_their_networks_have_none():

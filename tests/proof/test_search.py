@@ -31,7 +31,7 @@ def test_bounds_hold_whenever_it_stops(method, rng):
     bounder, grid = random_bounder(method, "c"), shape("c")
     lower, upper = positive_boxes(bounder, grid)
     found = brute_force(bounder, lower, upper, rng)
-    for eps, limit in ((1e-2, {}), (0.0, {"seconds": 0.0}), (1e-9, {"boxes": 10_000})):
+    for eps, limit in ((1e-2, {}), (0.0, {"budget": 0.0}), (1e-9, {"boxes": 10_000})):
         search = minimum(bounder, lower, upper, eps=eps, **limit)
         assert search.lower_bound <= found
         assert search.lower_bound <= search.upper_bound

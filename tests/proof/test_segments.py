@@ -23,7 +23,7 @@ def fitted(method: str, name: str) -> wb.Bounder:
             return joined(*[fitted(part, name) for part in method.split(sign)])
     hidden = EARLY if method == "mlp-early" else HIDDEN
     if method == "local":
-        return wb.fit(shape(name), hidden=hidden, steps=100, thresholds=20, device="cpu")
+        return wb.fit(shape(name), hidden=hidden, steps=100, parts=20, device="cpu")
     if not method.startswith("mlp"):
         return hardly_fitted(method, name)
     return wb.fit(shape(name), method=method, hidden=hidden, steps=100, device="cpu")

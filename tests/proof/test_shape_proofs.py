@@ -223,7 +223,7 @@ def test_the_hull_decides_what_a_search_brackets(method, margin, monkeypatch):
     assert bounder.query(x).numpy().all()
     if method in ("sphere", "ellipsoid", "oriented-ellipsoid"):  # they touch the dilated hull
         assert -1.001 < float(bounder.threshold) <= -0.99
-    raised = wb.certify(bounder.to("cpu").freeze(float(bounder.threshold) + 0.05, None), mesh(), seconds=60)
+    raised = wb.certify(bounder.to("cpu").freeze(float(bounder.threshold) + 0.05, None), mesh(), budget=60)
     assert raised.kind == "refuted"
     assert shape.contains(np.float32(raised.counterexample)[None])[0]
 

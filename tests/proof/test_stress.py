@@ -153,9 +153,9 @@ def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be
     assert statistical_test(bounder, grid, least=proven + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
     assert bounder.threshold <= proven
     assert certify(bounder, grid).proven
-    assert try_positives(bounder, grid, 1_000_000, 1, seconds=0.0) == (0, np.inf, None)
+    assert try_positives(bounder, grid, 1_000_000, 1, budget=0.0) == (0, np.inf, None)
     clock = ticking(0.05)
-    done, _, missed = try_positives(bounder, grid, 10**9, 1, seconds=0.5)
+    done, _, missed = try_positives(bounder, grid, 10**9, 1, budget=0.5)
     assert clock.seconds <= 0.5 + 2 * clock.tick  # the looks at the clock before and after
     assert missed is None
     assert 0 < done < 10**9
@@ -279,15 +279,15 @@ def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
 
 def test_it_goes_on_where_it_stopped(tmp_path):
     bounder, grid, state = made("aabb", "box"), shape("blob"), tmp_path / "state.json"
-    first = stress_test(bounder, grid, 2 * CHUNK - 1000, seed=11, state=state)
+    first = stress_test(bounder, grid, 2 * CHUNK - 1000, seed=11, checkpoint=state)
     held = json.loads(state.read_text())
     assert (held["done"], held["chunks"], held["seed"]) == (first.done, first.chunks, 11)
-    more = stress_test(bounder, grid, 4 * CHUNK - 1000, state=state)
+    more = stress_test(bounder, grid, 4 * CHUNK - 1000, checkpoint=state)
     straight = stress_test(bounder, grid, 4 * CHUNK - 1000, seed=11)
     assert (more.done, more.chunks, more.forms, more.seed) == (straight.done, straight.chunks, straight.forms, 11)
     bounder.save(tmp_path / "b.safetensors")  # it knows its bounder by what the file holds
     again = wb.load(tmp_path / "b.safetensors", device="cpu")
-    assert stress_test(again, grid, 1000, state=state).chunks == more.chunks
+    assert stress_test(again, grid, 1000, checkpoint=state).chunks == more.chunks
     for queried, what in (
         ((bounder, grid, 12), "another seed"),
         ((made("kdop", "box"), grid, None), "another bounder"),
@@ -295,7 +295,7 @@ def test_it_goes_on_where_it_stopped(tmp_path):
         ((bounder, Grid(~grid.occupancy), None), "another shape"),
     ):
         with pytest.raises(FileFormatError, match=what):
-            stress_test(*queried[:2], 1000, seed=queried[2], state=state)
+            stress_test(*queried[:2], 1000, seed=queried[2], checkpoint=state)
 
 
 def test_a_state_that_is_damaged_or_of_another_version_is_refused_and_kept(tmp_path):
@@ -305,18 +305,18 @@ def test_a_state_that_is_damaged_or_of_another_version_is_refused_and_kept(tmp_p
         if done >= 2 * 0.95 * CHUNK:
             raise KeyboardInterrupt
 
-    result = stress_test(bounder, shape("blob"), 10**9, seed=1, state=state, progress=stop)
+    result = stress_test(bounder, shape("blob"), 10**9, seed=1, checkpoint=state, progress=stop)
     assert result.interrupted
     assert result.chunks == json.loads(state.read_text())["chunks"] >= 2
-    assert not stress_test(bounder, shape("blob"), 1000, state=state).interrupted
+    assert not stress_test(bounder, shape("blob"), 1000, checkpoint=state).interrupted
     whole = json.loads(state.read_text())
     damaged = [{"done": -1}, {"forms": {}}, {"seconds": None}, {"more": 1}, {"soak": 1}]
     for text in (*(json.dumps(whole | change) for change in damaged), "prose", "[1]"):
         state.write_text(text)
         with pytest.raises(FileFormatError):
-            stress_test(bounder, shape("blob"), 1000, state=state)
+            stress_test(bounder, shape("blob"), 1000, checkpoint=state)
         assert state.read_text() == text
-    assert stress_test(bounder, shape("blob"), 1000, seconds=0).done == 0
+    assert stress_test(bounder, shape("blob"), 1000, budget=0).done == 0
     for of, reported in (("blob", {"count": 0}), ("blob", {"count": 1.5}), ("blob", {"seed": -1}), ("c", {})):
         with pytest.raises(QueryError):
             stress_test(bounder, shape(of), **{"count": 10, **reported})
@@ -338,11 +338,11 @@ def arm() -> wb.arms.ArmConfigurations:
 
 @cache
 def attested() -> wb.Bounder:
-    return wb.fit(arm(), device="cpu", progress=False, hidden=(8,), steps=100, certificate="statistical")
+    return wb.fit(arm(), device="cpu", progress=False, hidden=(8,), steps=100, statistical=True)
 
 
 def share(bounder, boxes=20_000, **options):
-    return wb.proof.proven_share(bounder, arm(), boxes=boxes, seconds=600, **options)
+    return wb.proof.proven_share(bounder, arm(), boxes=boxes, budget=600, **options)
 
 
 def test_the_proven_share_grows_with_time_and_falls_with_a_threshold_that_is_too_high():
@@ -372,8 +372,8 @@ def test_what_has_no_share():
     for options in ({"places": 0}, {"places": 5, "side": 0.0}, {"places": 5, "side": 2.0}):
         with pytest.raises(BounderError, match="at least one place"):
             share(bounder, **options)
-    for wrong in ({"certificate": "none"}, {"certificate": "statistical", "thresholds": 16, "steps": 2}):
-        with pytest.raises(BounderError, match=r"certificate must be one of|thresholds of parts are proven"):
+    for wrong in ({"statistical": "yes"}, {"statistical": True, "parts": 16, "steps": 2}):
+        with pytest.raises(BounderError, match=r"statistical must be True or False|parts are proven"):
             wb.fit(arm(), device="cpu", progress=False, **wrong)
     with pytest.raises(BounderError):
-        wb.fit(arm(), "box", device="cpu", certificate="statistical")
+        wb.fit(arm(), "box", device="cpu", statistical=True)

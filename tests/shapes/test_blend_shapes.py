@@ -107,8 +107,8 @@ def test_a_bounder_of_one_pose_number_is_proven(tmp_path):
     assert wb.evaluate(bounder, shape, samples=50_000).fn == 0
     bounder.save(tmp_path / "b.safetensors")
     again = wb.load(tmp_path / "b.safetensors", device="cpu")
-    assert wb.certify(again, shape, seconds=120).proven
-    assert not wb.certify(again, blob(1, margin=0.2, halvings=0), seconds=5).proven
+    assert wb.certify(again, shape, budget=120).proven
+    assert not wb.certify(again, blob(1, margin=0.2, halvings=0), budget=5).proven
 
 
 def test_what_is_no_blend_is_refused_in_one_line():

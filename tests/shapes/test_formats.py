@@ -166,7 +166,7 @@ def test_meshes_and_arrays_of_other_libraries(device):
     for source, options in (
         (torch.tensor(occupancy), {}),
         (wp.array(occupancy.astype(np.uint8), device=device), {}),
-        (signed, {"threshold": "<=0"}),
+        (signed, {"level": "<=0"}),
     ):
         assert load_shape(source, **options).digest == load_shape(occupancy).digest
     refused(signed, "load_shape(a <= 0)")
@@ -219,8 +219,8 @@ def test_regions_of_a_map_at_any_origin(tmp_path, query):
 
 def test_pictures_as_objects():
     picture = Image.fromarray(GREY)
-    np.testing.assert_array_equal(load_shape(picture, threshold="<128").occupancy, GREY < 128)
-    refused(picture, "threshold")
+    np.testing.assert_array_equal(load_shape(picture, level="<128").occupancy, GREY < 128)
+    refused(picture, "level")
     alpha = Image.fromarray(np.stack([GREY] * 4, axis=2))
     np.testing.assert_array_equal(load_shape(alpha).occupancy, GREY >= 128)
 
@@ -228,14 +228,14 @@ def test_pictures_as_objects():
 @pytest.mark.parametrize(
     ("kind", "value"), [(np.float32, 0.1), (np.int64, 2**53), (np.uint64, 2**62), (np.float16, 0.1)]
 )
-def test_thresholds_compare_exactly(kind, value):
+def test_levels_compare_exactly(kind, value):
     array = np.array([value, 0], kind)
     exact = int(array[0]) if array.dtype.kind in "iu" else float(array[0])
     bound = float(value)
     for sign, holds in (("<", exact < bound), ("<=", exact <= bound), (">", exact > bound), (">=", exact >= bound)):
         occupied = load_shape(
             np.array([array[0]] * 2 + [0 if holds == (sign[0] == ">") else 2 * array[0] + 1], kind),
-            threshold=f"{sign}{value!r}",
+            level=f"{sign}{value!r}",
         ).occupancy
         assert bool(occupied[0]) == holds
 
@@ -303,14 +303,14 @@ def test_what_is_no_file_of_a_format(tmp_path, suffix, rng):
 
 CELLS = MAP < 128
 NO_SHAPES = (
-    *((MAP, "threshold must be a number or a text such as", {"threshold": t}) for t in ("", "<x", True, np.nan, [3])),
+    *((MAP, "level must be a number or a text such as", {"level": t}) for t in ("", "<x", True, np.nan, [3])),
     (CELLS, "spacing must be positive", {"spacing": 0}),
     (CELLS, "spacing must be 2 numbers or one for all", {"spacing": (1, 2, 3)}),
     *((CELLS, "spacing must be 2 numbers", {"spacing": spacing}) for spacing in (np.nan, "wide")),
     (CELLS, "cells_per_unit must be positive float32", {"spacing": 1e-60}),
     *((CELLS, "origin must be 2 numbers", {"origin": origin}) for origin in (1.0, (0, np.inf))),
     (np.arange(120).reshape(2, 3, 4, 5) % 3 == 0, "spacing must be 4 numbers", {"spacing": 0.1}),
-    *(((VERTICES, FACES), "is for arrays and images", {name: 1.0}) for name in ("threshold", "spacing", "origin")),
+    *(((VERTICES, FACES), "is for arrays and images", {name: 1.0}) for name in ("level", "spacing", "origin")),
     ((VERTICES,), "a pair (vertices, faces), got a tuple of 1", {}),
     ((FACES, VERTICES), "faces as integers", {}),
     (([[0, 1], [2]], FACES), "expected vertices", {}),
@@ -327,4 +327,4 @@ NO_SHAPES = (
 def test_what_is_no_shape():
     for source, words, options in NO_SHAPES:
         refused(source, words, **options)
-    refused(load_shape(CELLS), "is for arrays and images", "Grid", threshold=1)
+    refused(load_shape(CELLS), "is for arrays and images", "Grid", level=1)

@@ -74,7 +74,7 @@ def test_what_is_proven_is_proven_anew(file):
     spec, shape = next((spec, shape) for scene, name, spec, shape in planned() if f"{scene}-{name}" == file)
     bounder = bounder_from(FOLDER / f"{file}.safetensors", shape, spec, device="cpu")
     if bounder.certificate is not None and bounder.certificate.proven:
-        assert wb.certify(bounder, shape, seconds=math.inf).proven  # however fast the machine is
+        assert wb.certify(bounder, shape, budget=math.inf).proven  # however fast the machine is
 
 
 NONE = Run("none", 100, 0.0, 2.0, 3.0, 0, True)

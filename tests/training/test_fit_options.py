@@ -57,10 +57,10 @@ TAKEN = {
     ("kdop", "point"): {"k"},
     ("kdop", "ray"): {"k", "length"},
     ("bvh", "point"): {"leaves", "hidden"},
-    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
+    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "parts", "steps"},
     ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
     ("monotone-mlp", "box"): {"hidden", "activation", "steps"},
-    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "thresholds", "steps"},
+    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "parts", "steps"},
 }
 
 

@@ -69,7 +69,7 @@ class Settings:
 
     arguments: Mapping[str, Any] = field(default_factory=dict)  # of ``fit``, or with ``narrow_ns`` of ``choose``
     reading: Mapping[str, Any] = field(default_factory=dict)  # keyword arguments of ``load_shape``
-    queries: str | None = None  # a .npy file of the caller's own queries, absolute, which every worker can read
+    workload: str | None = None  # a .npy file of the caller's own queries, absolute, which every worker can read
     samples: int = SAMPLES  # random queries that false positives are counted on
 
     @property
@@ -84,10 +84,10 @@ class Settings:
         function = getattr(warp_bounding, self.engine)
         try:
             signature(function).bind(shape, **self.arguments)
-            queries = None if self.queries is None else np.load(self.queries, allow_pickle=False)
+            workload = None if self.workload is None else np.load(self.workload, allow_pickle=False)
         except (TypeError, OSError, ValueError) as error:
             raise BounderError(f"{self.engine}: {error}") from error
-        found = function(shape, workload=queries, progress=False, **self.arguments)
+        found = function(shape, workload=workload, progress=False, **self.arguments)
         return found if self.engine == "fit" else found.bounder
 
     def check(self) -> None:
@@ -97,7 +97,7 @@ class Settings:
 
     def to_dict(self) -> dict[str, Any]:
         """All that makes a difference to what is baked, JSON-ready; of a file of queries its content."""
-        queried = None if self.queries is None else file_digest(Path(self.queries))
+        queried = None if self.workload is None else file_digest(Path(self.workload))
         about = {"version": __version__, "engine": self.engine, "arguments": dict(self.arguments)}
         about |= {"reading": dict(self.reading), "queries": queried, "samples": self.samples}
         try:

@@ -47,6 +47,7 @@ from warp_bounding.shapes.shape import Shape
 #
 # ``fit`` and the command line read them there. An option that no part of a method takes is refused, never ignored.
 
+RENAMED = {"thresholds": "parts", "certificate": "statistical"}  # options of earlier versions
 ALIKE = 0.7  # least similarity, as ``difflib`` has it, of a name and the one that is suggested in its place
 
 
@@ -95,6 +96,17 @@ def one_of(name: str, names: Iterable[str]) -> Callable[[Any], str]:
     return check
 
 
+def truth(name: str) -> Callable[[Any], bool]:
+    """A check for truth values."""
+
+    def check(value: Any) -> bool:
+        if not isinstance(value, bool):
+            raise BounderError(f"{name} must be True or False, got {value!r}")
+        return value
+
+    return check
+
+
 _STEPS = "training steps, instead of seconds: repeatable to the bit on a machine"
 STEPS = Option("steps", None, _STEPS, whole("steps", 1), int)
 
@@ -113,7 +125,8 @@ def arguments_of(function: Callable) -> list[str]:
 
 def meant(name: str, known: Iterable[str]) -> str | None:
     """The name among those known that was probably meant; ``None`` where none is alike."""
-    return next(iter(get_close_matches(name, list(known), 1, ALIKE)), None)
+    known = list(known)
+    return RENAMED[name] if RENAMED.get(name) in known else next(iter(get_close_matches(name, known, 1, ALIKE)), None)
 
 
 def unknown_option(name: str, method: str, known: Iterable[str], asked: str, callers: Iterable[Callable] = ()) -> str:

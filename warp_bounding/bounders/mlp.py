@@ -14,7 +14,7 @@ from typing import ClassVar
 import numpy as np
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
-from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, whole
+from warp_bounding.bounders.bounder import STEPS, Bounder, Option, composed, holding, members_of, one_of, truth, whole
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, PER_WORD, Early, Lanes, Source, level_text
@@ -78,7 +78,7 @@ def _widths(text: str) -> tuple[int, ...]:
 check_octaves = whole("octaves", 0, MOST_OCTAVES)
 _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
 _NOT_PLANES = ("point", "ray", "box")  # networks of planes have neither an encoding nor the paper's recipe
-MOST_THRESHOLDS = 65_536  # parts of a domain that have one each (``bounders.mlp``)
+MOST_PARTS = 65_536  # parts of a domain that have one each (``bounders.mlp``)
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
@@ -86,20 +86,20 @@ OCTAVES = Option("octaves", 0, "of positional encoding, 0 for none", check_octav
 RECIPE = Option(
     "recipe", RECIPES[0], "default, or paper for the paper's schedule", one_of("recipe", RECIPES), queries=_NOT_PLANES
 )
-THRESHOLDS = Option(
-    "thresholds",
+PARTS = Option(
+    "parts",
     1,
     "parts of the domain, each with a threshold of its own",
-    whole("thresholds", 1, MOST_THRESHOLDS),
+    whole("parts", 1, MOST_PARTS),
     int,
     _NOT_PLANES,
 )
-CERTIFICATES = ("proven", "statistical")
-CERTIFICATE = Option(
-    "certificate",
-    CERTIFICATES[0],
-    "proven; or statistical, for a threshold that samples attest where a proof in many dimensions leaves nothing",
-    one_of("certificate", CERTIFICATES),
+STATISTICAL = Option(
+    "statistical",
+    False,
+    "take a threshold that samples attest, where a proof in many dimensions leaves nothing",
+    truth("statistical"),
+    bool,
     queries=("point",),
 )
 
@@ -114,7 +114,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 
     method = "mlp"
     exact_on_cells = False
-    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, THRESHOLDS, CERTIFICATE, STEPS)
+    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, PARTS, STATISTICAL, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod
@@ -315,8 +315,8 @@ def checked_parts(bounder: Bounder) -> list[int]:
     """How many parts there are along each axis, as the sizes say; raises ``BounderError`` for what cannot be."""
     shape, ndim = bounder.sizes.get("shape"), bounder.domain.ndim
     whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
-    if not whole or len(shape) != ndim or prod(shape) > MOST_THRESHOLDS:
-        raise BounderError(f"{bounder.method}: expected {ndim} counts, at most {MOST_THRESHOLDS} parts, got {shape!r}")
+    if not whole or len(shape) != ndim or prod(shape) > MOST_PARTS:
+        raise BounderError(f"{bounder.method}: expected {ndim} counts, at most {MOST_PARTS} parts, got {shape!r}")
     return shape
 
 

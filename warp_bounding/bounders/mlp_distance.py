@@ -17,7 +17,7 @@ from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.mlp import (
     ACTIVATION,
     HIDDEN,
-    THRESHOLDS,
+    PARTS,
     Lattice,
     Mlp,
     check_hidden,
@@ -85,7 +85,7 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         )
 
 
-PARTS = replace(THRESHOLDS, default=None, help="parts of the domain, each with a slack of its own")
+SLACKS = replace(PARTS, default=None, help="parts of the domain, each with a slack of its own")
 
 
 class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
@@ -99,7 +99,7 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
 
     method = Mlp.method
     bit_fields = ("levels",)
-    options = (HIDDEN, ACTIVATION, PARTS, STEPS)
+    options = (HIDDEN, ACTIVATION, SLACKS, STEPS)
     moving = True
     room = 0.1
 

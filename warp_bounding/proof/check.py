@@ -75,7 +75,7 @@ def certify(
     length: float | None = None,
     resolution: int | None = None,
     query: str | None = None,
-    seconds: float = 900.0,
+    budget: float = 900.0,
     progress: Callable[[int, int], None] | None = None,
     checkpoint: str | os.PathLike | None = None,
 ) -> Certificate:
@@ -92,7 +92,7 @@ def certify(
         length: The length of rays that is expected, object units; the bounder's own if ``None``.
         resolution: The resolution of a mesh that is expected; the bounder's own if ``None``.
         query: The kind of query that is expected; the bounder's own if ``None``.
-        seconds: Time allowed for all parts together; compiling kernels is not counted.
+        budget: Seconds allowed for all parts together; compiling kernels is not counted.
         progress: Called with cells done and cells in all; counts begin anew for each part of a conjunction.
         checkpoint: Of a learned distance or a ``distance-grid``: a file that holds what is left of a proof whose time
             was over, or that was stopped; the same call goes on from there. It is removed when the proof has ended.
@@ -106,8 +106,8 @@ def certify(
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind
         ('proven', 'inapplicable')
     """
-    if isinstance(seconds, bool) or not isinstance(seconds, (int, float)) or not seconds >= 0:
-        raise BounderError(f"seconds must be a number of at least 0, got {seconds!r}")
+    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not budget >= 0:
+        raise BounderError(f"budget must be a number of at least 0, got {budget!r}")
     started, bounder = working_seconds(), bounder_of(bounder)
     frame = bounder.frame
     try:
@@ -119,12 +119,12 @@ def certify(
         fault = frame_fault(bounder, frame)
         if fault:
             return _inapplicable(bounder, shape, fault)
-        run = {"seconds": seconds, "progress": progress, "checkpoint": checkpoint}
+        run = {"budget": budget, "progress": progress, "checkpoint": checkpoint}
         return frame.noted(certify(bounder, shape, **own, **run))
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     if bounder.of_distances:
-        return certify_distance(bounder, shape, expected, seconds, progress, checkpoint)
+        return certify_distance(bounder, shape, expected, budget, progress, checkpoint)
     if checkpoint is not None:
         raise BounderError(f"{bounder.method}: a checkpoint is for proofs of distances")
     other = other_claim(bounder, expected)
@@ -148,7 +148,7 @@ def certify(
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
     certificates = []
     for part, own in obligations:
-        left = seconds - (working_seconds() - started)
+        left = budget - (working_seconds() - started)
         # what a network's exit grants, no part of it can deny
         asked = part if bounder.composed else bounder
         certificates.append(_certify(part, own, max(left, 0.0), progress, asked))
@@ -166,7 +166,7 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _certify(bounder: Bounder, grid: Grid, seconds: float, progress, asked: Bounder) -> Certificate:
+def _certify(bounder: Bounder, grid: Grid, budget: float, progress, asked: Bounder) -> Certificate:
     """``certify`` for one part of a conjunction; ``asked`` is who must deny a counterexample."""
     started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
@@ -185,26 +185,26 @@ def _certify(bounder: Bounder, grid: Grid, seconds: float, progress, asked: Boun
         return result("refuted" if point is not None else "undecided", reason, threshold, 0, point)
     f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
     if QUERIES[bounder.query_kind].is_region and f is bounder:
-        return _certify_regions(bounder, grid, target, seconds, result, progress)
+        return _certify_regions(bounder, grid, target, budget, result, progress)
     if not grid.certified:
-        return _attested(bounder, grid, seconds, result)
+        return _attested(bounder, grid, budget, result)
     if not isinstance(grid, Grid):
         grid.check()
         if bounder.exact_on_hull(grid):
             least, boxes = bounder.least(grid)
             if target <= least < np.inf:
                 return result("proven", _proven(bounder), least, boxes)
-        found = _check_shape(f, grid, target, started + seconds, progress)
-        return _conclusion(bounder, grid, found, seconds, result, asked)
-    found = _checked(_cell_pieces(f, grid, target), started + seconds, len(grid.occupied), progress)
-    return _conclusion(bounder, grid, found, seconds, result, asked)
+        found = _check_shape(f, grid, target, started + budget, progress)
+        return _conclusion(bounder, grid, found, budget, result, asked)
+    found = _checked(_cell_pieces(f, grid, target), started + budget, len(grid.occupied), progress)
+    return _conclusion(bounder, grid, found, budget, result, asked)
 
 
-def _conclusion(bounder: Bounder, grid: Shape, found: Checked, seconds: float, result, asked: Bounder) -> Certificate:
+def _conclusion(bounder: Bounder, grid: Shape, found: Checked, budget: float, result, asked: Bounder) -> Certificate:
     """The certificate for what a check has found."""
     least, boxes = found.least, found.boxes
     if not found.complete:
-        return result("undecided", f"no decision within {seconds:.3g} s", least, boxes)
+        return result("undecided", f"no decision within {budget:.3g} s", least, boxes)
     if found.suspects is None:
         return result("proven", _proven(bounder), least, boxes)
     if (point := _denied(asked, grid, found.suspects)) is not None:
@@ -214,13 +214,13 @@ def _conclusion(bounder: Bounder, grid: Shape, found: Checked, seconds: float, r
     )
 
 
-def _certify_regions(bounder: Bounder, grid: Grid, target: float, seconds: float, result, progress) -> Certificate:
+def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float, result, progress) -> Certificate:
     """``certify`` for rays, planes and boxes."""
     if not bounder.provable:
-        return _attested(bounder, grid, seconds, result)
+        return _attested(bounder, grid, budget, result)
     kind = COVERS[bounder.query_kind]
     least, boxes, suspects, complete = Checked(-np.inf, 0)
-    end, cells = working_seconds() + seconds, getattr(grid, "occupied", ())
+    end, cells = working_seconds() + budget, getattr(grid, "occupied", ())
     text = "f comes closer to the threshold than the proof allows"
     try:
         if bounder.exact_on_cells:
@@ -241,21 +241,21 @@ def _certify_regions(bounder: Bounder, grid: Grid, target: float, seconds: float
         return result("proven", _proven(bounder), least, boxes)
     missed = None if suspects is None else _denied_region(bounder, grid, suspects)
     if missed is None:
-        missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=max(seconds, LEAST_SECONDS))[2]
+        missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
     if missed is not None:
         return result("refuted", f"a query {DENIED}", least, boxes, missed)
-    text = text if complete else f"no decision within {seconds:.3g} s"
+    text = text if complete else f"no decision within {budget:.3g} s"
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     return result("undecided", text, least, boxes)
 
 
-def _attested(bounder: Bounder, grid: Grid, seconds: float, result) -> Certificate:
+def _attested(bounder: Bounder, grid: Grid, budget: float, result) -> Certificate:
     """What fresh positives tell where there is no proof."""
-    done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), seconds=seconds)
+    done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), budget=budget)
     if missed is not None:
         return result("refuted", f"a query {DENIED}", lowest, 0, missed)
     if not done:
-        return result("undecided", f"no positive could be asked within {seconds:g} s", float(bounder.threshold))
+        return result("undecided", f"no positive could be asked within {budget:g} s", float(bounder.threshold))
     rate = fn_rate_bound(done)
     text = (
         f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
@@ -593,7 +593,7 @@ def proven_share(
     bounder: Bounder,
     shape,
     *,
-    seconds: float = 60.0,
+    budget: float = 60.0,
     boxes: float = float("inf"),
     places: int | None = None,
     side: float = 2.0**-6,
@@ -608,7 +608,7 @@ def proven_share(
     Args:
         bounder: Of points, its parts proven one by one counted alike.
         shape: What it bounds; anything that ``load_shape`` takes.
-        seconds: Time after which what is left counts as not proven.
+        budget: Seconds after which what is left counts as not proven.
         boxes: The same of boxes; the result is then the same on every machine.
         places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than
             there is time for.
@@ -646,7 +646,7 @@ def proven_share(
         nonlocal share
         share = volume / whole
 
-    found, _ = _halved(positives, low, high, target, started + seconds, told, most=boxes, thorough=True)
+    found, _ = _halved(positives, low, high, target, started + budget, told, most=boxes, thorough=True)
     return Share(share, found.boxes, working_seconds() - started)
 
 
@@ -662,7 +662,7 @@ def certify_distance(
     bounder: DistanceBounder,
     shape,
     expected: dict[str, str | float | None],
-    seconds: float,
+    budget: float,
     progress: Callable[[int, int], None] | None,
     checkpoint: str | os.PathLike | None = None,
 ) -> Certificate:
@@ -672,7 +672,7 @@ def certify_distance(
         bounder: Its threshold and numbers are taken as they are; its own certificate is not looked at.
         shape: As ``certify`` takes it.
         expected: The claim that is expected (``other_claim``).
-        seconds: Time allowed.
+        budget: Seconds allowed.
         progress: As ``certify`` takes it.
         checkpoint: As ``certify`` takes it.
     """
@@ -702,15 +702,15 @@ def certify_distance(
     if bounder.volume is not None:
         volume = bounder.volume.to()
         volume.info = {name: bounder.info.get(name) for name in ("margin", "resolution")}
-        of_volume = certify(volume, grid, seconds=seconds, progress=progress)
+        of_volume = certify(volume, grid, budget=budget, progress=progress)
         suspects = None if of_volume.counterexample is None else np.array([of_volume.counterexample])
         least, boxes, told = (0.0 if of_volume.proven else -np.inf), of_volume.boxes, of_volume.message
     else:
         held = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
         bar = -float(np.nextafter(threshold + error, np.inf))
-        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, seconds, held, progress)
+        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, budget, held, progress)
         least, before = -overestimate, held.seconds if held else 0.0
-        told = CLOSE if complete else f"no decision within {seconds:.3g} s{GOES_ON.format(checkpoint) if held else ''}"
+        told = CLOSE if complete else f"no decision within {budget:.3g} s{GOES_ON.format(checkpoint) if held else ''}"
     if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
         told = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."
         return result("proven", told, least, boxes)

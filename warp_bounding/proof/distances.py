@@ -267,7 +267,7 @@ def excesses(
     tolerance: Tolerances | np.ndarray | float,
     halvings: int,
     least: float = 0.0,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     most: float = float("inf"),
     held: Checkpoint | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -283,7 +283,7 @@ def excesses(
             is not halved. Local units.
         halvings: How often a box is halved at most.
         least: Excesses under it are not distinguished.
-        seconds: Time; when it is over, boxes count with what is known of them.
+        budget: Seconds; when it is over, boxes count with what is known of them.
         most: Boxes that are looked at; when there are more, it is as if time were over.
         held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends
             the search.
@@ -309,7 +309,7 @@ def excesses(
     try:
         while waiting:
             now = working_seconds() - started
-            over = now > seconds or boxes > most
+            over = now > budget or boxes > most
             if held:
                 held.save(Left(waiting, found, boxes, before + now), now=over)
                 held = None if over else held  # what follows is no part of the search any more
@@ -359,7 +359,7 @@ def _volume(lower: np.ndarray, upper: np.ndarray) -> float:
 
 
 def worst_points(
-    bounder: DistanceBounder, shape: Shape, met: np.ndarray, eps: float, *, boxes: float, seconds: float
+    bounder: DistanceBounder, shape: Shape, met: np.ndarray, eps: float, *, boxes: float, budget: float
 ) -> np.ndarray:
     """Where F exceeds the distance by more than any sample of a part: what a proof's search finds and points miss.
 
@@ -369,27 +369,27 @@ def worst_points(
         met: ``(parts,)``, local units; raised in place, to about the greatest overestimates there are, less ``eps``.
         eps: Local units: by how much an overestimate may be more than what was met before the search looks closer.
         boxes: How many boxes at most.
-        seconds: Time.
+        budget: Seconds.
 
     Returns:
         ``(K, n)`` float64, local coordinates.
     """
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     tolerances = Tolerances(met, eps, bounder.part_of(lower / 2 + upper / 2))
-    told = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "seconds": seconds, "most": boxes}
+    told = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "budget": budget, "most": boxes}
     excesses(bounder, shape, lower, upper, tolerance=tolerances, **told)
     return np.concatenate([*tolerances.raised, np.empty((0, bounder.ndim))])
 
 
 def largest_overestimate(
-    bounder: DistanceBounder, shape: Shape, seconds: float
+    bounder: DistanceBounder, shape: Shape, budget: float
 ) -> tuple[np.ndarray, int, bool, np.ndarray]:
     """Certified: by how much F exceeds the distance in each part of the domain, at most: little more than samples have.
 
     Args:
         bounder: Its F.
         shape: The object.
-        seconds: Time; when it is over the bound is what is known by then.
+        budget: Seconds; when it is over the bound is what is known by then.
 
     Returns:
         The overestimates ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points
@@ -399,14 +399,14 @@ def largest_overestimate(
     parts, met = bounder.part_of(v), np.zeros(bounder.part_count)
     np.maximum.at(met, parts, sampled)
     weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
-    return (*_refined(bounder, shape, met, weight, seconds), worst)
+    return (*_refined(bounder, shape, met, weight, budget), worst)
 
 
 def overestimate_within(
     bounder: DistanceBounder,
     shape: Shape,
     bar: float,
-    seconds: float,
+    budget: float,
     held: Checkpoint | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> tuple[float, int, bool, np.ndarray]:
@@ -416,7 +416,7 @@ def overestimate_within(
         bounder: Its F.
         shape: The object.
         bar: An overestimate up to this is good enough, local units.
-        seconds: Time.
+        budget: Seconds.
         held: As ``excesses`` takes it.
         progress: As ``excesses`` takes it.
 
@@ -428,7 +428,7 @@ def overestimate_within(
         return float(sampled.max()), 0, True, worst
     tolerances = np.full(bounder.part_count, bar)
     overestimate, boxes, complete = _searched(
-        bounder, shape, tolerances, 0.0, seconds, again=True, held=held, progress=progress
+        bounder, shape, tolerances, 0.0, budget, again=True, held=held, progress=progress
     )
     return float(overestimate.max()), boxes, complete, worst
 
@@ -449,7 +449,7 @@ def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.nda
 
 
 def _refined(
-    bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, seconds: float
+    bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, budget: float
 ) -> tuple[np.ndarray, int, bool]:
     """The least overestimates of the parts that searches prove in a given time.
 
@@ -460,7 +460,7 @@ def _refined(
     with the square of a side. Of many parts the last search takes one group after another, those first that count most,
     and what it leaves undone stays as it was.
     """
-    end, eps, boxes = working_seconds() + seconds, COARSEST, 0
+    end, eps, boxes = working_seconds() + budget, COARSEST, 0
     best, complete = np.full(len(met), np.inf), True
     while True:
         started = working_seconds()
@@ -491,7 +491,7 @@ def _searched(
     shape: Shape,
     met: np.ndarray,
     eps: float,
-    seconds: float,
+    budget: float,
     chosen: np.ndarray | None = None,
     *,
     again: bool = False,
@@ -505,7 +505,7 @@ def _searched(
     by other boxes, which begin with thirds; its tolerances do not rise. The rest is for ``excesses``.
     """
     least = float(met.min()) + eps
-    told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "seconds": seconds}
+    told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "budget": budget}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
         lower, upper = _thirds(lower, upper)

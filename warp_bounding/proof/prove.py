@@ -60,7 +60,7 @@ def least_value(
     grid: Grid,
     *,
     eps: float = 1e-3,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, float, float], None] | None = None,
@@ -76,7 +76,7 @@ def least_value(
     over the object's points (``covers``).
     """
     started = working_seconds()
-    limits = {"eps": eps, "seconds": seconds, "boxes": boxes, "progress": progress}
+    limits = {"eps": eps, "budget": budget, "boxes": boxes, "progress": progress}
     f, region = of_points(bounder), QUERIES[bounder.query_kind].is_region
     searched = not isinstance(grid, Grid) and not bounder.exact_on_hull(grid)
     if searched and (not region or f is not bounder):
@@ -108,7 +108,7 @@ def prove(
     grid: Grid,
     *,
     eps: float = 1e-3,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, float, float], None] | None = None,
@@ -119,7 +119,7 @@ def prove(
         bounder: Changed in place (``freeze``).
         grid: The object that it bounds.
         eps: Largest gap, in ``f``, between the proven minimum and the least value found.
-        seconds: Time for the search; less of it costs tightness, never soundness.
+        budget: Seconds for the search; less of it costs tightness, never soundness.
         boxes: Number of boxes for the search; fewer of them cost tightness, never soundness.
         points: ``(P, n)`` positives with a low f that the search begins with, coordinates ``v``.
         progress: Called now and then with boxes done, boxes waiting or the share that is done, and the gap.
@@ -141,7 +141,7 @@ def prove(
         )
     if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
-    search = least_value(bounder, grid, eps=eps, seconds=seconds, boxes=boxes, points=points, progress=progress)
+    search = least_value(bounder, grid, eps=eps, budget=budget, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
     return search
 
@@ -152,7 +152,7 @@ def prove_or_test(
     *,
     seed: int = 0,
     points: np.ndarray | None = None,
-    attested: bool = False,
+    statistical: bool = False,
     **limits,
 ) -> Search | None:
     """``prove``, with its limits.
@@ -162,7 +162,7 @@ def prove_or_test(
     Returns:
         What ``prove`` does, or ``None``.
     """
-    if grid.certified and not attested:
+    if grid.certified and not statistical:
         return prove(bounder, grid, points=points, **limits)
     walk, start = Walk(bounder, grid, seed), border_points(grid, STARTS, np.random.default_rng(seed))
     if points is not None:
@@ -174,7 +174,7 @@ def prove_or_test(
 
 
 def prove_distance(
-    bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, seconds: float = float("inf")
+    bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, budget: float = float("inf")
 ) -> None:
     """``prove`` of a distance: ``f = d - F`` on all of the domain; parts may have a slack of their own each.
 
@@ -182,7 +182,7 @@ def prove_distance(
         bounder: Changed in place (``freeze``).
         shape: The object that it bounds, its margin included.
         of_volume: The certificate of ``bounder.volume``, where there is one.
-        seconds: Time for a search.
+        budget: Seconds for a search.
 
     Raises:
         BounderError: If the bounder was made for another object, its volume is not proven, or there is no finite lower
@@ -192,7 +192,7 @@ def prove_distance(
         raise BounderError(f"{bounder.method}: {reason}")
     if bounder.volume is None:
         started = working_seconds()
-        overestimate, boxes, complete, _ = largest_overestimate(bounder, shape, seconds)
+        overestimate, boxes, complete, _ = largest_overestimate(bounder, shape, budget)
         least, spent = -float(overestimate.max()), working_seconds() - started
         bounder.relieve(overestimate)
     elif of_volume is None or not of_volume.proven:
@@ -337,7 +337,7 @@ def least_region(
     known: float,
     *,
     eps: float,
-    seconds: float,
+    budget: float,
     boxes: float,
     progress: Callable[[int, float, float], None] | None,
 ) -> Search:
@@ -350,7 +350,7 @@ def least_region(
 
     def left(share: float = 1.0) -> dict[str, float]:
         spent, done = working_seconds() - started, best.boxes if best else 0
-        return {"seconds": share * (seconds - spent), "boxes": share * (boxes - done)}
+        return {"budget": share * (budget - spent), "boxes": share * (boxes - done)}
 
     for share in CELL_SHARES:
         before, cells = working_seconds(), coarse_cells(shape, share)
@@ -358,9 +358,9 @@ def least_region(
         best = found if best is None else _better(best, found)
         took = working_seconds() - before
         limit = left()
-        if not found.complete or best.lower_bound >= known - eps or limit["seconds"] < FINER_TIMES * took:
+        if not found.complete or best.lower_bound >= known - eps or limit["budget"] < FINER_TIMES * took:
             break
-    rest = limit["seconds"] >= SHAPE_TIMES * took and limit["boxes"] >= SHAPE_TIMES * found.boxes
+    rest = limit["budget"] >= SHAPE_TIMES * took and limit["boxes"] >= SHAPE_TIMES * found.boxes
     if found.complete and best.lower_bound < known - eps and rest:
         positives = ShapeRegions(bounder, shape, cells)
         own = minimum(
@@ -394,7 +394,7 @@ def prove_local(
     *,
     points: np.ndarray,
     eps: float,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     boxes: float = float("inf"),
     progress: Callable[[int, float, float], None] | None = None,
 ) -> tuple[Local, Search]:
@@ -407,7 +407,7 @@ def prove_local(
         negatives: ``(N, n)`` coordinates v that are no positives: they show which step between levels denies most.
         points: As of ``prove``.
         eps: Largest gap, in f, of a part where a larger one would deny fewer of the negatives.
-        seconds: As of ``prove``; parts whose search has not ended are looser, the others are not.
+        budget: As of ``prove``; parts whose search has not ended are looser, the others are not.
         boxes: As of ``prove``.
         progress: As of ``prove``.
 
@@ -419,7 +419,7 @@ def prove_local(
     np.minimum.at(found, lattice.place(points), member.reference(points))
     limits = {
         "eps": worthwhile(lattice, found, values, place, eps),
-        "seconds": seconds,
+        "budget": budget,
         "boxes": boxes,
         "progress": progress,
     }
@@ -556,7 +556,7 @@ def least_by_part(
     points: np.ndarray,
     *,
     eps: float,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     boxes: float = float("inf"),
     progress: Callable[[int, float, float], None] | None = None,
 ) -> tuple[np.ndarray, np.ndarray, Search]:
@@ -574,7 +574,7 @@ def least_by_part(
             time it gets, and its gap.
         points: ``(P, n)`` positives, the more the better.
         eps: Gap of the whole domain, and the least one of a part.
-        seconds: Time for all parts together.
+        budget: Seconds for all parts together.
         boxes: Boxes for all parts together, instead of time.
         progress: Called with boxes done, the fraction of the work that is done, and the gap that is aimed at.
 
@@ -586,7 +586,7 @@ def least_by_part(
     f, place = member.reference(negatives), lattice.place(negatives)
     found = np.full(lattice.count, np.inf)
     np.minimum.at(found, lattice.place(points), member.reference(points))
-    limits = {"seconds": WHOLE_SHARE * seconds, "boxes": WHOLE_SHARE * boxes}
+    limits = {"budget": WHOLE_SHARE * budget, "boxes": WHOLE_SHARE * boxes}
     whole = charted_minimum(cover, eps=eps, upper=float(found.min()), progress=progress, **limits)
     np.minimum.at(found, lattice.place(whole.worst), member.reference(whole.worst))
     least, own = np.full(lattice.count, np.inf), dict(meeting(divided(cover, PARTED, "cpu"), lattice))
@@ -602,8 +602,8 @@ def least_by_part(
         above = by_part[part][::-1]
         upper = float(min(found[part], above[0] + eps))  # no higher threshold denies more of the negatives
         gap = max(upper - float(above[min(int(COST * len(above)), len(above) - 1)]), eps)
-        left = max(seconds - (working_seconds() - started), 0.0), max(boxes - done, 0.0)
-        search = charted_minimum(own[part], eps=gap, upper=upper, seconds=share * left[0], boxes=share * left[1])
+        left = max(budget - (working_seconds() - started), 0.0), max(boxes - done, 0.0)
+        search = charted_minimum(own[part], eps=gap, upper=upper, budget=share * left[0], boxes=share * left[1])
         done, complete = done + search.boxes, complete and search.complete
         least[part] = max(least[part], search.lower_bound)
         found[part] = min(found[part], search.upper_bound)

@@ -104,7 +104,7 @@ def minimum(
     upper: np.ndarray,
     *,
     eps: float | np.ndarray,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
@@ -126,7 +126,7 @@ def minimum(
         upper: ``(N, n)`` float64 upper corners.
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what
             the bounds of single points resolve, or the search would not end. Of groups there may be one for each.
-        seconds: Time after which the search ends with what it has; the given boxes are bounded once in any case.
+        budget: Seconds after which the search ends with what it has; the given boxes are bounded once in any case.
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
@@ -216,12 +216,12 @@ def minimum(
     start = _chunks(lower, upper, nowhere, groups, -nowhere)
     waiting, gave_up = [rest for chunk in start for rest in advance(*chunk)], False
     looked_at = MANY
-    while waiting and done < boxes and working_seconds() - started < seconds:
+    while waiting and done < boxes and working_seconds() - started < budget:
         waiting += advance(*waiting.pop(max(range(len(waiting)), key=lambda i: waiting[i].price[0])))
         count = sum(len(chunk.bound) for chunk in waiting)
         if count > looked_at * AGAIN:
             spent = working_seconds() - started
-            used = max(done / boxes, spent / seconds) if min(boxes, seconds) > 0 else 1.0
+            used = max(done / boxes, spent / budget) if min(boxes, budget) > 0 else 1.0
             known = [float(chunk.price[0]) for chunk in waiting if np.isfinite(chunk.price[0])]
             level = SHARE * max(known, default=0.0) * used**FALLS
             waiting, rest = _split(waiting, level, TOO_MANY // 2 if count > TOO_MANY else count)
@@ -821,7 +821,7 @@ def charted_minimum(
     *,
     eps: float,
     upper: float = float("inf"),
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
     boxes: float = float("inf"),
     progress: Callable[[int, float, float], None] | None = None,
     device: str = "cpu",
@@ -832,8 +832,7 @@ def charted_minimum(
         cover: The positives.
         eps: Gap between bound and found value at which the search ends.
         upper: A value of f that is not below the minimum, such as f of a positive that is known.
-        seconds: Time after which the search ends with what it has. Compiling the kernels of a network's shape does not
-            count.
+        budget: Seconds after which the search ends with what it has. Compiling kernels does not count.
         boxes: Limit: the number of boxes after which it ends with what it has, the same on every machine.
         progress: Called with boxes done, the fraction of the initial boxes that are done or begun, and the gap that is
             aimed at.
@@ -844,7 +843,7 @@ def charted_minimum(
     # Each initial box is bounded once: that tells how many there is time for, and finds low positives to begin with.
     survey = prove_target(cover, CLOSE_ALL, device=device)
     spent = working_seconds() - started  # 0 where all of it was compiling
-    affordable = min(boxes, seconds * survey.boxes / spent if spent > 0 else np.inf)
+    affordable = min(boxes, budget * survey.boxes / spent if spent > 0 else np.inf)
     initial = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
     descent = Descent(divided(cover, initial, device), device)  # no fewer boxes than there are by now
     best = min(upper, float(survey.values.min(initial=np.inf)))
@@ -854,7 +853,7 @@ def charted_minimum(
 
     def used() -> float:
         spent = working_seconds() - started
-        return max(done() / boxes, spent / seconds) if min(boxes, seconds) > 0 else 1.0
+        return max(done() / boxes, spent / budget) if min(boxes, budget) > 0 else 1.0
 
     pace = Pace(eps, used())
     while descent.waiting:
@@ -870,7 +869,7 @@ def charted_minimum(
     # exceed a value that was found.
     proven, spent = min(max(survey.least, descent.least), best), working_seconds() - started
     numbers = lowest(survey.points, survey.values, descent.points, descent.values)[0]
-    needed = max(pace.whole * seconds, spent) if pace.whole else spent
+    needed = max(pace.whole * budget, spent) if pace.whole else spent
     return Search(proven, best, cover.coordinates(numbers), done(), spent, best - proven <= eps, needed, numbers)
 
 

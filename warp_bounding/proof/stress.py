@@ -91,7 +91,7 @@ def try_positives(
     grid: Shape,
     count: int,
     seed: int | Sequence[int],
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
 ) -> tuple[int, float, np.ndarray | None]:
     """Ask a bounder fresh positives.
 
@@ -100,7 +100,7 @@ def try_positives(
         grid: The object.
         count: How many positives to ask, at least.
         seed: Seed of the samples.
-        seconds: Time allowed: no chunk is begun that would end later if it took as long as the longest one before.
+        budget: Seconds allowed: no chunk is begun that would end later if it took as long as the longest one before.
             Fewer positives are then asked, possibly none.
 
     Returns:
@@ -109,7 +109,7 @@ def try_positives(
     """
     started, done, least, longest = working_seconds(), 0, np.inf, 0.0
     chunks = draw_positives(bounder.query_kind, grid, count, seed, bounder.device, bounder.domain.oracle_length)
-    while done < count and (begun := working_seconds()) - started + longest < seconds:
+    while done < count and (begun := working_seconds()) - started + longest < budget:
         x = next(chunks)
         values = bounder.values(x).numpy()
         done, least = done + len(x), min(least, float(values.min(initial=np.inf)))
@@ -539,9 +539,9 @@ def stress_test(
     count: int = 100_000_000,
     *,
     seed: int | None = None,
-    state: str | Path | None = None,
+    checkpoint: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
-    seconds: float = float("inf"),
+    budget: float = float("inf"),
 ) -> StressResult:
     """Ask a bounder hard positives until one is missed, or enough were queried.
 
@@ -549,11 +549,11 @@ def stress_test(
         bounder: The bounder, or the path of its file.
         shape: The shape that it bounds, or anything that ``load_shape`` takes.
         count: Positives to ask. Whole chunks are queried, so there may be some more.
-        seed: Seed of the stream, from 0 to 2^63 - 1; if ``None`` the one of the state, or a fresh one.
-        state: JSON file that is written during the test. If it exists, the test is continued from it, and the seed must
-            be the same.
+        seed: Seed of the stream, from 0 to 2^63 - 1; if ``None`` the one of the checkpoint, or a fresh one.
+        checkpoint: JSON file that is written during the test. If it exists, the test goes on from there, and the seed
+            must be the same.
         progress: Called after each chunk with positives asked, wanted, and a note.
-        seconds: Time allowed for this call.
+        budget: Seconds allowed for this call.
 
     Returns:
         What was done. Ctrl-C ends the test, and the result says so.
@@ -561,7 +561,7 @@ def stress_test(
     Raises:
         QueryError: For a shape that the bounder's claim cannot be about, as one of another dimension, or a count or
             seed out of range.
-        FileFormatError: If the state cannot be read or written, or belongs to another bounder, shape or seed.
+        FileFormatError: If the checkpoint cannot be read or written, or belongs to another bounder, shape or seed.
     """
     for name, value, least, most in (("count", count, 1, 2**62), ("seed", 0 if seed is None else seed, 0, MOST_SEED)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
@@ -576,13 +576,13 @@ def stress_test(
     result = StressResult(bounder.method, bounder.query_kind, -1, int(count), digest, shape.digest)
     far = bounder.of_distances
     result.forms = dict.fromkeys(DISTANCE_FORMS if far else FORMS, 0)
-    result = _resumed(result, None if seed is None else int(seed), state)
-    if state is not None:
-        check_writable(state)
+    result = _resumed(result, None if seed is None else int(seed), checkpoint)
+    if checkpoint is not None:
+        check_writable(checkpoint)
     started = saved = time.perf_counter()
     before, stream = result.seconds, (DistancePositives if far else HardStream)(bounder, shape)
     try:
-        while not result.complete and time.perf_counter() - started < seconds:
+        while not result.complete and time.perf_counter() - started < budget:
             form, queried, missed = stream.ask(result.seed, result.chunks, CHUNK)
             # changed only now, so that an interruption leaves no half of a chunk
             if missed is not None:
@@ -593,29 +593,29 @@ def stress_test(
             result.seconds = round(before + time.perf_counter() - started, 3)
             if progress:
                 progress(min(result.done, result.wanted), result.wanted, f"{result.rate / 1e6:.1f} million/s")
-            if state is not None and time.perf_counter() - saved > SAVED_EVERY:
-                _save(result, state)
+            if checkpoint is not None and time.perf_counter() - saved > SAVED_EVERY:
+                _save(result, checkpoint)
                 saved = time.perf_counter()
     except KeyboardInterrupt:
         result.interrupted = True
     result.seconds = round(before + time.perf_counter() - started, 3)
-    if state is not None:
-        _save(result, state)
+    if checkpoint is not None:
+        _save(result, checkpoint)
     return result
 
 
-def _save(result: StressResult, state: str | Path) -> None:
-    write_whole(state, json.dumps({"soak": STATE, **result.to_dict()}, allow_nan=False).encode())
+def _save(result: StressResult, checkpoint: str | Path) -> None:
+    write_whole(checkpoint, json.dumps({"soak": STATE, **result.to_dict()}, allow_nan=False).encode())
 
 
-def _resumed(fresh: StressResult, seed: int | None, state: str | Path | None) -> StressResult:
-    """The test that the state file holds, or else ``fresh``; with its seed."""
-    if state is None or not Path(state).is_file():
+def _resumed(fresh: StressResult, seed: int | None, checkpoint: str | Path | None) -> StressResult:
+    """The test that the checkpoint file holds, or else ``fresh``; with its seed."""
+    if checkpoint is None or not Path(checkpoint).is_file():
         fresh.seed = fresh_seed() if seed is None else seed
         return fresh
     remedy = "give another file, or remove it"
     try:
-        held = json.loads(Path(state).read_text())
+        held = json.loads(Path(checkpoint).read_text())
         version = held.pop("soak")
         old = StressResult(**held) if version == STATE else fresh
         numbers = (old.done, old.chunks, *old.forms.values())
@@ -624,15 +624,15 @@ def _resumed(fresh: StressResult, seed: int | None, state: str | Path | None) ->
         if not sound or not 0 <= float(old.seconds) < float("inf"):
             raise ValueError("numbers")
     except (ValueError, TypeError, KeyError, AttributeError, OSError, RecursionError) as error:
-        raise FileFormatError(f"{state}: not the state of a stress test, or damaged") from error
+        raise FileFormatError(f"{checkpoint}: not the checkpoint of a stress test, or damaged") from error
     if version != STATE:
-        reported = f"{state}: the state of a stress test of another version ({version!r}, this one is {STATE})"
-        raise FileFormatError(f"{reported}; {remedy}")
+        reported = f"the checkpoint of a stress test of another version ({version!r}, this one is {STATE})"
+        raise FileFormatError(f"{checkpoint}: {reported}; {remedy}")
     fresh.seed = old.seed if seed is None else seed
     for name in ("bounder", "indicator", "seed"):
         if getattr(old, name) != getattr(fresh, name):
             what = "shape" if name == "indicator" else name
-            raise FileFormatError(f"{state}: the state of a stress test of another {what}; {remedy}")
+            raise FileFormatError(f"{checkpoint}: the checkpoint of a stress test of another {what}; {remedy}")
     old.wanted, old.interrupted = fresh.wanted, False
     old.missed = old.missed_form = old.missed_world = None  # found again: its chunk does not count as done
     return old

@@ -21,7 +21,7 @@ from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import METRIC, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.mlp import THRESHOLDS, Mlp
+from warp_bounding.bounders.mlp import PARTS, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
@@ -95,7 +95,7 @@ def fit(
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
         resolution: Cells along a mesh's longest axis, where cells are laid: for regions of an ``mlp`` with
-            ``thresholds``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else ``None`` is the
+            ``parts``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else ``None`` is the
             mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and
@@ -114,9 +114,9 @@ def fit(
             memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
             K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place
             of sin. ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
-            ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``. ``thresholds``: of an mlp of points, rays or
-            boxes: about how many parts of the domain, each with a threshold. ``certificate``: of an mlp of points,
-            ``"statistical"`` for a threshold that samples attest, where a proof in many dimensions leaves nothing;
+            ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``. ``parts``: of an mlp of points, rays or
+            boxes: about how many parts of the domain, each with a threshold. ``statistical``: of an mlp of points,
+            ``True`` for a threshold that samples attest, where a proof in many dimensions leaves nothing;
             ``proven_share`` then reports how much of it is proven all the same. ``metric``: of a distance, where
             coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
             kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the
@@ -165,7 +165,7 @@ def fit(
         return in_frame(found, frame)
     if side == SIDES[1]:
         shape = Complement(shape)
-    grid = _bounded(shape, query, method, resolution, margin, options.get(THRESHOLDS.name, 1) == 1)
+    grid = _bounded(shape, query, method, resolution, margin, options.get(PARTS.name, 1))
     classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
@@ -256,14 +256,14 @@ def reported_pieces(shape: Shape) -> dict[str, Any] | None:
     return None if own is None or own.all else own.to_dict()
 
 
-def _bounded(shape, query: str, method: str, resolution: int | None, margin: float, one_threshold: bool) -> Shape:
+def _bounded(shape, query: str, method: str, resolution: int | None, margin: float, parts: int) -> Shape:
     """What is bounded: the dilated shape itself, or its cells where a resolution or a method requires them."""
     own = isinstance(shape, Grid)
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
     if isinstance(shape, Shape) and not own and resolution is None:
         kind = QUERIES[query]
         # thresholds of the parts of a domain of regions are proven over cells
-        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None and one_threshold)
+        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None and parts == 1)
         if told and all(cls.takes_shapes(query) for cls in known):
             shape.check()
             shape = shape.dilated(margin)
@@ -342,7 +342,7 @@ def _fit_distance(
         with reported(progress, f"fit {method}") as update:
             bounder, record = trainer_of(cls).train(cls, problem, told, budget - proving, update)
         bounder.sizes[METRIC.name] = metric
-        prove_distance(bounder, fitted, seconds=proving)
+        prove_distance(bounder, fitted, budget=proving)
         info = described(fitted, seed, record)
     bounder.info = info | {"rates": None}
     bounder.info["rates"] = quick_rates(bounder, fitted)
@@ -354,7 +354,7 @@ def _overestimate_of_cells(bounder: DistanceBounder, shape: Shape, seconds: floa
     lower, upper = bounder.pieces()
     tolerance = TOLERANCE * float((upper - lower).max()) + LOOSER * _sampled_overestimate(bounder, shape, lower, upper)
     halvings = CELL_HALVINGS * min(bounder.ndim, MOST_HALVED)
-    return excesses(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, seconds=seconds)[0]
+    return excesses(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, budget=seconds)[0]
 
 
 def _sampled_overestimate(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.mlp import CERTIFICATES, RECIPES, Lattice, Local, Mlp, MonotoneMlp
+from warp_bounding.bounders.mlp import RECIPES, Lattice, Local, Mlp, MonotoneMlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import head_of
@@ -49,17 +49,12 @@ class NetworkOptions:
     steps: int | None = None
     octaves: int = 0
     recipe: str = RECIPES[0]
-    thresholds: int = 1
-    certificate: str = CERTIFICATES[0]
+    parts: int = 1
+    statistical: bool = False
 
     def __post_init__(self):
-        if self.attested and self.thresholds > 1:
-            raise BounderError("thresholds of parts are proven; a statistical certificate is for one threshold")
-
-    @property
-    def attested(self) -> bool:
-        """Whether no proof is wanted."""
-        return self.certificate != CERTIFICATES[0]
+        if self.statistical and self.parts > 1:
+            raise BounderError("parts are proven; statistical is for one threshold")
 
     @property
     def stored(self) -> dict:
@@ -331,7 +326,7 @@ class _Fit:
         self.monotone = issubclass(method, MonotoneMlp)
         self.as_points = problem.domain.tested_as_point or self.monotone
         self.of_planes = head_of(problem.query).outputs > 1
-        self.lattice = lattice_of(problem, options.thresholds) if options.thresholds > 1 else None
+        self.lattice = lattice_of(problem, options.parts) if options.parts > 1 else None
         self.first_reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
         self.final_search_limit = min(FINAL_SEARCH_SHARE * options.budget, FINAL_SEARCH_SECONDS)
@@ -398,11 +393,11 @@ class _Fit:
 
     def _mine_points(self, trainer: NetworkTrainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
-        if not self.problem.grid.certified or self.options.attested:
+        if not self.problem.grid.certified or self.options.statistical:
             return
         problem, clock, budget = self.problem, self.clock, self.options.budget
         bounder = self._bounder(MonotoneMlp if self.monotone else Mlp, trainer.network.tensors())
-        limit = {"seconds": MINE_POINTS_SHARE * budget} if clock.timed else {"boxes": MINE_POINTS_BOXES}
+        limit = {"budget": MINE_POINTS_SHARE * budget} if clock.timed else {"boxes": MINE_POINTS_BOXES}
         points = trainer.worst_points()
         if self.monotone:  # often, and cheaply: where f is steep, samples alone make a network look better than it is
             eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
@@ -435,7 +430,7 @@ class _Fit:
         if tried:
             costs, least = Costs(bounder, problem), float(bounder.reference(found.worst).min())
             eps = costs.cheap_gap(least)
-            limit = {"seconds": MINE_REGIONS_SHARE * budget} if clock.timed else {"boxes": MINE_REGIONS_BOXES}
+            limit = {"budget": MINE_REGIONS_SHARE * budget} if clock.timed else {"boxes": MINE_REGIONS_BOXES}
             search = least_value(bounder, problem.grid, eps=eps, points=found.worst, **limit)
             self.boxes += search.boxes
             if of_cells:
@@ -484,14 +479,14 @@ class _Fit:
         if not self.clock.timed:
             return {"boxes": PROOF_BOXES}
         left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds - self.grant_seconds
-        return {"seconds": max(left / parts_left, LEAST_SHARE * self.options.budget)}
+        return {"budget": max(left / parts_left, LEAST_SHARE * self.options.budget)}
 
     def _prove(self, part: Mlp, trainer: NetworkTrainer | SupportTrainer, parts_left: int) -> dict:
         self.clock.tell(1.0, "proof")
         points, grid = self._moved(trainer.worst_points()), self.problem.grid
         eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
-        limit |= {"eps": eps, "points": points, "attested": self.options.attested}
+        limit |= {"eps": eps, "points": points, "statistical": self.options.statistical}
         search = prove_or_test(part, grid, seed=self.problem.seed, **limit)
         if search is None:
             return {"gap": eps}
@@ -516,7 +511,7 @@ class _Fit:
 
     def _decide_parts(self, member: Mlp, trainer: LocalTrainer) -> tuple[Local, dict]:
         (found, limits), tell = self._lowest(trainer, 1), partial(self.clock.tell, 1.0)
-        limits = limits or {"seconds": LEAST_SHARE * self.options.budget}
+        limits = limits or {"budget": LEAST_SHARE * self.options.budget}
         bounder, record = decide_parts(member, self.lattice, self.problem, found.worst, limits, tell)
         return bounder, record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 
@@ -544,5 +539,5 @@ class _Fit:
         limits = {"boxes": REGION_PROOF_BOXES}
         if self.clock.timed:
             left -= found.seconds
-            limits = {"seconds": max(left, at_least)} if self.proof_worthwhile or left > at_least else None
+            limits = {"budget": max(left, at_least)} if self.proof_worthwhile or left > at_least else None
         return found, limits

@@ -2,7 +2,7 @@
 
 Truth values are clear, and so are 0 and 1. Whatever else an array holds may mean one thing or its opposite: a map
 whose white is free, signed distances, the vertices of a mesh. It is refused, with the lines that say what is meant,
-unless a threshold does.
+unless a level does.
 
 Cells lie as in the paper's data set, the centres of the first and the last on 0 and 1 of every axis, unless spacing
 and origin place them.
@@ -23,7 +23,7 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.recentred import Frame, Recentred
 from warp_bounding.shapes.shape import MAX_OFFSET
 
-__all__ = ["UNKNOWN", "Cells", "Placement", "Threshold", "Wanted", "grid_of"]
+__all__ = ["UNKNOWN", "Cells", "Level", "Placement", "Wanted", "grid_of"]
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
 # Of the largest coordinate: how far cells may be from where they were requested, as decimal fractions are not exact. It
@@ -31,11 +31,11 @@ TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller
 ON_LATTICE = Fraction(1, 2**48)
 UNKNOWN = ("occupied", "free")
 _COMPARISONS = MappingProxyType({"<=": np.less_equal, "<": np.less, ">=": np.greater_equal, ">": np.greater})
-_THRESHOLD = re.compile(r"\s*(<=|<|>=|>)?\s*(\S+)\s*")
+_LEVEL = re.compile(r"\s*(<=|<|>=|>)?\s*(\S+)\s*")
 
 
 @dataclass(frozen=True)
-class Threshold:
+class Level:
     """Which values are occupied: those on one side of a number.
 
     Attributes:
@@ -47,17 +47,15 @@ class Threshold:
     value: float
 
     @classmethod
-    def of(cls, given: object) -> "Threshold":
+    def of(cls, given: object) -> "Level":
         """From a number, from which on values are occupied, or a text such as ``"<128"``; ``ShapeError`` for others."""
-        found = _THRESHOLD.fullmatch(
-            str(float(given)) if _is_number(given) else given if isinstance(given, str) else ""
-        )
+        found = _LEVEL.fullmatch(str(float(given)) if _is_number(given) else given if isinstance(given, str) else "")
         try:
             value = float(found[2]) if found and "_" not in found[2] else math.nan
         except ValueError:
             value = math.nan
         if not math.isfinite(value):
-            raise ShapeError(f"threshold must be a number or a text such as '<128' or '>=128', got {given!r}")
+            raise ShapeError(f"level must be a number or a text such as '<128' or '>=128', got {given!r}")
         return cls(found[1] or ">=", value)
 
     def __call__(self, array: np.ndarray) -> np.ndarray:
@@ -73,11 +71,11 @@ class Wanted(NamedTuple):
     """What a caller says of the values of an array, image or map.
 
     Attributes:
-        threshold: Which are occupied.
+        level: Which are occupied.
         unknown: What cells of a map are that nobody has seen: ``"occupied"``, ``"free"``, or ``None``, not told.
     """
 
-    threshold: Threshold | None = None
+    level: Level | None = None
     unknown: str | None = None
 
     def count(self, unknown: int) -> list[str]:
@@ -146,7 +144,7 @@ class Placement:
 
 
 class Cells(NamedTuple):
-    """What a reader found: values that a threshold and a placement make a grid of.
+    """What a reader found: values that a level and a placement make a grid of.
 
     Attributes:
         values: n-D.
@@ -179,13 +177,13 @@ def grid_of(
     if array.dtype.kind == "f" and np.isnan(array).any():
         count = int(np.isnan(array).sum())
         raise ShapeError(f"{name}: expected numbers, got NaN in {count} of {array.size} cells")
-    threshold = wanted.threshold
-    if threshold is not None and array.dtype.kind == "b":
-        raise ShapeError(f"{name}: a threshold needs numbers, got truth values")
-    if threshold is None and array.size and not _is_clear(array):
+    level = wanted.level
+    if level is not None and array.dtype.kind == "b":
+        raise ShapeError(f"{name}: a level needs numbers, got truth values")
+    if level is None and array.size and not _is_clear(array):
         raise ShapeError(f"{name}: {_what_to_say(array)}")
-    occupancy = array.astype(bool) if threshold is None else threshold(array)
-    above = threshold is not None and threshold.comparison[0] == ">" and array.dtype.kind in "if"
+    occupancy = array.astype(bool) if level is None else level(array)
+    above = level is not None and level.comparison[0] == ">" and array.dtype.kind in "if"
     unknown = array == -1 if above else np.zeros(array.shape, dtype=bool)
     seen = above and bool((unknown | (array >= 0)).all())
     if seen and unknown.any():
@@ -193,7 +191,7 @@ def grid_of(
         remark = "; ".join(filter(None, [remark, *wanted.count(int(unknown.sum()))]))
     elif wanted.unknown is not None and not seen:
         raise ShapeError(
-            f"{name}: unknown is for maps, whose cells have -1, unknown, or 0 and more, and a threshold such as '>=65'"
+            f"{name}: unknown is for maps, whose cells have -1, unknown, or 0 and more, and a level such as '>=65'"
         )
     time = array.ndim == TIME_NDIM if time is None else bool(time)
     where, frame = placement.map_of(array.shape, time, name)
@@ -229,20 +227,20 @@ def _what_to_say(array: np.ndarray) -> str:
         )
     if _is_map(array) and not _may_be_vertices(array) and (array.dtype.kind == "i" or high > 1):
         return (
-            f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give threshold='>=65', and "
+            f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give level='>=65', and "
             "unknown='free' if cells of -1 are free, else they count as occupied"
         )
     if low < 0:
         return (
             f"expected truth values, or 0 and 1, {got}; write load_shape(a <= 0) for signed distances, negative "
-            "inside, load_shape(a > 0) if the object is where they are positive; for a file threshold='<=0' or '>0'"
+            "inside, load_shape(a > 0) if the object is where they are positive; for a file level='<=0' or '>0'"
         )
     top = high if np.isfinite(high) else array[np.isfinite(array)].max(initial=0)
     middle = 128 if array.dtype == np.uint8 else 0.5 if top <= 1 else float(f"{low / 2 + top / 2:.3g}")
     grey = ", a being the grey of a picture, such as rgb.mean(axis=2)" * (array.ndim == 3 and array.shape[2] in (3, 4))
     return (
         f"expected truth values, or 0 and 1, {got}; write load_shape(a < {middle:g}) if low values, the dark of a "
-        f"map, are occupied, load_shape(a >= {middle:g}) if high ones are{grey}; for a file threshold='<{middle:g}' "
+        f"map, are occupied, load_shape(a >= {middle:g}) if high ones are{grey}; for a file level='<{middle:g}' "
         f"or '>={middle:g}'"
     )
 

@@ -1,4 +1,4 @@
-"""Pixels of a PNG: by default where it is opaque, or its grey values for a threshold."""
+"""Pixels of a PNG: by default where it is opaque, or its grey values for a level."""
 
 import contextlib
 import sys
@@ -15,7 +15,7 @@ __all__ = ["WHICH", "alpha_of", "image_from", "opened", "read_png"]
 OPAQUE = 0.5  # alpha from here on is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
 GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
-WHICH = "say which grey values are occupied: threshold='<128' for dark ones, threshold='>=128' for bright ones"
+WHICH = "say which grey values are occupied: level='<128' for dark ones, level='>=128' for bright ones"
 
 
 @contextlib.contextmanager
@@ -82,8 +82,8 @@ def _pixels(image, name, *, grey: bool) -> np.ndarray:
         raise ShapeError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
     if grey and alpha is not None and alpha.min() < 255:
         raise ShapeError(
-            f"{name}: expected opaque pixels for a threshold of their grey, got {int((alpha < 255).sum())} that are "
-            "not; without threshold what is opaque is occupied"
+            f"{name}: expected opaque pixels for a level of their grey, got {int((alpha < 255).sum())} that are "
+            "not; without level what is opaque is occupied"
         )
     if grey:
         return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))

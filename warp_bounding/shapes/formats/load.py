@@ -19,7 +19,7 @@ import numpy as np
 
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
-from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Threshold, Wanted, grid_of
+from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Level, Placement, Wanted, grid_of
 from warp_bounding.shapes.formats.binvox import read_binvox
 from warp_bounding.shapes.formats.collada import read_collada
 from warp_bounding.shapes.formats.gltf import read_gltf
@@ -258,7 +258,7 @@ def load_shape(
     source: object,
     *,
     time: bool | None = None,
-    threshold: float | str | None = None,
+    level: float | str | None = None,
     spacing: float | Sequence[float] | None = None,
     origin: Sequence[float] | None = None,
     unknown: str | None = None,
@@ -279,7 +279,7 @@ def load_shape(
             and ``to_grid``, which is returned as it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains``
             and ``empty``, which becomes a ``Function``.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
-        threshold: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
+        level: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
             ``"<=0"``, ``">0.5"``, or a number, from which on they are.
         spacing: Of an array, voxel file or image: the size of a cell, object units; one number, or one for each axis.
             By default the centres of the first and the last cell lie on 0 and 1, as in the paper, on every axis,
@@ -303,7 +303,7 @@ def load_shape(
     Example:
         >>> wb.load_shape(ball)
         <Grid array: 3D, 16 x 16 x 16 cells, 912 occupied, extent 1.067 x 1.067 x 1.067>
-        >>> wb.load_shape(np.eye(3), threshold=">0.5", spacing=0.1).extent
+        >>> wb.load_shape(np.eye(3), level=">0.5", spacing=0.1).extent
         array([0.3, 0.3])
     """
     if time is not None and not isinstance(time, bool | np.bool_):
@@ -311,7 +311,7 @@ def load_shape(
     for name, value, known in (("unknown", unknown, UNKNOWN), ("hollow", hollow, HOLLOW)):
         if value is not None and value not in known:
             raise ShapeError(f"{name} must be {' or '.join(map(repr, known))}, got {value!r}")
-    wanted = Wanted(None if threshold is None else Threshold.of(threshold), unknown)
+    wanted = Wanted(None if level is None else Level.of(level), unknown)
     found = _load(source, wanted)
     if isinstance(found, Cells):
         if found.placement is not None and (spacing is not None or origin is not None):
@@ -325,7 +325,7 @@ def load_shape(
         remark = "; ".join(filter(None, [found.remark, "" if placed else found.elsewhere]))
         found = grid_of(found.values, found.name, time, own, place, remark)
     else:
-        given = {"threshold": threshold, "spacing": spacing, "origin": origin, "unknown": unknown}
+        given = {"level": level, "spacing": spacing, "origin": origin, "unknown": unknown}
         for option in (key for key, value in given.items() if value is not None):
             kind = type(found).__name__
             raise ShapeError(
@@ -353,7 +353,7 @@ def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
         return function
     if isinstance(source, str | os.PathLike):
         return _load_file(Path(os.fsdecode(source)), wanted)
-    array = image_from(source, grey=wanted.threshold is not None)
+    array = image_from(source, grey=wanted.level is not None)
     array = array_from(source) if array is None else array
     if array is not None:
         return Cells(array, "array")
@@ -420,14 +420,14 @@ def _read_npz(path: Path) -> Cells:
 
 
 def _read_pgm(path: Path, wanted: Wanted) -> Cells:
-    if wanted.threshold is None:
-        raise ShapeError(f"{path}: expected a threshold for its grey values; {WHICH}")
+    if wanted.level is None:
+        raise ShapeError(f"{path}: expected a level for its grey values; {WHICH}")
     return Cells(read_pgm(path)[0], path.name)
 
 
 # By extension: each is given a path and what the caller says of values, and makes ``Cells`` or a ``ShapeLike``.
 READERS: dict[str, Callable[[Path, Wanted], Cells | ShapeLike]] = {
-    ".png": lambda path, wanted: Cells(read_png(path, grey=wanted.threshold is not None), path.name),
+    ".png": lambda path, wanted: Cells(read_png(path, grey=wanted.level is not None), path.name),
     ".pgm": _read_pgm,
     ".yaml": read_ros_map,
     ".yml": read_ros_map,

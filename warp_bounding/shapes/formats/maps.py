@@ -102,17 +102,17 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
             f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; set yaw to 0, and place the bounder with "
             "xform="
         )
-    if (mode == MODES[2]) != (wanted.threshold is not None):
+    if (mode == MODES[2]) != (wanted.level is not None):
         raise ShapeError(
-            f"{path}: threshold is for maps of mode raw, which need one, such as threshold='>=65'; got mode {mode}"
-            f"{'' if wanted.threshold is None else ' and a threshold'}"
+            f"{path}: level is for maps of mode raw, which need one, such as level='>=65'; got mode {mode}"
+            f"{'' if wanted.level is None else ' and a level'}"
         )
     if mode == MODES[2] and negate:
         raise ShapeError(f"{path}: negate in mode raw means one thing in ROS 1 and another in ROS 2, and is not read")
     shade, opaque = _shades(path.parent / str(fields["image"]), trinary=mode == MODES[0])
     if mode == MODES[2]:
         value = np.rint(255 * shade)
-        full = (value <= PERCENT) & wanted.threshold(value)
+        full = (value <= PERCENT) & wanted.level(value)
         known = full | ((value <= PERCENT) & opaque)
     else:
         occ = (255 * shade if negate else 255 - 255 * shade) / 255.0

@@ -185,7 +185,7 @@ class DistanceTrainer:
     def _search(self, seconds: float) -> None:
         """Add to the worst points those that the proof's own search finds."""
         met, now = np.maximum(self._over, 0.0), self.made(self.network.tensors())
-        found = self._labelled(worst_points(now, self.shape, met, CLOSER, boxes=SEARCHED, seconds=seconds))
+        found = self._labelled(worst_points(now, self.shape, met, CLOSER, boxes=SEARCHED, budget=seconds))
         self.hard = tuple(torch.cat(parts, -1) for parts in zip(self.hard, found, strict=True))
 
     def made(self, tensors: dict[str, np.ndarray], device: str | None = "cpu") -> MlpDistance:
@@ -226,7 +226,7 @@ def train_distance(
     progress: Progress | None,
 ) -> Trained:
     """Train a network's distance, without a threshold; see ``Trainer``. Ctrl-C ends it, and the best is taken."""
-    clock, parts = Clock(seconds, options["steps"], progress), options["thresholds"]
+    clock, parts = Clock(seconds, options["steps"], progress), options["parts"]
     if parts is None:
         parts = MANY if problem.grid.ndim >= AXES_OF_MANY else 1
     with single_threaded_torch():
