@@ -302,12 +302,14 @@ def pays_not(results: Path) -> str:
     """Where a bounder, or a network, does not pay, a line each."""
     rain, cloth, path = (_demo(results, name) for name in ("particles", "cloth", "path"))
     shadows, sections = _demo(results, "shadows"), ("rooms", "maze")
-    grids, nets = ([_share(path, each, section) for section in sections] for each in ("distance-grid", "mlp"))
+    grids = [_share(path, "distance-grid", section) for section in sections]
+    nets = [f"{float(_share(path, 'mlp', section).split()[0]) / 100:.0f}" for section in sections]
     near = 1e6 * rain["none", "contact"]["ms_narrow"] / 100_000
     lines = {
         "Cheap exact tests": f"near contacts of that rain ({near:.0f} ns) take {_share(rain, 'mlp', 'contact')}.",
         "One cloth on two meshes": f"a network takes {_share(cloth, 'mlp')}.",
-        "Paths in a 2D grid": f"a network takes {' and '.join(nets)}, a grid of distances {' and '.join(grids)}.",
+        "Paths in a 2D grid": f"a network takes {' and '.join(nets)} times as long, a grid of distances "
+        f"{' and '.join(grids)}.",
         "Shadow rays": f"a network takes {_share(shadows, 'mlp')}, a k-DOP {_share(shadows, 'kdop')}.",
         "Static meshes on a GPU": f"a tree of boxes takes {_card(results, 'points', 'bvh')} a point on an H100, a "
         f"network in your own kernel {_card(results, 'points', '24 float32')}.",
