@@ -114,8 +114,9 @@ def test_each_command_has_an_example_and_methods_are_completed(capsys):
         status, out, _ = run(capsys, name, "--help")
         assert status == 0
         assert f"Example: warp-bounding {name} " in " ".join(out.split())
-    asked = {"_WARP_BOUNDING_COMPLETE": "complete_bash", "COMP_WORDS": "warp-bounding fit --method k", "COMP_CWORD": "3"}
-    environment = os.environ | {"PYTHONPATH": str(ROOT)} | asked
+    asked = {"COMP_WORDS": "warp-bounding fit --method k", "COMP_CWORD": "3"}
+    asked |= {"_WARP_BOUNDING_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)}
+    environment = os.environ | asked
     words = [sys.executable, "-m", "warp_bounding"]
     done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
     assert done.stdout.split() == ["kdop"]
