@@ -1,4 +1,4 @@
-"""Arms from URDF files: the chain that moves, what is fixed and held, and bodies that hold all of the geometry."""
+"""Arms from URDF and SRDF files: what moves, follows, is fixed and held, and bodies that hold all of the geometry."""
 
 import numpy as np
 import pytest
@@ -96,9 +96,8 @@ def test_a_hull_of_too_many_points_is_held_by_fewer():
 MISTAKES = (
     ((BASE, link("a"), joint("float", "base", "a", "floating", limit="")), "type of revolute.* got floating"),
     ((BASE, link("a"), joint("free", "base", "a", limit="")), "free has no limits"),
-    ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "base", "b")), "one and two both move"),
-    ((BASE, link("a"), link("b"), joint("one", "base", "a"), joint("two", "a", "b", more='<mimic joint="one"/>')),
-        "two follows one"),
+    ((BASE, link("a"), link("b"), joint("one", "base", "a", more='<mimic joint="two"/>'), joint("two", "a", "b")),
+        "one follows a joint that it carries"),
     ((BASE, link("a"), joint("one", "base", "a", more='<mimic joint="one"/>')), "one mimics one, which is no joint of "
                                                                                 "its own"),
     ((BASE, link("a"), joint("one", "base", "a", axis="0 0 0")), "one: expected an axis of 3 numbers that are not all "
@@ -151,3 +150,66 @@ def test_joints_that_stand(tmp_path):
     ):
         with pytest.raises(ShapeError, match=message):
             wb.arms.load_urdf(file, held=held)
+
+
+HAND = (
+    BASE,
+    link("arm"),
+    link("left", '<collision><geometry><capsule radius="0.02" length="0.1"/></geometry></collision>'),
+    link("right"),
+    joint("right", "arm", "right", "prismatic", more='<mimic joint="left" multiplier="-1" offset="0.01"/>'),
+    joint("left", "arm", "left", "prismatic", xyz="0.1 0 0"),
+    joint("turn", "base", "arm"),
+)
+
+
+def test_a_hand_is_a_tree_whose_fingers_follow(tmp_path):
+    arm = wb.arms.load_urdf(written(tmp_path, *HAND))
+    assert [each.name for each in arm.joints] == ["turn", "left", "right"]  # who leads stands before who follows
+    assert (arm.parents, arm.free) == ((-1, 0, 0), (0, 1))
+    assert arm.mimics == {2: wb.arms.Mimic(1, -1.0, 0.01)}
+    frames = arm.frames(np.array([[0.0, 0.5]]))[0]
+    assert np.allclose(frames[1:, :3, 3], [[0.1, 0, 0.5], [0, 0, -0.49]])
+    capsule = next(body for body in arm.bodies if body.part == "left")
+    assert np.allclose(capsule.points, [[0, 0, -0.05], [0, 0, 0.05]])
+    assert capsule.radius == 0.02
+
+
+def srdf(folder, *elements, name="two"):
+    file = folder / "arm.srdf"
+    file.write_text(f'<robot name="{name}">{"".join(elements)}</robot>')
+    return file
+
+
+def apart(one, other, tag="disable_collisions", reason="Never"):
+    return f'<{tag} link1="{one}" link2="{other}" reason="{reason}"/>'
+
+
+def checked(arm) -> set[tuple[str, str]]:
+    shape = wb.arms.ArmConfigurations(arm, self_collision=True)
+    return {tuple(sorted(arm.bodies[k].part for k in pair)) for pair in shape.pairs}
+
+
+def test_an_srdf_says_which_links_are_checked(tmp_path):
+    file = written(tmp_path, *HAND)
+    everything = {("arm", "base"), ("arm", "left"), ("arm", "right"), ("base", "left"), ("base", "right")}
+    everything |= {("left", "right")}
+    assert checked(wb.arms.load_urdf(file)) == {("base", "left"), ("base", "right"), ("left", "right")}
+    near = [apart("arm", other, reason="Adjacent") for other in ("base", "left")]
+    arm = wb.arms.load_urdf(file, srdf=srdf(tmp_path, *near, apart("base", "left")))
+    assert checked(arm) == everything - {("arm", "base"), ("arm", "left"), ("base", "left")}
+    assert "pairs of links not checked against each other, by arm.srdf: 2 Adjacent, 1 Never" in arm.note
+    default = '<disable_default_collisions link="left"/>'
+    again = srdf(tmp_path, default, apart("left", "right", "enable_collisions"))
+    assert checked(wb.arms.load_urdf(file, srdf=again)) == everything - {("arm", "left"), ("base", "left")}
+
+
+def test_an_srdf_of_another_robot_is_refused(tmp_path):
+    file = written(tmp_path, *HAND)
+    with pytest.raises(ShapeError, match="an SRDF of other, whose links tool the robot two has not"):
+        wb.arms.load_urdf(file, srdf=srdf(tmp_path, apart("tool", "arm"), name="other"))
+    with pytest.raises(ShapeError, match="no SRDF that can be read"):
+        wb.arms.load_urdf(file, srdf=tmp_path / "none.srdf")
+    (tmp_path / "arm.srdf").write_text("<sdf/>")
+    with pytest.raises(ShapeError, match="expected an SRDF file of a robot, got sdf"):
+        wb.arms.load_urdf(file, srdf=tmp_path / "arm.srdf")

@@ -11,8 +11,8 @@ Example:
     array([ True, False])
 """
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Joint
+from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic
 from warp_bounding.arms.configurations import ArmConfigurations
 from warp_bounding.arms.urdf import load_urdf
 
-__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Joint", "load_urdf"]
+__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Joint", "Mimic", "load_urdf"]

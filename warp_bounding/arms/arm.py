@@ -1,12 +1,13 @@
-"""A serial arm: joints one after another, and the bodies that they move.
+"""An arm: joints, each on the base or on a joint before it, and the bodies that they move.
 
-The frame of link i is that of link i - 1, moved by the joint's ``origin`` and then by the joint's value: a turn about
+The frame of link i is that of its parent, moved by the joint's ``origin`` and then by the joint's value: a turn about
 its axis, or a way along it. Frames are kept turned so that every axis is z, which is the arm's own affair
 (``_frames``): bodies are given in the frames that a user knows.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class Body(Picklable):
         radius: Metres.
         link: Number of the joint that moves it last, from 0; ``WORLD`` where none does.
         name: For people.
+        part: The rigid part that it belongs to, such as a link of a URDF file; its name if empty.
 
     Raises:
         ShapeError: For points or a radius that are none.
@@ -50,6 +52,7 @@ class Body(Picklable):
     radius: float = 0.0
     link: int = WORLD
     name: str = "body"
+    part: str = ""
 
     def __post_init__(self):
         points = np.array(self.points, dtype=np.float64)
@@ -61,27 +64,30 @@ class Body(Picklable):
         if not 0 <= radius <= LARGEST:
             raise ShapeError(f"{self.name}: expected a radius from 0 to {LARGEST:g}, got {self.radius!r}")
         points.setflags(write=False)
+        object.__setattr__(self, "part", self.part or self.name)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "radius", radius)
 
     @classmethod
-    def sphere(cls, center, radius: float, *, link: int = WORLD, name: str = "sphere") -> "Body":
+    def sphere(cls, center, radius: float, *, link: int = WORLD, name: str = "sphere", part: str = "") -> "Body":
         """All points within a radius of a centre ``(3,)``."""
-        return cls([center], radius, link, name)
+        return cls([center], radius, link, name, part)
 
     @classmethod
-    def capsule(cls, start, end, radius: float, *, link: int = WORLD, name: str = "capsule") -> "Body":
+    def capsule(cls, start, end, radius: float, *, link: int = WORLD, name: str = "capsule", part: str = "") -> "Body":
         """All points within a radius of a segment, given by its ends ``(3,)``."""
-        return cls([start, end], radius, link, name)
+        return cls([start, end], radius, link, name, part)
 
     @classmethod
-    def box(cls, lower, upper, *, pose=None, radius: float = 0.0, link: int = WORLD, name: str = "box") -> "Body":
+    def box(
+        cls, lower, upper, *, pose=None, radius: float = 0.0, link: int = WORLD, name: str = "box", part: str = ""
+    ) -> "Body":
         """A box between two corners ``(3,)``, rounded by a radius, at a ``(4, 4)`` pose."""
         corners = np.array([lower, upper], dtype=np.float64)
         if corners.shape != (2, 3) or not (corners[0] <= corners[1]).all():
             raise ShapeError(f"{name}: expected two corners of 3 numbers, the lower one first, got {lower} and {upper}")
         index = np.indices((2, 2, 2)).reshape(3, -1).T
-        return cls(corners[index, np.arange(3)], radius, link, name).moved(pose)
+        return cls(corners[index, np.arange(3)], radius, link, name, part).moved(pose)
 
     def moved(self, pose) -> "Body":
         """This body at a pose ``(4, 4)``; itself for ``None``."""
@@ -99,6 +105,37 @@ def ball_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre ``(3,)`` and radius of a ball that holds points ``(P, 3)``, up to rounding."""
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     return center, float(np.linalg.norm(points - center, axis=1).max())
+
+
+def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull", part: str = "") -> Body:
+    """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all."""
+    from scipy.spatial import ConvexHull, QhullError
+    from trimesh.triangles import closest_point
+
+    points = np.asarray(points, dtype=np.float64)
+    try:
+        corners = points[ConvexHull(points).vertices]
+        if len(corners) <= MOST_POINTS:
+            return Body(corners, link=link, name=name, part=part)
+        chosen = corners[_spread(corners)]
+        hull = ConvexHull(chosen)
+    except (QhullError, ValueError) as error:
+        raise ShapeError(f"{name}: its points have no convex hull of a volume") from error
+    outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
+    triangles, off = chosen[hull.simplices], 0.0
+    for x in outside:  # any point of the hull is no nearer than its nearest one
+        nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
+        off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
+    return Body(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name, part)
+
+
+def _spread(points: np.ndarray) -> np.ndarray:
+    """``MOST_POINTS`` indices of points, each the farthest from those before it."""
+    chosen, away = [0], np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < MOST_POINTS:
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return np.array(chosen)
 
 
 RIGID = 1e-6  # by how much a pose's rotation may miss being one; files give six digits or so
@@ -183,6 +220,18 @@ class Joint(Picklable):
                 value.setflags(write=False)
             object.__setattr__(self, name, value)
 
+    def motion(self, q) -> np.ndarray:
+        """What values ``(...,)`` of the joint do, ``(..., 4, 4)``, in the joint's frame."""
+        q = np.asarray(q, dtype=np.float64)
+        step = np.broadcast_to(np.eye(4), (*q.shape, 4, 4)).copy()
+        if self.slides:
+            step[..., :3, 3] = q[..., None] * self.axis
+        else:
+            c, s, one, zero = np.cos(q), np.sin(q), np.ones(q.shape), np.zeros(q.shape)
+            about = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(*q.shape, 3, 3)
+            step[..., :3, :3] = self.turned @ about @ self.turned.T
+        return step
+
     @property
     def turned(self) -> np.ndarray:
         """``(3, 3)`` rotation that takes z to the axis."""
@@ -192,25 +241,48 @@ class Joint(Picklable):
         return np.stack([x, np.cross(z, x), z], axis=1)
 
 
+@dataclass(frozen=True)
+class Mimic:
+    """How a joint follows another one: ``value = factor * leader + offset``.
+
+    Attributes:
+        leader: Number of the joint that it follows: a lower one, which follows none.
+        factor: Not 0.
+        offset: Radians, or metres.
+    """
+
+    leader: int
+    factor: float = 1.0
+    offset: float = 0.0
+
+
 class Arm:
-    """Joints and the bodies that they move; its configurations are ``(n,)`` joint values.
+    """Joints and the bodies that they move; a configuration has ``(n,)`` values, of the joints that follow no other.
 
     Args:
-        joints: In order from the base, at most ``MOST_JOINTS``.
+        joints: At most ``MOST_JOINTS``.
         bodies: Of all links; those of the base have the link ``WORLD``.
-        touching: Pairs of links that always touch or may, and are not checked against each other; neighbours are not in
-            any case.
+        parents: For each joint the one whose link carries it, a lower number, or ``WORLD``; a chain for ``None``.
+        mimics: Which joints follow others, by their numbers.
+        touching: Pairs that are not checked against each other, since they always touch or never do: of links by their
+            numbers, or of parts by their names.
+        neighbours: Whether links and the links that carry them are checked against each other.
         name: For people.
         note: What users should know, such as parts of a file that were not read.
 
     Attributes:
         joints: The joints.
         bodies: The bodies.
-        touching: Pairs of links, the lower number first.
+        parents: A number for each joint.
+        mimics: As given.
+        free: Numbers of the joints that follow none, in the order of a configuration's values.
+        touching: Pairs, the lower number or name first.
+        neighbours: As given.
         note: As given.
 
     Raises:
-        ShapeError: For no joint, too many, or bodies of links that are not there.
+        ShapeError: For no joint, too many, a parent that is none, a joint that follows none that leads, or bodies of
+            links that are not there.
 
     Example:
         >>> def link(i):
@@ -231,64 +303,119 @@ class Arm:
         joints: Sequence[Joint],
         bodies: Sequence[Body],
         *,
-        touching: Sequence[tuple[int, int]] = (),
+        parents: Sequence[int] | None = None,
+        mimics: Mapping[int, Mimic] | None = None,
+        touching: Iterable[tuple[int, int] | tuple[str, str]] = (),
+        neighbours: bool = False,
         name: str = "arm",
         note: str = "",
     ):
         self.joints, self.bodies, self.name, self.note = tuple(joints), tuple(bodies), name, note
-        if not 1 <= len(self.joints) <= MOST_JOINTS:
-            raise ShapeError(f"{name}: expected 1 to {MOST_JOINTS} joints, got {len(self.joints)}")
-        links = range(WORLD, len(self.joints))
+        self.neighbours, self.mimics = neighbours, dict(mimics or {})
+        count = len(self.joints)
+        if not 1 <= count <= MOST_JOINTS:
+            raise ShapeError(f"{name}: expected 1 to {MOST_JOINTS} joints, got {count}")
+        self.parents = tuple(range(-1, count - 1)) if parents is None else tuple(parents)
+        if len(self.parents) != count or not all(WORLD <= p < i for i, p in enumerate(self.parents)):
+            raise ShapeError(f"{name}: expected a parent for each joint, a lower number or {WORLD}, got {self.parents}")
         if not any(body.link != WORLD for body in self.bodies):
             raise ShapeError(f"{name}: expected at least one body that a joint moves")
         for body in self.bodies:
-            if body.link not in links:
-                raise ShapeError(f"{name}: {body.name} is of link {body.link}, and there are -1 to {links[-1]}")
+            if body.link not in range(WORLD, count):
+                raise ShapeError(f"{name}: {body.name} is of link {body.link}, and there are -1 to {count - 1}")
+        self._follow()
+        known = {*range(WORLD, count), *(body.part for body in self.bodies)}
         for pair in touching:
-            if len(pair) != 2 or not all(link in links for link in pair):
-                raise ShapeError(f"{name}: expected pairs of links from -1 to {links[-1]}, got {pair}")
+            if len(pair) != 2 or type(pair[0]) is not type(pair[1]) or not known.issuperset(pair):
+                raise ShapeError(f"{name}: expected pairs of links from -1 to {count - 1} or of parts, got {pair}")
         self.touching = frozenset((min(pair), max(pair)) for pair in touching)
+
+    def _follow(self) -> None:
+        """Number the values of a configuration, and check who follows whom."""
+        self.free = tuple(i for i in range(len(self.joints)) if i not in self.mimics)
+        for i, mimic in self.mimics.items():
+            if i not in range(len(self.joints)) or mimic.leader not in self.free or mimic.leader > i:
+                raise ShapeError(f"{self.name}: joint {i} follows {mimic.leader}, which is no leader before it")
+            joint, leader = self.joints[i], self.joints[mimic.leader]
+            most = max(abs(mimic.factor * value + mimic.offset) for value in (leader.lower, leader.upper, 0.0))
+            if not mimic.factor or not most <= (LARGEST if joint.slides else FARTHEST):
+                raise ShapeError(f"{self.name}: {joint.name} follows {leader.name} by {mimic.factor} to {most}")
+            if leader.continuous and not (joint.continuous and mimic.factor in (1, -1)):
+                raise ShapeError(f"{self.name}: {joint.name} follows {leader.name}, which turns without end")
+        follows = [self.mimics.get(i, Mimic(i)) for i in range(len(self.joints))]
+        #: For each joint the number of its value in a configuration, and what is made of it.
+        self.coordinate = np.array([self.free.index(each.leader) for each in follows])
+        self.factor = np.array([each.factor for each in follows], dtype=np.float64)
+        self.offset = np.array([each.offset for each in follows], dtype=np.float64)
 
     def __repr__(self) -> str:
         return (
-            f"<Arm {self.name}: {len(self.joints)} joints, {len(self.bodies)} "
-            f"bodies{', ' * bool(self.note)}{self.note}>"
+            f"<Arm {self.name}: {len(self.free)} joints, {len(self.bodies)} bodies{', ' * bool(self.note)}{self.note}>"
         )
 
     def first(self, count: int) -> "Arm":
-        """The arm that ends behind its first ``count`` joints, with what these move."""
+        """The arm of its first ``count`` joints, with what these move.
+
+        Raises:
+            ShapeError: For no joints, or more than there are.
+        """
         if not 1 <= count <= len(self.joints):
             raise ShapeError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
         bodies = [body for body in self.bodies if body.link < count]
-        touching = [pair for pair in self.touching if pair[1] < count]
-        return Arm(self.joints[:count], bodies, touching=touching, name=self.name, note=self.note)
+        known = {*range(WORLD, count), *(body.part for body in bodies)}
+        return Arm(
+            self.joints[:count],
+            bodies,
+            parents=self.parents[:count],
+            mimics={i: mimic for i, mimic in self.mimics.items() if i < count},
+            touching=[pair for pair in self.touching if known.issuperset(pair)],
+            neighbours=self.neighbours,
+            name=self.name,
+            note=self.note,
+        )
+
+    def _held(self, numbers: Iterable[int]) -> "Arm":
+        """The arm whose joints of these numbers stand in the middle, bodies in their order, and nothing touching."""
+        values = np.array([(self.joints[i].lower + self.joints[i].upper) / 2 for i in self.free])
+        values = values[self.coordinate] * self.factor + self.offset
+        joints, parents, number, at = [], [], {WORLD: WORLD}, {WORLD: np.eye(4)}
+        for i, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
+            origin = at[parent] @ joint.origin
+            if i in numbers:
+                number[i], at[i] = number[parent], origin @ joint.motion(values[i])
+                continue
+            number[i], at[i] = len(joints), np.eye(4)
+            joints.append(replace(joint, origin=origin))
+            parents.append(number[parent])
+        bodies = [replace(body.moved(at[body.link]), link=number[body.link]) for body in self.bodies]
+        mimics = {number[i]: replace(m, leader=number[m.leader]) for i, m in self.mimics.items() if i not in numbers}
+        return Arm(joints, bodies, parents=parents, mimics=mimics, name=self.name, note=self.note)
 
     @property
     def lower(self) -> np.ndarray:
         """``(n,)`` float64, the joints' least values."""
-        return np.array([joint.lower for joint in self.joints])
+        return np.array([self.joints[i].lower for i in self.free])
 
     @property
     def upper(self) -> np.ndarray:
         """``(n,)`` float64, the joints' largest values."""
-        return np.array([joint.upper for joint in self.joints])
+        return np.array([self.joints[i].upper for i in self.free])
 
     @property
     def moved(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """Each joint's origin ``(4, 4)`` and all bodies' points ``(P, 3)``, in frames whose z is the joint's axis."""
-        origins, before = [], np.eye(3)
-        for joint in self.joints:
-            origin, turned = joint.origin.copy(), joint.turned
-            origin[:3, 3] = before.T @ origin[:3, 3]
-            origin[:3, :3] = before.T @ origin[:3, :3] @ turned
-            origins.append(origin)
-            before = turned
+        origins = []
         turns = [joint.turned for joint in self.joints] + [np.eye(3)]  # the last one is that of ``WORLD``
+        for joint, parent, turned in zip(self.joints, self.parents, turns[:-1], strict=True):
+            origin = joint.origin.copy()
+            origin[:3, 3] = turns[parent].T @ origin[:3, 3]
+            origin[:3, :3] = turns[parent].T @ origin[:3, :3] @ turned
+            origins.append(origin)
         return tuple(origins), tuple(body.points @ turns[body.link] for body in self.bodies)
 
     @property
     def angles(self) -> np.ndarray:
-        """The sums ``(K, n)`` of joint values whose sines and cosines describe the arm.
+        """The sums ``(K, n)`` of a configuration's values whose sines and cosines describe the arm.
 
         One for each joint that turns: of itself and of those before it whose axes are parallel to its own, one after
         another.
@@ -296,65 +423,133 @@ class Arm:
         What turns about parallel axes turns by the sum, so places in an arm are made of products of sines and cosines
         of these, one of each run of axes.
         """
-        frames, found, row = self.frames(np.zeros((1, len(self.joints))))[0], [], np.zeros(len(self.joints))
-        before = None
-        for i, joint in enumerate(self.joints):
+        frames, found = self.frames(np.zeros((1, len(self.free))))[0], []
+        rows, axes = {WORLD: np.zeros(len(self.free))}, {WORLD: None}
+        for i, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
+            rows[i], axes[i], before = rows[parent], axes[parent], axes[parent]
             if joint.slides:
                 continue
-            axis = frames[i, :3, :3] @ joint.axis
-            along = 0.0 if before is None else float(axis @ before)
-            row = row * np.sign(along) if abs(along) > 1 - PARALLEL else np.zeros(len(self.joints))
-            row[i], before = 1.0, axis
-            found.append(row)
-        return np.array(found).reshape(-1, len(self.joints))
+            axes[i] = frames[i, :3, :3] @ joint.axis
+            along = 0.0 if before is None else float(axes[i] @ before)
+            rows[i] = rows[parent] * (np.sign(along) if abs(along) > 1 - PARALLEL else 0.0)
+            rows[i][self.coordinate[i]] += self.factor[i]
+            if rows[i].any():
+                found.append(rows[i])
+        return np.array(found).reshape(-1, len(self.free))
 
     def frames(self, q: np.ndarray) -> np.ndarray:
-        """Poses ``(N, n, 4, 4)`` of the links for ``(N, n)`` configurations, in the frames of ``Joint``, rounded."""
-        q = np.asarray(q, dtype=np.float64)
-        frame, found = np.broadcast_to(np.eye(4), (len(q), 4, 4)), []
-        for i, joint in enumerate(self.joints):
-            step, turn = np.broadcast_to(np.eye(4), (len(q), 4, 4)).copy(), joint.turned
-            if joint.slides:
-                step[:, :3, 3] = q[:, i, None] * joint.axis
-            else:
-                c, s, one = np.cos(q[:, i]), np.sin(q[:, i]), np.ones(len(q))
-                zero = np.zeros(len(q))
-                about = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
-                step[:, :3, :3] = turn @ about @ turn.T
-            frame = frame @ joint.origin @ step
-            found.append(frame)
-        return np.stack(found, axis=1)
+        """Poses ``(N, joints, 4, 4)`` of links for ``(N, n)`` configurations, in the frames of ``Joint``, rounded."""
+        q = np.asarray(q, dtype=np.float64)[:, self.coordinate] * self.factor + self.offset
+        found = np.empty((len(q), len(self.joints), 4, 4))
+        for i, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
+            frame = np.broadcast_to(np.eye(4), (len(q), 4, 4)) if parent == WORLD else found[:, parent]
+            found[:, i] = frame @ joint.origin @ joint.motion(q[:, i])
+        return found
 
     def reach(self, largest: np.ndarray | None = None) -> np.ndarray:
         """How far points of the bodies' hulls are from the joints' axes at most.
 
         Args:
-            largest: ``(n,)``, largest absolute values of the joints; those of the limits for ``None``.
+            largest: ``(joints,)``, largest absolute values of the joints; those of the limits for ``None``.
 
         Returns:
-            ``(bodies, n)`` float64: metres; 1 for a joint that slides, 0 where a joint does not move the body.
+            ``(bodies, joints)`` float64: metres; 1 for a joint that slides, 0 where a joint does not move the body.
         """
-        largest = np.maximum(np.abs(self.lower), np.abs(self.upper)) if largest is None else largest
-        origins, moved = self.moved
-        found = np.zeros((len(moved), len(self.joints)))
-        for number, (body, points) in enumerate(zip(self.bodies, moved, strict=True)):
-            if body.link == WORLD:
-                continue
-            far = float(np.linalg.norm(points, axis=1).max()) * OUTWARD  # from the origin of the link
-            near = float(np.hypot(*points[:, :2].T).max()) * OUTWARD  # from its axis
-            for i in range(body.link, -1, -1):
-                slide = float(largest[i]) if self.joints[i].slides else 0.0
-                found[number, i] = 1.0 if self.joints[i].slides else near
-                x, y, z = origins[i][:3, 3]
-                # Seen from the frame before, the body lies within ``far`` (and the slide) of the joint's origin.
-                near = (np.hypot(x, y) + far + slide) * OUTWARD
-                far = (np.sqrt(x * x + y * y + z * z) + far + slide) * OUTWARD
+        found = np.zeros((len(self.bodies), len(self.joints)))
+        for number in range(len(self.bodies)):
+            for i, _, far in self.path(WORLD, number, largest):
+                found[number, i] = far
         return found
+
+    def path(self, link: int, body: int, largest: np.ndarray | None = None) -> list[tuple[int, float, float]]:
+        """The joints that move a body, seen from a link.
+
+        Args:
+            link: A number; ``WORLD`` is the base.
+            body: A number.
+            largest: As ``reach`` takes it.
+
+        Returns:
+            Of each joint on the way from the link to the body's its number, 1 or -1 (the latter towards the base), and
+            how far points of the body's hull are from its axis at most: metres; 1 for a joint that slides.
+        """
+        slides = np.array([joint.slides for joint in self.joints])
+        slide = np.where(slides, self._largest if largest is None else largest, 0.0).tolist()
+        back, onward = self._ancestors(link), self._ancestors(self.bodies[body].link)
+        while back and onward and back[-1] == onward[-1]:
+            back, onward = back[:-1], onward[:-1]
+        origins, points = self._moved[0], self._moved[1][body]
+        far = float(np.linalg.norm(points, axis=1).max()) * OUTWARD  # from the origin of the link
+        near = float(np.hypot(*points[:, :2].T).max()) * OUTWARD  # from its axis
+        found = []
+        for i in onward:
+            found.append((i, 1.0, 1.0 if slides[i] else near))
+            x, y, z = origins[i][:3, 3]
+            # Seen from the frame before, the body lies within ``far`` (and the slide) of the joint's origin.
+            near = (np.hypot(x, y) + far + slide[i]) * OUTWARD
+            far = (np.sqrt(x * x + y * y + z * z) + far + slide[i]) * OUTWARD
+        for i in reversed(back):  # from the link that both ways have in common, outwards
+            far = (float(np.linalg.norm(origins[i][:3, 3])) + far) * OUTWARD  # from the joint's origin
+            found.append((i, -1.0, 1.0 if slides[i] else far))
+            far = (far + slide[i]) * OUTWARD
+        return found[::-1]
+
+    def _ancestors(self, link: int) -> list[int]:
+        """A link and those that carry it, the base left out."""
+        found = []
+        while link != WORLD:
+            found.append(link)
+            link = self.parents[link]
+        return found
+
+    @cached_property
+    def _moved(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        return self.moved
+
+    @property
+    def _largest(self) -> np.ndarray:
+        """``(joints,)``, the largest absolute values of the joints within the limits."""
+        ends = np.stack([self.lower, self.upper])[:, self.coordinate] * self.factor + self.offset
+        return np.abs(ends).max(axis=0)
 
     @property
     def reaching(self) -> np.ndarray:
-        """``(n,)`` float64: how many metres a joint moves the arm at most, per radian.
+        """``(n,)`` float64: how many metres a value of a configuration moves the arm at most, per radian.
 
         They are the weights of ``ArmConfigurations``.
         """
-        return self.reach().max(axis=0)
+        reach, found = self.reach().max(axis=0) * np.abs(self.factor), np.zeros(len(self.free))
+        np.add.at(found, self.coordinate, reach)
+        return found
+
+    def self_collision(
+        self, *, safety: float = 0.0, revolved: Sequence[str] = (), samples: int = 2000
+    ) -> "ArmConfigurations":  # noqa: F821
+        """The configurations in which the arm touches itself, in the joints that matter: a shape for all cells.
+
+        Joints that move no pair of bodies against each other are left out; ``columns`` of the shape tells which values
+        of a configuration are its coordinates: ``bounder.query(q[:, shape.columns])``. So are pairs that touch in all
+        of some random configurations; the shape's ``note`` names them.
+
+        Args:
+            safety: Metres: what comes closer counts as touching.
+            revolved: Names of parts that may be replaced by solids of revolution, such as a round base and a round
+                flange. A joint is left out where it is the first or the last that moves each pair, and the bodies next
+                to it are replaced; more configurations count as touching then.
+            samples: Random configurations, of a fixed seed.
+
+        Raises:
+            ShapeError: If no two bodies could touch.
+
+        Example:
+            >>> links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(3)]
+            >>> step = np.eye(4)
+            >>> step[0, 3] = 1.0
+            >>> joints = [wb.arms.Joint(), *(wb.arms.Joint(origin=step) for _ in range(2))]
+            >>> own = wb.arms.Arm(joints, links).self_collision()
+            >>> own.columns, own.contains(np.array([[np.pi, 0.0], [3.0, 2.9]]))
+            (array([1, 2]), array([False,  True]))
+        """
+        from warp_bounding.arms.configurations import ArmConfigurations
+
+        return ArmConfigurations.of_itself(self, safety=safety, revolved=revolved, samples=samples)

@@ -8,13 +8,15 @@ about, and the shape reaches beyond them by what float32 rounds. Of a continuous
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, ball_of
+from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, ball_of, hull_of
 from warp_bounding.arms.kernels import ALLOWANCE, BLUR, FREE, FULL, HALVES, Bodies, Chain, Collisions, kernels_of
 from warp_bounding.errors import ShapeError
 from warp_bounding.rounding import round_down, round_up
@@ -26,6 +28,7 @@ from warp_bounding.shapes.shape import UNDECIDED, HalfSpaces, Pieces, Shape, che
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
 LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
 DEVICE = "cpu"
+ROUND = 24  # corners of a solid of revolution
 
 
 class ArmConfigurations(Formula):
@@ -52,6 +55,8 @@ class ArmConfigurations(Formula):
         safety: Metres.
         self_collision: Whether the arm is checked against itself.
         pairs: ``(P, 2)``, pairs of bodies that are checked: numbers of the arm's, and behind these of the obstacles.
+        columns: ``(n,)``, which values of a configuration of the whole robot the coordinates are; all but where a robot
+            is bounded in the joints that matter (``Arm.self_collision``).
 
     Raises:
         ShapeError: For obstacles that move, numbers that are none, or nothing that could touch.
@@ -76,9 +81,10 @@ class ArmConfigurations(Formula):
         name: str = "arm",
     ):
         self.arm, self.obstacles, self.name, self.note, self._pieces = arm, tuple(obstacles), name, arm.note, None
+        self.columns = np.arange(len(arm.free))
         self._lay_out(safety, self_collision, weights)
 
-    def _lay_out(self, safety: float, self_collision: bool | None, weights) -> None:
+    def _lay_out(self, safety: float, self_collision: bool | None, weights, pairs: np.ndarray | None = None) -> None:
         arm, obstacles, name = self.arm, self.obstacles, self.name
         self.safety, self.self_collision = (
             checked_margin(safety),
@@ -87,14 +93,14 @@ class ArmConfigurations(Formula):
         for body in self.obstacles:
             if body.link != WORLD:
                 raise ShapeError(f"{name}: {body.name} is an obstacle, and it is of link {body.link}")
-        weights = np.ones(len(arm.joints)) if weights is None else np.array(weights, dtype=np.float64)
-        if weights.shape != (len(arm.joints),):
-            raise ShapeError(f"{name}: expected a weight for each of {len(arm.joints)} joints, got {weights}")
+        weights = np.ones(len(arm.free)) if weights is None else np.array(weights, dtype=np.float64)
+        if weights.shape != (len(arm.free),):
+            raise ShapeError(f"{name}: expected a weight for each of {len(arm.free)} joints, got {weights}")
         self.weights = np.array([checked_number(weight, "a weight", name) for weight in weights])
         if not ((self.weights >= LEAST_WEIGHT) & (self.weights <= 1 / LEAST_WEIGHT)).all():
             raise ShapeError(f"{name}: expected weights from 2^-20 to 2^20, got {weights}")
         self.weights.setflags(write=False)
-        self.pairs = self._paired()
+        self.pairs = self._paired() if pairs is None else np.array(pairs, dtype=np.int32)
         self.pairs.setflags(write=False)
         if not len(self.pairs):
             raise ShapeError(
@@ -103,7 +109,7 @@ class ArmConfigurations(Formula):
 
     def _paired(self) -> np.ndarray:
         """Pairs of bodies ``(P, 2)`` that are checked: numbers of the arm's, and behind these of the obstacles."""
-        own, links = self.arm.bodies, [body.link for body in self.arm.bodies]
+        own, links, touching = self.arm.bodies, [body.link for body in self.arm.bodies], self.arm.touching
         found = [
             (len(own) + k, number)
             for number, link in enumerate(links)
@@ -113,19 +119,17 @@ class ArmConfigurations(Formula):
         if self.self_collision:
             for one, a in enumerate(links):
                 for other, b in enumerate(links):
-                    if a < b - 1 and (a, b) not in self.arm.touching:
+                    parts = sorted((own[one].part, own[other].part))
+                    apart = a < b and (self.arm.neighbours or self.arm.parents[b] != a)
+                    if apart and (a, b) not in touching and tuple(parts) not in touching:
                         found.append((one, other))
-        pairs = np.array(found, dtype=np.int32).reshape(-1, 2)
-        if self._pieces is None:
-            return pairs
-        links = np.array([*links, *(WORLD for _ in self.obstacles)])
-        return pairs[np.isin(links[pairs].max(axis=1), self._pieces.held)]
+        return np.array(found, dtype=np.int32).reshape(-1, 2)
 
     # --- where it is -------------------------------------------------------------------------------------------------
 
     @property
     def ndim(self) -> int:
-        return len(self.arm.joints)
+        return len(self.arm.free)
 
     @property
     def lower(self) -> np.ndarray:
@@ -143,7 +147,7 @@ class ArmConfigurations(Formula):
 
     @property
     def _turns(self) -> np.ndarray:
-        return np.array([joint.continuous for joint in self.arm.joints])
+        return np.array([self.arm.joints[i].continuous for i in self.arm.free])
 
     @cached_property
     def _periods(self) -> list[Fraction]:
@@ -185,6 +189,9 @@ class ArmConfigurations(Formula):
             sha.update(np.array([*body.points.ravel(), body.radius, body.link], dtype="<f8").tobytes() + b";")
         for array in (self.pairs, self.weights, self.safety):
             sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+        if self.arm.parents != tuple(range(-1, len(self.arm.joints) - 1)) or self.arm.mimics:
+            for array in (self.arm.parents, self.arm.coordinate, self.arm.factor, self.arm.offset):
+                sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
         return sha.hexdigest()
 
     # --- what it is --------------------------------------------------------------------------------------------------
@@ -194,36 +201,54 @@ class ArmConfigurations(Formula):
         origins, moved = self.arm.moved
         bodies = (*self.arm.bodies, *self.obstacles)
         points = (*moved, *(body.points for body in self.obstacles))
-        largest = np.where(self._turns, 0.0, np.maximum(*map(np.abs, self.known))) / self.weights * OUTWARD
-        reach = np.concatenate([self.arm.reach(largest), np.zeros((len(self.obstacles), self.ndim))])
+        arm, links = self.arm, [body.link for body in bodies]
+        most = np.where(self._turns, 0.0, np.maximum(*map(np.abs, self.known))) / self.weights * OUTWARD
+        largest = (most[arm.coordinate] * np.abs(arm.factor) + np.abs(arm.offset)) * OUTWARD
         found = Collisions()
         found.chain, found.bodies = Chain(), Bodies()
-        turns = np.array([origin[:3, :3] for origin in origins])
-        found.chain.turn = wp.array(turns, dtype=wp.mat33d, device=DEVICE)
-        found.chain.at = wp.array([origin[:3, 3] for origin in origins], dtype=wp.vec3d, device=DEVICE)
-        found.chain.slides = wp.array([int(joint.slides) for joint in self.arm.joints], dtype=wp.int32, device=DEVICE)
         balls = [ball_of(each) for each in points]
-        arrays = {
+        chain = {
+            "parent": (arm.parents, wp.int32),
+            "turn": ([origin[:3, :3] for origin in origins], wp.mat33d),
+            "at": ([origin[:3, 3] for origin in origins], wp.vec3d),
+            "slides": ([int(joint.slides) for joint in arm.joints], wp.int32),
+            "coordinate": (arm.coordinate, wp.int32),
+            "factor": (arm.factor, wp.float64),
+            "offset": (arm.offset, wp.float64),
+        }
+        hulls = {
             "points": (np.concatenate(points), wp.vec3d),
             "first": (np.cumsum([0, *map(len, points)]), wp.int32),
-            "link": ([body.link for body in bodies], wp.int32),
+            "link": (links, wp.int32),
             "radius": ([body.radius for body in bodies], wp.float64),
             "center": ([center for center, _ in balls], wp.vec3d),
             "ball": ([radius * OUTWARD for _, radius in balls], wp.float64),
         }
-        for field, (values, dtype) in arrays.items():
-            setattr(found.bodies, field, wp.array(np.asarray(values), dtype=dtype, device=DEVICE))
-        links = np.array([body.link for body in bodies])
-        behind = np.arange(self.ndim) > links[self.pairs[:, :1]]  # the joints that move a pair
-        speed = np.sqrt((((reach[self.pairs[:, 1]] * behind) / self.weights) ** 2).sum(axis=1)) * OUTWARD
-        found.pairs = wp.array(self.pairs, dtype=wp.vec2i, device=DEVICE)
-        found.reach = wp.array(reach, dtype=wp.float64, device=DEVICE)
-        found.speed = wp.array(speed, dtype=wp.float64, device=DEVICE)
+        paths = [arm.path(links[one], other, largest) for one, other in self.pairs]
+        path, sign, reach = (
+            np.array(column) for column in zip(*(step for each in paths for step in each), strict=True)
+        )
+        many = np.bincount(arm.coordinate)[arm.coordinate]
+        joint_weights = self.weights[arm.coordinate] / (np.abs(arm.factor) * np.sqrt(many))
+        first = np.cumsum([0, *map(len, paths)])
+        speed = [np.sqrt(((reach[a:b] / joint_weights[path[a:b]]) ** 2).sum()) for a, b in pairwise(first)]
+        own = {
+            "pairs": (self.pairs, wp.vec2i),
+            "first": (first, wp.int32),
+            "path": (path, wp.int32),
+            "sign": (sign, wp.float64),
+            "reach": (reach, wp.float64),
+            "speed": (np.array(speed) * OUTWARD, wp.float64),
+            "joint_weights": (joint_weights, wp.float64),
+        }
+        for group, arrays in ((found.chain, chain), (found.bodies, hulls), (found, own)):
+            for field, (values, dtype) in arrays.items():
+                setattr(group, field, wp.array(np.asarray(values), dtype=dtype, device=DEVICE))
         found.weights = wp.array(self.weights, dtype=wp.float64, device=DEVICE)
         found.lower, found.upper = (wp.array(end, dtype=wp.float64, device=DEVICE) for end in self.known)
         found.safety = self.safety
         far = max(np.abs(body.points).sum(axis=1).max() + body.radius for body in bodies) * 2 + self.safety
-        slides = sum(most for joint, most in zip(self.arm.joints, largest, strict=True) if joint.slides)
+        slides = sum(far for joint, far in zip(arm.joints, largest, strict=True) if joint.slides)
         found.allowance = ALLOWANCE * (far + slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins))
         return found
 
@@ -242,7 +267,7 @@ class ArmConfigurations(Formula):
     def _query_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         given = np.asarray(x, dtype=np.float64)
         x = turned_back(given, self._periods)
-        c, kernels = self._collisions, kernels_of(self.ndim)
+        c, kernels = self._collisions, kernels_of(len(self.arm.joints), self.ndim)
         near = float(np.linalg.norm(self.upper - self.lower))
         answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
         inputs = [c, self._array(x), near]
@@ -312,7 +337,7 @@ class ArmConfigurations(Formula):
             *(wp.empty(size, dtype=dtype, device=DEVICE) for dtype in (wp.float64, vector, wp.int32, wp.float64)),
         ]
         inputs = [self._collisions, self._array(lower), self._array(upper), asked]
-        launch_on_cores(kernels_of(self.ndim).boxes, count, inputs, outputs, DEVICE)
+        launch_on_cores(kernels_of(len(self.arm.joints), self.ndim).boxes, count, inputs, outputs, DEVICE)
         return tuple(output.numpy() for output in outputs)
 
     # --- what can be made of it --------------------------------------------------------------------------------------
@@ -320,7 +345,7 @@ class ArmConfigurations(Formula):
     @property
     def pieces(self) -> Pieces:
         """A piece for each link: the configurations in which it touches an obstacle, the base, or a link before it."""
-        return self._pieces or Pieces(self.digest, self.ndim, tuple(range(self.ndim)))
+        return self._pieces or Pieces(self.digest, len(self.arm.joints), tuple(range(len(self.arm.joints))))
 
     def piece(self, held: Sequence[int]) -> "ArmConfigurations":
         """The configurations in which some links touch the surroundings, or links before them.
@@ -350,7 +375,62 @@ class ArmConfigurations(Formula):
         found = object.__new__(ArmConfigurations)
         found.arm, found.obstacles, found._pieces = self.arm.first(count), self.obstacles, asked
         found.name = f"{self.name}, links {', '.join(map(str, asked.held))}"
-        found._lay_out(self.safety, self.self_collision, self.weights[:count])
+        free = len(found.arm.free)
+        found.columns = self.columns[:free]
+        links = np.array([*(body.link for body in self.arm.bodies), *(WORLD for _ in self.obstacles)])
+        number = np.cumsum(links < count) - 1  # of the bodies that stay
+        pairs = self.pairs[np.isin(links[self.pairs].max(axis=1), asked.held)]
+        found._lay_out(self.safety, self.self_collision, self.weights[:free], number[pairs].reshape(-1, 2))
+        return found
+
+    @classmethod
+    def of_itself(cls, arm: Arm, *, safety: float, revolved: Sequence[str], samples: int) -> "ArmConfigurations":
+        """See ``Arm.self_collision``."""
+        whole, notes = cls(arm, self_collision=True, safety=safety), [arm.note] * bool(arm.note)
+        rng, pairs = np.random.default_rng(0), whole.pairs
+        for count in (64, samples):  # most pairs are apart in one of the first
+            q = rng.uniform(arm.lower, arm.upper, (count, whole.ndim))
+            each = [whole._with(arm, [pair]) for pair in pairs]
+            always = np.array([shape.contains(q).all() for shape in each], dtype=bool)
+            if count < samples:
+                pairs = pairs[always]
+        if len(always) and always.any():
+            names = dict.fromkeys(" and ".join(arm.bodies[k].part for k in pair) for pair in pairs[always])
+            notes.append(f"not checked, as they touch in all of {samples:,} random configurations: {', '.join(names)}")
+        touching = {tuple(pair) for pair in pairs[always]} if len(always) else set()
+        pairs = np.array([pair for pair in whole.pairs if tuple(pair) not in touching]).reshape(-1, 2)
+        if not len(pairs):
+            raise ShapeError(f"{arm.name}: no two parts could touch; {'; '.join(notes)}")
+        bodies, paths, rounded = list(arm.bodies), [arm.path(arm.bodies[a].link, b) for a, b in pairs], {}
+        if strange := sorted(set(revolved) - {body.part for body in arm.bodies}):
+            raise ShapeError(f"{arm.name}: expected names of its parts to revolve, got {', '.join(strange)}")
+        for joint in range(len(arm.joints)):
+            ends = _ends(joint, pairs, paths)
+            turns = not arm.joints[joint].slides and (arm.coordinate == arm.coordinate[joint]).sum() == 1
+            allowed = {k for k, body in enumerate(bodies) if body.part in revolved} - rounded.keys()
+            if not turns or not ends or not ends <= allowed:
+                continue
+            for k in ends:
+                bodies[k] = _revolved(bodies[k], arm.joints[joint], bodies[k].link == joint)
+            rounded |= dict.fromkeys(ends, joint)
+        if rounded:
+            notes.append(
+                f"solids of revolution in place of {', '.join(dict.fromkeys(bodies[k].part for k in rounded))}"
+            )
+        needed = {i for path in paths for i, *_ in path} - set(rounded.values())
+        kept = sorted({int(arm.coordinate[i]) for i in needed})
+        gone = [i for i in range(len(arm.joints)) if arm.coordinate[i] not in kept]
+        round_arm = Arm(arm.joints, bodies, parents=arm.parents, mimics=arm.mimics, name=arm.name)
+        found = whole._with(round_arm._held(gone), pairs)
+        found.columns, found.note = np.array(kept), "; ".join(notes)
+        return found
+
+    def _with(self, arm: Arm, pairs) -> "ArmConfigurations":
+        """These pairs of bodies of an arm."""
+        found = object.__new__(ArmConfigurations)
+        found.arm, found.obstacles, found.name, found.note, found._pieces = arm, (), self.name, self.note, None
+        found.columns = np.arange(len(arm.free))
+        found._lay_out(self.safety, True, None, pairs)
         return found
 
     def dilated(self, margin: float) -> Shape:
@@ -365,3 +445,30 @@ class ArmConfigurations(Formula):
                 "in metres, to ArmConfigurations"
             )
         return self
+
+
+def _ends(joint: int, pairs: np.ndarray, paths: list) -> set[int]:
+    """The bodies next to a joint in all paths that it is on; none where it is within one, and not at an end."""
+    found = set()
+    for (one, other), path in zip(pairs.tolist(), paths, strict=True):
+        joints = [i for i, *_ in path]
+        if joint == joints[-1]:
+            found.add(other)
+        elif joint == joints[0]:
+            found.add(one)
+        elif joint in joints:
+            return set()
+    return found
+
+
+def _revolved(body: Body, joint: Joint, behind: bool) -> Body:
+    """A body that holds all that a joint makes of one on its own link, or on the link that carries it."""
+    frame = np.eye(4) if behind else joint.origin.copy()
+    frame[:3, :3] = frame[:3, :3] @ joint.turned
+    x = (body.points - frame[:3, 3]) @ frame[:3, :3]
+    around = np.hypot(x[:, 0], x[:, 1]) / np.cos(np.pi / ROUND) * OUTWARD
+    turn = 2 * np.pi * np.arange(ROUND) / ROUND
+    ring = np.stack(np.broadcast_arrays(np.cos(turn), np.sin(turn), 0.0), axis=1)
+    x = (around[:, None, None] * ring + x[:, None, 2:] * [0, 0, 1]).reshape(-1, 3) @ frame[:3, :3].T + frame[:3, 3]
+    hull = hull_of(x, link=body.link, name=body.name)
+    return replace(hull, radius=hull.radius + body.radius, part=body.part)

@@ -1,7 +1,4 @@
-"""Float64 kernels that answer about points and closed boxes of configurations in which an arm collides.
-
-What is known of single pairs of bodies is told before the answers.
-"""
+"""Float64 kernels that answer about points and closed boxes of configurations in which an arm collides."""
 
 from functools import cache
 from typing import NamedTuple
@@ -222,28 +219,34 @@ ALLOWANCE = 2.0**-36  # of the size of all: by how much a gap may be off; see ab
 
 @wp.struct
 class Chain:
-    """The joints: each one's origin in the frame of the one before, z being the axis."""
+    """The joints: each one's origin in the frame of its parent, z being the axis, and what its value is."""
 
+    parent: wp.array(dtype=wp.int32)  # the joint whose link carries it, a lower number; -1 of the base
     turn: wp.array(dtype=wp.mat33d)
     at: wp.array(dtype=wp.vec3d)
     slides: wp.array(dtype=wp.int32)
+    coordinate: wp.array(dtype=wp.int32)  # value = factor * x[coordinate] + offset, by the weighted coordinates x
+    factor: wp.array(dtype=wp.float64)
+    offset: wp.array(dtype=wp.float64)
 
 
 # --- Pairs of bodies --------------------------------------------------------------------------------------------------
 #
 # What is known of a pair of bodies of an arm, at a configuration and over boxes of them, in float64.
 #
-# A *pair* is two bodies that may touch, and the joints ``first .. last`` that move one against the other: those behind
-# the link of the one (the world or a link before) up to that of the other. Seen from the one's link, corner p of the
-# other is a function of these joint values alone.
+# A *pair* is two bodies that may touch, and its *path*: the joints that move one against the other, from the link of
+# the one towards the base as far as both have it in common, and from there to the link of the other. Seen from the
+# one's link, corner p of the other is a function of these joint values alone; joints on the way to the base count
+# backwards. Where the one is the base or carries the other, the path only leads outwards.
 #
 # *First order.* Where each joint value differs by ``h_i`` at most from the centre's, p has moved by no more than
-# ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being how far the body is from the axis of joint i at most (``Arm.reach``).
+# ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being how far the body is from the axis of joint i at most (``Arm.path``).
 #
 # *Second order.* With n the direction that tells the hulls apart at the centre, ``n . p`` is there ``n . p_c + sum_i
 # c_i d_i``, ``c_i = n . dp/dq_i``, up to ``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``, and the second derivative is at
-# most rho of the later of the two joints, since ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j. So the gap
-# is above a linear function for each corner. A box over which all of them stay above the radii is free of the pair.
+# most rho of the later of the two joints of the path, since ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j.
+# So the gap is above a linear function for each corner. A box over which all of them stay above the radii is free of
+# the pair.
 #
 # A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for
 # values within the limits, where what collides is.
@@ -254,7 +257,9 @@ class Chain:
 #
 # *Distance.* In coordinates ``x_i = w_i q_i``, a ball of radius r around a configuration moves the other body by at
 # most ``r |(rho_i / w_i)_i|``; and along n by at most ``r |(c_i / w_i)_i| + r^2 / 2 |(rho_max(i, j) / (w_i w_j))_ij|``,
-# the last a Frobenius norm. The larger of the two radii that follow is a distance which the pair cannot undercut.
+# the last a Frobenius norm. The larger of the two radii that follow is a distance which the pair cannot undercut. Where
+# m joints have one coordinate, with factors f, a joint has the weight ``w / (|f| sqrt(m))``: a step of length 1 in the
+# coordinates is then one of at most 1 in the joints.
 
 OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
 
@@ -269,12 +274,14 @@ class Collisions:
 
     chain: Chain
     bodies: Bodies
-    pairs: wp.array(dtype=wp.vec2i)  # the one, the other, whose link is behind that of the one
-    reach: wp.array(dtype=wp.float64, ndim=2)  # of each body from each joint's axis
-    speed: wp.array(
-        dtype=wp.float64
-    )  # of each pair, metres by which it comes nearer at most, per unit of distance in the shape's coordinates
-    weights: wp.array(dtype=wp.float64)
+    pairs: wp.array(dtype=wp.vec2i)  # the one, the other
+    first: wp.array(dtype=wp.int32)  # where the path of each pair begins, and behind the last one their end
+    path: wp.array(dtype=wp.int32)  # joints
+    sign: wp.array(dtype=wp.float64)  # of each joint of a path: 1, or -1 where it leads towards the base
+    reach: wp.array(dtype=wp.float64)  # of each joint of a path: how far the other is from its axis at most
+    speed: wp.array(dtype=wp.float64)  # of each pair: metres nearer at most, per unit of distance in the coordinates
+    weights: wp.array(dtype=wp.float64)  # of coordinates
+    joint_weights: wp.array(dtype=wp.float64)  # of joints, see above
     lower: wp.array(dtype=wp.float64)  # limits, in the shape's coordinates
     upper: wp.array(dtype=wp.float64)
     safety: wp.float64  # metres, what comes closer counts as touching
@@ -305,18 +312,29 @@ class Kernels(NamedTuple):
 
 
 @cache
-def kernels_of(n: int) -> Kernels:
-    """The kernels for arms of n joints."""
+def kernels_of(n: int, coordinates: int) -> Kernels:
+    """The kernels for arms of n joints and as many coordinates or fewer."""
+    which = f"{n}" if coordinates == n else f"{n}_{coordinates}"
     values = wp.types.vector(length=n, dtype=wp.float64)
+    numbers = wp.types.vector(length=coordinates, dtype=wp.float64)
     turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
     places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
     zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
+    @named(f"arm_rotation_{n}").func
+    def rotation_of(rotations: turns, i: int) -> wp.mat33d:
+        found = wp.identity(n=3, dtype=wp.float64)
+        if i >= 0:
+            for row in range(3):
+                for column in range(3):
+                    found[row, column] = rotations[3 * i + row, column]
+        return found
+
     @named(f"arm_rotations_{n}").func
     def rotations(chain: Chain, q: values) -> turns:
-        found, before = turns(), wp.identity(n=3, dtype=wp.float64)
+        found = turns()
         for i in range(n):
-            before = before * chain.turn[i]
+            before = rotation_of(found, chain.parent[i]) * chain.turn[i]
             if chain.slides[i] == 0:
                 c, s = wp.cos(q[i]), wp.sin(q[i])
                 before = before * wp.mat33d(c, -s, zero, s, c, zero, zero, zero, one)
@@ -328,11 +346,8 @@ def kernels_of(n: int) -> Kernels:
     @named(f"arm_link_{n}").func
     def link(rotations: turns, origins: places, i: int) -> Place:
         found = Place()
-        found.turn = wp.identity(n=3, dtype=wp.float64)
+        found.turn = rotation_of(rotations, i)
         if i >= 0:
-            for row in range(3):
-                for column in range(3):
-                    found.turn[row, column] = rotations[3 * i + row, column]
             found.at = wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2])
         return found
 
@@ -340,7 +355,7 @@ def kernels_of(n: int) -> Kernels:
     def origins(chain: Chain, q: values, rotations: turns) -> places:
         found = places()
         for i in range(n):
-            before = link(rotations, found, i - 1)
+            before = link(rotations, found, chain.parent[i])
             at = before.at + before.turn * chain.at[i]
             if chain.slides[i] != 0:
                 at += wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2]) * q[i]
@@ -381,30 +396,31 @@ def kernels_of(n: int) -> Kernels:
         return found
 
     @named(f"arm_swept_{n}").func
-    def swept(c: Collisions, pair: wp.vec2i, arc: values) -> wp.float64:
+    def swept(c: Collisions, pair: int, arc: values) -> wp.float64:
         """How far a pair comes nearer at most in a box, by its arcs; first order."""
         most = wp.float64(0.0)
-        for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
-            most += c.reach[pair[1], i] * arc[i]
+        for k in range(c.first[pair], c.first[pair + 1]):
+            most += c.reach[k] * arc[c.path[k]]
         return most * _OUTWARD
 
     @named(f"arm_bend_{n}").func
-    def bend(c: Collisions, pair: wp.vec2i, half: values) -> wp.float64:
+    def bend(c: Collisions, pair: int, half: values) -> wp.float64:
         """By how much a linear function of a pair may be off in a box; second order."""
         most = wp.float64(0.0)
-        begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
         before = wp.float64(0.0)
-        for j in range(begin, end):
-            most += c.reach[pair[1], j] * half[j] * (before + _HALF * half[j])
-            before += half[j]
+        for k in range(c.first[pair], c.first[pair + 1]):
+            part = half[c.path[k]]
+            most += c.reach[k] * part * (before + _HALF * part)
+            before += part
         return most * _OUTWARD
 
     @named(f"arm_slopes_{n}").func
-    def slopes(c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, x: wp.vec3d) -> values:
+    def slopes(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d, x: wp.vec3d) -> values:
         """How ``normal . x`` changes with each joint, of the place x of a corner of the other body."""
         found = values()
-        for i in range(c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1):
-            found[i] = wp.dot(normal, rate(c.chain, turn, at, i, x))
+        for k in range(c.first[pair], c.first[pair + 1]):
+            i = c.path[k]
+            found[i] = c.sign[k] * wp.dot(normal, rate(c.chain, turn, at, i, x))
         return found
 
     @named(f"arm_bound_{n}").func
@@ -412,14 +428,14 @@ def kernels_of(n: int) -> Kernels:
         c: Collisions,
         turn: turns,
         at: places,
-        pair: wp.vec2i,
+        pair: int,
         normal: wp.vec3d,
         room: wp.float64,
         half: values,
         slope: values,
     ) -> wp.float64:
         """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
-        one, other = pair[0], pair[1]
+        one, other = c.pairs[pair][0], c.pairs[pair][1]
         b = link(turn, at, c.bodies.link[other])
         level = wp.dot(normal, farthest(c.bodies, one, link(turn, at, c.bodies.link[one]), normal)) + room
         least = wp.float64(wp.inf)
@@ -437,11 +453,13 @@ def kernels_of(n: int) -> Kernels:
         """The radii of a pair, and what may be off."""
         return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
 
-    @named(f"arm_middle_{n}").func
-    def middle(c: Collisions, lower: values, upper: values) -> values:
+    @named(f"arm_middle_{which}").func
+    def middle(c: Collisions, lower: numbers, upper: numbers) -> values:
+        """The joints' values in the middle of a box of coordinates."""
         q = values()
         for i in range(n):
-            q[i] = (lower[i] * _HALF + upper[i] * _HALF) / c.weights[i]
+            k = c.chain.coordinate[i]
+            q[i] = (lower[k] * _HALF + upper[k] * _HALF) / c.weights[k] * c.chain.factor[i] + c.chain.offset[i]
         return q
 
     @named(f"arm_meets_{n}").func
@@ -452,21 +470,22 @@ def kernels_of(n: int) -> Kernels:
 
     @named(f"arm_radius_{n}").func
     def radius_of(
-        c: Collisions, turn: turns, at: places, pair: wp.vec2i, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
+        c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
     ) -> wp.float64:
         """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
-        begin, end = c.bodies.link[pair[0]] + 1, c.bodies.link[pair[1]] + 1
-        b = link(turn, at, c.bodies.link[pair[1]])
+        other, begin, end = c.pairs[pair][1], c.first[pair], c.first[pair + 1]
+        b = link(turn, at, c.bodies.link[other])
         steep, bent, before = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
-        for k in range(c.bodies.first[pair[1]], c.bodies.first[pair[1] + 1]):
+        for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
             own = slopes(c, turn, at, pair, normal, corner(c.bodies, b, k))
             square = wp.float64(0.0)
-            for i in range(begin, end):
-                part = (wp.abs(own[i]) + c.allowance) / c.weights[i]
+            for j in range(begin, end):
+                part = (wp.abs(own[c.path[j]]) + c.allowance) / c.joint_weights[c.path[j]]
                 square += part * part
             steep = wp.max(steep, square)
         for j in range(begin, end):
-            share, part = _ONE / (c.weights[j] * c.weights[j]), c.reach[pair[1], j] / c.weights[j]
+            weight = c.joint_weights[c.path[j]]
+            share, part = _ONE / (weight * weight), c.reach[j] / weight
             bent += part * part * (_TWO * before + share)
             before += share
         slope, curve = wp.sqrt(steep) * _OUTWARD, wp.sqrt(bent) * _OUTWARD
@@ -475,14 +494,14 @@ def kernels_of(n: int) -> Kernels:
         return wp.max(gap / reach, root) * _INWARD
 
     normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
-    numbers = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
+    indices = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
 
-    @named(f"arm_points_{n}").kernel
+    @named(f"arm_points_{which}").kernel
     def points(
         first: int,
         # inputs
         c: Collisions,
-        x: wp.array(dtype=values),
+        x: wp.array(dtype=numbers),
         near: wp.float64,
         # outputs
         answers: wp.array(dtype=wp.uint8),
@@ -493,7 +512,7 @@ def kernels_of(n: int) -> Kernels:
         t += first
         p = x[t]
         q, within, finite = middle(c, p, p), wp.bool(True), wp.bool(True)
-        for i in range(n):
+        for i in range(coordinates):
             finite = finite and wp.abs(p[i]) < _INFINITY
             within = within and p[i] >= c.lower[i] and p[i] <= c.upper[i]
         answers[t] = wp.uint8(_OUT)
@@ -517,7 +536,7 @@ def kernels_of(n: int) -> Kernels:
             gap = s.gap - room
             if gap > _ZERO:
                 if gap < nearest * reach:
-                    nearest = wp.min(nearest, radius_of(c, turn, at, pair, s.normal, gap, reach))
+                    nearest = wp.min(nearest, radius_of(c, turn, at, number, s.normal, gap, reach))
             else:
                 nearest = wp.float64(0.0)
                 if meets(c, s, pair, wp.float64(0.0)):
@@ -530,18 +549,18 @@ def kernels_of(n: int) -> Kernels:
             answers[t] = wp.uint8(_UNDECIDED)
         distances[t] = nearest
 
-    @named(f"arm_boxes_{n}").kernel
+    @named(f"arm_boxes_{which}").kernel
     def boxes(
         first: int,
         # inputs
         c: Collisions,
-        lower: wp.array(dtype=values),
-        upper: wp.array(dtype=values),
+        lower: wp.array(dtype=numbers),
+        upper: wp.array(dtype=numbers),
         asked: int,
         # outputs
         answers: wp.array(dtype=wp.uint8),
         levels: wp.array(dtype=wp.float64),
-        lines: wp.array(dtype=values),
+        lines: wp.array(dtype=numbers),
         axes: wp.array(dtype=wp.int32),
         losses: wp.array(dtype=wp.float64),
     ):
@@ -551,23 +570,25 @@ def kernels_of(n: int) -> Kernels:
         answers[t] = wp.uint8(_OPEN)
         if asked == _HALVES:
             levels[t] = _ONE  # a half-space that holds everything
-            lines[t] = values()
+            lines[t] = numbers()
             axes[t] = 0
             losses[t] = _ZERO
         low, high = lower[t], upper[t]
         half, within = values(), wp.bool(True)
-        for i in range(n):
+        for i in range(coordinates):
             if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
                 return
             within = within and low[i] >= c.lower[i] and high[i] <= c.upper[i]
         q, small = middle(c, low, high), wp.bool(True)
         for i in range(n):
-            size = wp.max(wp.abs(low[i]), wp.abs(high[i]))
-            half[i] = ((high[i] * _HALF - low[i] * _HALF) * _OUTWARD + size * _BLUR) / c.weights[i] * _OUTWARD
+            k = c.chain.coordinate[i]
+            size = wp.max(wp.abs(low[k]), wp.abs(high[k]))
+            part = ((high[k] * _HALF - low[k] * _HALF) * _OUTWARD + size * _BLUR) / c.weights[k] * _OUTWARD
+            half[i] = part * wp.abs(c.chain.factor[i])
             small = small and half[i] <= _LARGEST_HALF
         turn = rotations(c.chain, q)
         at = origins(c.chain, q, turn)
-        directions, left = normals(), numbers()
+        directions, left = normals(), indices()
         count, known = wp.int32(0), wp.bool(True)
         lowest, slope, arc = wp.float64(wp.inf), values(), arcs(c, half)
         moving, still, center, way = wp.int32(-1), wp.int32(-2), wp.vec3d(), wp.float64(0.0)
@@ -580,7 +601,7 @@ def kernels_of(n: int) -> Kernels:
                 center = center_of(c, turn, at, moving)
             if c.bodies.link[pair[0]] != still:
                 still = c.bodies.link[pair[0]]
-                way = swept(c, pair, arc)
+                way = swept(c, number, arc)
             if balls_apart(c, turn, at, pair, center) > room + way:
                 continue
             a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
@@ -592,9 +613,9 @@ def kernels_of(n: int) -> Kernels:
                 continue
             if s.gap > room + way:
                 continue
-            bent, value = bend(c, pair, half), -wp.float64(wp.inf)
+            bent, value = bend(c, number, half), -wp.float64(wp.inf)
             if small and s.gap > -_INFINITY:
-                value = bound(c, turn, at, pair, s.normal, room, half, values()) - bent
+                value = bound(c, turn, at, number, s.normal, room, half, values()) - bent
                 if value > _ZERO:
                     continue
             if asked == _FREE:
@@ -607,7 +628,7 @@ def kernels_of(n: int) -> Kernels:
                 count += 1
                 if value < lowest:
                     lowest = value
-                    slope = slopes(c, turn, at, pair, s.normal, farthest(c.bodies, pair[1], b, -s.normal))
+                    slope = slopes(c, turn, at, number, s.normal, farthest(c.bodies, pair[1], b, -s.normal))
         if asked == _FULL:
             return
         if known and count == 0:
@@ -619,28 +640,31 @@ def kernels_of(n: int) -> Kernels:
         for k in range(count):
             pair = c.pairs[left[k]]
             normal = wp.vec3d(directions[k, 0], directions[k, 1], directions[k, 2])
-            value = bound(c, turn, at, pair, normal, room_of(c, pair), half, slope) - bend(c, pair, half)
+            value = bound(c, turn, at, left[k], normal, room_of(c, pair), half, slope) - bend(c, left[k], half)
             if value < level:
                 level, worst = value, k
         # What the linear function loses is what the second order takes and what the corners' slopes differ by.
-        pair = c.pairs[left[worst]]
+        number = left[worst]
+        pair = c.pairs[number]
         normal = wp.vec3d(directions[worst, 0], directions[worst, 1], directions[worst, 2])
-        other = c.bodies.link[pair[1]]
-        b = link(turn, at, other)
+        b = link(turn, at, c.bodies.link[pair[1]])
         x = farthest(c.bodies, pair[1], b, -normal)
-        steps = slopes(c, turn, at, pair, normal, x)
-        axis, most, loss = wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
+        steps = slopes(c, turn, at, number, normal, x)
+        parts, line, axis, most, loss = numbers(), numbers(), wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
         for i in range(n):
-            part = wp.abs(steps[i] - slope[i]) * half[i]
-            for j in range(n):
-                part += _HALF * c.reach[pair[1], wp.max(i, j)] * half[i] * half[j]
-            loss += part
-            if part > most:
-                axis, most = i, part
-        for i in range(n):
-            slope[i] = -slope[i] / c.weights[i]
+            parts[c.chain.coordinate[i]] += wp.abs(steps[i] - slope[i]) * half[i]
+            line[c.chain.coordinate[i]] -= slope[i] * c.chain.factor[i] / c.weights[c.chain.coordinate[i]]
+        for j in range(c.first[number], c.first[number + 1]):
+            i = c.path[j]
+            for k in range(c.first[number], c.first[number + 1]):
+                later = c.reach[wp.max(j, k)]
+                parts[c.chain.coordinate[i]] += _HALF * later * half[i] * half[c.path[k]]
+        for i in range(coordinates):
+            loss += parts[i]
+            if parts[i] > most:
+                axis, most = i, parts[i]
         levels[t] = -level
-        lines[t] = slope
+        lines[t] = line
         axes[t] = axis
         losses[t] = loss
 

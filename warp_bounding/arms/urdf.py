@@ -1,4 +1,4 @@
-"""Arms from URDF files: the chain of moving joints, and convex hulls of the links' collision geometry.
+"""Arms from URDF and SRDF files: the tree of moving joints, and convex hulls of the links' collision geometry.
 
 A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh.
 Read with yourdfpy, which is asked for when a file is read; what it would pass over without a word is looked for before
@@ -9,6 +9,7 @@ import io
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from warp_bounding.arms.arm import MOST_POINTS, WORLD, Arm, Body, Joint
+from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic, hull_of
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.formats.load import read_mesh_data
 
@@ -41,6 +42,7 @@ ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "box": {"+size": (3,)},
     "cylinder": {"+radius": (1,), "+length": (1,)},
     "sphere": {"+radius": (1,)},
+    "capsule": {"+radius": (1,), "+length": (1,)},
     "mesh": {"+filename": (), "scale": (1, 3)},
 }  # fmt: skip
 OWN = {
@@ -48,6 +50,7 @@ OWN = {
     "joint": {"name", "type"},
     "collision": {"name"},
 }  # attributes of elements that hold others; more are noted
+CAPSULE = "capsule of "  # what stands for a capsule in the file name of a mesh: yourdfpy knows none
 SIZES = ("size", "radius", "length")  # attributes that are 0 or more
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
@@ -57,10 +60,11 @@ class _Step(NamedTuple):
 
     joint: Any
     origin: np.ndarray
+    parent: int  # the number of the joint whose link carries it
 
 
-def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), name: str | None = None) -> Arm:
-    """The arm of a URDF file.
+def load_urdf(path, *, held: Mapping[str, float] | None = None, srdf=None, touching=(), name: str | None = None) -> Arm:
+    """The arm of a URDF file: a tree of joints that turn, slide, or follow others.
 
     Args:
         path: The file; meshes are looked for beside it and in the folders above it, and those of ``package://NAME/`` in
@@ -68,14 +72,15 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
         held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A
             joint between equal limits stands, and so does one that mimics a joint that stands; floating and planar
             joints can be held at 0 only.
-        touching: Pairs of links that are not checked against each other, as ``Arm`` takes them: numbers of joints that
-            move, in order.
+        srdf: An SRDF file, whose disabled pairs of links are not checked against each other; all others are, neighbours
+            too.
+        touching: More pairs that are not checked, as ``Arm`` takes them: names of links.
         name: For people; the robot's own if ``None``.
 
     Raises:
-        ShapeError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, one
-            that mimics a joint that moves, a value beyond its joint's limits, joints in no chain, no joint that moves,
-            or if yourdfpy is not installed.
+        ShapeError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, a value
+            beyond its joint's limits, links in no tree, no joint that moves, an SRDF of another robot, or if yourdfpy
+            is not installed.
 
     Example:
         >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})
@@ -106,26 +111,88 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, touching=(), nam
             value = _standing(joint, named, held, path)
             if value is not None:
                 visit(joint.child, number, origin @ _moved(joint, value))
-                continue
-            if joint.mimic is not None:
-                raise ShapeError(
-                    f"{path}: joint {joint.name} follows {joint.mimic.joint}; hold it, held={{{joint.name!r}: value}}"
-                )
-            onward.append(_Step(joint, origin))
+            else:
+                onward.append(_Step(joint, origin, number))
         for step in onward:
-            if len(steps) != number + 1:
-                raise ShapeError(
-                    f"{path}: joints {steps[number + 1].joint.name} and {step.joint.name} both move, and neither "
-                    f"moves the other; hold one, held={{{step.joint.name!r}: value}}"
-                )
-            steps.append(step)
-            visit(step.joint.child, number + 1, np.eye(4))
+            take(step)
 
+    def take(step: _Step) -> None:
+        """Take a joint that moves and what it carries; one that follows another one waits for that."""
+        placed = {each.joint.name for each in steps}
+        if step.joint.mimic is not None and _leader(step.joint, named)[0] not in placed:
+            waiting.append(step)
+            return
+        steps.append(step)
+        visit(step.joint.child, len(steps) - 1, np.eye(4))
+
+    waiting: list[_Step] = []
     visit(roots.pop(), WORLD, np.eye(4))
+    while waiting:
+        again, count = waiting.copy(), len(steps)
+        waiting.clear()
+        for step in again:
+            take(step)
+        if len(steps) == count:
+            raise ShapeError(f"{path}: joint {waiting[0].joint.name} follows a joint that it carries")
     if not steps:
         raise ShapeError(f"{path}: no joint moves; all are fixed, held, or between equal limits")
-    name, note = name or robot.name or Path(path).stem, "; ".join(dict.fromkeys(notes))
-    return Arm([_joint(*step, path) for step in steps], bodies, touching=touching, name=name, note=note)
+    numbers = {step.joint.name: i for i, step in enumerate(steps)}
+    mimics = {}
+    for i, step in enumerate(steps):
+        if step.joint.mimic is not None:
+            leader, factor, offset = _leader(step.joint, named)
+            mimics[i] = Mimic(numbers[leader], factor, offset)
+    if srdf is not None:
+        apart, more = _allowed(Path(srdf), robot)
+        touching = [*touching, *(pair for pair in apart if {body.part for body in bodies}.issuperset(pair))]
+        notes += more
+    return Arm(
+        [_joint(step.joint, step.origin, path) for step in steps],
+        bodies,
+        parents=[step.parent for step in steps],
+        mimics=mimics,
+        touching=touching,
+        neighbours=srdf is not None,
+        name=name or robot.name or Path(path).stem,
+        note="; ".join(dict.fromkeys(notes)),
+    )
+
+
+def _leader(joint, named: dict[str, Any]) -> tuple[str, float, float]:
+    """The joint that one follows in the end, with the factor and the offset."""
+    name, factor, offset = joint.name, 1.0, 0.0
+    while (mimic := named[name].mimic) is not None:
+        name = mimic.joint
+        factor, offset = factor * mimic.multiplier, factor * mimic.offset + offset
+    return name, factor, offset
+
+
+def _allowed(path: Path, robot) -> tuple[list[tuple[str, str]], list[str]]:
+    """Pairs of links of an SRDF file that are not checked, and notes that say why."""
+    try:
+        root = ElementTree.fromstring(path.read_bytes())
+    except (OSError, ElementTree.ParseError) as error:
+        raise ShapeError(f"{path}: no SRDF that can be read ({error})") from error
+    if root.tag != "robot":
+        raise ShapeError(f"{path}: expected an SRDF file of a robot, got {root.tag}")
+    links, reasons = [link.name for link in robot.links], {}
+    for element in root:
+        ends = [element.get(end) for end in ("link1", "link2")]
+        if element.tag == "disable_default_collisions":
+            reasons |= {frozenset((element.get("link"), other)): "Default" for other in links}
+        elif element.tag == "disable_collisions":
+            reasons[frozenset(ends)] = element.get("reason") or "no reason"
+        elif element.tag == "enable_collisions":
+            reasons.pop(frozenset(ends), None)
+    reasons = {pair: reason for pair, reason in reasons.items() if len(pair) == 2 and None not in pair}
+    strange = sorted({link for pair in reasons for link in pair} - set(links))
+    if strange and root.get("name") != robot.name:
+        named = ", ".join(strange[:3]) + ", ..." * (len(strange) > 3)
+        raise ShapeError(f"{path}: an SRDF of {root.get('name')}, whose links {named} the robot {robot.name} has not")
+    counts = Counter(reasons.values())
+    told = ", ".join(f"{count} {reason}" for reason, count in sorted(counts.items()))
+    note = f"pairs of links not checked against each other, by {path.name}: {told or 'none'}"
+    return [tuple(sorted(pair)) for pair in reasons], [note]
 
 
 def _read(path: Path) -> tuple[Any, list[str]]:
@@ -139,6 +206,9 @@ def _read(path: Path) -> tuple[Any, list[str]]:
     try:
         robot = ElementTree.fromstring(path.read_bytes())
         notes = _looked_through(robot)
+        for element in robot.iter("capsule"):
+            element.tag, size = "mesh", [element.get("radius"), element.get("length")]
+            element.attrib = {"filename": CAPSULE + " ".join(size)}
         same = io.BytesIO(ElementTree.tostring(robot))  # without comments, which yourdfpy takes for shapes
         return yourdfpy.URDF.load(same, build_scene_graph=False, load_meshes=False).robot, notes
     except Exception as error:  # whatever its reader raises, of XML and of what is in it
@@ -248,8 +318,7 @@ def _moved(joint, value: float) -> np.ndarray:
     """The motion of a joint at a value that it stands at."""
     if joint.type not in (*TURNING, *SLIDING):
         return np.eye(4)
-    one = Joint(axis=_axis(joint), slides=joint.type in SLIDING, name=joint.name)
-    return Arm([one], [Body.sphere([0, 0, 0], 1.0, link=0)]).frames(np.array([[value]]))[0, 0]
+    return Joint(axis=_axis(joint), slides=joint.type in SLIDING, name=joint.name).motion(value)
 
 
 def _axis(joint) -> np.ndarray:
@@ -271,7 +340,7 @@ def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> 
     found = []
     for part in link.collisions:
         pose = at @ (np.eye(4) if part.origin is None else part.origin)
-        shape, reported = part.geometry, {"link": number, "name": part.name or link.name}
+        shape, reported = part.geometry, {"link": number, "name": part.name or link.name, "part": link.name}
         if shape.sphere is not None:
             body = Body.sphere([0, 0, 0], shape.sphere.radius, **reported)
         elif shape.box is not None:
@@ -284,7 +353,11 @@ def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> 
             ends = [np.column_stack([ring, np.full(SIDES, side * shape.cylinder.length / 2)]) for side in (-1, 1)]
             body = Body(np.concatenate(ends), **reported)
         elif shape.mesh is not None:
-            body = hull_of(_points(shape.mesh, path, notes), **reported)
+            if (rounded := shape.mesh.filename.partition(CAPSULE))[1]:
+                radius, length = map(float, rounded[2].split())
+                body = Body.capsule([0, 0, -length / 2], [0, 0, length / 2], radius, **reported)
+            else:
+                body = hull_of(_points(shape.mesh, path, notes), **reported)
         else:
             raise ShapeError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
         found.append(body.moved(pose))
@@ -332,34 +405,3 @@ def _package(folder: Path) -> str | None:
         return (ElementTree.parse(folder / "package.xml").findtext("name") or "").strip()
     except (OSError, ElementTree.ParseError):
         return None
-
-
-def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull") -> Body:
-    """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all."""
-    from scipy.spatial import ConvexHull, QhullError
-    from trimesh.triangles import closest_point
-
-    points = np.asarray(points, dtype=np.float64)
-    try:
-        corners = points[ConvexHull(points).vertices]
-        if len(corners) <= MOST_POINTS:
-            return Body(corners, link=link, name=name)
-        chosen = corners[_spread(corners)]
-        hull = ConvexHull(chosen)
-    except (QhullError, ValueError) as error:
-        raise ShapeError(f"{name}: its points have no convex hull of a volume") from error
-    outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
-    triangles, off = chosen[hull.simplices], 0.0
-    for x in outside:  # any point of the hull is no nearer than its nearest one
-        nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
-        off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
-    return Body(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name)
-
-
-def _spread(points: np.ndarray) -> np.ndarray:
-    """``MOST_POINTS`` indices of points, each the farthest from those before it."""
-    chosen, away = [0], np.linalg.norm(points - points[0], axis=1)
-    while len(chosen) < MOST_POINTS:
-        chosen.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return np.array(chosen)
