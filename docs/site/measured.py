@@ -308,7 +308,7 @@ def pays_not(results: Path) -> str:
     lines = {
         "Cheap exact tests": f"near contacts of that rain ({near:.0f} ns) take {_share(rain, 'mlp', 'contact')}.",
         "One cloth on two meshes": f"a network takes {_share(cloth, 'mlp')}.",
-        "Paths in a 2D grid": f"a network takes {' and '.join(nets)} times as long, a grid of distances "
+        "Paths in a 2D grid": f"`mlp` takes {' and '.join(nets)} times as long, a grid of distances "
         f"{' and '.join(grids)}.",
         "Shadow rays": f"a network takes {_share(shadows, 'mlp')}, a k-DOP {_share(shadows, 'kdop')}.",
         "Static meshes on a GPU": f"a tree of boxes takes {_card(results, 'points', 'bvh')} a point on an H100, a "

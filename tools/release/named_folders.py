@@ -65,7 +65,12 @@ def of_notebook(content: bytes) -> Iterator[str]:
     yield from walk(json.loads(content))
 
 
-READERS = {".png": of_png, ".safetensors": of_safetensors, ".ipynb": of_notebook}
+def of_webp(content: bytes) -> Iterator[str]:
+    """All bytes: what is no picture is plain text."""
+    yield content.decode("latin-1")
+
+
+READERS = {".png": of_png, ".webp": of_webp, ".safetensors": of_safetensors, ".ipynb": of_notebook}
 
 
 def folders(name: str, content: bytes) -> list[str]:

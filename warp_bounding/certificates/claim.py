@@ -194,7 +194,8 @@ def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", 
         if None in objects:
             return "a shape that is not known"
         objects[int(one.domain.unbounded)] = outside_of(objects[int(one.domain.unbounded)])
-    return None if objects[0] == objects[1] else f"indicator {objects[0]} and {objects[1]}"
+    short = [str(each)[:8] for each in objects]
+    return None if objects[0] == objects[1] else f"different shapes, of digests {short[0]}... and {short[1]}..."
 
 
 def object_of(bounder: Subject) -> str | None:
