@@ -249,6 +249,13 @@ class Mimic:
         leader: Number of the joint that it follows: a lower one, which follows none.
         factor: Not 0.
         offset: Radians, or metres.
+
+    Example:
+        >>> joints = [wb.arms.Joint(lower=-1, upper=1), wb.arms.Joint(lower=-2, upper=2)]
+        >>> link = wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=1)
+        >>> arm = wb.arms.Arm(joints, [link], mimics={1: wb.arms.Mimic(0, factor=-2.0)})
+        >>> arm.free  # a configuration has one value
+        (0,)
     """
 
     leader: int
