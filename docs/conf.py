@@ -87,7 +87,7 @@ def take_mathjax(app) -> None:
 
 
 def take_plotly(app) -> None:
-    """Put plotly.js beside ``bunny.html``, the page of ``show`` that needs it."""
+    """Write plotly.js into the folder of ``bunny.html``, a page of ``show`` that loads it."""
     from plotly.offline import get_plotlyjs
 
     to = Path(app.outdir) / "_static" / "plotly.min.js"

@@ -121,7 +121,7 @@ def command(
 
 
 def _rows_of_gpu(path: Path) -> Rows:
-    """Rows of a run on a GPU, where its folder ``cuda`` is in this one: they are drawn beside its own."""
+    """Rows of a run on a GPU, from the folder ``cuda`` in this one if there is one; the chart shows both runs."""
     table = path / "cuda" / f"{NAME}.csv"
     return results.read_rows(table, CSV, results.read_settings(table.parent)[0])[0] if table.is_file() else []
 

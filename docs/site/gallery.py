@@ -89,7 +89,7 @@ def card(path: Path, folder: Path) -> str:
 
 
 def demo_cards(folder: Path) -> list[str]:
-    """Cards of the demos in MyST; their thumbnails are written beside the pictures."""
+    """Cards of the demos in MyST; writes their thumbnails into the pictures' folder."""
     cards = []
     for name, (title, command, text) in DEMOS.items():
         image, small = Image.open(folder / name).convert("RGB"), folder / f"small-{name}"

@@ -1,7 +1,7 @@
 """The page of ``docs/_static/bunny.html``: ``python docs/site/seen.py``, what ``warp-bounding show --html`` writes.
 
 The bunny in the proven network of the demo ``cloth``, 1.5 kB. The page holds no plotly.js, which would be fifteen times
-its size: the site puts it beside the page (``docs/conf.py``).
+its size: the site writes it into the folder of the page (``docs/conf.py``).
 """
 
 import argparse

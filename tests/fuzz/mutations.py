@@ -349,7 +349,7 @@ def mutate(file: File, rng: np.random.Generator) -> list[str]:
 def tighten(file: File, bounder: Bounder, grid: Grid, rng: np.random.Generator) -> None:
     """Make the most of the proof of a spoilt file, as a liar would.
 
-    Of voxels keep those that the proof counts on, and no others; raise (or lower) every threshold to the highest one
+    Voxels keep what the proof counts on, and nothing else; raise (or lower) every threshold to the highest one
     that the proof of its part allows.
 
     Args:

@@ -115,7 +115,7 @@ def test_long_normals_cut_nothing_off(rng, monkeypatch):
 
 
 def test_a_domain_of_too_many_cells_is_not_proven(rng, monkeypatch):
-    """Of a network of boxes in a domain of 2^40 cells, that denies everything.
+    """A network of boxes in a domain of 2^40 cells denies everything.
 
     Numbers of cells beyond 32 bits made the parametrization drop every box, and a least value of nothing was enough.
     """

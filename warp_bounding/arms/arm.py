@@ -382,7 +382,7 @@ class Arm:
         )
 
     def _held(self, numbers: Iterable[int]) -> "Arm":
-        """The arm whose joints of these numbers stand in the middle, bodies in their order, and nothing touching."""
+        """The arm with these joints fixed in the middle of their limits; bodies keep their order."""
         values = np.array([(self.joints[i].lower + self.joints[i].upper) / 2 for i in self.free])
         values = values[self.coordinate] * self.factor + self.offset
         joints, parents, number, at = [], [], {WORLD: WORLD}, {WORLD: np.eye(4)}

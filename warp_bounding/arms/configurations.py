@@ -55,8 +55,8 @@ class ArmConfigurations(Formula):
         safety: Metres.
         self_collision: Whether the arm is checked against itself.
         pairs: ``(P, 2)``, pairs of bodies that are checked: numbers of the arm's, and behind these of the obstacles.
-        columns: ``(n,)``, which values of a configuration of the whole robot the coordinates are; all but where a robot
-            is bounded in the joints that matter (``Arm.self_collision``).
+        columns: ``(n,)`` int: the shape's coordinates are these values of a configuration of the whole robot; all of
+            them, except for ``Arm.self_collision``.
 
     Raises:
         ShapeError: For obstacles that move, numbers that are none, or nothing that could touch.
@@ -448,7 +448,7 @@ class ArmConfigurations(Formula):
 
 
 def _ends(joint: int, pairs: np.ndarray, paths: list) -> set[int]:
-    """The bodies next to a joint in all paths that it is on; none where it is within one, and not at an end."""
+    """The bodies next to a joint that is the first or last of each path with it; none if it is inside a path."""
     found = set()
     for (one, other), path in zip(pairs.tolist(), paths, strict=True):
         joints = [i for i, *_ in path]
@@ -462,7 +462,7 @@ def _ends(joint: int, pairs: np.ndarray, paths: list) -> set[int]:
 
 
 def _revolved(body: Body, joint: Joint, behind: bool) -> Body:
-    """A body that holds all that a joint makes of one on its own link, or on the link that carries it."""
+    """A solid of revolution about a joint that holds a body of the joint's link, or of the link that carries it."""
     frame = np.eye(4) if behind else joint.origin.copy()
     frame[:3, :3] = frame[:3, :3] @ joint.turned
     x = (body.points - frame[:3, 3]) @ frame[:3, :3]

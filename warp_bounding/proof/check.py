@@ -44,7 +44,7 @@ GRANTED = "a part denies a query that meets the object, which an exit before it 
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
 CHUNK = 16384  # boxes or cells that are taken at a time
 MOST_WAITING = 4_000_000  # boxes, of a thorough check: what more there is counts as not proven
-TRIED = 512  # points of a chunk where f is least: whether a positive is there is asked of no others
+TRIED = 512  # of a chunk's points, those of the least f: only these are tested for being positives
 SUSPECTS = 1024  # low points that are tried as counterexamples
 SMALLEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
 
