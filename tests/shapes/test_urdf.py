@@ -199,6 +199,8 @@ def test_an_srdf_says_which_links_are_checked(tmp_path):
     arm = wb.arms.load_urdf(file, srdf=srdf(tmp_path, *near, apart("base", "left")))
     assert checked(arm) == everything - {("arm", "base"), ("arm", "left"), ("base", "left")}
     assert "pairs of links not checked against each other, by arm.srdf: 2 Adjacent, 1 Never" in arm.note
+    lost = wb.arms.load_urdf(file, srdf=srdf(tmp_path, apart("tool", "arm"), apart("arm", "left", reason="")))
+    assert "by arm.srdf: 1 without a reason; not in the URDF, and left out: links tool of arm.srdf" in lost.note
     default = '<disable_default_collisions link="left"/>'
     again = srdf(tmp_path, default, apart("left", "right", "enable_collisions"))
     assert checked(wb.arms.load_urdf(file, srdf=again)) == everything - {("arm", "left"), ("base", "left")}

@@ -181,7 +181,7 @@ def _allowed(path: Path, robot) -> tuple[list[tuple[str, str]], list[str]]:
         if element.tag == "disable_default_collisions":
             reasons |= {frozenset((element.get("link"), other)): "Default" for other in links}
         elif element.tag == "disable_collisions":
-            reasons[frozenset(ends)] = element.get("reason") or "no reason"
+            reasons[frozenset(ends)] = element.get("reason") or "without a reason"
         elif element.tag == "enable_collisions":
             reasons.pop(frozenset(ends), None)
     reasons = {pair: reason for pair, reason in reasons.items() if len(pair) == 2 and None not in pair}
@@ -189,10 +189,11 @@ def _allowed(path: Path, robot) -> tuple[list[tuple[str, str]], list[str]]:
     if strange and root.get("name") != robot.name:
         named = ", ".join(strange[:3]) + ", ..." * (len(strange) > 3)
         raise ShapeError(f"{path}: an SRDF of {root.get('name')}, whose links {named} the robot {robot.name} has not")
-    counts = Counter(reasons.values())
-    told = ", ".join(f"{count} {reason}" for reason, count in sorted(counts.items()))
-    note = f"pairs of links not checked against each other, by {path.name}: {told or 'none'}"
-    return [tuple(sorted(pair)) for pair in reasons], [note]
+    pairs = {tuple(sorted(pair)): reason for pair, reason in reasons.items() if pair.issubset(links)}
+    counts = ", ".join(f"{count} {reason}" for reason, count in sorted(Counter(pairs.values()).items()))
+    notes = [f"pairs of links not checked against each other, by {path.name}: {counts or 'none'}"]
+    notes += [f"not in the URDF, and left out: links {', '.join(strange)} of {path.name}"] * bool(strange)
+    return list(pairs), notes
 
 
 def _read(path: Path) -> tuple[Any, list[str]]:
