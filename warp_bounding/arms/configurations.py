@@ -29,6 +29,7 @@ OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative 
 LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
 DEVICE = "cpu"
 ROUND = 24  # corners of a solid of revolution
+LANES = 8  # of native/hulls.h
 
 
 class ArmConfigurations(Formula):
@@ -219,6 +220,8 @@ class ArmConfigurations(Formula):
         hulls = {
             "points": (np.concatenate(points), wp.vec3d),
             "first": (np.cumsum([0, *map(len, points)]), wp.int32),
+            "lanes": (np.concatenate([_in_lanes(each) for each in points]), wp.float64),
+            "block": (np.cumsum([0, *(3 * LANES * -(-len(each) // LANES) for each in points)]), wp.int32),
             "link": (links, wp.int32),
             "radius": ([body.radius for body in bodies], wp.float64),
             "center": ([center for center, _ in balls], wp.vec3d),
@@ -253,22 +256,21 @@ class ArmConfigurations(Formula):
         return found
 
     def decide(self, x: np.ndarray) -> np.ndarray:
-        return self._query_points(x)[0]
+        return self._query_points(x, 0.0)[0]
 
     def distance(self, x: np.ndarray) -> np.ndarray:
         x = turned_back(np.asarray(x, dtype=np.float64), self._periods)
         # beyond the limits bodies sweep farther than what bounds their speeds
         within = np.clip(x, *self.known)
         beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
-        return np.where(
-            np.isfinite(x).all(axis=1), np.hypot(self._query_points(within)[1], beyond) * (1 / OUTWARD), 0.0
-        )
+        found = self._query_points(within, float(np.linalg.norm(self.upper - self.lower)))[1]
+        return np.where(np.isfinite(x).all(axis=1), np.hypot(found, beyond) * (1 / OUTWARD), 0.0)
 
-    def _query_points(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _query_points(self, x: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
+        """Answers, and lower bounds of distances, of which none above ``near`` is looked for."""
         given = np.asarray(x, dtype=np.float64)
         x = turned_back(given, self._periods)
         c, kernels = self._collisions, kernels_of(len(self.arm.joints), self.ndim)
-        near = float(np.linalg.norm(self.upper - self.lower))
         answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
         inputs = [c, self._array(x), near]
         launch_on_cores(kernels.points, len(x), inputs, [answers, distances], DEVICE)
@@ -445,6 +447,13 @@ class ArmConfigurations(Formula):
                 "in metres, to ArmConfigurations"
             )
         return self
+
+
+def _in_lanes(points: np.ndarray) -> np.ndarray:
+    """Corners ``(P, 3)`` as native/hulls.h reads them."""
+    count = -(-len(points) // LANES) * LANES
+    padded = np.concatenate([points, np.broadcast_to(points[:1], (count - len(points), 3))])
+    return padded.reshape(-1, LANES, 3).transpose(0, 2, 1).ravel()
 
 
 def _ends(joint: int, pairs: np.ndarray, paths: list) -> set[int]:

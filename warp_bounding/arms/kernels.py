@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import warp as wp
 
-from warp_bounding.runtime.native import named
+from warp_bounding.runtime.native import named, native_text
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 
 # --- How far two hulls are apart --------------------------------------------------------------------------------------
@@ -46,6 +46,8 @@ class Bodies:
     first: wp.array(dtype=wp.int32)  # corner of each body, and behind the last one their number
     link: wp.array(dtype=wp.int32)
     radius: wp.array(dtype=wp.float64)
+    lanes: wp.array(dtype=wp.float64)  # corners, eight at a time; see native/hulls.h
+    block: wp.array(dtype=wp.int32)  # where the eights of each body begin, and behind the last one their end
     center: wp.array(dtype=wp.vec3d)  # of a ball that holds the corners
     ball: wp.array(dtype=wp.float64)
 
@@ -74,17 +76,20 @@ def corner(bodies: Bodies, place: Place, i: int) -> wp.vec3d:
     return place.turn * bodies.points[i] + place.at
 
 
+_TEXT = native_text("hulls.h")
+Lanes = wp.array(dtype=wp.float64)
+
+
+@named("arm_farthest").func_native(_TEXT.LANES + _TEXT.FARTHEST)
+def _farthest(lanes: Lanes, begin: int, end: int, d: wp.vec3d) -> int: ...
+
+
 @wp.func
 def farthest(bodies: Bodies, body: int, place: Place, direction: wp.vec3d) -> wp.vec3d:
     """The corner that lies farthest in a direction."""
-    local = wp.transpose(place.turn) * direction
-    begin, end = wp.int32(bodies.first[body]), wp.int32(bodies.first[body + 1])
-    best, most = wp.int32(begin), wp.dot(local, bodies.points[begin])
-    for i in range(begin + 1, end):
-        value = wp.dot(local, bodies.points[i])
-        if value > most:
-            best, most = i, value
-    return corner(bodies, place, best)
+    d = wp.transpose(place.turn) * direction
+    k = bodies.first[body] + _farthest(bodies.lanes, bodies.block[body], bodies.block[body + 1], d)
+    return corner(bodies, place, k)
 
 
 @wp.func
@@ -209,10 +214,10 @@ def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Pl
 # With u = 2^-53, n joints, and S the size of all (how far from the origin any corner, joint or obstacle can be): sine
 # and cosine err by 4 u, say, a product of two rotations by 3 u an entry, so that a rotation is off by 32 u for each
 # joint before it, in the operator norm, and a place by 40 n u S. The first derivatives of a corner are cross products
-# of such numbers, off by 100 n u S at most. A linear bound over a box takes each of them times half the box's side, at
-# most 1, and twice n of them. With n up to 16 all that is under 2^13 u S. A configuration that is computed from
-# weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by no more than 16 times
-# 2^-46 S. What is allowed is far more than all of it, and far less than anything that matters.
+# of such numbers, in whatever order, off by 100 n u S at most. A linear bound over a box takes each of them times half
+# the box's side, at most 1, and twice n of them. With n up to 16 all that is under 2^13 u S. A configuration that is
+# computed from weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by no more
+# than 16 times 2^-46 S. What is allowed is far more than all of it, and far less than anything that matters.
 
 ALLOWANCE = 2.0**-36  # of the size of all: by how much a gap may be off; see above
 
@@ -319,7 +324,18 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
     numbers = wp.types.vector(length=coordinates, dtype=wp.float64)
     turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
     places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
+    rows = wp.types.matrix(shape=(n, 4), dtype=wp.float64)
     zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
+
+    @named(f"arm_least_{n}").func_native(_TEXT.LANES + _TEXT.LEAST)
+    def least_of(
+        lanes: Lanes, begin: int, end: int, d: wp.vec3d, level: wp.float64, rates: rows, half: values
+    ) -> wp.float64: ...
+
+    @named(f"arm_steepest_{n}").func_native(_TEXT.LANES + _TEXT.STEEPEST)
+    def steepest_of(
+        lanes: Lanes, begin: int, end: int, rates: rows, allowance: wp.float64, share: values
+    ) -> wp.float64: ...
 
     @named(f"arm_rotation_{n}").func
     def rotation_of(rotations: turns, i: int) -> wp.mat33d:
@@ -362,13 +378,6 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             for k in range(3):
                 found[i, k] = at[k]
         return found
-
-    @named(f"arm_rate_{n}").func
-    def rate(chain: Chain, rotations: turns, origins: places, i: int, x: wp.vec3d) -> wp.vec3d:
-        axis = wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2])
-        if chain.slides[i] != 0:
-            return axis
-        return wp.cross(axis, x - wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2]))
 
     @named(f"arm_center_{n}").func
     def center_of(c: Collisions, turn: turns, at: places, body: int) -> wp.vec3d:
@@ -414,14 +423,31 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             before += part
         return most * _OUTWARD
 
-    @named(f"arm_slopes_{n}").func
-    def slopes(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d, x: wp.vec3d) -> values:
-        """How ``normal . x`` changes with each joint, of the place x of a corner of the other body."""
-        found = values()
+    @named(f"arm_rates_{n}").func
+    def rates_of(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> rows:
+        """How ``normal . x`` changes with each joint, of corner p of the other body: ``rates . (p, 1)``."""
+        found, b = rows(), link(turn, at, c.bodies.link[c.pairs[pair][1]])
         for k in range(c.first[pair], c.first[pair + 1]):
             i = c.path[k]
-            found[i] = c.sign[k] * wp.dot(normal, rate(c.chain, turn, at, i, x))
+            axis = wp.vec3d(turn[3 * i, 2], turn[3 * i + 1, 2], turn[3 * i + 2, 2])
+            way, level = wp.vec3d(), wp.dot(normal, axis)
+            if c.chain.slides[i] == 0:  # n . (z x (x - o)) = (n x z) . (x - o)
+                across = wp.cross(normal, axis)
+                way = wp.transpose(b.turn) * across
+                level = wp.dot(across, b.at - wp.vec3d(at[i, 0], at[i, 1], at[i, 2]))
+            for row in range(3):
+                found[i, row] = c.sign[k] * way[row]
+            found[i, 3] = c.sign[k] * level
         return found
+
+    @named(f"arm_slopes_{n}").func
+    def slopes(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> values:
+        """How ``normal . x`` changes with each joint, of the corner x of the other body that is nearest along it."""
+        other = c.pairs[pair][1]
+        b, block = link(turn, at, c.bodies.link[other]), c.bodies.block[other]
+        d = -(wp.transpose(b.turn) * normal)
+        p = c.bodies.points[c.bodies.first[other] + _farthest(c.bodies.lanes, block, c.bodies.block[other + 1], d)]
+        return rates_of(c, turn, at, pair, normal) * wp.vec4d(p[0], p[1], p[2], one)
 
     @named(f"arm_bound_{n}").func
     def bound(
@@ -435,18 +461,14 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         slope: values,
     ) -> wp.float64:
         """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
-        one, other = c.pairs[pair][0], c.pairs[pair][1]
+        a, other = c.pairs[pair][0], c.pairs[pair][1]
         b = link(turn, at, c.bodies.link[other])
-        level = wp.dot(normal, farthest(c.bodies, one, link(turn, at, c.bodies.link[one]), normal)) + room
-        least = wp.float64(wp.inf)
-        for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
-            x = corner(c.bodies, b, k)
-            own = slopes(c, turn, at, pair, normal, x)
-            value = wp.dot(normal, x) - level
-            for i in range(n):
-                value -= wp.abs(own[i] - slope[i]) * half[i]
-            least = wp.min(least, value)
-        return least
+        level = wp.dot(normal, b.at - farthest(c.bodies, a, link(turn, at, c.bodies.link[a]), normal)) - room
+        rates = rates_of(c, turn, at, pair, normal)
+        for i in range(n):
+            rates[i, 3] -= slope[i]
+        d = wp.transpose(b.turn) * normal
+        return least_of(c.bodies.lanes, c.bodies.block[other], c.bodies.block[other + 1], d, level, rates, half)
 
     @named(f"arm_room_{n}").func
     def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
@@ -474,15 +496,11 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
     ) -> wp.float64:
         """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
         other, begin, end = c.pairs[pair][1], c.first[pair], c.first[pair + 1]
-        b = link(turn, at, c.bodies.link[other])
-        steep, bent, before = wp.float64(0.0), wp.float64(0.0), wp.float64(0.0)
-        for k in range(c.bodies.first[other], c.bodies.first[other + 1]):
-            own = slopes(c, turn, at, pair, normal, corner(c.bodies, b, k))
-            square = wp.float64(0.0)
-            for j in range(begin, end):
-                part = (wp.abs(own[c.path[j]]) + c.allowance) / c.joint_weights[c.path[j]]
-                square += part * part
-            steep = wp.max(steep, square)
+        shares, bent, before = values(), wp.float64(0.0), wp.float64(0.0)
+        for j in range(begin, end):
+            shares[c.path[j]] = _ONE / c.joint_weights[c.path[j]]
+        rates, lanes = rates_of(c, turn, at, pair, normal), c.bodies.lanes
+        steep = steepest_of(lanes, c.bodies.block[other], c.bodies.block[other + 1], rates, c.allowance, shares)
         for j in range(begin, end):
             weight = c.joint_weights[c.path[j]]
             share, part = _ONE / (weight * weight), c.reach[j] / weight
@@ -628,7 +646,7 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
                 count += 1
                 if value < lowest:
                     lowest = value
-                    slope = slopes(c, turn, at, number, s.normal, farthest(c.bodies, pair[1], b, -s.normal))
+                    slope = slopes(c, turn, at, number, s.normal)
         if asked == _FULL:
             return
         if known and count == 0:
@@ -647,9 +665,7 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         number = left[worst]
         pair = c.pairs[number]
         normal = wp.vec3d(directions[worst, 0], directions[worst, 1], directions[worst, 2])
-        b = link(turn, at, c.bodies.link[pair[1]])
-        x = farthest(c.bodies, pair[1], b, -normal)
-        steps = slopes(c, turn, at, number, normal, x)
+        steps = slopes(c, turn, at, number, normal)
         parts, line, axis, most, loss = numbers(), numbers(), wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
         for i in range(n):
             parts[c.chain.coordinate[i]] += wp.abs(steps[i] - slope[i]) * half[i]
