@@ -74,6 +74,21 @@ def test_devices_compute_f_less_the_threshold_of_the_part(name, device, rng):
     assert (ask(bounder, x)[sure] == bounder.query(x).numpy()[sure]).all()
 
 
+@pytest.mark.parametrize("name", list(CLOSE))
+def test_linear_bounds_lie_under_f_less_the_threshold_of_the_part(name, rng):
+    bounder = some_local(name)
+    limit, share = bounder.domain.limit.astype(np.float64), rng.uniform(size=(30, 500, bounder.ndim))
+    middle, radius = rng.uniform(-limit, limit, (500, bounder.ndim)), rng.uniform(0, 0.2, (500, 1)) * limit
+    lower, upper = np.maximum(middle - radius, -limit), np.minimum(middle + radius, limit)
+    bounds = bounder.bound(lower, upper)
+    assert 50 < (bounds.slope != 0).any(axis=1).sum() < 500
+    for at in share:
+        v = lower + at * (upper - lower)
+        f, way = bounder.reference(v), ((v - (lower + upper) / 2) * bounds.slope).sum(axis=1)
+        assert (f >= bounds.lower).all()
+        assert (f >= bounds.level + way).all()
+
+
 @pytest.mark.parametrize("case", ["blob", "c", "ray"])
 def test_a_fit_is_proven_part_by_part_and_no_looser(case, tmp_path):
     grid, bounder = shape("c" if case == "ray" else case), fit_regions(case) if case == "ray" else fit_points(case)

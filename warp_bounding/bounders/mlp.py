@@ -498,8 +498,13 @@ class Local(Bounder):
         # Not cut at DENIED: a part that is denied by its level is, whatever the threshold.
         least = np.minimum(np.nextafter(bounds.lower - most, -np.inf), CERTAIN)
         value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))
-        # The network's slopes are not those of this f, which is less by the threshold of the part.
-        return BoxBounds(least, bounds.axis, bounds.point, value, bounds.next_axis)
+        # A linear bound of the network is one of f, less the threshold, where that is one number and no value is cut.
+        with np.errstate(over="ignore", invalid="ignore"):
+            level = np.nextafter(bounds.level - most, -np.inf)
+            reach = np.abs(level) + (np.abs(bounds.slope) * (upper - lower)).sum(axis=1)
+        linear = single & (reach < CERTAIN)
+        slope, level = np.where(linear[:, None], bounds.slope, 0.0), np.where(linear, level, least)
+        return BoxBounds(least, bounds.axis, bounds.point, value, bounds.next_axis, slope, level)
 
     def rounding_bound(self) -> float:
         network, some = self.member.network, self.thresholds[np.isfinite(self.thresholds)]
