@@ -1,9 +1,9 @@
 """Every public name has an example, and every example runs as it says.
 
-Names have theirs in their docstrings; of the many methods of a bounder that only authors of methods call, examples
-stand on the pages of the API reference, together. They share a few names, which each example may use without making
-them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``, ``far``, a distance bounder of the ball, and
-``ball_distances``, those of the points.
+Names have theirs in their docstrings; others stand on the pages of the API reference, and those of the many methods of
+a bounder that only authors of methods call in ``authors.md``. They share a few names, which each example may use
+without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``, ``far``, a distance bounder of
+the ball, and ``ball_distances``, those of the points.
 """
 
 import doctest
@@ -21,7 +21,10 @@ from warp_bounding.proof.stress import StressResult
 
 pytest.importorskip("torch", reason="torch is not installed")
 
-PAGES = ("arms", "bounders", "choose", "composition", "distances")
+PAGES = (
+    *(f"docs/api/{name}.md" for name in ("arms", "bounders", "choose", "composition", "distances")),
+    "tests/authors.md",
+)
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
     wb.baking.BounderLibrary: ("manifest", "names", "path", "query_pairs", "stack"),
@@ -47,8 +50,8 @@ DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in
 
 
 def shown(page: str) -> str:
-    """The examples of a page of the API reference."""
-    return "\n".join(re.findall(r"```pycon\n(.*?)```", (ROOT / f"docs/api/{page}.md").read_text(), re.DOTALL))
+    """The examples of a page."""
+    return "\n".join(re.findall(r"```pycon\n(.*?)```", (ROOT / page).read_text(), re.DOTALL))
 
 
 @pytest.fixture(scope="module")

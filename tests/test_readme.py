@@ -106,6 +106,8 @@ def read(words: list[str]) -> None:
             shutil.which("make") is None
             or not subprocess.run(["make", "-n", *arguments], cwd=ROOT, capture_output=True, check=False).returncode
         )
+    elif program == "." or arguments[:2] == ["-m", "venv"]:
+        assert arguments[-1].startswith(".venv")
     elif program == "pip":
         extras = {name for names in re.findall(r"\[(.*?)\]", " ".join(arguments)) for name in names.split(",")}
         assert arguments[0] == "install"

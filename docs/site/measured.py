@@ -16,8 +16,7 @@ from pathlib import Path
 __all__ = ["MEASURED", "ROOT", "bold_least", "changed", "rendered", "table"]
 
 ROOT = Path(__file__).resolve().parents[2]
-PRICES = (10, 100, 1_000, 10_000)  # nanoseconds of a narrow phase
-DEMOS = ("particles", "cloth", "path", "shadows", "arm")
+PRICES = (10, 100, 1_000)  # nanoseconds of a narrow phase
 COLUMNS = [(n, query) for n in "234" for query in ("point", "ray", "plane", "box")]
 
 
@@ -61,7 +60,7 @@ def _size(sizes: list[int]) -> str:
 
 
 SOME = (
-    *("aabb", "obb", "kdop", "learned-kdop", "mlp 16-16", "mlp 24-24", "mlp 50-50", "bvh 64", "bvh 300"),
+    *("aabb", "kdop", "learned-kdop", "mlp 16-16", "mlp 24-24", "mlp 50-50", "bvh 64", "bvh 300"),
     *("hierarchy 8 x 15-15 x 48", "voxels 192"),
 )  # methods of the tables; results/meshes has them all
 
@@ -85,9 +84,12 @@ def _of_meshes(results: Path, only: Sequence[str]) -> str:
     return table(["false positives, %", "bytes", *names], [[f"`{label}`", size, *row] for label, size, row in shown])
 
 
+PRICED = ("aabb", "learned-kdop", "mlp 16-16", "mlp 24-24", "bvh 300", "hierarchy 8 x 15-15 x 48", "voxels 192")
+
+
 def prices(results: Path) -> str:
     """The cost of a query, with the narrow phase of what the bounder leaves, at several prices of that."""
-    rows = [r for r in _lines(results / "meshes/meshes.jsonl") if r["mesh"] == "bunny" and r["label"] in SOME]
+    rows = [r for r in _lines(results / "meshes/meshes.jsonl") if r["mesh"] == "bunny" and r["label"] in PRICED]
     left = [(row["fp_rate"] + row["positives"]) / 100 for row in rows]
     costs = [[row["nanoseconds"] + share * price for price in PRICES] for row, share in zip(rows, left, strict=True)]
     labels, shares = [f"`{row['label']}`" for row in rows] + ["*none*"], [*left, 1.0]
@@ -97,40 +99,6 @@ def prices(results: Path) -> str:
     order = sorted(range(len(labels)), key=lambda i: costs[i][2])
     head = ["method", "ns a query", "left, %", *(f"narrow phase {price:,} ns" for price in PRICES)]
     return table(head, [[labels[i], f"{own[i]:.1f}", f"{100 * shares[i]:.1f}", *cells[i]] for i in order])
-
-
-DISTANCES = ("aabb", "kdop", "learned-kdop", "bvh 64 leaves, 192 cells", "distance-grid 16 nodes", "mlp 24-24",
-             "mlp 32-32", "distance-grid 32 nodes")  # fmt: skip
-
-
-def distances(results: Path) -> str:
-    """False positives of distances at several radii and of segments, with the time of a query."""
-    rows = [row for row in _lines(results / "distances/distances.jsonl") if row["label"] in DISTANCES]
-    numbers = [
-        [*(row["rates"][i] for i in (0, 2, 4)), row["segments"], row["ns_point"], row["ns_segment"]] for row in rows
-    ]
-    cells = bold_least([[f"{n:.2f}" for n in row[:4]] + [f"{n:.1f}" for n in row[4:]] for row in numbers], numbers)
-    head = ["distance", "bytes", "within 0", "0.05", "0.2", "segments", "ns a point", "a segment"]
-    return table(head, [[f"`{row['label']}`", _size([row["bytes"]]), *c] for row, c in zip(rows, cells, strict=True)])
-
-
-CLASSIC, NETWORKS = ("moving aabb", "aabb", "kdop", "bvh", "bvh-1500", "voxels"), ("mlp", "mlp-early")
-UNIT = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "arm": "cell"}
-
-
-def times(results: Path) -> str:
-    """Wall time of every demo, whole steps: without a bounder, with the best classic, a network, and what is chosen."""
-    rows = []
-    for demo in DEMOS:
-        runs = _demo(results, demo)
-        for section in dict.fromkeys(section for _, section in runs):
-            own = {name: run["ms_step"] for (name, part), run in runs.items() if part == section}
-            best = [min((name for name in names if name in own), key=own.get) for names in (CLASSIC, NETWORKS)]
-            cells = [f"{own[name]:,.1f} (`{name}`)" for name in best]
-            cells.append(f"{own['chosen']:,.1f}" if "chosen" in own else "")
-            name = ", ".join(filter(None, (demo, section.removeprefix("Planar arm, ")))) + f", a {UNIT[demo]}"
-            rows.append([name, f"{own['none']:,.1f}", *cells])
-    return table(["wall time, ms", "without", "best classic", "network, proven", "`choose`"], rows)
 
 
 def table1(results: Path) -> str:
@@ -146,9 +114,8 @@ def table1(results: Path) -> str:
     ]
     lines = []
     for protocol, heading, methods in (
-        ("exact", "exact truth", ("aabb", "kdop", "learned-kdop", "mlp", "monotone-mlp", "learned-kdop+mlp", "distance",
-            "bvh")),
-        ("sampled", "the paper's, sampled truth", ("mlp", "learned-kdop+mlp", "distance", "bvh")),
+        ("exact", "exact truth", ("aabb", "learned-kdop", "mlp", "learned-kdop+mlp", "distance", "bvh")),
+        ("sampled", "the paper's, sampled truth", ("mlp", "learned-kdop+mlp", "bvh")),
     ):  # fmt: skip
         own = [[found.get((method, protocol, *column)) for column in COLUMNS] for method in methods]
         means = [
@@ -172,47 +139,31 @@ def table1(results: Path) -> str:
     return table(["", *(f"{n}D {query}" for n, query in COLUMNS)], lines)
 
 
-def raced(results: Path) -> str:
-    """Nanoseconds of methods in the 3D columns, and how many times as long as ``mlp`` in the same round."""
-    own = (r for r in _rows(results / "speed/speed.csv") if r["dimension"] == "3" and r["device"] == "cpu")
-    rows = {(r["method"], r["query"]): r for r in own if r["space"] == "geometric" and not r["leaves"]}
-    methods, lines = ("aabb", "kdop", "learned-kdop", "bvh", "mlp-early", "mlp"), []
-    for query in ("point", "ray", "plane", "box"):
-        own = [rows[method, query] for method in methods]
-        cells = [f"{float(r['ns']):.1f} ({float(r['ratio']):.2f})" for r in own]
-        lines.append([query, *cells[:-1], f"{float(own[-1]['ns']):.1f}"])
-    return table(["", *(f"`{method}`, {_size([int(rows[method, 'point']['nbytes'])])}" for method in methods)], lines)
-
-
 # Rows of ``results/gpu``: what is asked, its part, and how it is called there, in float32 and on tensor cores.
 GPU = {
     "points, `mlp` 24-24": ("points", "24 float32", "24 tensor"),
-    "points, `mlp` 32-32": ("points", "32 float32", "32 tensor"),
     "points, `mlp` 50-50": ("points", "50 float32", "50 tensor"),
     "points, `bvh` of 64 boxes": ("points", "bvh", None),
     "points, `kdop`": ("points", "kdop", None),
-    "points, `wp.mesh_query_point` within the margin": ("distances", "wp.mesh_query_point, within margin", None),
     "rays, `mlp` 50-50": ("rays", "50 float32", "50 tensor"),
     "rays, `bvh` of 64 boxes": ("rays", "bvh", None),
-    "rays, `wp.mesh_query_ray_anyhit`": ("distances", "wp.mesh_query_ray_anyhit", None),
-    "distances, a network of 24-24": ("distances", "24 float32", "24 tensor"),
-    "distances, a network of 50-50": ("distances", "50 float32", "50 tensor"),
-    "distances, `wp.mesh_query_point` within 0.1": ("distances", "wp.mesh_query_point, distance within 0.1", None),
-    "distances, `wp.mesh_query_point`": ("distances", "wp.mesh_query_point, distance, no limit", None),
 }
 
 
 def gpu(results: Path) -> str:
-    """Nanoseconds of a query on each card, in float32 and on tensor cores."""
-    cards, lines = sorted(path.name for path in (results / "gpu").iterdir() if path.is_dir()), []
+    """Nanoseconds of a query on an H100, in float32 and on tensor cores."""
+    lines = []
     for label, (part, *ways) in GPU.items():
-        cells = []
-        for card in cards:
-            file = results / f"gpu/{card}/{part}.json"
-            found = json.loads(file.read_text(encoding="utf-8"))["found"] if file.exists() else {}
-            cells += [f"{found[way][0]:.3g}" if way in found else "" for way in ways]
-        lines.append([label, *cells])
-    return table(["", *(f"{card.upper()}, {way}" for card in cards for way in ("float32", "tensor cores"))], lines)
+        found = json.loads((results / f"gpu/h100/{part}.json").read_text(encoding="utf-8"))["found"]
+        lines.append([label, *(f"{found[way][0]:.3g}" if way in found else "" for way in ways)])
+    return table(["H100", "float32", "tensor cores"], lines)
+
+
+CLOSEST = (
+    *("bunny-distance-24, function", "bunny-distance-24, batch", "bunny-distance-50, batch"),
+    *("wp.mesh_query_point, no limit", "wp.mesh_query_point within 0.1", "NanoVDB volume of 64"),
+    *("Newton's texture of 64, interpolation of the card", "bunny-distance-grid-32, function"),
+)  # rows of the table; results/gpu has them all
 
 
 def gpu_closest(results: Path) -> str:
@@ -221,25 +172,13 @@ def gpu_closest(results: Path) -> str:
     for part in ("closest", "grids"):
         reported = json.loads((results / f"gpu/h100/{part}.json").read_text(encoding="utf-8"))
         for name, row in reported["found"].items():
+            if name not in CLOSEST:
+                continue
             exact = name.startswith("wp.mesh")
             over = "exact" if exact else f"{row['over'] / reported['count']:.1%}"
             cells = ["", ""] if exact else [f"{row['most']:.2g}", f"{row['less']:.2g}"]
             lines.append([name, f"{row['ns'][0]:.3g}", f"{row['bytes'] / 1000:,.0f} kB", over, *cells])
     return table(["H100", "ns a point", "size", "too large", "by at most", "too small, on average"], lines)
-
-
-def gpu_cull(results: Path) -> str:
-    """Milliseconds of Newton's pass in a graph on an H100, with the layout that the library takes."""
-    from warp_bounding.newton.cull import SORTED
-
-    found, lines = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"], []
-    for cell, row in found.items():
-        layout = ", by place" if row["pairs"] >= SORTED else ""
-        ways = {"without": "none", "boxes": f"boxes, 16 warps{layout}", "bounders": f"distance, 16 warps{layout}"}
-        times = [min(row[f"{way}, ms, turn {turn}"][0] for turn in (0, 1)) for way in ways.values()]
-        cells = [f"{times[0]:.3f}", *(f"{each:.3f} ({times[0] / each:.2f})" for each in times[1:])]
-        lines.append([re.sub(r"^\d+", lambda m: f"{int(m[0]):,}", cell).replace(" 1 meshes", " one mesh"), *cells])
-    return table(["H100, ms", "without a cull", "boxes (times as fast)", "bounders (times as fast)"], lines)
 
 
 # --- the README and *Is it for me?* -----------------------------------------------------------------------------------
@@ -346,13 +285,9 @@ def tightness(results: Path) -> str:
 MEASURED: dict[str, Callable[[Path], str]] = {
     "meshes": meshes,
     "prices": prices,
-    "distances": distances,
-    "times": times,
     "table1": table1,
-    "raced": raced,
     "gpu": gpu,
     "gpu-closest": gpu_closest,
-    "gpu-cull": gpu_cull,
     "pays": pays,
     "pays-not": pays_not,
     "arms": arms,

@@ -21,7 +21,7 @@ from warp_bounding.errors import ShapeError
 from warp_bounding.shapes import Grid, load_shape
 from warp_bounding.shapes.formats.load import READERS
 
-PAGE = Path(__file__).parents[2] / "docs" / "guide" / "formats.md"
+PAGE = Path(__file__).with_name("formats.md")
 ROW = re.compile(r"^\| `([a-z0-9]+/[a-z0-9-]+)` \|.*\| \*\*(read|noted|refused)\*\*")
 LONGEST = 400  # characters of an error
 CASES = MESH_CASES | GRID_CASES
@@ -47,6 +47,11 @@ def test_rows_and_cases_are_the_same():
     keys = [key for key, _ in rows()]
     assert len(keys) == len(set(keys))
     assert set(keys) == set(CASES)
+
+
+def test_the_guide_names_every_format():
+    page = (Path(__file__).parents[2] / "docs/guide/formats.md").read_text("utf-8")
+    assert [suffix for suffix in READERS if f"`{suffix}`" not in page] == []
 
 
 @pytest.mark.parametrize(("key", "outcome"), rows())

@@ -1,5 +1,4 @@
-"""What a row of the table in ``docs/guide/formats.md`` promises: a file that holds the feature, and what must come of
-it."""
+"""What a row of ``tests/shapes/formats.md`` promises: a file that holds the feature, and what must come of it."""
 
 from collections.abc import Callable
 from pathlib import Path
