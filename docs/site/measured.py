@@ -181,6 +181,20 @@ def gpu_closest(results: Path) -> str:
     return table(["H100", "ns a point", "size", "too large", "by at most", "too small, on average"], lines)
 
 
+def gpu_cull(results: Path) -> str:
+    """Milliseconds of Newton's pass in a graph on an H100, with the layout that the library takes."""
+    from warp_bounding.newton.cull import SORTED
+
+    found, lines = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"], []
+    for cell, row in found.items():
+        layout = ", by place" if row["pairs"] >= SORTED else ""
+        ways = {"without": "none", "boxes": f"boxes, 16 warps{layout}", "bounders": f"distance, 16 warps{layout}"}
+        times = [min(row[f"{way}, ms, turn {turn}"][0] for turn in (0, 1)) for way in ways.values()]
+        cells = [f"{times[0]:.3f}", *(f"{each:.3f} ({times[0] / each:.2f})" for each in times[1:])]
+        lines.append([re.sub(r"^\d+", lambda m: f"{int(m[0]):,}", cell).replace(" 1 meshes", " one mesh"), *cells])
+    return table(["H100, ms", "without a cull", "boxes (times as fast)", "bounders (times as fast)"], lines)
+
+
 # --- the README and *Is it for me?* -----------------------------------------------------------------------------------
 
 
@@ -288,6 +302,7 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "table1": table1,
     "gpu": gpu,
     "gpu-closest": gpu_closest,
+    "gpu-cull": gpu_cull,
     "pays": pays,
     "pays-not": pays_not,
     "arms": arms,
@@ -311,7 +326,7 @@ def rendered(page: Path) -> str:
 
 def changed() -> dict[Path, str]:
     """Pages that differ from what is measured, with the text that they should have."""
-    pages = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+    pages = [ROOT / "README.md", ROOT / "results/gpu/README.md", *sorted((ROOT / "docs").rglob("*.md"))]
     return {page: text for page in pages if (text := rendered(page)) != page.read_text(encoding="utf-8")}
 
 
