@@ -220,6 +220,12 @@ def nbytes_of(joints: int, options: dict) -> int:
     return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("parts", 0)
 
 
+CONCLUSION = (
+    "With three and four joints a network is two to four times as tight as the tightest grid or tree of its "
+    "memory, and proven. With six joints it is still the tightest, but only statistical."
+)
+
+
 def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     rows = kept.rows
@@ -227,6 +233,8 @@ def page(kept: StoredRows, command: str) -> str:
         "# Arms: colliding configurations in a network's memory",
         "",
         f"These are measurements of {', '.join(sorted({row['versions'].split(' (')[0] for row in rows}))}.",
+        "",
+        CONCLUSION,
         "",
         f"`{command}`",
         "",

@@ -28,9 +28,16 @@ def taken(row: dict, price: float) -> dict:
     return next(each for each in row["rows"] if each["label"] == label)
 
 
+CONCLUSION = (
+    "`choose` takes half-spaces, fields and small trees where the exact test is cheap, and cells or a large "
+    "tree of boxes where it is expensive. These grids of cells are so coarse that a tree reproduces them, so "
+    "a network is hardly ever taken."
+)
+
+
 def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
-    lines = ["# What `choose` takes in every column of Table 1", "", f"`{command}`", ""]
+    lines = ["# What `choose` takes in every column of Table 1", "", CONCLUSION, "", f"`{command}`", ""]
     lines += [
         f"{kept.about}. The bunny's grids of 32 cells a side, queries as in Table 1; budgets of "
         f"{', '.join(f'{s:g} s ({n}D)' for n, s in SECONDS.items())} for all fits and measurements of a column. "

@@ -35,6 +35,12 @@ def edges_of(place: Workplace) -> tuple[np.ndarray, np.ndarray]:
     return states[first], states[near[first, rng.integers(NEIGHBOURS, size=EDGES)]]
 
 
+CONCLUSION = (
+    "Marching along a network of the distance clears most of the free edges whole, in few evaluations each; "
+    "half-spaces clear fewer. No edge that collides is cleared."
+)
+
+
 def main() -> int:
     """Fit, march, write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -80,6 +86,8 @@ def main() -> int:
     rows = kept.rows
     lines = [
         "# Marching along edges in an arm's configurations",
+        "",
+        CONCLUSION,
         "",
         "`python benchmarks/marching.py --out results/marching`",
         "",

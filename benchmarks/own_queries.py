@@ -53,11 +53,17 @@ def measured(scene: Scene, label: str, bounder: wb.Bounder, reference: Example, 
     }
 
 
+CONCLUSION = (
+    "A network fitted to the queries of a simulation leaves a tenth fewer exact checks than one fitted to "
+    "random queries, and a few more false positives among random ones."
+)
+
+
 def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     rows = kept.rows
     seconds = dict.fromkeys(f"{row['budget']:g}" for row in rows if "budget" in row)
-    lines = ["# A fit to a simulation's own queries", "", f"`{command}`", ""]
+    lines = ["# A fit to a simulation's own queries", "", CONCLUSION, "", f"`{command}`", ""]
     lines += [
         f"{kept.about}. Rain on the moving bunny, {rows[0]['particles']:,} particles, {STEPS} steps, seed {RAINS[1]}; "
         "*calls*: particles a step that the narrow phase is",

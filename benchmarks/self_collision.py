@@ -73,9 +73,15 @@ def planned(name: str, alone: wb.Bounder, folder: Path, effort: float) -> list[d
     return rows
 
 
+CONCLUSION = (
+    "One network of an arm's collisions with itself serves in every cell: with a second one of the cell, "
+    "planning takes a third of the time or less, on the same paths."
+)
+
+
 def page(rows: list[dict], alone: dict, command: str) -> str:
     """The page, in Markdown."""
-    lines = ["# One network of an arm with itself, in two cells", "", f"`{command}`", ""]
+    lines = ["# One network of an arm with itself, in two cells", "", CONCLUSION, "", f"`{command}`", ""]
     lines += [
         f"{versions()}; {cpu_threads()} threads of a CPU. The planar arm of four joints touches itself in "
         f"{alone['positives']:.1f} % of its configurations. Its network: {alone['bytes']:,} bytes, "
