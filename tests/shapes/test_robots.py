@@ -135,6 +135,20 @@ def test_self_collision_has_the_joints_that_matter(rng):
         arm.self_collision(revolved=["link 9"])
 
 
+def test_joints_of_a_whole_turn_turn_without_end_for_self_collision(rng):
+    arm = straight()
+    limits = ((-1.0, 1.0), (-2 * np.pi, 2 * np.pi), (-3.0, 3.0))
+    joints = [Joint(j.origin, j.axis, *ends) for j, ends in zip(arm.joints, limits, strict=True)]
+    wide, followed = Arm(joints, arm.bodies), Arm(joints, arm.bodies, mimics={2: Mimic(1, 0.5)})
+    own, whole = wide.self_collision(), ArmConfigurations(wide, self_collision=True)
+    assert own.upper[0] < 3.2 < own.arm.joints[0].upper + 0.1
+    q = configurations(whole, rng, 3000)
+    held = whole.contains(q)
+    assert 0.02 < held.mean() < 0.98
+    assert np.array_equal(own.contains(q[:, own.columns]), held)
+    assert followed.self_collision().upper[0] > 6  # its limits are also those of what follows it
+
+
 def test_pairs_that_always_touch_are_left_out():
     arm = straight()
     ball, knob = (Body.sphere([0.9, 0, 0], r, link=i, name=n) for r, i, n in ((0.4, 0, "ball"), (1.8, 2, "knob")))

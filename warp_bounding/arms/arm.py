@@ -6,6 +6,7 @@ its axis, or a way along it. Frames are kept turned so that every axis is z, whi
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -398,6 +399,20 @@ class Arm:
         mimics = {number[i]: replace(m, leader=number[m.leader]) for i, m in self.mimics.items() if i not in numbers}
         return Arm(joints, bodies, parents=parents, mimics=mimics, name=self.name, note=self.note)
 
+    def _endless(self) -> "Arm":
+        """The arm whose joints that turn by a whole turn or more, and lead none and follow none, turn without end."""
+        bound = {*self.mimics, *(mimic.leader for mimic in self.mimics.values())}
+        whole = [
+            i
+            for i, joint in enumerate(self.joints)
+            if not joint.slides and joint.upper - joint.lower >= 2 * np.pi and i not in bound
+        ]
+        found, joints = copy(self), list(self.joints)
+        for i in whole:
+            joints[i] = replace(joints[i], lower=-np.pi, upper=np.pi, continuous=True)
+        found.joints = tuple(joints)
+        return found
+
     @property
     def lower(self) -> np.ndarray:
         """``(n,)`` float64, the joints' least values."""
@@ -534,7 +549,8 @@ class Arm:
     ) -> "ArmConfigurations":  # noqa: F821
         """The configurations in which the arm touches itself, in the joints that matter: a shape for all cells.
 
-        Joints that move no pair of bodies against each other are left out; ``columns`` of the shape tells which values
+        Joints that turn by a whole turn or more turn without end here, and those that move no pair of bodies against each
+        other are left out; ``columns`` of the shape tells which values
         of a configuration are its coordinates: ``bounder.query(q[:, shape.columns])``. So are pairs that touch in all
         of some random configurations; the shape's ``note`` names them.
 
