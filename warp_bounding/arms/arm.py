@@ -549,10 +549,10 @@ class Arm:
     ) -> "ArmConfigurations":  # noqa: F821
         """The configurations in which the arm touches itself, in the joints that matter: a shape for all cells.
 
-        Joints that turn by a whole turn or more turn without end here, and those that move no pair of bodies against each
-        other are left out; ``columns`` of the shape tells which values
-        of a configuration are its coordinates: ``bounder.query(q[:, shape.columns])``. So are pairs that touch in all
-        of some random configurations; the shape's ``note`` names them.
+        Joints that turn by a whole turn or more turn without end here, and those that move no pair of bodies against
+        each other are left out; ``columns`` of the shape tells which values of a configuration are its coordinates:
+        ``bounder.query(q[:, shape.columns])``. So are pairs that touch in all of some random configurations; the
+        shape's ``note`` names them.
 
         Args:
             safety: Metres: what comes closer counts as touching.
