@@ -2,9 +2,7 @@
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
-
-import typer
+from typing import Any, NamedTuple
 
 from paper.data import Object, grid_of, objects_in, select_objects
 from paper.results import Folder, heed, say, versions
@@ -13,24 +11,12 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.claim import as_fitted
-from warp_bounding.cli import count, number_option
 from warp_bounding.errors import BounderError, BoundingError, ShapeError
 from warp_bounding.queries.distance import METRICS
 from warp_bounding.runtime.launch import cpu_threads
 
 DIGEST = 16  # characters of the SHA-256 of an object's cells
 IDENTITY = ("dimension", "object", "query", "method", "space", "leaves")  # columns of a row that say whose it is
-
-Out = Annotated[str, typer.Option("--output", "-o", help="Folder for the results; an earlier run there is continued.")]
-Data = Annotated[str, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")]
-MaybeData = Annotated[str | None, typer.Option(help="Folder with 2D/*.png, 3D/*.binvox, 4D/*.npy.")]
-Columns = Annotated[str | None, typer.Option(help="Such as 2d-point,3d-ray; or 2d, or ray (default: all)")]
-Methods = Annotated[str | None, typer.Option(help="Such as aabb,bvh,bvh-64,mlp (default: all)")]
-Objects = Annotated[str | None, typer.Option(help="Such as bunny (in all dimensions) or 2d/dragon1 (default: all)")]
-Budget = Annotated[str | None, typer.Option(help="Seconds of learned fits, as in 20,3d=40,3d-ray:mlp=90")]
-Seconds = Annotated[float | None, typer.Option(help="Time for each fit, or each proof")]
-Count = Annotated[int | None, number_option("Random queries, such as 1e6", count)]
-Seed = Annotated[int | None, number_option("Random seed of the fits; the queries have the next ones (default: 0)")]
 
 
 class Cell(NamedTuple):
@@ -63,12 +49,9 @@ class Cell(NamedTuple):
         return self.column.ndim, self.thing.name, self.column.query, self.variant.method, space, self.variant.leaves
 
 
-Source = str | Callable[[list[int]], list[Object]]  # a data folder, or a function of dimensions
-
-
-def select(source: Source, columns: str | None, methods: str | None, objects: str | None,
-           among: Sequence[Variant] = VARIANTS) -> list[Cell]:  # fmt: skip
-    """The cells that words of a command line name; what cannot be read is refused.
+def select(source: str | Callable[[list[int]], list[Object]], columns: str | None, methods: str | None,
+           objects: str | None, among: Sequence[Variant] = VARIANTS) -> list[Cell]:  # fmt: skip
+    """The cells that words of a command line name, of a data folder or of a function of dimensions.
 
     The first object of every column comes first, and of these what is cheap: all columns show something soon, and what
     an interrupted run shows is the same objects for every method.

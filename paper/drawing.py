@@ -54,16 +54,6 @@ def packed(owner: Any, points: np.ndarray) -> dict[str, Any]:
     return pack(found.reshape(points.shape[:-1]))
 
 
-def moment(grid: Any, step: int) -> float:
-    """The time of a step of an animated object."""
-    return float(grid.position([step, 0, 0, 0])[0])
-
-
-def distances(grid: Any, points: np.ndarray) -> np.ndarray:
-    """Certified upper bounds of the distance at the points of a raster ``(S, S, 2)``, exact up to float64 rounding."""
-    return grid.distances(points.reshape(-1, 2))[:, 1].reshape(points.shape[:-1])
-
-
 def pack(mask: np.ndarray) -> dict[str, Any]:
     """A mask ``(...)`` bool as JSON: its shape, and its bits, compressed, as text."""
     bits = zlib.compress(np.packbits(np.asarray(mask, dtype=bool)).tobytes(), 9)
@@ -124,18 +114,11 @@ def upright(image: np.ndarray) -> np.ndarray:
 def page_of(draw: Callable[[Any], None], *, svg: bool = True) -> dict[str, bytes]:
     """Files of a figure, by their ending; the same drawing makes the same files.
 
-    Args:
-        draw: Called with an empty ``matplotlib.figure.Figure``; sets its size and fills it.
-        svg: Whether it is made of lines and text, so that an SVG of it is small.
-
-    Raises:
-        BoundingError: If matplotlib is not installed.
+    ``draw`` sets the size of an empty ``matplotlib.figure.Figure`` and fills it; one of lines and text is also an SVG.
     """
-    try:
-        import matplotlib
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise BoundingError("figures need matplotlib: pip install 'warp-bounding[train]'") from error
+    import matplotlib
+    from matplotlib.figure import Figure
+
     options = {"font.size": 9, "font.family": "DejaVu Sans", "svg.hashsalt": "figure", "text.color": INK}
     options |= {"axes.titlesize": 9, "axes.labelsize": 8, "xtick.labelsize": 8, "ytick.labelsize": 8}
     options |= {"axes.labelcolor": INK, "xtick.labelcolor": INK, "ytick.labelcolor": INK, "axes.edgecolor": PALE}
@@ -215,14 +198,9 @@ def numbered(part: dict[str, Any]) -> str:
 # --- scenes in 3D -----------------------------------------------------------------------------------------------------
 
 SMOOTHING = 0.9  # standard deviation, in pixels of the raster, of what takes the steps out of an isosurface
-VIEW, ANGLE = (
-    (1.15, 1.5, 0.8),
-    30.0,
-)  # towards the camera: along the two axes after the one that is up, and along this; degrees of the view
-DOMAIN_RADIUS, PIXELS = (
-    0.8,
-    300,
-)  # of what is shown of the domain, in its sides: a little less than to its corners; of a picture
+VIEW = (1.15, 1.5, 0.8)  # towards the camera: along the two axes after the one that is up, and along this
+ANGLE, PIXELS = 30.0, 300  # degrees of the view; side of a picture
+DOMAIN_RADIUS = 0.8  # of what is shown of the domain, in its sides: a little less than to its corners
 BATCH = 15  # scenes that one process draws
 
 

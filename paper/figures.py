@@ -5,125 +5,64 @@ not computed again. Its pictures are drawn from that alone, and README.md shows 
 measured.
 """
 
-import contextlib
 import json
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from paper import results
-from paper.data import PATTERNS, Object, grid_of, own_shape
+from paper.data import PATTERNS, Object, grid_of
 from paper.drawing import packed, raster
-from warp_bounding.cli import count, number_option, quiet_warp
+from paper.gallery import FIGURES
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16
-PAPER, OWN = "paper", "own"  # whose objects are shown: those of the paper's data, or our own (``data.py``)
-DEFAULTS = {"objects": OWN, "quick": False, "effort": 1.0, "samples": 200_000, "seed": 0}
-OWN_UP, PAPER_UP = [0, 1, 0], [0, 0, 1]  # which way is up in pictures, but for:
+DEFAULTS = {"objects": "paper", "quick": False, "effort": 1.0, "samples": 200_000, "seed": 0}
+UP = [0, 0, 1]  # in pictures, but for:
 OTHER_UPS = {"3d/armchair": [0, -1, 0], "3d/car": [0, -1, 0], "3d/sofa": [0, -1, 0], "3d/teddy": [0, 1, 0]}
 
-Parts = Mapping[str, dict[str, Any]]
 
-
-class Figure:
-    """One figure: what it computes, part by part, and how that is drawn; its caption is in ``pages/figures.md``.
-
-    Attributes:
-        name: As the command line takes it, and its files are called.
-        objects: Which of the paper's objects it shows, such as ``2d/star1``, with our own in their place, or ``None``.
-        few: How many of them in the quick form; ``None`` for all.
-    """
-
-    name: str
-    objects: Mapping[str, str | None] = {}
-    few: int | None = None
-
-    def wanted(self, settings: dict[str, Any]) -> list[str]:
-        """The objects that it shows under these settings."""
-        own = [label for label, stand_in in self.objects.items() if stand_in]
-        found = list(self.objects) if settings["objects"] == PAPER or not own else own
-        return found[: self.few] if settings["quick"] else found
-
-    def parts(self, work: "Work") -> dict[str, Callable[[], dict[str, Any]]]:
-        """What is computed, in this order: functions that return JSON, called where their results are missing."""
-        raise NotImplementedError
-
-    def draw(self, parts: Parts) -> dict[str, bytes]:
-        """The pictures, by file ending (``png``, ``svg``), from what the parts returned."""
-        raise NotImplementedError
-
-    def facts(self, parts: Parts) -> list[str]:
-        """Sentences with what was measured, for the page."""
-        return []
-
-    def broken(self, parts: Parts) -> list[str]:
-        """Parts that break a promise: a bounder with a certificate and false negatives."""
-        broken = {name: part["fn"] for name, part in parts.items() if part.get("certificate") and part.get("fn")}
-        return [f"{name}: {fn:,} false negatives" for name, fn in broken.items()]
-
-
-@dataclass
 class Work:
     """What parts are computed with: ``settings`` of the folder, and the ``data`` folder, if one was given."""
 
-    settings: dict[str, Any]
-    data: Path | None = None
-    stand_ins: dict[str, str | None] = field(default_factory=dict)  # of the figure at work
+    def __init__(self, settings: dict[str, Any], data: Path | None):
+        self.settings, self.data = settings, data
 
     def choose(self, full: Any, quick: Any) -> Any:
         """One of two values, by whether small forms are wanted."""
         return quick if self.settings["quick"] else full
 
-    def file(self, label: str) -> Path | None:
-        """Where an object of the paper lies."""
-        return self.data and self.data / PATTERNS[int(label[0])].replace("*", label[3:])
-
-    def lacking(self, figure: Figure) -> str | None:
-        """In one line, what of the paper's data a figure needs and lacks; ``None`` if there is nothing."""
-        theirs = self.settings["objects"] == PAPER
-        there = {
-            label: self.file(label) and self.file(label).is_file() if theirs else own
-            for label, own in figure.objects.items()
-        }
-        absent = [label for label in figure.wanted(self.settings) if not there[label]]
-        few = ", ".join(absent[:4]) + (f" and {len(absent) - 4} more" if len(absent) > 4 else "")
-        if absent and theirs and self.data:
-            return f"{figure.name} needs {few}, not in {self.data}"
-        return f"{figure.name} shows the paper's objects ({few}): --data DIR is needed" if absent else None
+    def labels(self, figure) -> list[str]:
+        """The objects that a figure shows."""
+        return list(figure.objects)[: self.choose(None, figure.few)]
 
     def shape(self, label: str) -> Any:
         """An object's cells."""
-        if self.settings["objects"] != PAPER:
-            return own_shape(self.stand_ins[label])
         if self.data is None:
-            raise ShapeError(f"{label} of the paper's data is missing")
-        return grid_of(Object(int(label[0]), label[3:], self.file(label)))
+            raise ShapeError(f"{label} is an object of the paper: --data DIR is needed")
+        return grid_of(Object(int(label[0]), label[3:], self.data / PATTERNS[int(label[0])].replace("*", label[3:])))
 
-    def up(self, label: str) -> list[int]:
-        """The direction that is up in pictures of an object in space."""
-        return OTHER_UPS.get(label, PAPER_UP) if self.settings["objects"] == PAPER else OWN_UP
+    def place(self, grid: Any, side: int, frame: int | None) -> np.ndarray:
+        """A raster over an object's domain, of an animated one at a step of time."""
+        return raster(grid, side, None if frame is None else float(grid.position([frame, 0, 0, 0])[0]))
 
-    def shown(self, label: str, points: np.ndarray) -> dict[str, Any]:
-        """A part: where an object is, and which way is up."""
-        return {"inside": packed(self.shape(label), points), "up": self.up(label)}
+    def shown(self, label: str, side: int, frame: int | None = None, occupied: bool = False) -> dict[str, Any]:
+        """A part: where an object is, and which way is up; and how much it occupies, if wanted."""
+        grid = self.shape(label)
+        share = {"occupied": round(100 * float(grid.occupancy.mean()), 2)} if occupied else {}
+        return {"inside": packed(grid, self.place(grid, side, frame)), "up": OTHER_UPS.get(label, UP)} | share
 
-    def raster_parts(
-        self, label: str, side: int, fits: Mapping[str, tuple[float, dict[str, Any]]], name: str = ""
-    ) -> dict:
+    def around(self, label: str, side: int, fits: dict[str, tuple[float, dict[str, Any]]], name: str = "") -> dict:
         """Parts of an object on a raster: itself, and bounders of it, each with its seconds and options."""
-        grid, name = self.shape(label), name or label
-        points = raster(grid, side)
+        name = name or label
         found = {
-            f"{name} {what}": partial(self.measured, grid, *own[:1], points, **own[1]) for what, own in fits.items()
+            f"{name} {what}": partial(self.measured, label, seconds, side, **own)
+            for what, (seconds, own) in fits.items()
         }
-        return {name: partial(self.shown, label, points)} | found
+        return {name: partial(self.shown, label, side)} | found
 
     def fit(self, shape: Any, seconds: float, query: str = "point", **options: Any) -> Any:
         """``warp_bounding.fit`` with the folder's seed and effort; this imports torch."""
@@ -134,11 +73,12 @@ class Work:
         results.heed()
         return bounder
 
-    def measured(self, shape: Any, seconds: float, points: np.ndarray | None = None, **options: Any) -> dict[str, Any]:
-        """``rates`` of a ``fit`` with these options; with points, what it answers there, packed, as ``"maybe"``."""
-        bounder = self.fit(shape, seconds, **options)
-        found = self.rates(bounder, shape)
-        return found if points is None else found | {"maybe": packed(bounder, points)}
+    def measured(self, label: str, seconds: float, pixels: int = 0, frame: int | None = None, **options: Any) -> dict:
+        """A part: ``rates`` of a ``fit`` with these options, and what it answers on a raster, as ``"maybe"``."""
+        grid = self.shape(label)
+        bounder = self.fit(grid, seconds, **options)
+        found = self.rates(bounder, grid)
+        return found | {"maybe": packed(bounder, self.place(grid, pixels, frame))} if pixels else found
 
     def rates(self, bounder: Any, shape: Any) -> dict[str, Any]:
         """False positives, in per cent of random queries, false negatives, a count, and what the bounder is."""
@@ -157,127 +97,115 @@ class Work:
         }
 
 
-def command(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Which figure, or all.")],
-    quick: Annotated[bool, typer.Option("--quick", help="Small forms, all in some minutes.")] = False,
-    data: Annotated[
-        str | None, typer.Option(help="Folder of the paper's objects. Without it, our own are shown.")
-    ] = None,
-    out: Annotated[
-        str, typer.Option("--output", "-o", help="Folder; an earlier run there is continued.")
-    ] = "out/figures",
-    effort: Annotated[float | None, typer.Option(help="Multiplies the seconds of every fit (default: 1)")] = None,
-    samples: Annotated[int | None, number_option("Random queries for rates (default: 2e5)", count)] = None,
-    seed: Annotated[int | None, number_option("Random seed of the fits (default: 0)")] = None,
-) -> int:
-    """Make a figure of the paper, or all of them, with captions and numbers in README.md.
-
-    Kill it whenever you like: the same command goes on where it stopped, and draws anew what is there. Exit status 1: a
-    figure failed, a promise was found broken, or the run was stopped.
-    """
-    from paper.gallery import FIGURES
-
-    quiet_warp()
+def run(name, output="out/figures", data=None, quick=False, effort=None, samples=None, seed=None) -> int:
+    """Make a figure of the paper, or all of them, with captions and numbers in README.md."""
     if data is not None and not Path(data).is_dir():
         raise BoundingError(f"{data}: no such folder; it must hold {', '.join(PATTERNS.values())}")
-    given = {"quick": quick, "objects": PAPER if data else OWN, "effort": effort, "samples": samples, "seed": seed}
-    work = Work(DEFAULTS | {k: v for k, v in given.items() if v is not None}, None if data is None else Path(data))
-    skipped = [line for figure in FIGURES if (line := work.lacking(figure))] if name == "all" else []
-    chosen = [f for f in FIGURES if name in (f.name, "all") and not (name == "all" and work.lacking(f))]
-    if not chosen:
-        raise BounderError(f"figure must be one of {', '.join(f.name for f in FIGURES)}, or all, got {name!r}")
-    if line := work.lacking(chosen[0]):
-        raise ShapeError(line)
-    for line in skipped:
-        results.say(f"skipped: {line}")
-    files = [f"{figure.name}.{ending}" for figure in FIGURES for ending in ("json", "png", "svg")]
-    line = results.command_line(
-        f"{NAME} {name}", data=data, out=out, effort=effort, samples=samples, seed=seed, quick=quick
-    )
+    if name != "all" and name not in FIGURES:
+        raise BounderError(f"figure must be one of {', '.join(FIGURES)}, or all, got {name!r}")
+    given = {"quick": quick or None, "effort": effort, "samples": samples, "seed": seed}
+    files = [f"{figure}.{ending}" for figure in FIGURES for ending in ("json", "png", "svg")]
+    options = {"data": data, "out": output, "effort": effort, "samples": samples, "seed": seed, "quick": quick}
     broken: list[str] = []
-    with results.opened(Path(out), NAME, (), DEFAULTS, given, owned=files) as folder:
-        work.settings = folder.settings
-        for figure in chosen:
-            read(folder, figure)  # before any work
-        folder.remember(line)
+    with results.opened(Path(output), NAME, (), DEFAULTS, given, owned=files) as folder:
+        work = Work(folder.settings, None if data is None else Path(data))
+        folder.remember(results.command_line(f"{NAME} {name}", **options))
 
-        def measure(figure: Figure) -> str:
-            parts = computed(folder, figure, work)
-            for ending, content in figure.draw(parts).items():
-                folder.write(f"{figure.name}.{ending}", content)
-            broken.extend(f"{figure.name}, {reported}" for reported in figure.broken(parts))
+        def measure(name: str) -> str:
+            parts = computed(folder, name, work)
+            for ending, content in FIGURES[name].draw(parts).items():
+                folder.write(f"{name}.{ending}", content)
+            broken.extend(f"{name}, {part}: {missed:,} missed" for part, missed in missed_of(parts))
             return "drawn"
 
-        done = results.work(folder, chosen, measure, lambda figure: figure.name)
-        folder.write(results.PAGE, page(folder, FIGURES))
+        done = results.work(folder, list(FIGURES) if name == "all" else [name], measure, str)
+        folder.write(results.PAGE, page(folder))
     for line in broken:
         results.say(f"promise broken: {line}")
-    print(f"the figures are shown in {Path(out) / results.PAGE}")
+    print(f"the figures are shown in {Path(output) / results.PAGE}")
     return int(bool(broken or not done))
 
 
-def read(folder: results.Folder, figure: Figure) -> dict[str, Any]:
-    """What a figure has computed so far: ``parts`` by name, ``objects`` (digests by label), ``versions``.
+def computed(folder: results.Folder, name: str, work: Work) -> dict[str, Any]:
+    """All parts; those that are there already are not computed again."""
+    found, labels = read(folder, name), work.labels(FIGURES[name])
+    parts = FIGURES[name].parts(work, labels)
+    left = [part for part in parts if part not in found["parts"]]
+    digests = {label: work.shape(label).digest[:DIGEST] for label in labels} if left or work.data else {}
+    if other := [label for label, digest in found["objects"].items() if digests.get(label, digest) != digest]:
+        raise ShapeError(f"{', '.join(other)}: not what {name}.json was made of; choose another --output")
+    for part in left:
+        results.say(f"{name} {list(parts).index(part) + 1}/{len(parts)}: {part}")
+        started, value = time.perf_counter(), parts[part]()
+        results.heed()
+        found["parts"][part] = {**value, "seconds": round(time.perf_counter() - started, 2)}
+        found["objects"] |= digests
+        found["versions"] = sorted({*found["versions"], results.versions()})
+        document = {"format": FORMAT, "figure": name, "settings": folder.settings, **found}
+        folder.write(f"{name}.json", json.dumps(document, indent=1, allow_nan=False) + "\n")
+    return {part: found["parts"][part] for part in parts}
 
-    Raises:
-        FileFormatError: If it is damaged, or of other settings than the folder.
-    """
-    file = folder.path / f"{figure.name}.json"
+
+def read(folder: results.Folder, name: str) -> dict[str, Any]:
+    """What a figure has computed so far: ``parts`` by name, ``objects`` (digests by label), ``versions``."""
+    file = folder.path / f"{name}.json"
     if not file.exists():
         return {"parts": {}, "objects": {}, "versions": []}
     try:
         document = json.loads(file.read_text())
-        settings, found = document["settings"], {key: document[key] for key in ("parts", "objects", "versions")}
-        sound = document["format"] == FORMAT and all(isinstance(part, dict) for part in found["parts"].values())
-        same = all(settings.get(key, default) == folder.settings[key] for key, default in DEFAULTS.items())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
-        sound = same = False
-    if not (sound and same):
-        what = "made with other settings than the folder's" if sound else "damaged, or not a figure of this version"
-        raise FileFormatError(f"{file}: {what}; delete it and it is computed again")
+        found = {key: document[key] for key in ("parts", "objects", "versions")}
+        same = all(document["settings"].get(key, old) == folder.settings[key] for key, old in DEFAULTS.items())
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise FileFormatError(f"{file}: damaged ({error}); delete it and it is computed again") from error
+    if not same or document.get("format") != FORMAT:
+        raise FileFormatError(f"{file}: made with other settings than the folder's, or by another version")
     return found
 
 
-def computed(folder: results.Folder, figure: Figure, work: Work) -> dict[str, Any]:
-    """All parts; those that are there already are not computed again."""
-    found, work.stand_ins = read(folder, figure), dict(figure.objects)
-    digests = {label: work.shape(label).digest[:DIGEST] for label in figure.wanted(work.settings)}
-    if other := [label for label, digest in found["objects"].items() if digests.get(label, digest) != digest]:
-        raise ShapeError(f"{', '.join(other)}: not what {figure.name}.json was made of; choose another --output")
-    parts = figure.parts(work)
-    for number, (name, compute) in enumerate(parts.items(), start=1):
-        if name in found["parts"]:
-            continue
-        results.say(f"{figure.name} {number}/{len(parts)}: {name}")
-        started, value = time.perf_counter(), compute()
-        results.heed()
-        found["parts"][name] = {**value, "seconds": round(time.perf_counter() - started, 2)}
-        found["objects"] |= digests
-        found["versions"] = sorted({*found["versions"], results.versions()})
-        document = {"format": FORMAT, "figure": figure.name, "settings": folder.settings, **found}
-        folder.write(f"{figure.name}.json", json.dumps(document, indent=1, allow_nan=False) + "\n")
-    return {name: found["parts"][name] for name in parts}
+def missed_of(parts: dict[str, Any]) -> list[tuple[str, int]]:
+    """Parts, and parts of parts, that break a promise: a certificate, and something that was missed or differs."""
+    found = []
+    for name, part in parts.items():
+        runs = {f"{name} {run['section'] or ''} {run['bounder']}": run for run in part.get("runs", ())}
+        found += missed_of(part.get("levels", {}) | runs)
+        missed = part.get("fn", part.get("missed")) or int(part.get("identical") is False)
+        if part.get("certificate") in ("proven", "statistical") and isinstance(missed, int) and missed:
+            found.append((name, missed))
+    return found
 
 
-def page(folder: results.Folder, figures: tuple[Figure, ...]) -> str:
+def facts(parts: dict[str, Any]) -> list[str]:
+    """What was measured, a few words a part."""
+    lines = []
+    for name, part in parts.items():
+        if "runs" in part:
+            lines += [
+                f"{name} {run['section'] or ''} `{run['bounder']}` missed {run['missed']:,}".replace("  ", " ")
+                for run in part["runs"]
+                if run["bounder"] in ("mlp", "occupancy")
+            ]
+        elif "levels" in part:
+            lines += facts(part["levels"])
+        elif "fp" in part:
+            rate, missed = (part[key][-1] if isinstance(part[key], list) else part[key] for key in ("fp", "fn"))
+            counted = f"{missed:,}" if isinstance(missed, int) else f"{missed:.3f} %"
+            lines.append(f"{name} {rate:.2f} %" + (f", FN {counted}" if missed else ""))
+        elif "occupied" in part:
+            lines.append(f"{name} {part['occupied']:g} % occupied")
+    return lines
+
+
+def page(folder: results.Folder) -> str:
     """Every figure that is there, with its caption and what was measured."""
     s, values = folder.settings, {}
-    for figure in figures:
-        found, facts = read(folder, figure), []
-        with contextlib.suppress(KeyError):  # parts of a run that has not ended
-            facts = figure.facts(found["parts"]) if found["parts"] else []
+    for name in FIGURES:
+        found = read(folder, name)
         seconds = sum(part.get("seconds", 0.0) for part in found["parts"].values())
-        made = (
-            f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: "
-            f"[{figure.name}.json]({figure.name}.json)."
-        )
-        values[figure.name] = [f"- {fact}" for fact in [*facts, made]]
+        made = f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: [{name}.json]({name}.json)."
+        values[name] = [f"- {line}" for line in ("; ".join(facts(found["parts"])) + ".", made)]
     forms = ["the quick forms (`--quick`)"] if s["quick"] else []
     forms += [f"every fit for {s['effort']:g} times its usual seconds"] if s["effort"] != 1 else []
-    whose = (
-        "the paper's objects" if s["objects"] == PAPER else "shapes of our own, since the paper's data was not given"
-    )
-    text = folder.page(NAME, whose=whose, forms=f" In {' and '.join(forms)}." if forms else "", **values)
+    text = folder.page(NAME, forms=f" In {' and '.join(forms)}." if forms else "", **values)
     head, *sections = text.split("\n## ")
     there = [part for part in sections if (folder.path / part.partition("](")[2].partition(")")[0]).is_file()]
     return "\n## ".join([head, *there])

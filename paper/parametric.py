@@ -46,19 +46,13 @@ from warp_bounding.rounding import UNIT64, gamma, round_up
 SAMPLES = 20_000  # queries that a volume's form follows from
 TOLERANCE = 2e-3  # relative to the functional's size: a patch whose bound is so near to that at its centre is not split
 ROUNDING = gamma(256, UNIT64)  # more roundings than any sum goes through, over 2n numbers with n <= 64
-EDGE, FINER = (
-    {1: 1, 2: 8, 3: 4, 4: 3},
-    {1: 1, 2: 16, 3: 8, 4: 6},
-)  # by n: patches along an edge of a cube's face, to begin with
+EDGE = {1: 1, 2: 8, 3: 4, 4: 3}  # by n: patches along an edge of a cube's face, to begin with
+FINER = {1: 1, 2: 16, 3: 8, 4: 6}
 AT_ONCE, STEPS = 24, 200  # patches that are worked on in a step; steps of splitting, at most
 ROUNDS, FEW = 9, 160  # of the search for a ray's m, whose step halves in each; points of the object that it looks at
 NARROWEST = 1e-6  # edge length, on a cube of edge 2, under which patches are not split
 SHRUNK = 1 - 1e-12  # factor that covers the float64 rounding of cosines
-DIRECTIONS = {
-    "ray": (False, True),
-    "plane": (True, False),
-    "box": (False, False),
-}  # which half of v is a direction without a length
+DIRECTIONS = {"ray": (False, True), "plane": (True, False), "box": (False, False)}  # halves of v without a length
 
 # --- the numbers of a region ------------------------------------------------------------------------------------------
 
@@ -91,12 +85,9 @@ class Patches:
     """Patches of the unit sphere in n dimensions, as cells of a cube's faces seen from its centre; and their data.
 
     A unit vector of a patch is ``f y``, where y is a mean of the patch's unit vertices ``u_i`` and ``1 <= f <= outer``;
-    so a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``.
-
-    Args:
-        arrays: Of N rows, by name: ``axis`` on which the face of the cube lies, ``sign`` of its side, ``lower`` and
-            ``upper`` ``(N, n - 1)``, corners of the cell on it; in a search also ``vertices`` ``(N, V, n)``, what is
-            ``known`` of these, multipliers ``m``, bounds ``most``, and ``searched``.
+    so a convex function is largest, over the patch, at some ``u_i`` or ``outer u_i``. The arrays have N rows: ``axis``
+    of the cube's face, ``sign`` of its side, ``lower`` and ``upper`` corners of the cell ``(N, n - 1)``; in a search
+    also ``vertices``, what is ``known`` of these, multipliers ``m``, bounds ``most``, and ``searched``.
     """
 
     def __init__(self, **arrays: np.ndarray):
@@ -175,12 +166,7 @@ class Patches:
 
 
 class Support:
-    """Upper bounds of linear functions and of squared lengths over P; a subclass for each kind of region.
-
-    Args:
-        grid: The object.
-        domain: Of the kind of region.
-    """
+    """Upper bounds of linear functions and of squared lengths over P; a subclass for each kind of region."""
 
     def __init__(self, grid: Any, domain: RegionDomain):
         self.hull, self.domain, self.ndim = ObjectSupport(grid, domain.base), domain, domain.base.ndim
@@ -385,10 +371,8 @@ class RaySupport(Support):
         n, w = self.ndim, self.vertices_of(Patches.cover(self.ndim, FINER.get(self.ndim, 3)))  # (N, V, n)
         origins, most_origin = matrix[:, :n], np.zeros(w.shape[:2])
         rows = self.points @ origins.T + offset
-        widened, squares = (
-            np.linalg.norm(np.abs(origins) @ self.delta),
-            (rows * rows).sum(axis=1),
-        )  # |A (p + e)| <= |A p| + widened
+        widened = np.linalg.norm(np.abs(origins) @ self.delta)  # |A (p + e)| <= |A p| + widened
+        squares = (rows * rows).sum(axis=1)
         for t in (0.0, 1.0):  # the square is convex in t, so largest at an end
             shift = (w @ (matrix[:, n:] - t * origins).T).reshape(-1, len(offset))
             size = max(1, CHUNK // len(rows))
@@ -417,23 +401,14 @@ def support_of(grid: Any, domain: Any) -> Support:
 
 @dataclass(frozen=True)
 class ParametricVolume:
-    """``low <= D v <= high``, or ``|A v + b|^2 <= high``; v are a region's numbers (``to_local``).
-
-    Attributes:
-        domain: Of the kind of region.
-        matrix: D ``(k, 2 n)``, or A.
-        low: ``(k,)``; minus infinity for half-spaces without another side. ``None`` of an ellipsoid.
-        high: ``(k,)``, or a number.
-        offset: b; ``None`` of faces.
-        numbers: How many numbers a query reads of the volume.
-    """
+    """``low <= D v <= high``, or ``|A v + b|^2 <= high``; v are a region's numbers (``to_local``)."""
 
     domain: RegionDomain
-    matrix: np.ndarray
-    low: np.ndarray | None
+    matrix: np.ndarray  # D ``(k, 2 n)``, or A
+    low: np.ndarray | None  # ``(k,)``, minus infinity for half-spaces without another side; ``None`` of an ellipsoid
     high: np.ndarray | float
-    offset: np.ndarray | None
-    numbers: int
+    offset: np.ndarray | None  # b; ``None`` of faces
+    numbers: int  # that a query reads of the volume
 
     certificate = None
 
@@ -454,26 +429,10 @@ class ParametricVolume:
         return 4 * (3 * self.domain.space_ndim + 1 + own + int(self.domain.time) + self.numbers)
 
 
-def fit(
-    grid: Any,
-    query: str,
-    method: str,
-    *,
-    length: float = 1.0,
-    seed: int = 0,
-    seconds: float = 10.0,
-    steps: int | None = None,
-) -> ParametricVolume:
+def fit(grid, query, method, *, length=1.0, seed=0, seconds=10.0, steps=None) -> ParametricVolume:
     """The volume of a method around the numbers of all regions of a kind that meet a grid.
 
-    Args:
-        grid: The object.
-        query: Kind of region.
-        method: Of a volume: ``aabb``, ``obb``, ``kdop``, ``learned-kdop``, a sphere or an ellipsoid.
-        length: Of rays.
-        seed: Of the samples, and of training.
-        seconds: For training.
-        steps: Of training, instead of seconds.
+    Seed, seconds and steps, instead of seconds, are those of samples and training.
     """
     domain, cls = domain_of(grid, query, length), METHODS[method]
     support, scale = support_of(grid, domain), v_per_unit(domain)

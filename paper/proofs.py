@@ -9,16 +9,14 @@ oracle affirms and the deployed kernel denies, that is a false negative that sam
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from paper import results, table1
-from paper.cells import Cell, Columns, Count, Data, Methods, Objects, Out, Seconds, about, fitted, load, missing, select
-from paper.results import Rows, markdown, names
+from paper.cells import Cell, about, fitted, load, missing, select
+from paper.results import Rows, markdown
 from paper.table import COLUMNS, Variant, budget_text, column_of
-from warp_bounding.cli import count, number_option, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.proof.stress import Walk, queries_at
@@ -26,10 +24,10 @@ from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.hard import draw_positives
 
 NAME = "proofs"
-CSV = names("""dimension object query method search fp_zero fn_zero hard_fn_zero missed_zero fp_sampled fn_sampled
+CSV = """dimension object query method search fp_zero fn_zero hard_fn_zero missed_zero fp_sampled fn_sampled
     missed_sampled found_by depth depth_std depth_fp fp_proven fn_proven positives sampled proven lower_bound
     upper_bound gap rounding_bound boxes proof_seconds counterexample counterexample_f shipped certificate
-    fp_shipped fit_seconds samples hard_positives seconds budget fitted seed threads indicator versions""")
+    fp_shipped fit_seconds samples hard_positives seconds budget fitted seed threads indicator versions""".split()
 DEFAULTS = {"positives": 1_000_000, "samples": 400_000, "seconds": 60.0, "table": None}
 METHODS = [Variant("mlp"), Variant("monotone-mlp")]
 DISTANCES = ("plane",)  # queries whose networks learn distances, and no output between 0 and 1
@@ -37,29 +35,16 @@ LOWEST = 2048  # of the hard positives: where searches begin
 PROOF_COST, SMALLEST_GAP = 1e-4, 1e-6  # share of all queries that a proof's gap may cost; its least, in units of f
 
 
-def command(
-    data: Data,
-    table: Annotated[str, typer.Option(help="Folder of a table1 run with its bounders; others are fitted anew.")],
-    out: Out,
-    columns: Columns = None,
-    methods: Methods = None,
-    objects: Objects = None,
-    positives: Annotated[int | None, number_option("Hard positives of a threshold (default: 1e6)", count)] = None,
-    samples: Count = None,
-    seconds: Seconds = None,
+def run(
+    data, table, output, columns=None, methods=None, objects=None, positives=None, samples=None, seconds=None
 ) -> int:
-    """Find what networks thresholded by sampling would have missed, and what a proof costs instead.
-
-    Kill it whenever you like: the same command goes on where it stopped. Exit status 1: a network failed, had a false
-    negative at its proven threshold, or the run was stopped.
-    """
+    """Find what networks thresholded by sampling would have missed, and what a proof costs instead."""
     fits = table1.DEFAULTS | results.read_settings(Path(table))[0]
-    quiet_warp(fits["device"])
     given = {"positives": positives, "samples": samples, "seconds": seconds}
     chosen = {"columns": columns, "methods": methods, "objects": objects}
-    line = results.command_line(NAME, data=data, table=table, out=out, **chosen, **given)
+    line = results.command_line(NAME, data=data, table=table, out=output, **chosen, **given)
     cells = select(data, columns, methods, objects, METHODS)
-    with results.opened(Path(out), NAME, CSV, DEFAULTS, given | {"table": fits}) as folder:
+    with results.opened(Path(output), NAME, CSV, DEFAULTS, given | {"table": fits}) as folder:
         left = [cell for cell, _ in missing(cells, folder)]
         if left:
             folder.remember(line)
@@ -85,12 +70,7 @@ def command(
 
 
 class Thresholds:
-    """f over random queries, once: rates at any threshold come from it.
-
-    Args:
-        values: ``(N,)`` f as the device computes it; +inf where the answer is *maybe* without asking, -inf for *no*.
-        truth: ``(N,)`` bool.
-    """
+    """f of random queries, as the device computes it, and their truth: rates at any threshold come from it."""
 
     def __init__(self, values: np.ndarray, truth: np.ndarray):
         self.values, self.truth = values, truth
@@ -132,10 +112,8 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     spent = time.perf_counter() - started
     certificate = bounder.certificate
     if certificate is not None and certificate.proven and search.upper_bound < certificate.lower_bound:
-        shown = f"f >= {certificate.lower_bound:.6g}"
-        raise BounderError(
-            f"the certificate says {shown}, the prover found a positive with f = {search.upper_bound:.6g}"
-        )
+        shown = f"f >= {certificate.lower_bound:.6g}, the prover found a positive with f = {search.upper_bound:.6g}"
+        raise BounderError(f"the certificate says {shown}")
     results.heed()
     walk = Walk(copy, grid, seed)
     start = walk.around(queries_at(copy, grid, search.worst))[0] if len(search.worst) else lowest[:0]
@@ -144,19 +122,14 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     missed, proven, shipped = x is not None, float(copy.threshold), float(bounder.threshold)
     upper_bound = min(float(search.upper_bound), *(float(values.min(initial=np.inf)) for _, values in found.values()))
     all_found = np.concatenate([hard, *(values for _, values in found.values())])
-    zero = dict.fromkeys(("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero"))
+    everything = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
+    zero = [None] * 4
     if has_output:
-        everything = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
         missed_zero = counterexample(copy, grid, everything, 0.0)[0] is not None
-        zero = {
-            "fp_zero": rates.fp(0.0),
-            "fn_zero": rates.fn(0.0),
-            "hard_fn_zero": int((hard < 0).sum()),
-            "missed_zero": int(missed_zero),
-        }
+        zero = [rates.fp(0.0), rates.fn(0.0), int((hard < 0).sum()), int(missed_zero)]
     spread = float(np.std(rates.values[np.isfinite(rates.values)], dtype=np.float64))
     return {
-        **zero,
+        **dict(zip(("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero"), zero, strict=True)),
         "search": "complete" if search.complete else "cut short",
         "fp_sampled": rates.fp(sampled),
         "fn_sampled": rates.fn(sampled),
@@ -209,15 +182,9 @@ def hard_positives(bounder: Any, grid: Any, count: int, seed: int) -> tuple[np.n
 
 
 def counterexample(bounder: Any, grid: Any, found: dict, threshold: float) -> tuple[np.ndarray | None, float, str]:
-    """The deepest query found below a threshold, its f and who found one.
+    """The deepest query found below a threshold, its f and who found one, once oracle and kernel were asked again.
 
-    Once oracle and kernel have been queried again.
-
-    Args:
-        bounder: Its own threshold plays no part.
-        grid: The object.
-        found: Queries and f, lowest first, by who found them.
-        threshold: That would be shipped.
+    ``found`` are queries and f, lowest first, by who found them.
     """
     below = [w for w in found if len(found[w][0]) and found[w][1].min() < np.float32(threshold)]
     if not below:
@@ -238,15 +205,12 @@ def told(rows: Rows) -> str:
     if not rows:
         return "No network has been measured yet."
     missed, zero = [r for r in rows if r["missed_sampled"]], [r["missed_zero"] for r in rows]
+    least, by_prover = min(r["hard_positives"] for r in rows), sum(r["found_by"] == "prover" for r in missed)
     return (
-        f"Of {len(rows)} networks thresholded at their minimum over at least "
-        f"{min(r['hard_positives'] for r in rows):,} hard "
-        f"positives, {len(missed)} had a false negative that the search found "
-        f"({sum(r['found_by'] == 'prover' for r in missed)} "
-        f"from the prover's own lowest points); of the {sum(z is not None for z in zero)} with an output between 0 and "
-        "1, "
-        f"{sum(map(bool, zero))} had one when thresholded at 0.5; at the proven threshold, "
-        f"{sum(r['fn_proven'] > 0 for r in rows)}."
+        f"Of {len(rows)} networks thresholded at their minimum over at least {least:,} hard positives, {len(missed)} "
+        f"had a false negative that the search found ({by_prover} from the prover's own lowest points); of the "
+        f"{sum(z is not None for z in zero)} with an output between 0 and 1, {sum(map(bool, zero))} had one when "
+        f"thresholded at 0.5; at the proven threshold, {sum(r['fn_proven'] > 0 for r in rows)}."
     )
 
 

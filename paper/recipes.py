@@ -1,21 +1,18 @@
 """The paper's own training beside ours in the same time: rows for the page of ``table1``."""
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from paper import results
-from paper.cells import Cell, Columns, Count, Data, Objects, Seconds, Seed, about, missing, select
-from paper.results import markdown, names
+from paper.cells import Cell, about, missing, select
+from paper.results import markdown
 from paper.table import COLUMNS, Variant, column_of, words_of
 from warp_bounding.bounders.mlp import RECIPE, RECIPES, Mlp
-from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import BounderError, QueryError
 
 NAME = "recipes"  # also the folder in a folder of ``table1``
-CSV = names("""dimension object query method way steps steps_asked step_seconds fp_rate fn fp_zero fn_zero positives
-    certificate fit_seconds nbytes hidden seconds samples seed length threads indicator versions""")
+CSV = """dimension object query method way steps steps_asked step_seconds fp_rate fn fp_zero fn_zero positives
+    certificate fit_seconds nbytes hidden seconds samples seed length threads indicator versions""".split()
 DEFAULTS = {"seconds": 600.0, "samples": 400_000, "seed": 0, "length": 1.0}
 OCTAVES = 4  # of the positional encoding: 18 inputs in 2D, as in the supplement
 WAYS = {
@@ -24,20 +21,10 @@ WAYS = {
 POINTS = ",".join(c.name for c in COLUMNS if not c.kind.is_region)  # what is compared where no columns are named
 
 
-def command(
-    data: Data,
-    table: Annotated[str, typer.Option(help="Folder of a table1 run, whose page gets the rows; they are kept in it.")],
-    columns: Columns = None,
-    objects: Objects = None,
-    ways: Annotated[str | None, typer.Option(help=f"Among {','.join(WAYS)} (default: all)")] = None,
-    seconds: Seconds = None,
-    samples: Count = None,
-    seed: Seed = None,
-) -> int:
+def run(data, table, columns=None, objects=None, ways=None, seconds=None, samples=None, seed=None) -> int:
     """Train the paper's network by its recipe and by ours in the same time, with its positional encoding and without.
 
-    Kill it whenever you like: the same command goes on where it stopped. Planes have neither. Exit status 1: a fit
-    failed or the run was stopped.
+    Planes have neither.
     """
     from paper import table1
 
@@ -46,7 +33,6 @@ def command(
     for way in chosen:
         if way not in WAYS:
             raise QueryError(f"ways must be among {', '.join(WAYS)}, got {way!r}")
-    quiet_warp()
     given = {"seconds": seconds, "samples": samples, "seed": seed}
     line = results.command_line(NAME, data=data, table=table, columns=columns, objects=objects, ways=ways, **given)
     cells = select(data, columns or POINTS, None, objects, [Variant(Mlp.method)])
@@ -111,7 +97,7 @@ def _measured(cell: Cell, way: str, s: dict[str, Any]) -> dict[str, Any]:
 def section(table: Path) -> list[str]:
     """What pages say of the rows in a folder of ``table1``, in Markdown; nothing where there are none."""
     file = table / NAME / f"{NAME}.csv"
-    rows = results.read_rows(file, CSV, {})[0] if file.is_file() else []
+    rows = results.read_rows(file, CSV, {})
     if not rows:
         return []
     order = list(WAYS)

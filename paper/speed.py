@@ -12,42 +12,25 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import typer
 
 from paper import results
-from paper.cells import (
-    Budget,
-    Cell,
-    Columns,
-    Count,
-    MaybeData,
-    Methods,
-    Objects,
-    Out,
-    Seed,
-    about,
-    fitted,
-    missing,
-    select,
-)
-from paper.data import objects_in, own_objects, usual
+from paper.cells import Cell, about, fitted, missing, select
+from paper.data import objects_in, usual
 from paper.drawing import INK, PALE, page_of
-from paper.results import Rows, markdown, names
+from paper.results import Rows, markdown
 from paper.table import COLUMNS, MADE, PAPER, VARIANTS, Column, Variant, budget_text, budgets_in, column_of, variant_of
-from warp_bounding.cli import count, number_option, quiet_warp
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 
 NAME, OWNED = "speed", ("early_out.png", "early_out.svg")
-CSV = names("""dimension object query method space leaves device device_name ns ratio ratio_low ratio_high reference
+CSV = """dimension object query method space leaves device device_name ns ratio ratio_low ratio_high reference
     fp_rate fn positives certificate nbytes fit_seconds budget queries rounds samples seed length threads
-    indicator versions""")
-DATA, OWN = "data", "generated"  # whose objects are raced
+    indicator versions""".split()
 DEFAULTS = {"queries": 2_000_000, "rounds": 9, "samples": 400_000, "budget": 20.0, "budgets": "", "seed": 0}
-DEFAULTS |= {"length": 1.0, "shapes": DATA}
+DEFAULTS |= {"length": 1.0}
 QUICK = {"budget": "2,relu-field=1,learned-kdop=1", "queries": 200_000, "rounds": 5, "samples": 50_000}
 REFERENCE, EARLY, BOX = Variant("mlp"), Variant("mlp-early"), Variant("aabb")
 # Where no methods are named: an occupancy network has the code of the reference, and distances are asked otherwise.
@@ -57,44 +40,26 @@ TABLE_2, QUERIES = Column(3, "ray"), 10_000_000  # the column of Table 2; what a
 PAPER_DEVICE = "RTX 3090"
 
 
-def command(
-    out: Out,
-    data: MaybeData = None,  # without it, shapes of our own are raced
-    quick: Annotated[bool, typer.Option("--quick", help="Short fits and few queries: under five minutes.")] = False,
-    columns: Columns = None,
-    methods: Methods = None,
-    objects: Objects = None,
-    devices: Annotated[str | None, typer.Option(help="Warp devices, such as cpu,cuda:0 (default: all)")] = None,
-    budget: Budget = None,
-    queries: Count = None,
-    rounds: Annotated[int | None, number_option("Rounds of each race (default: 9)", count)] = None,
-    samples: Count = None,
-    seed: Seed = None,
-) -> int:
+def run(output, data, quick=False, columns=None, methods=None, objects=None, devices=None, budget=None,
+        queries=None, rounds=None, samples=None, seed=None) -> int:  # fmt: skip
     """Measure how fast every method answers, on every device, as in the paper's Table 2 and its supplement.
 
-    Of each dimension one object is raced, the bunny where the data has one, or those that are named. Kill it whenever
-    you like: the same command goes on where it stopped. Exit status 1: a cell failed, a method that promises to have no
-    false negative had one, or the run was stopped.
+    Of each dimension one object is raced, the bunny where the data has one, or those that are named.
     """
     told = {"budget": budget, "queries": queries, "rounds": rounds, "samples": samples, "seed": seed}
     chosen = {"columns": columns, "methods": methods, "objects": objects, "devices": devices}
-    line = results.command_line(NAME, data=data, out=out, **chosen, **told, quick=quick)
-    given: dict[str, Any] = {
-        name: QUICK.get(name) if quick and value is None else value for name, value in told.items()
-    }
+    line = results.command_line(NAME, data=data, out=output, **chosen, **told, quick=quick)
+    given = {name: QUICK.get(name) if quick and value is None else value for name, value in told.items()}
     given |= budgets_in(given["budget"], DEFAULTS["budget"]) if given["budget"] is not None else {}
-    given["shapes"] = OWN if data is None else DATA
-    quiet_warp()
     raced = [v for v in RACED if not quick or v.method in PAPER["fp_rate"]]
     raced = raced if methods is None else [v for v in VARIANTS if not v.parametric]  # those are NumPy
 
     def source(dimensions: list[int]):
-        there = own_objects(dimensions) if data is None else objects_in(Path(data), dimensions)
+        there = objects_in(Path(data), dimensions)
         return usual(there) if objects is None else there
 
     kinds, cells = devices_named(devices), select(source, columns, methods, objects, raced)
-    with results.opened(Path(out), NAME, CSV, DEFAULTS, given, owned=OWNED) as folder:
+    with results.opened(Path(output), NAME, CSV, DEFAULTS, given, owned=OWNED) as folder:
         groups: dict[tuple, list[Cell]] = {}
         for cell, device in missing(cells, folder, "device", kinds):
             groups.setdefault((COLUMNS.index(cell.column), cell.thing, device), []).append(cell)
@@ -123,7 +88,7 @@ def command(
 def _rows_of_gpu(path: Path) -> Rows:
     """Rows of a run on a GPU, from the folder ``cuda`` in this one if there is one; the chart shows both runs."""
     table = path / "cuda" / f"{NAME}.csv"
-    return results.read_rows(table, CSV, results.read_settings(table.parent)[0])[0] if table.is_file() else []
+    return results.read_rows(table, CSV, results.read_settings(table.parent)[0]) if table.is_file() else []
 
 
 def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[dict[str, Any]]:
@@ -151,15 +116,7 @@ def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[d
 
 
 def race(bounders: Mapping[Any, Any], queries: Any, rounds: int) -> dict[Any, np.ndarray]:
-    """Seconds of every bounder in every round, ``(rounds,)``.
-
-    Each is queried once before the first; which one begins moves on.
-
-    Args:
-        bounders: All on the device of the queries.
-        queries: ``(N, columns)`` float32, a Warp array.
-        rounds: How many.
-    """
+    """Seconds of every bounder in every round, ``(rounds,)``; each is queried once before, and who begins moves on."""
     import warp as wp
 
     prepared = {name: bounder.prepare(queries) for name, bounder in bounders.items()}
@@ -179,10 +136,7 @@ def race(bounders: Mapping[Any, Any], queries: Any, rounds: int) -> dict[Any, np
 
 
 def devices_named(text: str | None) -> tuple[str, ...]:
-    """Aliases of Warp devices; of all that are there for ``None``.
-
-    Raises ``BounderError`` if there is no such device.
-    """
+    """Aliases of Warp devices; of all that are there for ``None``."""
     import warp as wp
 
     there = [device.alias for device in wp.get_devices()]
@@ -205,38 +159,24 @@ def device_name(alias: str) -> str:
 # --- means, gains, break-evens ----------------------------------------------------------------------------------------
 
 
-class BreakEven(NamedTuple):
-    """When a method pays in comparison with another one, by what a test of the geometry costs (Eq. 6)."""
+def break_even(time: float, rate: float, other_time: float, other_rate: float) -> tuple[float, float]:
+    """Eq. 6, ``time + rate t < other_time + other_rate t``: a method pays where a test of the geometry costs t.
 
-    least: float  # it pays where a test costs more than this; 0 where it always may
-    most: float  # it pays where a test costs less than this; infinite where no price is too high
-    factor: float  # ``least`` as a multiple of a query of the other method
-
-
-def break_even(time: float, rate: float, other_time: float, other_rate: float) -> BreakEven:
-    """Eq. 6: ``time + rate t < other_time + other_rate t`` for a price t of one test of the geometry, solved for t.
-
-    Args:
-        time: Of one query, in any unit; prices are in the same.
-        rate: False positives as a share of all queries.
-        other_time: Of one query of the method that it is compared with.
-        other_rate: Its false positives.
+    Returns:
+        The price above which it pays, and the one below which it does, in the unit of the times of a query.
     """
-    if rate < other_rate:
-        least, most = max((time - other_time) / (other_rate - rate), 0.0), math.inf
-    elif rate > other_rate:
-        least, most = 0.0, max((other_time - time) / (rate - other_rate), 0.0)
-    else:
-        least, most = 0.0, math.inf if time < other_time else 0.0
-    return BreakEven(least, most, least / other_time)
+    if rate == other_rate:
+        return 0.0, math.inf if time < other_time else 0.0
+    price = max((time - other_time) / (other_rate - rate), 0.0)
+    return (price, math.inf) if rate < other_rate else (0.0, price)
 
 
 class Mean(NamedTuple):
-    """A method in a column: means over objects, those of times geometric."""
+    """A method in a column: means over objects of a query's time, that over ``mlp``'s, and false positives, %."""
 
-    ns: float  # a query
-    ratio: float  # its time over that of ``mlp`` in the same rounds
-    fp_rate: float  # per cent
+    ns: float
+    ratio: float
+    fp_rate: float
 
 
 def devices_of(rows: Rows) -> dict[str, dict[tuple[Variant, Column], Mean]]:
@@ -259,11 +199,6 @@ def gains_of(cells: Mapping[tuple[Variant, Column], Mean]) -> dict[Column, float
     return dict(sorted(found.items(), key=lambda pair: pair[1]))
 
 
-def paper_gains() -> dict[Column, float]:
-    """Time of the paper's network over that of the one with exits, by column."""
-    return {c: PAPER["ms"]["mlp"][c] / PAPER["ms"]["mlp-early"][c] for c in COLUMNS}
-
-
 # --- the page and the plot --------------------------------------------------------------------------------------------
 
 
@@ -278,13 +213,10 @@ def page(folder: results.Folder) -> str:
         lines += ["### Every column: time over that of `mlp`", "", *_every(cells, relative=True), ""]
         if gains := gains_of(cells):
             faster, mean = sum(gain > 1 for gain in gains.values()), 100 * (float(np.mean(list(gains.values()))) - 1)
-            lines += [
-                f"`mlp-early` is faster than `mlp` in {faster} of {len(gains)} columns, by {mean:.1f} % on average.",
-                "",
-            ]
+            compared = f"in {faster} of {len(gains)} columns, by {mean:.1f} % on average."
+            lines += [f"`mlp-early` is faster than `mlp` {compared}", ""]
     objects = ", ".join(f"{name} in {n}D" for n, name in sorted({(r["dimension"], r["object"]) for r in folder.rows}))
-    where = "shapes of our own" if folder.settings["shapes"] == OWN else "objects of the paper's data"
-    values = {"objects": objects or "none", "where": where, "budget_text": budget_text(folder.settings)}
+    values = {"objects": objects or "none", "budget_text": budget_text(folder.settings)}
     return folder.page(NAME, devices=lines or ["Nothing has been measured yet."], **values)
 
 
@@ -305,11 +237,12 @@ def _table_2(cells: Mapping[tuple[Variant, Column], Mean]) -> list[str]:
         texts = [_ms(cell.ns * QUERIES / 1e6, 1), f"{1 / cell.ns:.3f}", f"{cell.ratio:.3f}", f"{cell.fp_rate:.2f}"]
         if ours and mlp and variant != EARLY:  # prices in milliseconds for ``QUERIES`` tests
             unit = mlp.ns * QUERIES / 1e6
-            even = break_even(ours.ratio * unit, ours.fp_rate / 100, cell.ratio * unit, cell.fp_rate / 100)
-            never, always = even.least >= even.most, even.least == 0 and even.most == math.inf
-            price = _ms(even.least, 1) if math.isinf(even.most) else f"below {_ms(even.most, 1)}"
+            own, other = ours.ratio * unit, cell.ratio * unit
+            least, most = break_even(own, ours.fp_rate / 100, other, cell.fp_rate / 100)
+            never, always = least >= most, least == 0 and most == math.inf
+            price = _ms(least, 1) if math.isinf(most) else f"below {_ms(most, 1)}"
             price = "always" if always else "never" if never else price
-            factor = f"{even.factor:.1f}" if even.least > 0 and not never else "–"
+            factor = f"{least / other:.1f}" if least > 0 and not never else "–"
         if ms is not None:
             theirs = (f"{ms:g}", f"{QUERIES / ms / 1e6:.2f}", f"{ms / whole:.3f}", f"{variant.paper(TABLE_2):g}")
             texts = [f"{a} ({b})" for a, b in zip(texts, theirs, strict=True)]
@@ -342,18 +275,18 @@ def _every(cells: Mapping[tuple[Variant, Column], Mean], *, relative: bool) -> l
     return markdown([None, *(c.title for c in columns)], ([v.label, *(told(v, c) for c in columns)] for v in variants))
 
 
-def _kind(device: str) -> str:
-    """The kind of a device, for people."""
-    return "CPU" if device == "cpu" else "GPU"
-
-
 def early_plot(devices: Mapping[str, Mapping[tuple[Variant, Column], Mean]]) -> dict[str, bytes]:
     """The paper's early-out plot: time without exits over that with exits, by column; file content by format."""
-    series = {f"ours, {_kind(device)}": gains for device, cells in devices.items() if (gains := gains_of(cells))}
+    series = {
+        f"ours, {'CPU' if device == 'cpu' else 'GPU'}": gains
+        for device, cells in devices.items()
+        if (gains := gains_of(cells))
+    }
     if not series:
         return {}
-    columns, first, theirs = list(next(iter(series.values()))), next(iter(devices.values())), paper_gains()
-    series = {f"the paper's, {PAPER_DEVICE}": {c: theirs[c] for c in columns}} | series
+    columns, first = list(next(iter(series.values()))), next(iter(devices.values()))
+    theirs = {c: PAPER["ms"]["mlp"][c] / PAPER["ms"]["mlp-early"][c] for c in columns}
+    series = {f"the paper's, {PAPER_DEVICE}": theirs} | series
 
     def named(column: Column) -> str:
         """† where the network is hardly tighter than a box: it had no time to learn."""

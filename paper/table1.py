@@ -6,39 +6,24 @@ The run, its page, its plot.
 import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-import typer
 
 from paper import parametric, results
 from paper import table as t
-from paper.cells import (
-    Budget,
-    Cell,
-    Columns,
-    Count,
-    MaybeData,
-    Methods,
-    Objects,
-    Out,
-    Seed,
-    about,
-    fitted,
-    missing,
-    select,
-)
+from paper.cells import Cell, about, fitted, missing, select
 from paper.drawing import INK, PALE, page_of
 from paper.recipes import section
-from paper.results import Rows, markdown, names
+from paper.results import Rows, markdown
 from paper.table import Column, Variant, column_of, variant_of
 from warp_bounding.activations import DEFAULT
-from warp_bounding.cli import quiet_warp
 from warp_bounding.errors import QueryError
+from warp_bounding.runtime.launch import device_of
 
 NAME, OWNED = "table1", ("rank.png", "rank.svg")
-CSV = names("""dimension object query method space leaves protocol fp_rate fn positives certificate fit_seconds
-    proof_seconds nbytes hidden activation budget samples seed length device threads indicator versions""")
+CSV = """dimension object query method space leaves protocol fp_rate fn positives certificate fit_seconds
+    proof_seconds nbytes hidden activation budget samples seed length device threads indicator versions""".split()
 DEFAULTS = {"budget": 60.0, "budgets": "", "samples": 1_000_000, "seed": 0, "length": 1.0, "activation": DEFAULT.name}
 DEFAULTS |= {"device": "cpu"}
 PRESETS = {  # budgets, and random queries
@@ -53,31 +38,16 @@ PRESETS = {  # budgets, and random queries
 KDOP_SECONDS, PAGE_SECONDS = 11.0, 10.0  # after which learning half-spaces has ended; between two writings of the page
 
 
-def command(
-    out: Out,
-    data: MaybeData = None,  # without it, the page and the plot are written anew
-    protocol: Annotated[str | None, typer.Option(help="Truth: exact, sampled as in the paper, or both")] = None,
-    preset: Annotated[
-        str | None, typer.Option(help="Budgets, samples, both protocols of the table: full, hour")
-    ] = None,
-    budget: Budget = None,
-    columns: Columns = None,
-    methods: Methods = None,
-    objects: Objects = None,
-    seed: Seed = None,
-    samples: Count = None,
-    length: Annotated[float | None, typer.Option(help="Length of a ray (default: 1)")] = None,
-    device: Annotated[str | None, typer.Option(help="Warp device (default: cpu)")] = None,
-) -> int:
+def run(output, data=None, protocol=None, preset=None, budget=None, columns=None, methods=None, objects=None, seed=None,
+        samples=None, length=None, device=None) -> int:  # fmt: skip
     """Measure the false positives of every method on every object and query, as in the paper's Table 1.
 
-    Kill it whenever you like: the same command goes on where it stopped. Columns, methods, objects and protocols can be
-    added to a folder later; budgets, samples, seed, length and device are those of its first run. Without --data the
-    page and the plot are written anew. Exit status 1: a cell failed or the run was stopped.
+    Columns, methods, objects and protocols can be added to a folder later; budgets, samples, seed, length and device
+    are those of its first run. Without ``data`` the page and the plot are written anew.
     """
     chosen = {"columns": columns, "methods": methods, "objects": objects, "preset": preset, "budget": budget}
     chosen |= {"samples": samples, "seed": seed, "length": length, "device": device}
-    line = results.command_line(NAME, data=data, out=out, protocol=protocol, **chosen)
+    line = results.command_line(NAME, data=data, out=output, protocol=protocol, **chosen)
     if preset is not None:
         if preset not in PRESETS:
             raise QueryError(f"preset must be one of {', '.join(PRESETS)}, got {preset!r}")
@@ -87,10 +57,10 @@ def command(
         raise QueryError(f"protocol must be one of {', '.join(t.PROTOCOLS)}, both, got {protocol!r}")
     given: dict[str, Any] = {"samples": samples, "seed": seed, "length": length, "device": device}
     given |= t.budgets_in(budget, DEFAULTS["budget"]) if budget is not None else {}
-    quiet_warp(device)
+    device_of(device or DEFAULTS["device"])
     kinds = t.PROTOCOLS if protocol == "both" else (protocol or t.PROTOCOLS[0],)
     cells = select(data, columns, methods, objects) if data is not None else []
-    with results.opened(Path(out), NAME, CSV, DEFAULTS, given, create=data is not None, owned=OWNED) as folder:
+    with results.opened(Path(output), NAME, CSV, DEFAULTS, given, create=data is not None, owned=OWNED) as folder:
         work: dict[Cell, list[str]] = {}
         for cell, kind in missing(cells, folder, "protocol", kinds):
             work.setdefault(cell, []).append(kind)
@@ -102,9 +72,7 @@ def command(
             reported = []
             for row in list(_measured(folder.settings, cell, work[cell], folder)):
                 folder.append(row)
-                reported.append(
-                    f"{row['protocol']} {row['fp_rate']:.3f} % false positives, {row['fn']} false negatives"
-                )
+                reported.append(f"{row['protocol']} FP {row['fp_rate']:.3f} %, FN {row['fn']}")
             if time.monotonic() - written[0] > PAGE_SECONDS:
                 folder.write(results.PAGE, page(folder))
                 written[0] = time.monotonic()
@@ -161,8 +129,7 @@ GROUPS = (
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",
     "sampled": "Truth as the paper finds it: a query counts if one of some hundred random samples of it hits the "
-    "object. "
-    "Thin hits are missed, so more queries count as *no*, and false positives are more.",
+    "object. Thin hits are missed, so more queries count as *no*, and false positives are more.",
 }
 
 
@@ -198,11 +165,8 @@ class Means:
 
     def cell(self, variant: Variant, column: Column) -> str:
         """A cell of the table."""
-        own, paper, parametric = (
-            self.groups.get((variant, column)),
-            variant.paper(column) if self.sampled else None,
-            variant.parametric,
-        )
+        own, parametric = self.groups.get((variant, column)), variant.parametric
+        paper = variant.paper(column) if self.sampled else None
         if own:
             text, signs, count = f"{_mean(own, 'fp_rate'):.2f}", [], len(self.objects[column])
             text = f"**{text}**" if variant in self.best(column) else text
@@ -231,21 +195,16 @@ class Means:
             for variant in variants:
                 own = [r for r in self.rows if variant_of(r) == variant]
                 missed, samples = sum(r["fn"] for r in own), sum(r["samples"] for r in own)
-                reported = f"{missed:,} of {samples:,}" + (
-                    ", **promise broken**" if missed and variant.conservative else ""
-                )
+                broken = ", **promise broken**" if missed and variant.conservative else ""
+                reported = f"{missed:,} of {samples:,}{broken}"
                 held = " / ".join(_size([r for r in own if r["dimension"] == n]) for n in dimensions)
                 lines.append([variant.label, *(self.cell(variant, c) for c in columns), reported, held])
                 if not variant.conservative:
                     found = [self.groups.get((variant, c), ()) for c in columns]
                     rates = [f"{100 * _mean(g, 'fn') / g[0]['samples']:.3f}" if g else NO_METHOD for g in found]
                     lines.append([f"{variant.label}, **false negatives %**", *rates])
-        heads = [
-            None,
-            *(c.title for c in columns),
-            "false negatives",
-            f"memory, {' / '.join(f'{n}D' for n in dimensions)}",
-        ]
+        memory = f"memory, {' / '.join(f'{n}D' for n in dimensions)}"
+        heads = [None, *(c.title for c in columns), "false negatives", memory]
         return markdown(heads, [[*line, *[None] * (len(heads) - len(line))] for line in lines])
 
     def against_the_paper(self) -> str:
@@ -259,11 +218,12 @@ class Means:
                 lower += rate < theirs
                 reported = f"**{rate:.2f}**" if rate < theirs else f"{rate:.2f}"
                 parts.append(f"{column.title} {reported} ({theirs}, {name})")
-        head = (
-            "Our best network against the paper's best network (in brackets, with the name of ours), mean false "
-            "positives %: "
+        head = "Our best network against the paper's best network (in brackets, with the name of ours)"
+        return (
+            f"{head}, mean false positives %: {'; '.join(parts)}. Lower in {lower} of {len(parts)} columns."
+            if parts
+            else ""
         )
-        return f"{head}{'; '.join(parts)}. Lower in {lower} of {len(parts)} columns." if parts else ""
 
 
 def paper_network(column: Column) -> float:
@@ -310,12 +270,8 @@ TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100)  # per cent; what is less than
 def rank_plot(rows: Rows) -> dict[str, bytes]:
     """The paper's rank plot: false-positive rates of every test case (object x query), sorted, a line a method.
 
-    A panel a dimension. Where a table shows means, this shows whether a method is tight always or only on average.
-    Four methods are highlighted, all others grey. Volumes around numbers of queries have panels of their
-    own, with the networks in both. The exact protocol is drawn where there is any.
-
-    Returns:
-        File content by format; nothing if there are no rows to draw.
+    A panel a dimension; volumes around numbers of queries have panels of their own, with the networks in both. The
+    exact protocol is drawn where there is any. Returns file content by format; nothing if there are no rows.
     """
     rows = [r for r in rows if r["method"] in STYLES and r["leaves"] is None]
     protocol = next((p for p in t.PROTOCOLS if any(r["protocol"] == p for r in rows)), None)
@@ -341,13 +297,9 @@ def rank_plot(rows: Rows) -> dict[str, bytes]:
                     found = [r for r in own if r["method"] == method and (here(r) or r["query"] == "point")]
                     if any(here(r) for r in found):
                         rates = np.maximum(np.sort([r["fp_rate"] for r in found]), least)
-                        drawn = {
-                            "color": style[:7],
-                            "marker": style[7],
-                            "markeredgecolor": "white",
-                            "zorder": 3 + main,
-                        }
-                        drawn |= {"markersize": 6, "markeredgewidth": 0.6, "linewidth": 2.4 if main else 1.0}
+                        drawn = {"color": style[:7], "marker": style[7], "markeredgecolor": "white"}
+                        drawn |= {"zorder": 3 + main, "linewidth": 2.4 if main else 1.0}
+                        drawn |= {"markersize": 6, "markeredgewidth": 0.6}
                         every = max(1, -(-len(rates) // 12))
                         (lines[method],) = panel.plot(np.arange(1, len(rates) + 1), rates, markevery=every, **drawn)
                 cases = len({(r["object"], r["query"]) for r in own})

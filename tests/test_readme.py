@@ -95,10 +95,10 @@ def read(words: list[str]) -> None:
         Exception: If it would not be understood.
     """
     program, *arguments = words
-    if program == "warp-bounding" or arguments[:2] == ["-m", "paper"]:
-        own = program == "warp-bounding"
-        app, words = (cli._app(["fit"]), arguments) if own else (paper.__main__._app(), arguments[2:])
-        typer.main.get_command(app).commands[words[0]].make_context(words[0], words[1:])
+    if program == "warp-bounding":
+        typer.main.get_command(cli._app(["fit"])).commands[arguments[0]].make_context(arguments[0], arguments[1:])
+    elif arguments[:2] == ["-m", "paper"]:
+        paper.__main__.parser().parse_args(arguments[2:])
     elif arguments[:2] == ["-m", "sims"]:
         typer.main.get_command(sims.__main__._app()).make_context("sims", arguments[2:])
     elif program == "make":

@@ -3,31 +3,16 @@ wrong."""
 
 import csv
 import json
-import os
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 from commands import check_bad, run
 
 import warp_bounding as wb
 from paper import proofs, results, speed, table1
-from paper.data import objects_in, select_objects
-from paper.table import (
-    COLUMNS,
-    HIDDEN,
-    VARIANTS,
-    Column,
-    Variant,
-    budget_of,
-    budgets_in,
-    select_columns,
-    select_methods,
-)
+from paper.data import grid_of
+from paper.table import HIDDEN, Column, Variant, budget_of, budgets_in
 from warp_bounding.errors import BounderError, BoundingError
 
-ROOT = Path(__file__).parents[2]
 QUICK = ("--columns", "2d-point,2d-ray", "--methods", "aabb,voxels", "--samples", "5000")
 
 
@@ -78,13 +63,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
         ),
         "speed": (("--methods", "magic"), ("--devices", "cuda:7"), ("--queries", "many"), ("--rounds", "0")),
         "proofs": (("--table", "nowhere"), ("--table", data), ("--methods", "aabb"), ("--seconds", "-1")),
-        "figures": (("nobody",), ("objects",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere")),
+        "figures": (("nobody",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere")),
     }
     for name, cases in bad.items():
         for words in cases:
             usual = {
                 "table1": ("--data", data),
-                "speed": (),
+                "speed": ("--data", data),
                 "figures": (),
                 "proofs": ("--data", data, "--table", "t"),
             }[name]
@@ -107,21 +92,23 @@ def test_another_object_is_refused(data, tmp_path, capsys):
     image.write_bytes((data / "2D/disc.png").read_bytes())
     assert run(capsys, *table, "--columns", "2d-point")[0] == 0
     image.write_bytes((data / "2D/half.png").read_bytes())
-    code = "from paper.__main__ import run; run({!r})".format([*map(str, table), "--columns", "2d-box"])
-    own = {"capture_output": True, "text": True, "check": False, "env": os.environ | {"PYTHONPATH": str(ROOT)}}
-    done = subprocess.run([sys.executable, "-c", code], **own)
-    assert done.returncode == 2
-    assert "not the object that" in done.stderr
+    grid_of.cache_clear()  # as in another process
+    status, _, err = run(capsys, *table, "--columns", "2d-box")
+    assert (status, "not the object that" in err) == (2, True)
 
 
-def test_a_race_and_what_is_added_is_raced_with_the_reference(tmp_path, capsys, monkeypatch):
+def test_a_race_and_what_is_added_is_raced_with_the_reference(data, tmp_path, capsys, monkeypatch):
     pytest.importorskip("torch", reason="torch is not installed")
     words = (
         "speed",
         "--out",
         tmp_path,
+        "--data",
+        data,
         "--columns",
         "2d-point",
+        "--objects",
+        "2d/disc",
         "--queries",
         "5000",
         "--rounds",
@@ -143,8 +130,23 @@ def test_a_race_and_what_is_added_is_raced_with_the_reference(tmp_path, capsys, 
     assert "{" not in (tmp_path / "README.md").read_text()
 
 
-def test_a_figure_of_learned_half_spaces_is_proven_and_tighter(tmp_path, capsys):
-    words = ("figures", "kdop", "--quick", "--effort", "0.1", "--out", tmp_path, "--samples", "20000")
+def test_a_figure_of_learned_half_spaces_is_proven_and_tighter(data, tmp_path, capsys):
+    (tmp_path / "own/2D").mkdir(parents=True)
+    for name, like in (("bunny", "disc"), ("star1", "half"), ("dragon1", "disc")):
+        (tmp_path / f"own/2D/{name}.png").write_bytes((data / f"2D/{like}.png").read_bytes())
+    words = (
+        "figures",
+        "kdop",
+        "--data",
+        tmp_path / "own",
+        "--quick",
+        "--effort",
+        "0.1",
+        "--out",
+        tmp_path,
+        "--samples",
+        "20000",
+    )
     status, _, err = run(capsys, *words)
     assert status == 0, err
     parts = json.loads((tmp_path / "kdop.json").read_text())["parts"]
@@ -230,29 +232,6 @@ def test_a_contradiction_and_a_failed_proof_are_told(data, table, capsys, monkey
 
 
 POINT, RAY = Column(2, "point"), Column(3, "ray")
-
-
-def test_selections():
-    assert [c.name for c in select_columns("3d-ray,2d-point, 2D-POINT")] == ["2d-point", "3d-ray"]
-    assert [c.name for c in select_columns("box")] == ["2d-box", "3d-box", "4d-box"]
-    assert (select_columns(None), select_methods(None)) == (list(COLUMNS), list(VARIANTS))
-    assert [v.label for v in select_methods("bvh-16,aabb")] == ["aabb", "aabb (parametric)", "bvh-16"]
-    for select in (select_columns, select_methods):
-        for word in ("", "5d-point", "magic"):
-            with pytest.raises(BoundingError, match="must be among"):
-                select(word)
-
-
-def test_objects(data):
-    found = objects_in(data, (2, 4))
-    assert [o.label for o in found] == ["2d/disc", "2d/half", "4d/disc"]
-    assert [o.label for o in select_objects(found, "half,disc")] == ["2d/half", "2d/disc", "4d/disc"]
-    for word in ("", "dd", "4d/half", "/disc"):
-        with pytest.raises(BoundingError, match="objects must be among"):
-            select_objects(found, word)
-    for place, dimensions, reported in ((data, (3,), r"no 3D/\*.binvox"), (data / "none", (2,), "no such folder")):
-        with pytest.raises(BoundingError, match=reported):
-            objects_in(place, dimensions)
 
 
 def test_of_all_budgets_the_last_that_fits_counts():
