@@ -194,12 +194,13 @@ def undisturbed(shapes: Path, work: Path, fit: list[str]) -> dict:
     start = [sys.executable, "-m", "warp_bounding", "bake", str(shapes), "--output", str(work / "calm")]
     done = subprocess.run([*start, *fit, "--json", "--jobs", str(WORKERS)], stdout=subprocess.PIPE, check=True)
     reported = json.loads(done.stdout)
-    names = ("shapes", "failed", "proven", "seconds", "running_seconds", "task_seconds", "workers")
-    row = {name: reported[name] for name in names}
-    row["overhead"] = 1.0 - reported["task_seconds"] / (reported["workers"] * reported["running_seconds"])
-    files = (work / "calm" / "records").glob("*.json")
-    row["task"] = sorted(Record.read(file).seconds for file in files)
-    row["startup_seconds"] = round(reported["seconds"] - reported["running_seconds"], 3)
+    names = ("shapes", "failed", "proven", "seconds", "task_seconds")
+    row = {name: reported[name] for name in names} | {"workers": WORKERS}
+    ended = {file.stat().st_mtime: Record.read(file).seconds for file in (work / "calm" / "records").glob("*.json")}
+    row["task"] = sorted(ended.values())
+    row["running_seconds"] = max(ended) - min(end - seconds for end, seconds in ended.items())
+    row["overhead"] = 1.0 - reported["task_seconds"] / (WORKERS * row["running_seconds"])
+    row["startup_seconds"] = round(reported["seconds"] - row["running_seconds"], 3)
     return row
 
 

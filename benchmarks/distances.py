@@ -23,7 +23,7 @@ from warp_bounding.shapes.shape import IN, OUT
 
 POINTS, SEGMENTS, ROUNDS, STEPS = 200_000, 100_000, 7, 32
 RADII = (0.0, 0.02, 0.05, 0.1, 0.2)
-WORDS = {"resolution": "cells", "refine": "times finer"}  # of options, for people
+WORDS = {"resolution": "cells"}  # of options, for people
 METHODS = (
     ("aabb", {}),
     ("sphere", {}),
@@ -35,8 +35,7 @@ METHODS = (
     ("distance-grid", {"nodes": 16, "storage": "uint8"}),
     ("distance-grid", {"nodes": 24, "storage": "uint8"}),
     ("distance-grid", {"nodes": 32}),
-    ("distance-grid", {"nodes": 12, "storage": "uint8", "refine": 4}),
-    ("distance-grid", {"nodes": 24, "storage": "uint8", "refine": 2}),
+    ("distance-grid", {"nodes": 40, "storage": "uint8"}),
     ("mlp", {"hidden": (24, 24), "budget": 120}),
     ("mlp", {"hidden": (32, 32), "budget": 120}),
 )

@@ -27,7 +27,7 @@ PAGES = (
 )
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
-    wb.baking.BounderLibrary: ("manifest", "names", "path", "query_pairs", "stack"),
+    wb.baking.BounderLibrary: ("manifest", "names", "path", "stack"),
     wb.baking.BounderStack: ("query",),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
@@ -37,7 +37,7 @@ METHODS = {
     wb.shapes.Mesh: ("to_grid",),
     wb.shapes.MovingMesh: ("to_grid", "vertices_at"),
     wb.Rates: ("to_dict",),
-    StressResult: ("complete", "rate", "to_dict"),
+    StressResult: ("complete", "to_dict"),
 }
 DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("DISTANCES", "METHODS", "__version__")}
 DOCUMENTED |= {"StressResult": StressResult} | {

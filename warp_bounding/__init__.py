@@ -43,7 +43,6 @@ __all__ = [
     "cascade",
     "certify",
     "choose",
-    "choose_among",
     "compact",
     "device_of",
     "evaluate",
@@ -85,7 +84,7 @@ _HOMES = {
     "warp_bounding.proof": ("certify",),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
     "warp_bounding.training": ("fit", "hierarchy"),
-    "warp_bounding.choice": ("Choice", "choose", "choose_among"),
+    "warp_bounding.choice": ("Choice", "choose"),
     "warp_bounding.runtime.launch": ("device_of", "launch_on_cores"),
 }
 _MODULES = ("arms", "baking", "newton", "proof", "shapes", "views")

@@ -12,10 +12,12 @@ import json as json_text
 import math
 import os
 import sys
+import tempfile
+import textwrap
 import time as clock
 import warnings
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -315,21 +317,27 @@ def load_both(file: Path, shape: Path, device: str, options: Mapping[str, Any]) 
     return load(file, device=device), read_shape(shape, options)
 
 
-def other_shape(name: Path, given: str | None, fitted: str | None) -> str:
-    """What to print first where the shape is not that of the fit; empty where it is."""
-    about = f"its SHA-256 is {(given or 'unknown')[:16]}, that of the fit {(fitted or 'unknown')[:16]}"
-    text = f"{name} is not the shape that the bounder was fitted to: {about}. What follows is about {name}."
-    return "" if given == fitted else text
+def about(bounder, path: Path | str, certificate=None, shape: Path | None = None, given: str = "") -> dict[str, Any]:
+    """What ``--json`` says of a bounder, with its certificate or another one, and of a shape, ``given`` its SHA-256."""
+    certificate = certificate or bounder.certificate
+    summary = certificate and certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}
+    found = {"path": path, "method": bounder.method, "query": bounder.query_kind, "bytes": bounder.nbytes}
+    found |= {"certificate": summary}
+    if shape is not None:
+        fitted = bounder.info.get("indicator")
+        found |= {"shape": shape, "same_indicator": given == fitted, "fitted_indicator": fitted}
+    return found
 
 
-def certificate_summary(bounder, certificate) -> dict[str, Any] | None:
-    """A certificate for ``--json``; ``None`` where there is none."""
-    return certificate and certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}
+def other_shape(found: Mapping[str, Any], given: str) -> str:
+    """What to print first where a shape is not that of the fit, by ``about``; empty where it is."""
+    name, fitted = found["shape"], found["fitted_indicator"] or "unknown"
+    digests = f"its SHA-256 is {given[:16]}, that of the fit {fitted[:16]}"
+    text = f"{name} is not the shape that the bounder was fitted to: {digests}. What follows is about {name}."
+    return "" if found["same_indicator"] else text
 
 
 # --- fit -------------------------------------------------------------------------------------------------------------
-
-OF_FIT = ("query", "length", "margin", "force", "resolution", "side", "budget", "seed", "device", "method")
 
 
 @reads_shape
@@ -360,13 +368,12 @@ def fit(
     """
     from warp_bounding.bounders import save
     from warp_bounding.certificates.statement import NOT_CONSERVATIVE
-    from warp_bounding.choice import hardly_trained
     from warp_bounding.evaluation import evaluate as measure
     from warp_bounding.training import fit as train
 
     quiet_warp(device)
     given = {"query": query, "length": length, "margin": margin, "force": force, "resolution": resolution, "side": side}
-    arguments = fit_arguments(rest | given | {"budget": budget, "seed": seed, "device": device})
+    arguments = arguments_of(rest | given | {"budget": budget, "seed": seed, "device": device})
     check_writable(output, shape, *([workload] if workload else []), kind=whole_file.BOUNDER_FILE)
     own, loaded, started = read_queries(workload), read_shape(shape, rest), clock.perf_counter()
     with bar("fit") as update:
@@ -375,27 +382,23 @@ def fit(
     save(bounder, output)
     rates, training = measure(bounder, loaded, samples=samples), bounder.info["training"]
     useless = bounder.query_kind == "distance" and bounder.slack >= bounder.size
-    warning = _looser(bounder)
+    box, quick = bounder.info["rates"]["fp_rate_aabb"], bounder.info["rates"]["fp_rate"]
+    warning = None
     if useless:
-        warning = (
-            f"the offset, {bounder.slack:.3g}, is larger than the object, {bounder.size:.3g}, so this says nothing "
-            "near it; it is the best that was proven in this time: a longer budget, or fewer neurons, helps"
-        )
-    elif not warning and not rest.get("steps") and (little := hardly_trained(bounder)):
-        warning = f"{little}; a longer budget makes it tighter"  # a user who gives steps knows
-    found = {"method": bounder.method, "query": bounder.query_kind, "conservative": bounder.conservative}
-    found |= {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives", "truth")}
-    compiling = training["compile_seconds"]
-    found |= {"fit_seconds": round(seconds, 3), "compile_seconds": compiling, "training": training}
-    found |= {"certificate": certificate_summary(bounder, bounder.certificate), "note": bounder.info.get("note")}
+        warning = f"the offset, {bounder.slack:.3g}, is larger than the object, {bounder.size:.3g}: this says nothing "
+        warning += "near it; a longer budget, or fewer neurons, helps"
+    elif quick > box:
+        warning = f"looser than a box: {quick:.1f} % false positives, method aabb {box:.1f} %"
+        warning += "; a longer budget makes it tighter" if "steps" in training else ""
+    found = about(bounder, output) | {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives")}
+    found |= {"fit_seconds": round(seconds, 3), "training": training, "note": bounder.info.get("note")}
     rate = f"{rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples"
-    of_them = f", {compiling:.1f} of them for compiling kernels" if compiling >= 0.1 else ""
     report(
         json,
-        found | {"warning": warning, "path": output},
+        found | {"truth": rates.truth, "conservative": bounder.conservative, "warning": warning},
         f"{bounder.method}: {rate}, {rates.reported_truth}",
         bounder.certificate.message if bounder.certificate else NOT_CONSERVATIVE,
-        f"{seconds:.1f} s{of_them}; written to {output}",
+        f"{seconds:.1f} s, {training['compile_seconds']:.1f} of them for compiling kernels; written to {output}",
     )
     if warning:
         warn(warning)
@@ -406,59 +409,67 @@ def _options_by_method() -> dict[str, list]:
     """The options of each method, those of its distance included, which the command line does not distinguish."""
     from warp_bounding.bounders import DISTANCES, METHODS
 
-    found = {name: list(cls.options) for name, cls in METHODS.items()}
-    for name, cls in DISTANCES.items():
-        known = found.setdefault(name, [])
-        known += [option for option in cls.options if option.name not in {have.name for have in known}]
-    return found
+    found: dict[str, dict] = {}
+    for name, cls in (*METHODS.items(), *DISTANCES.items()):
+        own = found.setdefault(name, {})
+        for option in cls.options:
+            own.setdefault(option.name, option)
+    return {name: list(options.values()) for name, options in found.items()}
 
 
 def _method_options() -> list[inspect.Parameter]:
-    """The method, and a parameter for each option of a method, in a panel of the methods that take it."""
-    words: dict[str, dict[str, list[str]]] = {}
-    known, kinds = _options_by_method(), {}
+    """The method, and a parameter for each option of a method, in a panel of those that take it."""
+    known, takers = _options_by_method(), {}
     for method, options in known.items():
         for option in options:
-            default = ",".join(map(str, option.default)) if isinstance(option.default, tuple) else option.default
-            shown = option.help + ("" if default is None or default is False else f" (default: {default})")
-            words.setdefault(option.name, {}).setdefault(shown, []).append(method)
-            kinds[option.name] = option.parse if option.parse in (int, bool) else str
+            takers.setdefault(option.name, {})[method] = option
     which = f"{', '.join(known)}; or several, asked one after the other, as in learned-kdop+mlp."
     method = Annotated[str, Option(help=which, autocompletion=lambda: list(known))]
     found = [inspect.Parameter("method", KEYWORD, default="mlp", annotation=method)]
-    for name, texts in words.items():
-        text = "; ".join(f"{', '.join(takers)}: {shown}" for shown, takers in texts.items())
-        takers = list(dict.fromkeys(method for each in texts.values() for method in each))
-        panel = "Options of networks" if "mlp" in takers else f"Options of {', '.join(takers)}"
-        panel = "Options of distances" if len(takers) > len(known) / 2 else panel
-        about = {int: {"parser": whole_number, "metavar": "N"}}.get(kinds[name], {})
-        text = next(iter(texts)) if panel.endswith((takers[0], "distances")) else text
-        flag = [f"--{name}"] if kinds[name] is bool else []  # without a --no-NAME
-        found.append(_option(name, kinds[name], *flag, help=text, rich_help_panel=panel, **about))
+    for name, own in takers.items():
+        whose = "distances" if len(own) > len(known) / 2 else "networks" if "mlp" in own else ", ".join(own)
+        texts: dict[str, list[str]] = {}
+        for method, option in own.items():
+            default = ",".join(map(str, option.default)) if isinstance(option.default, tuple) else option.default
+            shown = option.help + ("" if default is None or default is False else f" (default: {default})")
+            texts.setdefault(shown, []).append(method)
+        words = [text if len(texts) == 1 else f"{', '.join(names)}: {text}" for text, names in texts.items()]
+        about_it = {"help": "; ".join(words), "rich_help_panel": f"Options of {whose}"}
+        parse = next(iter(own.values())).parse
+        about_it |= {"parser": whole_number, "metavar": "N"} if parse is int else {}
+        flag = [f"--{name}"] if parse is bool else []  # without a --no-NAME
+        found.append(_option(name, parse if parse in (int, bool) else str, *flag, **about_it))
     return found
 
 
-def fit_arguments(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of options as keyword arguments of ``fit``; others are ignored.
-
-    Raises:
-        BounderError: For a text that is not what a method's option takes.
-    """
-    known = {option.name: option for options in _options_by_method().values() for option in options}
-    of_method = {name: option.parse(given[name]) for name, option in known.items() if given.get(name) is not None}
-    return {name: given[name] for name in OF_FIT} | of_method
+NOT_PASSED = {"samples", "workload", "checkpoint", "jobs", "scheduler", *READING}  # on to ``fit`` and ``choose``
 
 
-def _looser(bounder) -> str | None:
-    """A warning for a bounder that is looser than a box; ``None`` for others."""
-    from warp_bounding.bounders.bounder import STEPS
+def arguments_of(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of options as keyword arguments of ``fit`` or ``choose``; ``BounderError`` for a text that is none."""
+    found = {name: value for name, value in given.items() if value is not None and name not in NOT_PASSED}
+    parsers = {option.name: option.parse for options in _options_by_method().values() for option in options}
+    parsers |= {"memory": _bytes, "networks": _widths, "methods": lambda text: [w.strip() for w in text.split(",")]}
+    return {name: parsers[name](value) if name in parsers else value for name, value in found.items()}
 
-    rates = bounder.info["rates"]
-    if not rates["fp_rate"] > rates["fp_rate_aabb"]:
-        return None
-    more = "; a longer budget makes it tighter" if any(option is STEPS for option in type(bounder).options) else ""
-    shares = f"{rates['fp_rate']:.1f} % false positives, method aabb {rates['fp_rate_aabb']:.1f} %"
-    return f"looser than a box: {shares} ({rates['samples']:,} samples){more}"
+
+def _bytes(text: str) -> int:
+    """A number of bytes such as 16k, of which k is 1,000; ``BounderError`` for other texts."""
+    word, value = text.strip().lower().removesuffix("b"), 0.0
+    unit = {"k": 1000, "m": 1000**2}.get(word[-1:], 1)
+    with contextlib.suppress(ValueError):
+        value = float(word[:-1] if unit > 1 else word) * unit
+    if not 1 <= value < 2**40:
+        raise BounderError(f"memory must be a number of bytes such as 16k or 4000, got {text!r}")
+    return int(value)
+
+
+def _widths(text: str) -> list[tuple[int, ...]]:
+    """Widths of several networks; ``BounderError`` for other texts."""
+    try:
+        return [tuple(int(width) for width in word.split(",")) for word in text.split() if word.lower() != "none"]
+    except ValueError:
+        raise BounderError(f"networks must be widths such as '24,24 50,50', or none, got {text!r}") from None
 
 
 # --- certify, evaluate, info, query ----------------------------------------------------------------------------------
@@ -495,12 +506,11 @@ def certify(
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
         found = prove(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
-    fitted = bounder.info.get("indicator")
-    verdict = {"proven": found.proven, "same_indicator": found.indicator == fitted, "certified_indicator": fitted}
+    of_both = about(bounder, file, found, shape, found.indicator)
     report(
         json,
-        {"path": file, "shape": shape, **verdict, "certificate": certificate_summary(bounder, found)},
-        other_shape(shape, found.indicator, fitted),
+        of_both | {"proven": found.proven},
+        other_shape(of_both, found.indicator),
         f"{found.kind}: {found.message}",
         f"counterexample: {found.counterexample}" if found.counterexample else "",
         f"{found.boxes:,} boxes, {found.seconds:.2f} s",
@@ -522,7 +532,6 @@ def evaluate(
     length: Annotated[float | None, Option(help="Of a distance that is asked rays: theirs (default: 1).")] = None,
     steps: Annotated[int | None, number_option("Of a distance: most evaluations of a ray (32) or a box (64).")] = None,
     stress: Annotated[int | None, number_option("Ask so many hard positives instead, such as 1e8.", count)] = None,
-    checkpoint: Annotated[Text, Option(metavar="STATE.json", help="Of --stress: its state; goes on from it.")] = None,
     device: Device = "cpu",
     json: Json = False,
     **reading: Text,
@@ -538,53 +547,44 @@ def evaluate(
     """
     from warp_bounding.evaluation import evaluate as measure
 
-    if stress is None and checkpoint is not None:
-        raise QueryError("--checkpoint is for --stress")
     bounder, loaded = load_both(file, shape, device, reading)
     if stress is not None:
-        return _stress(file, shape, bounder, loaded, stress, seed, checkpoint, json)
+        return _stress(file, shape, bounder, loaded, stress, seed, json)
     of_distance = {"radius": radius, "query": query, "length": length, "steps": steps}
     with bar("evaluate") as update:
         seed = 1 if seed is None else seed
         rates = measure(bounder, loaded, samples, protocol, seed=seed, progress=update, **of_distance)
-    fitted = bounder.info.get("indicator")
-    about = {"path": file, "shape": shape, "same_indicator": rates.indicator == fitted, "fitted_indicator": fitted}
-    summary = certificate_summary(bounder, bounder.certificate)
+    of_both = about(bounder, file, None, shape, rates.indicator)
     text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
     where = f"{rates.samples:,} samples ({rates.protocol}), {rates.reported_truth}"
     report(
         json,
-        {**about, "method": bounder.method, **rates.to_dict(), "certificate": summary},
-        other_shape(shape, rates.indicator, fitted),
+        of_both | rates.to_dict(),
+        other_shape(of_both, rates.indicator),
         f"{text}, {rates.positives:.3f} % positives in {where}",
     )
     return 0 if rates.fn == 0 else 1
 
 
-def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed, checkpoint, as_json: bool) -> int:
+def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | None, as_json: bool) -> int:
     """Ask hard positives, and report; the exit status."""
     from warp_bounding.proof import stress_test
 
     with bar("stress") as update:
-        found = stress_test(bounder, loaded, wanted, seed=seed, checkpoint=checkpoint, progress=update)
-    fitted, (form, place) = bounder.info.get("indicator"), (found.missed_form, found.missed_world)
-    kinds = ", ".join(f"{n:,} {form}" for form, n in found.forms.items() if n) or "none"
-    took = f"seed {found.seed}, {found.seconds:.1f} s, {found.rate / 1e6:.1f} million/s"
-    asked = f"{found.done:,} hard positive {found.query} queries"
-    if found.missed is None:
-        ended = "interrupted: " if found.interrupted else ""
-        lines = [f"{ended}{asked} asked, {found.wanted:,} wanted ({kinds}), none missed; {took}"]
-    else:
-        region = f"{found.missed} ({form}{f', the shape placed by {place}' if place else ''})"
-        lines = [
-            f"FALSE NEGATIVE: the {found.query} {region} meets the shape and is answered with no.",
-            f"{asked} were answered with maybe before it ({kinds}); the same again with --seed {found.seed}; {took}",
-        ]
-    if checkpoint and not found.complete:
-        lines.append(f"To go on: the same command again, with --checkpoint {checkpoint}")
-    about = {"path": file, "shape": shape, "same_indicator": found.indicator == fitted}
-    about |= {**found.to_dict(), "rate": round(found.rate)}
-    report(as_json, about, other_shape(shape, found.indicator, fitted), *lines)
+        found = stress_test(bounder, loaded, wanted, seed=seed, progress=update)
+    of_both, ended = about(bounder, file, None, shape, found.indicator), "interrupted: " if found.interrupted else ""
+    asked = f"{ended}{found.done:,} hard positive {found.query} queries, {found.wanted:,} wanted"
+    verdict = "none missed"
+    if found.missed is not None:
+        place = f", the shape placed by {found.missed_world}" if found.missed_world else ""
+        region = f"the {found.query} {found.missed} ({found.missed_form}{place})"
+        verdict = f"FALSE NEGATIVE: {region} meets the shape and is answered with no"
+    report(
+        as_json,
+        of_both | found.to_dict(),
+        other_shape(of_both, found.indicator),
+        f"{verdict}; {asked}; --seed {found.seed}; {found.seconds:.1f} s",
+    )
     return 0 if found.missed is None else 1
 
 
@@ -593,8 +593,6 @@ def info(file: BounderFile, json: Json = False) -> int:
 
     Example: warp-bounding info bunny.safetensors
     """
-    from rich.table import Table
-
     from warp_bounding.bounders import load
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
@@ -606,29 +604,25 @@ def info(file: BounderFile, json: Json = False) -> int:
     proven = certificate is not None and certificate.proven
     if json:
         kept = ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
-        found = {"path": file, "method": bounder.method, "query": bounder.query_kind, "dimension": bounder.ndim}
-        found |= {"side": SIDES[domain.unbounded], "length": domain.length, "conservative": bounder.conservative}
-        found |= {"bytes": bounder.nbytes, "threshold": float(bounder.threshold)}
+        found = about(bounder, file) | {"dimension": bounder.ndim, "conservative": bounder.conservative}
+        found |= {"side": SIDES[domain.unbounded], "length": domain.length, "threshold": float(bounder.threshold)}
         found |= {} if isinstance(bounder, Voxels) else bounder.sizes
         found |= {name: bounder.info.get(name) for name in (*kept, "training", "rates")}
-        print_json(found | {"certificate": certificate_summary(bounder, certificate), "statement": words})
+        print_json(found | {"statement": words})
         return 0 if proven else 1
-    out = console()
-    out.soft_wrap, out.width = False, min(READABLE, out.width) if out.is_terminal else READABLE
-    table = Table.grid(padding=(0, 2))
-    table.add_column(no_wrap=True, style="bold")
-    table.add_column(overflow="fold")
     side = " from the inside" if domain.unbounded else ""
-    about = f"{bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
-    sizes, most = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items()), 90
-    rows = {"method": f"{bounder.method}, {about}", "sizes": sizes[:most] + (" ..." if len(sizes) > most else "")}
+    kind = f"{bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
+    sizes = textwrap.shorten(
+        ", ".join(f"{key} {value}" for key, value in bounder.sizes.items()), 90, placeholder=" ..."
+    )
+    rows = {"method": f"{bounder.method}, {kind}", "sizes": sizes}
     rows |= {"tightness": bounder.tightness} | words
     rows |= {} if certificate else {"threshold": f"{float(bounder.threshold):.9g}"}
-    styles = {"certificate": "green" if proven else "yellow", "note": "yellow"}
+    indent = 2 + max(map(len, rows))
     for key, value in rows.items():
         if value:
-            table.add_row(key, value, style=styles.get(key))
-    out.print(table)
+            line = f"{key:{indent}}{value}"
+            console().print(textwrap.fill(line, READABLE, subsequent_indent=" " * indent, break_on_hyphens=False))
     return 0 if proven else 1
 
 
@@ -658,7 +652,7 @@ def query(
     seconds, content, maybe = clock.perf_counter() - started, io.BytesIO(), int(mask.sum())
     np.save(content, mask)
     write_whole(output, content.getvalue(), whole_file.ARRAY_FILE)
-    found = {"path": file, "points": points, "output": output, "method": bounder.method, "query": bounder.query_kind}
+    found = about(bounder, file) | {"points": points, "output": output}
     share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""
     asked = f"{len(mask):,} {bounder.query_kind} queries"
     report(
@@ -670,9 +664,6 @@ def query(
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------
-
-SHORT = 24  # characters of a remark that stands in the table; longer ones are footnotes
-OF_CHOICE = ("query", "narrow_ns", "length", "overhead_ns", "margin", "budget", "seed", "device", "statistical")
 
 
 @reads_shape
@@ -689,7 +680,7 @@ def choose(
     budget: Annotated[float, Option(help="Seconds for all fits and measurements.")] = 120.0,
     seed: Seed = 0,
     networks: Annotated[str, Option(help="Hidden widths of networks to try; or none.")] = "24,24 16,16 50,50",
-    methods: Annotated[Text, Option(help="Such as bvh,mlp,distance-grid (default: all).")] = None,
+    methods: Annotated[Text, Option(help="Such as bvh,mlp,relu-field (default: all).")] = None,
     statistical: Annotated[bool, Option("--statistical", help="Choose among sampled bounders, too.")] = False,
     checkpoint: Annotated[Text, Option(help="Folder of candidates, to go on (default: OUTPUT with .choice).")] = None,
     device: Device = "cpu",
@@ -700,9 +691,8 @@ def choose(
 
     What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries
     that it leaves to your exact test. The answer may be that none pays; then nothing is written. A plot of cost against
-    the narrow phase's price is written next to the output (.png). What the budget has no room for is listed with the
-    one that it would need. Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed
-    one stopped.
+    the narrow phase's price is written next to the output (.png). What the budget has no room for is listed.
+    Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
 
     Example: warp-bounding choose bunny.obj --narrow-ns 600 --memory 16k --workload points.npy -o chosen.safetensors
     """
@@ -712,7 +702,7 @@ def choose(
     quiet_warp(device)
     given = {"query": query, "narrow_ns": narrow_ns, "length": length, "overhead_ns": overhead_ns, "margin": margin}
     given |= {"memory": memory, "budget": budget, "seed": seed, "device": device, "statistical": statistical}
-    arguments = choose_arguments(given | {"networks": networks, "methods": methods})
+    arguments = arguments_of(given | {"networks": networks, "methods": methods})
     picture = str(Path(output).with_suffix(whole_file.PICTURE_FILE.suffix))
     for path, kind in ((output, whole_file.BOUNDER_FILE), (picture, whole_file.PICTURE_FILE)):
         check_writable(path, shape, *([workload] if workload else []), kind=kind)
@@ -723,81 +713,34 @@ def choose(
     if choice.bounder is not None:
         choice.bounder.save(output)
     write_whole(picture, cost_plot(choice), whole_file.PICTURE_FILE)
-    about, status = choice.about, 1 if choice.about["interrupted"] else 0
-    if json:
-        found = choice.to_dict() | {"path": output if choice.bounder is not None else None, "plot": picture}
-        rows = [{k: None if v != v else v for k, v in row.items()} for row in found["rows"]]  # JSON has no NaN
-        print_json(found | {"rows": rows})
-        return status
-    where = f"{choice.threads} threads of a CPU" if choice.threads else choice.device
-    whose, hint = ("your", "") if workload else ("random", "; --workload x.npy asks those of your simulation")
-    meet = f"{100 * choice.positives:.3g} % meet the object"
-    report(False, {}, f"{choice.queries:,} {whose} queries, {meet}; {where}{hint}")
-    _print_rows(choice)
-    seconds, before, compiling = (about[name] for name in ("seconds", "seconds_before", "compile_seconds"))
-    took = f"{seconds:.0f} s of fits and measurements" + (f", {before:.0f} s before" if before >= 1 else "")
-    took += f", of a budget of {about['budget']:g}"
+    status = 1 if choice.about["interrupted"] else 0
+    found = choice.to_dict() | {"path": output if choice.bounder is not None else None, "plot": picture}
+    found["rows"] = [{k: None if v != v else v for k, v in row.items()} for row in found["rows"]]  # JSON has no NaN
+    whose = "your" if workload else "random (--workload x.npy asks those of your simulation)"
     done = f"written to {output} and {picture}" if choice.bounder is not None else f"no bounder is written; {picture}"
-    prices = "; ".join(f"{stretch.label} from {duration(stretch.price)}" for stretch in choice.prices)
     report(
-        False,
-        {},
+        json,
+        found,
+        f"{choice.queries:,} {whose} queries, {100 * choice.positives:.3g} % meet the object; {choice.device}",
+        *_table(choice),
         choice.why + ".",
-        f"Best by the narrow phase's price: {prices}",
-        choice.more and choice.more + ".",
+        f"Best by the narrow phase's price: {'; '.join(f'{s.label} from {duration(s.price)}' for s in choice.prices)}",
         "Interrupted: some candidates were not fitted; the same command goes on." if status else "",
-        took + (f"; {compiling:.0f} s besides for compiling and loading kernels" if compiling >= 1 else ""),
+        f"{choice.about['seconds']:.0f} s of fits and measurements, of a budget of {budget:g}; "
+        f"{choice.about['compile_seconds']:.0f} s besides for compiling and loading kernels",
         f"{done}; candidates are kept in {kept}, for another choice, and can be deleted",
     )
     return status
 
 
-def _print_rows(choice) -> None:
-    """The candidates in a table, the cheapest first; where the terminal is too narrow, words wrap."""
-    from rich.table import Table
-
-    out, table = console(), Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for name in ("", "bytes", "ns", "left %", "cost ns", "fit s", "certificate"):
-        words = name in ("", "certificate")
-        table.add_column(name, justify="left" if words else "right", no_wrap=not words, overflow="fold")
-    remarks = dict.fromkeys(text for row in choice.rows for text in (row.why_not, row.note) if len(text) > SHORT)
-    number = {remark: f"[{index}]" for index, remark in enumerate(remarks, 1)}
+def _table(choice) -> Iterator[str]:
+    """The candidates in lines, the cheapest first; those that cannot be chosen last, with the reason."""
+    wide = max(len(row.label) for row in choice.rows)
+    yield f"{'':{wide}} {'bytes':>11} {'ns':>8} {'left %':>7} {'cost ns':>8} {'fit s':>6}"
     for row in choice.rows:
-        cost = f"{row.cost:.4g}" if row.cost < 1000 else f"{row.cost:,.0f}"
-        numbers = (f"{row.nanoseconds:.3g}", f"{100 * row.share:.3g}", cost) if row.cost == row.cost else ("", "", "")
-        words = " ".join(number.get(text, text) for text in (row.why_not or row.certificate, row.note))
-        style = "bold" if row.label == choice.label else "dim" if row.why_not else ""
-        seconds, nbytes = (f"{row.seconds:.0f}" if row.seconds else ""), (f"{row.nbytes:,}" if row.nbytes else "")
-        table.add_row(row.label, nbytes, *numbers, seconds, words, style=style)
-    out.width = out.width if out.is_terminal else 10 * READABLE
-    out.print(table, *(f"{index} {remark}" for remark, index in number.items()), sep="\n", crop=False)
-
-
-def choose_arguments(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of options as keyword arguments of ``choose``; others are ignored.
-
-    Raises:
-        BounderError: For sizes or a number of bytes that are none.
-    """
-    memory, methods, networks = given["memory"], given["methods"], given["networks"]
-    try:
-        sizes = [[int(width) for width in word.split(",")] for word in networks.split() if word.lower() != "none"]
-    except ValueError:
-        raise BounderError(f"networks must be widths such as '24,24 50,50', or none, got {networks!r}") from None
-    found = {name: given[name] for name in OF_CHOICE} | {"networks": tuple(map(tuple, sizes))}
-    found["methods"] = None if methods is None else [word.strip() for word in methods.split(",")]
-    return found | {"memory": None if memory is None else _bytes(memory)}
-
-
-def _bytes(text: str) -> int:
-    """A number of bytes such as 16k, of which k is 1,000; ``BounderError`` for other texts."""
-    word, value = text.strip().lower().removesuffix("b"), 0.0
-    unit = {"k": 1000, "m": 1000**2}.get(word[-1:], 1)
-    with contextlib.suppress(ValueError):
-        value = float(word[:-1] if unit > 1 else word) * unit
-    if not 1 <= value < 2**40:
-        raise BounderError(f"memory must be a number of bytes such as 16k or 4000, got {text!r}")
-    return int(value)
+        numbers = f"{row.nanoseconds:8.3g} {100 * row.share:7.3g} {row.cost:8.4g}" if row.cost == row.cost else " " * 25
+        words = row.why_not or row.certificate
+        yield f"{row.label:{wide}} {row.nbytes:11,} {numbers} {row.seconds:6.0f}  {words}".rstrip()
 
 
 # --- bake ------------------------------------------------------------------------------------------------------------
@@ -808,97 +751,66 @@ def bake(
     output: Annotated[str, Option("--output", "-o", help="Folder for bounders, manifest and contact sheet.")],
     jobs: Annotated[int | None, number_option("Worker processes of this machine (default: one a core).", count)] = None,
     scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
-    largest: Annotated[float | None, Option(help="Files above so many megabytes are left out.")] = None,
     json: Json = False,
-    **rest: Any,
+    **given: Any,
 ) -> int:
-    """Fit a bounder to each shape of FOLDER, with the options of fit, or with --narrow-ns choose one for each.
+    """Fit a bounder to each shape of FOLDER, on many processes; with --narrow-ns choose one for each.
 
-    Results are named by a hash of shape, settings and version, and written whole: the same command goes on where one
-    that was stopped or killed has ended. What is wrong with a shape is reported and listed, and the others go on; exit
-    status 1 where there was any. Ctrl-C keeps what is there.
+    What is there is not done again: after whatever ended a bake the same command goes on. A shape that cannot be read
+    or bounded is a row of the manifest with an error. Exit status 1: some failed.
 
-    Example: warp-bounding bake meshes --method mlp --hidden 24,24 --budget 20 -o bounders
+    Example: warp-bounding bake meshes --output bounders --method mlp --hidden 24,24 --budget 20 --margin 0.01
     """
-    from warp_bounding.baking.engine import LARGEST, SHEET, SchedulerError, bake_with
-    from warp_bounding.baking.library import MANIFEST
+    from warp_bounding.baking.engine import MANIFEST, SHEET, Settings, bake_with
 
-    quiet_warp(rest["device"])
-    settings = _settings(rest)
+    quiet_warp(given["device"])
     if jobs is not None and scheduler is not None:
         raise BoundingError("jobs is for workers of this machine, got --jobs and --scheduler")
-    where = {"jobs": jobs, "scheduler": scheduler, "largest": LARGEST if largest is None else largest}
-    try:
-        with bar("bake") as update:
-            done = bake_with(settings, folder, output, progress=update, tell=warn, **where)
-    except SchedulerError as error:
-        print(f"warp-bounding: {error}", file=sys.stderr)
-        return 1
-    for path in done.too_large:
-        warn(f"{path}: left out, it is above --largest")
-    failed = [record.source for record in done.records if record.error]
+    queries, choosing = given["workload"], given["narrow_ns"] is not None
+    read_queries(queries)  # a file that holds none is told before
+    own, options = inspect.signature(choose if choosing else fit).parameters, _bake_options()
+    passed = {name: value for name, value in given.items() if name in own or value != options[name].default}
+    settings = Settings(arguments_of(passed), reading_of(given), queries and str(queries.resolve()), given["samples"])
+    with bar("bake") as update:
+        done = bake_with(settings, folder, output, jobs=jobs, scheduler=scheduler, progress=update)
+    for record in (record for record in done.records if record.error):
+        warn(f"{record.source}: {record.error}")
     proven = sum(record.certificate == "proven" for record in done.records)
     shapes, manifest, sheet = len(done.records), Path(output) / MANIFEST, Path(output) / SHEET
-    found = {"shapes": shapes, "baked": done.baked, "kept": done.kept, "failed": len(failed), "proven": proven}
-    found |= {"foreign": done.foreign, "too_large": done.too_large, "errors": failed, "workers": done.workers}
-    found |= {name: round(getattr(done, name), 3) for name in ("seconds", "task_seconds", "running_seconds")}
+    found = {name: getattr(done, name) for name in ("baked", "kept", "failed", "foreign")}
+    found |= {name: round(getattr(done, name), 3) for name in ("seconds", "task_seconds")}
+    found |= {"shapes": shapes, "proven": proven, "out": output, "manifest": manifest, "contact_sheet": sheet}
     kept = f", {done.kept:,} were there already" if done.kept else ""
     others = f"; {done.foreign:,} other files" if done.foreign else ""
     report(
         json,
-        found | {"out": output, "manifest": manifest, "contact_sheet": sheet},
-        f"{shapes:,} shapes: {done.baked:,} baked{kept}, {len(failed):,} failed; {proven:,} proven{others}",
+        found,
+        f"{shapes:,} shapes: {done.baked:,} baked{kept}, {done.failed:,} failed; {proven:,} proven{others}",
         f"{done.seconds:.1f} s, {done.task_seconds:.1f} s of work; {manifest}, {sheet}",
     )
-    return 1 if failed else 0
-
-
-def _parameters(command: Callable) -> dict[str, inspect.Parameter]:
-    """The options of ``fit`` or ``choose`` that ``bake`` has, too."""
-    own = ("shape", "output", "checkpoint", "json")
-    found = {name: p for name, p in inspect.signature(command).parameters.items() if name not in own}
-    return {name: p.replace(kind=KEYWORD) for name, p in found.items()}
+    return 1 if done.failed else 0
 
 
 def _bake_options() -> dict[str, inspect.Parameter]:
-    """All options of ``fit``, with fewer samples, and those that only ``choose`` has, none of which must be given."""
+    """All options of ``fit``, with fewer samples, and those of ``choose``, none of which must be given."""
     from warp_bounding.baking.engine import SAMPLES
 
-    found = _parameters(choose) | _parameters(fit)
+    own = ("shape", "output", "checkpoint", "json")
+    parameters = (inspect.signature(choose).parameters | inspect.signature(fit).parameters).items()
+    found = {name: p.replace(kind=KEYWORD) for name, p in parameters if name not in own}
     found["narrow_ns"] = _option("narrow_ns", float, help="Choose instead: nanoseconds of your exact test for a query.")
     return found | {"samples": found["samples"].replace(default=SAMPLES)}
 
 
-def _settings(given: dict[str, Any]):
-    """How each shape is baked; ``BoundingError`` where options do not go together."""
-    from warp_bounding.baking.engine import Settings
-
-    queries, fitted = given["workload"], given["narrow_ns"] is None
-    if queries is not None:
-        read_queries(queries)
-        queries = str(queries.resolve())
-    of_fit, of_choose = set(_parameters(fit)), set(_parameters(choose))
-    stated = {name for name, parameter in _bake_options().items() if given[name] != parameter.default}
-    for name in sorted(stated & (of_choose - of_fit if fitted else of_fit - of_choose - {"samples"})):
-        wanted = "a choice, which --narrow-ns asks for" if fitted else "a fit, and --narrow-ns asks for a choice"
-        got = f"got {given[name]!r} {'without it' if fitted else 'too'}"
-        raise BoundingError(f"--{name.replace('_', '-')} is for {wanted}; {got}")
-    of_choice = given | {"statistical": bool(given["statistical"])}
-    arguments = fit_arguments(given) if fitted else choose_arguments(of_choice)
-    return Settings(arguments, reading_of(given), queries, given["samples"])
-
-
 # --- show ------------------------------------------------------------------------------------------------------------
-
-PANELS = 3  # of several radii or times that were not named, in a picture
 
 
 @reads_shape
 def show(
     file: BounderFile,
     shape: ShapeFile,
-    screenshot: Annotated[Text, Option(metavar="FILE.png", help="Write a picture, open no window.")] = None,
-    html: Annotated[Text, Option(metavar="FILE.html", help="Write a web page that turns with the mouse.")] = None,
+    screenshot: Annotated[Text, Option(metavar="FILE.png", help="Write a picture.")] = None,
+    html: Annotated[Text, Option(metavar="FILE.html", help="Write the web page there, and open no browser.")] = None,
     radius: Annotated[Text, Option(help="Of a distance: radii such as 0,0.05,0.1; object units.")] = None,
     time: Annotated[Text, Option(help="Of a shape that moves: a time, or several such as 0,0.5,1.")] = None,
     slice_: Annotated[Text, Option("--slice", metavar="K=VALUE,...", help="Hold coordinates, from 0 on.")] = None,
@@ -915,12 +827,12 @@ def show(
 ) -> int:
     """Show where FILE says maybe around SHAPE, and where its answers to random points are wrong.
 
-    Without --screenshot or --html a window opens. A distance is shown at several radii, a shape that moves at several
-    times; more than three coordinates need --slice.
+    Without --screenshot or --html a web page opens in the browser. A distance is shown at several radii, a shape that
+    moves at several times; more than three coordinates need --slice.
 
     Example: warp-bounding show bunny.safetensors bunny.obj --html bunny.html
     """
-    from warp_bounding.views.draw import Window, check_display, page, picture
+    from warp_bounding.views.draw import page, picture
     from warp_bounding.views.view import needed, view_of
 
     radii, times = (
@@ -929,19 +841,19 @@ def show(
     )
     held = _held(slice_)
     if cut is not None and screenshot is None:
-        raise QueryError("--cut is for --screenshot; windows and pages have a plane that cuts")
+        raise QueryError("--cut is for --screenshot; pages have a plane that cuts")
     for path, kind in ((screenshot, whole_file.PICTURE_FILE), (html, whole_file.PAGE_FILE)):
         if path is not None and Path(path).suffix.lower() != kind.suffix:
             raise BoundingError(f"{path}: expected a name that ends with {kind.suffix}")
         if path is not None:
             check_writable(path, file, shape, kind=kind)
+    opened = html is None and screenshot is None
+    if opened:
+        _check_browser()
+        html = os.path.join(tempfile.mkdtemp(), f"{file.stem}{whole_file.PAGE_FILE.suffix}")
     needed("pyvista")
     if html is not None:
         needed("plotly")
-    if screenshot is None and html is None:
-        if json:
-            raise QueryError("--json is for --screenshot or --html; a window prints nothing")
-        check_display()
     bounder, loaded = load_both(file, shape, device, reading)
     with bar("show") as update:
         options = {"resolution": resolution, "samples": samples, "seed": seed, "progress": update}
@@ -951,13 +863,12 @@ def show(
     if html is not None:
         write_whole(html, page(view, view.title, up).encode(), whole_file.PAGE_FILE)
     if screenshot is not None:
-        panels = view if radii or times else replace(view, states=_spread(view.states))
-        write_whole(screenshot, picture(panels, view.title, up, cut), whole_file.PICTURE_FILE)
-    fitted, names = bounder.info.get("indicator"), ("label", "fp_rate", "fn", "samples", "undecided")
-    found = {"method": bounder.method, "query": bounder.query_kind, "bytes": bounder.nbytes}
-    found |= {"asked": view.asked or None, "same_indicator": view.indicator == fitted, "fitted_indicator": fitted}
+        write_whole(screenshot, picture(view, view.title, up, cut), whole_file.PICTURE_FILE)
+    if opened:
+        webbrowser.open(Path(html).as_uri())
+    names = ("label", "fp_rate", "fn", "samples", "undecided")
+    found = about(bounder, file, None, shape, view.indicator) | {"asked": view.asked or None}
     found |= {"states": [{name: getattr(state, name) for name in names} for state in view.states]}
-    found |= {"certificate": certificate_summary(bounder, bounder.certificate), "path": file, "shape": shape}
     rates = [(f"{view.asked} {state.label}: " if state.label else "") + state.rates for state in view.states]
     report(
         json,
@@ -965,9 +876,15 @@ def show(
         *(f"{bounder.method}: {text}" for text in rates),
         *(f"written to {path}" for path in filter(None, (html, screenshot))),
     )
-    if html is None and screenshot is None:
-        Window(view, view.title, up).open()
     return 0
+
+
+def _check_browser() -> None:
+    """Raises ``BoundingError`` where no browser can be opened, with what works without one."""
+    try:
+        webbrowser.get()
+    except webbrowser.Error:
+        raise BoundingError("there is no browser here: expected --screenshot FILE.png or --html FILE.html") from None
 
 
 def _held(text: str | None) -> dict[int, float]:
@@ -977,8 +894,3 @@ def _held(text: str | None) -> dict[int, float]:
         return {int(axis): float(value) for axis, _, value in words}
     except ValueError:
         raise QueryError(f"slice must be coordinates and values such as 3=0.5,4=0, got {text!r}") from None
-
-
-def _spread(states: list) -> list:
-    """The first, the last, and some in between."""
-    return [states[k] for k in sorted({round(k * (len(states) - 1) / (PANELS - 1)) for k in range(PANELS)})]

@@ -558,7 +558,7 @@ def choose(arguments) -> dict:
     )
     found["chosen"], found["why"], found["seconds"] = choice.label, choice.why, choice.about["seconds"]
     found["compile seconds"] = choice.about["compile_seconds"]
-    names = ("label", "nbytes", "nanoseconds", "share", "cost", "why_not", "note")
+    names = ("label", "nbytes", "nanoseconds", "share", "cost", "why_not")
     found["rows"] = [{name: getattr(row, name) for name in names} for row in choice.rows]
     found["prices"] = [each._asdict() for each in choice.prices]
     return found

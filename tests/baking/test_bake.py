@@ -12,7 +12,7 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.baking import engine as module
-from warp_bounding.baking.engine import SHEET, Job, Record, Settings, all_records, bake_shape, bake_with, jobs_of
+from warp_bounding.baking.engine import SHEET, Job, Record, Settings, bake_shape, bake_with, jobs_of
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
@@ -32,18 +32,13 @@ def folder(tmp_path) -> Path:
 
 
 def jobs(folder: Path, settings: Settings = KDOP) -> dict[str, Job]:
-    return {job.record.name: job for job in jobs_of(folder, folder.parent / "out", settings, 1.0)[0]}
+    return {job.record.name: job for job in jobs_of(folder, folder.parent / "out", settings)[0]}
 
 
 def in_this_process(monkeypatch) -> None:
     """Let bakes have no workers but this process."""
 
-    def ended(open_, out, done, *_):
-        for job in open_:
-            yield (record := Record(**bake_shape(job)))
-            done.baked, done.failed = done.baked + (not record.error), done.failed + bool(record.error)
-
-    monkeypatch.setattr(module, "_ended", ended)
+    monkeypatch.setattr(module, "_ended", lambda open_, *_: (Record(**bake_shape(job)) for job in open_))
 
 
 def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder, monkeypatch):
@@ -69,8 +64,6 @@ def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder,
     assert {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")} == written
     job = jobs(folder)["blob"]
     assert Record(**bake_shape(job)) == replace(job.done(), picture="")  # as Dask asks once more when a worker dies
-    job.bounder_path.write_bytes(job.bounder_path.read_bytes()[:-1])
-    assert job.done() is None  # damaged
     job.record.path_in(out).write_text("{")
     assert bake_with(KDOP, folder, out).baked == 1
     other = bake_with(Settings({"method": "aabb", "device": "cpu"}, samples=1000), folder, out)
@@ -107,8 +100,7 @@ def test_whatever_a_shape_does_is_a_record_and_a_full_disk_is_none(folder, monke
     with monkeypatch.context() as patched:
         patched.setattr(Settings, "bounder", fails)
         assert bake_shape(job)["error"] == "MemoryError: no room at all"
-    (record,) = all_records(Path(job.out))
-    assert record.error
+    assert Record.read(job.record.path_in(Path(job.out))).error
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(FileFormatError, match="No space left on device"):
         bake_shape(job)
@@ -149,23 +141,17 @@ def test_folders_are_looked_through(folder):
     for inside in ("inside", ".hidden"):
         (folder / inside).mkdir()
         np.save(folder / inside / "a.npy", np.eye(3))
-    np.save(folder / "large.npy", np.zeros(200_000, bool))
-    found, too_large, foreign = jobs_of(folder, folder / "out", KDOP, 0.1)
+    found, foreign = jobs_of(folder, folder / "out", KDOP)
     assert [job.record.source for job in found] == ["blob.npy", "broken.stl", "star.npy", "inside/a.npy"]
-    assert (too_large, foreign) == (["large.npy"], 1)
+    assert foreign == 1
+    (folder / "empty").mkdir()
     with pytest.raises(ShapeError, match="no shapes, expected files of"):
-        jobs_of(folder / ".hidden", folder, KDOP, 1e-6)
+        jobs_of(folder / "empty", folder, KDOP)
     with pytest.raises(ShapeError, match="no such folder"):
-        jobs_of(folder / "none", folder, KDOP, 1.0)
+        jobs_of(folder / "none", folder, KDOP)
 
 
-def test_only_one_bake_at_a_time_and_only_in_a_folder_of_its_own(folder):
-    out = folder.parent / "out"
-    module.prepare(out)
-    (left := out / ".blob-0123456789ab.safetensors.abc").write_bytes(b"half")  # by a worker that was killed
-    with module.locked(out), pytest.raises(FileFormatError, match="another bake writes to it"):
-        wb.baking.bake(folder, out, method="kdop", progress=False)
-    assert not left.exists()
+def test_a_bake_has_a_folder_of_its_own(folder):
     (other := folder.parent / "other").mkdir()
     (other / "manifest.csv").write_text("mine")
     with pytest.raises(FileFormatError, match="holds other files"):
@@ -173,26 +159,25 @@ def test_only_one_bake_at_a_time_and_only_in_a_folder_of_its_own(folder):
     assert (other / "manifest.csv").read_text() == "mine"
     with pytest.raises(BounderError, match="another folder than that of the shapes"):
         wb.baking.bake(folder, folder, method="kdop", progress=False)
-    for options in ({"jobs": 0}, {"largest": 0}):
-        with pytest.raises(BoundingError, match=f"{next(iter(options))} must be"):
-            wb.baking.bake(folder, out, progress=False, **options)
+    with pytest.raises(BoundingError, match="jobs must be"):
+        wb.baking.bake(folder, folder.parent / "out", progress=False, jobs=0)
 
 
 # --- on processes of this machine ------------------------------------------------------------------------------------
 
 
-def bake_dying(folder: Path, lines: list[str]):
+def bake_dying(folder: Path):
     from dying import DyingSettings
 
     settings = DyingSettings(KDOP.arguments, samples=1000, mark=str(folder.parent / "mark"))
-    return bake_with(settings, folder, folder.parent / "out", jobs=1, progress=False, tell=lines.append)
+    return bake_with(settings, folder, folder.parent / "out", jobs=1, progress=False)
 
 
 def test_a_worker_that_is_killed_loses_nothing(folder):
-    done = bake_dying(folder, lines := [])
+    done = bake_dying(folder)
     assert (folder.parent / "mark").exists()
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
-    assert any("broken.stl: " in line and "got none" in line for line in lines)
+    assert ["got none" in record.error for record in done.records] == [False, True, False]
     library = wb.baking.BounderLibrary(folder.parent / "out", device="cpu")
     assert library.names == ["blob", "star"]
     assert all(bounder.certificate.proven for bounder in library.values())

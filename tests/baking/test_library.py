@@ -37,7 +37,7 @@ def test_pairs_are_asked_as_one_by_one(library, rng):
     queried = rng.integers(0, len(library), len(x))
     expected = np.stack([bounder.query(x).numpy() for bounder in library.values()])[queried, np.arange(len(x))]
     assert 0 < expected.mean() < 1
-    assert (library.query_pairs(queried, x).numpy() == expected).all()
+    assert (library.stack().query(queried, x).numpy() == expected).all()
     stack = library.stack()
     assert len(stack.groups) == 2
     assert {len(group.members) for group in stack.groups} == {1, 3}
@@ -76,7 +76,7 @@ def test_a_group_is_asked_in_a_kernel_of_ones_own(library, rng):
     q = wp.array(x, dtype=wp.vec3, device="cpu")
     inputs = [group.data, group.slots, wp.array(numbers, dtype=wp.int32, device="cpu"), q]
     wp.launch(ask, len(x), inputs, [out], device="cpu")
-    assert (out.numpy() == library.query_pairs(numbers, x).numpy()).all()
+    assert (out.numpy() == library.stack().query(numbers, x).numpy()).all()
 
 
 def test_numbers_of_no_bounder_are_maybe_or_refused(library):
@@ -84,11 +84,11 @@ def test_numbers_of_no_bounder_are_maybe_or_refused(library):
     numbers = wp.array([0, -1, 99], dtype=wp.int32, device="cpu")
     assert library.stack().query(numbers, far).numpy().tolist() == [0, 1, 1]
     with pytest.raises(QueryError, match="shape_indices must be from 0 to 3, got 99"):
-        library.query_pairs([0, 0, 99], far)
+        library.stack().query([0, 0, 99], far)
     with pytest.raises(QueryError, match="one for each query"):
-        library.query_pairs([0], far)
+        library.stack().query([0], far)
     with pytest.raises(QueryError, match="whole numbers"):
-        library.query_pairs([0.0, 0.0, 0.0], far)
+        library.stack().query([0.0, 0.0, 0.0], far)
 
 
 def test_what_is_no_stack_is_refused():

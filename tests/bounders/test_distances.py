@@ -463,36 +463,17 @@ def test_forms_against_dense_points(method, name, rng):
         assert (dense[outside] <= exact[outside] * (1 + share) + 0.05 * size).all()
 
 
-@pytest.mark.parametrize(
-    ("storage", "name", "refine"),
-    [*((each, "c", refine) for each in STORAGES for refine in (1, 4)), (STORAGES[-1], "tetrahedron", 4)],
-)
-def test_storages(storage, name, refine, rng, tmp_path):
-    shape, reported = thing(name), {"nodes": 12 if refine == 1 else 6, "storage": storage, "refine": refine}
+@pytest.mark.parametrize(("storage", "name"), [*((each, "c") for each in STORAGES), (STORAGES[-1], "tetrahedron")])
+def test_storages(storage, name, rng, tmp_path):
+    shape, reported = thing(name), {"nodes": 12 if name == "c" else 6, "storage": storage}
     bounder = wb.fit(shape, "distance", "distance-grid", **reported, device="cpu", progress=False)
     assert bounder.certificate.proven
     assert bounder.tensors["values"].dtype == storage
-    assert bounder.refined.any() == (refine > 1)
     x = points_around(shape, 3000, rng)
-    own = slice(len(x))
-    if refine > 1:  # F may jump where cells meet finer ones, and float32 may take a point for one of the next cell
-        lower, upper = bounder.pieces()
-        chosen = rng.integers(len(lower), size=len(x))
-        v, axis, rows = (
-            rng.uniform(lower[chosen], upper[chosen]),
-            rng.integers(shape.ndim, size=len(x)),
-            np.arange(len(x)),
-        )
-        v[rows, axis] = np.where(rng.random(len(v)) < 0.5, lower[chosen, axis], upper[chosen, axis])
-        x = np.concatenate([x, around := bounder.domain.to_object(v).astype(np.float32)])
-        for way in (-np.inf, np.inf):
-            moved = around.copy()
-            moved[rows, axis] = np.nextafter(moved[rows, axis], np.float32(way))
-            x = np.concatenate([x, moved])
     g, exact, known = bounder.distance(x).numpy(), bounder.exact(x), shape.distances(x)
     assert (g <= known[:, 1]).all()
-    assert (g[own] <= exact[own]).all()
-    assert (g[own] > 0).sum() > 0.8 * (known[own, 0] > 0).sum()
+    assert (g <= exact).all()
+    assert (g > 0).sum() > 0.8 * (known[:, 0] > 0).sum()
     bounder.save(tmp_path / "g.safetensors")
     again = wb.load(tmp_path / "g.safetensors", device="cpu")
     assert (again.distance(x).numpy() == g).all()
@@ -534,7 +515,7 @@ def test_excesses_hold(rng):
 
 def test_grids_that_are_refused():
     grid = thing("c")
-    for option, value in (("nodes", 1), ("nodes", 2.5), ("storage", "float64"), ("refine", 3), ("refine", 32)):
+    for option, value in (("nodes", 1), ("nodes", 2.5), ("storage", "float64")):
         with pytest.raises(BounderError, match=option):
             wb.fit(grid, "distance", "distance-grid", **{option: value})
     bounder = far("distance-grid", "c")
@@ -543,21 +524,8 @@ def test_grids_that_are_refused():
             DistanceGrid(bounder.domain, {"values": values}, bounder.sizes, "cpu")
     with pytest.raises(BounderError, match="stored"):
         DistanceGrid(bounder.domain, {"values": np.zeros((3, 3), np.float32)}, bounder.sizes, "cpu")
-    refined = wb.fit(grid, "distance", "distance-grid", nodes=6, refine=2, device="cpu", progress=False)
-    bits = refined.tensors["refined"]
-    fewer = bits & (bits - 1).astype(np.uint32)
-    beyond = bits | np.uint32(1 << 31)
-    for tensors, sizes in (
-        (refined.tensors | {"refined": fewer}, refined.sizes),
-        (refined.tensors | {"refined": beyond}, refined.sizes),
-        (refined.tensors | {"refined": bits[:0]}, refined.sizes),
-        (refined.tensors | {"blocks": refined.tensors["blocks"].astype(np.float32)}, refined.sizes),
-        (refined.tensors, refined.sizes | {"refine": 4}),
-        (refined.tensors, refined.sizes | {"refine": 1}),
-        ({"values": refined.tensors["values"]}, refined.sizes),
-    ):
-        with pytest.raises(BounderError):
-            DistanceGrid(refined.domain, tensors, sizes, "cpu")
+    with pytest.raises(BounderError, match="no longer read"):
+        DistanceGrid(bounder.domain, bounder.tensors, bounder.sizes | {"refine": 2}, "cpu")
     unknown = wb.shapes.Function(
         lambda x: (x**2).sum(axis=1) < 1,
         [-1, -1],

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import webbrowser
 
 import numpy as np
 import pytest
@@ -27,7 +28,6 @@ BAD = [
     f"{{out}} {{c}} {PAGE} --samples 0",
     f"{{out}} {{c}} {PAGE} --up w",
     f"{{rays}} {{c}} {PAGE}",
-    "{out} {c} --json",
 ]
 
 
@@ -67,12 +67,19 @@ def test_what_is_missing_is_named(bounders, capsys, monkeypatch, tmp_path):
             patch.setitem(sys.modules, package, None)
             err = run(capsys, *words, "--html", tmp_path / "p.html")[2]
         assert err == f"warp-bounding: show needs {package}: pip install 'warp-bounding[show]'\n"
-    monkeypatch.setattr(sys, "platform", "linux")
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
+    opened = []
+    monkeypatch.setattr(webbrowser, "get", lambda: None)
+    monkeypatch.setattr(webbrowser, "open", opened.append)
+    assert run(capsys, *words, *QUICK)[0] == 0
+    assert opened[0].endswith("/out.html")
+    monkeypatch.setattr(webbrowser, "get", broken_browser)
     status, out, err = run(capsys, *words)
     check_bad(status, out, err)
     assert "expected --screenshot FILE.png or --html FILE.html" in err
+
+
+def broken_browser():
+    raise webbrowser.Error
 
 
 def test_pages_and_what_is_printed(bounders, capsys, tmp_path):

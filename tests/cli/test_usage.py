@@ -54,14 +54,12 @@ BAD = {
     "query {out} {q} -o {notes}": "notes.txt",
     "query {out} {q} -o {dir}/./out.safetensors": "is read here",
     "evaluate {out} {c} --stress many": "expected a whole number from 1 to 1e+15, such as 1e6, got 'many'",
-    "evaluate {out} {c} --stress 9 --checkpoint {c}": "c.npy",
-    "evaluate {out} {c} --checkpoint {dir}/new.json": "--checkpoint is for --stress",
     "stress {out} {c}": "No such command 'stress'; it is evaluate --stress now",
     "choose {c} --narrow-ns 1 --memory much " + NEW: "memory must be a number of bytes such as 16k or 4000, got 'much'",
     "choose {c} --narrow-ns 1 --workload {dir}/none.npy " + NEW: "does not exist",
     "choose {c} --narrow-ns 1 --networks 24-24 " + NEW: "networks must be widths such as '24,24 50,50', or none",
     "choose {c} --narrow-ns 1 -o {notes}": "notes.txt",
-    "choose {c} --narrow-ns 1 --checkpoint {dir} " + NEW: "holds other files",
+    "choose {c} --narrow-ns 1 --checkpoint {c} " + NEW: "c.npy",
 }
 
 

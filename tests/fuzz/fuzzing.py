@@ -35,7 +35,7 @@ from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.proof import check
 from warp_bounding.proof.stress import DistancePositives, HardStream, Missed
 from warp_bounding.queries import oracle
-from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives
+from warp_bounding.queries.hard import FORMS, HardPositives
 from warp_bounding.shapes import Grid
 from warp_bounding.shapes.shape import Shape
 
@@ -123,15 +123,14 @@ def _regions_through(query: str, p: np.ndarray, rng: np.random.Generator, size: 
     return np.concatenate([p, way] if query == "ray" else [way, p], axis=1)
 
 
-_KNOWN: dict[tuple, HardPositives | HardShapePositives] = {}
+_KNOWN: dict[tuple, HardPositives] = {}
 
 
-def _positives(query: str, shape: Shape, length: float) -> HardPositives | HardShapePositives:
+def _positives(query: str, shape: Shape, length: float) -> HardPositives:
     """One stream for all shapes that are the same; a shape's pool of border points takes a while."""
     key = query, shape.digest, shape.margin, shape.unbounded, length
     if key not in _KNOWN:
-        kind = HardPositives if isinstance(shape, Grid) else HardShapePositives
-        _KNOWN[key] = kind(query, shape, length, "cpu")
+        _KNOWN[key] = HardPositives(query, shape, length, "cpu")
     return _KNOWN[key]
 
 

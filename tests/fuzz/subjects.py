@@ -206,7 +206,6 @@ def subjects() -> list[Subject]:
             if kind.supports("distance", ndim):
                 found.append(Subject(f"{method} distance {name}", name, partial(_distance, method, name)))
     found.append(Subject("mlp distance c in parts", "c", partial(_distance, "mlp", "c", parts=20)))
-    found.append(Subject("distance-grid distance c refined", "c", partial(_distance, "distance-grid", "c", refine=4)))
     for query, methods in CASCADES.items():
         found.append(Subject(f"{methods} {query} c", "c", partial(_cascade, methods, "c", query)))
     return found

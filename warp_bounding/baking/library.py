@@ -165,33 +165,6 @@ class BounderLibrary(Picklable, Mapping):
         """
         return BounderStack([self[name] for name in (self.names if names is None else names)])
 
-    def query_pairs(self, shape_indices, points):
-        """Ask each query of a bounder of its own: ``stack().query``, with the stack kept.
-
-        Args:
-            shape_indices: ``(N,)`` whole numbers: places in ``names``.
-            points: ``(N, m)`` queries, each in the coordinates of its own shape.
-
-        Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not.
-
-        Raises:
-            QueryError: As ``stack`` and ``BounderStack.query`` do.
-
-        Example:
-            >>> bounder.save("bounders/ball.safetensors")
-            >>> library = wb.baking.BounderLibrary("bounders", device="cpu")
-            >>> library.query_pairs(np.zeros(100, np.int32), points).shape
-            (100,)
-        """
-        return self._stack.query(shape_indices, points)
-
-    @cached_property
-    def _stack(self) -> "BounderStack":
-        if not self._keys:
-            raise QueryError(f"{self.folder}: there are no bounders in it")
-        return self.stack()
-
     def __repr__(self) -> str:
         return f"<library of {len(self)} bounders in {self.folder}>"
 

@@ -4,12 +4,11 @@ All three put certain positives to the deployed kernels. None of them proves any
 
 *Statistical test* (``statistical_test``). With N independent positives of a stated distribution and none denied, the
 rate of false negatives *under that distribution* is below ``1 - alpha^(1/N)`` with confidence ``1 - alpha`` (Clopper
-and
-Pearson 1934), about 3/N at 95 %. (Half of the positives come from each of two proposals, which only strengthens this,
-by the inequality of the means.) The threshold is frozen first, by a search that earns no confidence, and the rule that
-ends the count, a number or a time, must not depend on the answers. A failure lowers the threshold, and the count begins
-anew. With enough attempts any bounder passes in the end; so attempt i (from 0) spends ``alpha / 2^(i+1)``, and all of
-them together no more than alpha. Whoever made the bounder must not know the positives: to check one, take a
+and Pearson 1934), about 3/N at 95 %. (Half of the positives come from each of two proposals, which only strengthens
+this, by the inequality of the means.) The threshold is frozen first, by a search that earns no confidence, and the rule
+that ends the count, a number or a time, must not depend on the answers. A failure lowers the threshold, and the count
+begins anew. With enough attempts any bounder passes in the end; so attempt i (from 0) spends ``alpha / 2^(i+1)``, and
+all of them together no more than alpha. Whoever made the bounder must not know the positives: to check one, take a
 ``fresh_seed``.
 
 *Adversarial search* (``Walk``). From positives a population walks down f by random steps. The exact oracle checks every
@@ -17,12 +16,11 @@ query, and the deployed kernel computes its f, so a query that is found with f b
 that threshold.
 
 *Stress test* (``stress_test``). Hard positives by the hundred million contradict proofs, kernels, compilers and
-machines. They are certain by construction: ``HardStream`` for points and regions, ``DistancePositives`` for distances.
-Chunk k of a stream depends on the seed and k alone, so that a test can be stopped, resumed and repeated.
+machines. ``HardStream`` asks points and regions, ``DistancePositives`` distances. Chunk k of a stream depends on the
+seed and k alone, so that a test can be repeated.
 """
 
 import contextlib
-import json
 import secrets
 import time
 from collections.abc import Callable, Sequence
@@ -34,20 +32,17 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
-from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, document, fn_rate_bound
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch
-from warp_bounding.errors import BounderError, FileFormatError, QueryError
+from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.search import Search
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.queries.boundary import border_points
-from warp_bounding.queries.hard import FORMS, HardPositives, HardShapePositives, World, draw_positives
+from warp_bounding.queries.hard import FORMS, HardPositives, World, draw_positives
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.runtime.whole_file import check_writable, write_whole
-from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import IN, Shape
 
 CONFIDENCE = 0.95  # 1 - alpha
@@ -65,9 +60,7 @@ CHUNK = 2**18  # queries that a stress test draws and asks at a time
 CYCLE = ("float32",) * 6 + ("float64", "placed")  # the forms of successive chunks
 DISTANCE_FORMS = ("balls", "nearest", "segments", "rays", "boxes")
 WORLDS = 8  # placements that are tried, each gentler, before it is concluded that the certificate covers none
-SAVED_EVERY = 2.0  # seconds between two writings of the state
 MOST_SEED = 2**63 - 1
-STATE = 2  # version of the state file
 POOL = 1 << 16  # border points of a shape, for distances
 MOVES = (2.0**-26, 2.0**1)  # of the shape's longest side: the least and the largest move, radius, or side
 ROUNDING = 2.0**-40  # relative: more than what a few sums, products and roots of float64 round
@@ -274,48 +267,43 @@ class HardStream:
         positives: Those of the shape, where they are known already.
     """
 
-    def __init__(self, bounder: Bounder, shape: Shape, positives: HardPositives | HardShapePositives | None = None):
-        kind = HardPositives if isinstance(shape, Grid) else HardShapePositives
+    def __init__(self, bounder: Bounder, shape: Shape, positives: HardPositives | None = None):
+        self.bounder, self.shape, self.forms, self.cycle = bounder, shape, FORMS, CYCLE
         about = bounder.query_kind, shape, bounder.domain.oracle_length, bounder.device
-        self.bounder, self.shape, self.positives = bounder, shape, positives or kind(*about)
-        self.forms, self.cycle = FORMS, CYCLE
+        self.positives = positives or HardPositives(*about)
 
     def ask(self, seed: int, chunk: int, count: int) -> tuple[str, int, Missed | None]:
-        """Ask a chunk of the stream: its form, how many certain positives it has, and the first one that was missed.
-
-        Raises:
-            BounderError: If what was missed is no positive, in rational arithmetic.
-        """
+        """Ask a chunk of the stream: its form, how many certain positives it has, and the first one that was missed."""
         form, options, world = self.cycle[chunk % len(self.cycle)], {}, None
         if form == "placed":
-            world, options = self._placement(np.random.default_rng([seed, chunk]))
+            world, options = self._placement(np.random.default_rng([seed, chunk, 1]))
             form = form if world else "float32"
-        x, certain = (each.numpy() for each in self.positives.draw(seed, chunk * count, count, form, world))
-        x = x[certain != 0]
+        x = self.positives.draw(seed, chunk, count, form, world)
         missed = np.flatnonzero(self.bounder.query(x, **options).numpy() == 0)
         if not len(missed):
             return form, len(x), None
-        q, kind = x[missed[0]], self.positives.kind
-        if world is None and not kind.certain(self.shape, q[None], self.positives.length)[0]:
-            raise BounderError(f"the stress test drew a {kind.name} that does not meet the object: {q.tolist()}")
         placed = {name: np.asarray(value).tolist() for name, value in options.items()} or None
-        return form, len(x), Missed(q.tolist(), form, placed)
+        return form, len(x), Missed(x[missed[0]].tolist(), form, placed)
 
     def _placement(self, rng: np.random.Generator) -> tuple[World | None, dict]:
         """A placement that the bounder's certificate covers; each one that is tried is gentler than the one before."""
-        nothing = np.zeros((0, self.positives.columns), np.float32)
-        for gentle in range(WORLDS if self.positives.placeable else 0):
-            world, options = random_world(self.shape, rng, gentle)
+        kind, n = self.positives.kind, self.shape.ndim
+        for gentle in range(WORLDS):
+            world, options = random_world(self.shape, rng, gentle, exact=kind.is_region)
             with contextlib.suppress(QueryError):
-                self.bounder.query(nothing, **options)
+                self.bounder.query(np.zeros((0, kind.columns(n)), np.float32), **options)
                 return world, options
         return None, {}
 
 
-def random_world(shape: Shape, rng: np.random.Generator, gentle: int = 0) -> tuple[World, dict]:
+def random_world(shape: Shape, rng: np.random.Generator, gentle: int = 0, exact: bool = False) -> tuple[World, dict]:
     """A random placement of a shape, without a move in time.
 
-    ``gentle``: how often the ranges of translations and of the scale's exponent are halved.
+    Args:
+        shape: The shape.
+        rng: Of the placement.
+        gentle: How often the ranges of translations and of the scale's exponent are halved.
+        exact: A signed permutation and 1 or 2 times the size: float32 queries of the shape stay float32 in the world.
 
     Returns:
         The map, and the ``xform`` and ``scale`` that bounders take for it.
@@ -323,10 +311,10 @@ def random_world(shape: Shape, rng: np.random.Generator, gentle: int = 0) -> tup
     n, first = shape.ndim, int(shape.time)
     spatial, share = n - first, 0.5**gentle
     rotation, _ = np.linalg.qr(rng.normal(size=(spatial, spatial)))
-    if rng.random() < 0.25:  # a signed permutation: boxes stay boxes
+    if exact or rng.random() < 0.25:
         rotation = np.eye(spatial)[rng.permutation(spatial)] * rng.choice([-1.0, 1.0], spatial)
-    scale = np.exp2(rng.uniform(-1, 1, spatial) * share)
-    position = rng.uniform(-1, 1, spatial) * (shape.upper - shape.lower)[first:].max() * share
+    scale = np.full(spatial, 2.0 ** rng.integers(2)) if exact else np.exp2(rng.uniform(-1, 1, spatial) * share)
+    position = rng.uniform(-1, 1, spatial) * (shape.upper - shape.lower)[first:].max() * share * (not exact)
     forward, inverse, translation, matrix = np.eye(n), np.eye(n), np.zeros(n), np.eye(spatial + 1)
     forward[first:, first:], inverse[first:, first:] = rotation * scale, rotation.T / scale[:, None]
     translation[first:], matrix[:-1, :-1], matrix[:-1, -1] = position, rotation, position
@@ -469,34 +457,30 @@ class StressResult:
         query: Kind of query.
         seed: Seed of the stream.
         wanted: Positives that were to be queried.
+        indicator: SHA-256 of the shape.
         done: Positives asked in whole chunks; the chunk with a missed one is not among them.
-        chunks: Whole chunks of the stream that are done.
         forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays,
             boxes.
-        seconds: Time taken, earlier parts of a resumed test included.
+        seconds: Time taken.
         missed: The first query that was answered with no, as given to the bounder, or ``None``.
         missed_form: The form of that query.
         missed_world: Where the shape was placed, for a query in the world: ``xform`` (a matrix) and ``scale``.
         interrupted: Whether Ctrl-C ended the test.
-        bounder: SHA-256 of its tensors, domain and threshold.
-        indicator: SHA-256 of the cells.
 
     Example:
         >>> from warp_bounding.proof import stress_test
         >>> result = stress_test(bounder, grid, 10_000, seed=1)
-        >>> result.missed is None, result.complete
-        (True, True)
+        >>> result.missed is None, result.complete, result.to_dict()["query"]
+        (True, True, 'point')
     """
 
     method: str
     query: str
     seed: int
     wanted: int
-    bounder: str
     indicator: str
     done: int = 0
-    chunks: int = 0
-    forms: dict[str, int] = field(default_factory=lambda: dict.fromkeys(FORMS, 0))
+    forms: dict[str, int] = field(default_factory=dict)
     seconds: float = 0.0
     missed: list[float] | None = None
     missed_form: str | None = None
@@ -512,16 +496,6 @@ class StressResult:
             True
         """
         return self.done >= self.wanted or self.missed is not None
-
-    @property
-    def rate(self) -> float:
-        """Positives per second.
-
-        Example:
-            >>> stress_test(bounder, grid, 1000, seed=1).rate > 0
-            True
-        """
-        return self.done / self.seconds if self.seconds else 0.0
 
     def to_dict(self) -> dict:
         """JSON-ready.
@@ -539,7 +513,6 @@ def stress_test(
     count: int = 100_000_000,
     *,
     seed: int | None = None,
-    checkpoint: str | Path | None = None,
     progress: Callable[[int, int, str], None] | None = None,
     budget: float = float("inf"),
 ) -> StressResult:
@@ -549,11 +522,9 @@ def stress_test(
         bounder: The bounder, or the path of its file.
         shape: The shape that it bounds, or anything that ``load_shape`` takes.
         count: Positives to ask. Whole chunks are queried, so there may be some more.
-        seed: Seed of the stream, from 0 to 2^63 - 1; if ``None`` the one of the checkpoint, or a fresh one.
-        checkpoint: JSON file that is written during the test. If it exists, the test goes on from there, and the seed
-            must be the same.
+        seed: Seed of the stream, from 0 to 2^63 - 1; a fresh one if ``None``.
         progress: Called after each chunk with positives asked, wanted, and a note.
-        budget: Seconds allowed for this call.
+        budget: Seconds allowed.
 
     Returns:
         What was done. Ctrl-C ends the test, and the result says so.
@@ -561,78 +532,31 @@ def stress_test(
     Raises:
         QueryError: For a shape that the bounder's claim cannot be about, as one of another dimension, or a count or
             seed out of range.
-        FileFormatError: If the checkpoint cannot be read or written, or belongs to another bounder, shape or seed.
     """
-    for name, value, least, most in (("count", count, 1, 2**62), ("seed", 0 if seed is None else seed, 0, MOST_SEED)):
+    seed = fresh_seed() if seed is None else seed
+    for name, value, least, most in (("count", count, 1, 2**62), ("seed", seed, 0, MOST_SEED)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not least <= value <= most:
             raise QueryError(f"{name} must be a whole number from {least} to {most}, got {value!r}")
     bounder, shape = in_local(bounder_of(bounder), shape)
     shape = as_fitted(bounder, shape)
     if (other := mismatch(bounder, shape)) and other != OUTSIDE:
         raise QueryError(other)
-    about = {"method": bounder.method, "query": bounder.query_kind, "sizes": bounder.sizes}
-    about |= {"domain": bounder.domain.to_dict(), "threshold": float(bounder.threshold)}
-    digest = digest_of(bounder.tensors, about)  # of what the answers depend on
-    result = StressResult(bounder.method, bounder.query_kind, -1, int(count), digest, shape.digest)
-    far = bounder.of_distances
-    result.forms = dict.fromkeys(DISTANCE_FORMS if far else FORMS, 0)
-    result = _resumed(result, None if seed is None else int(seed), checkpoint)
-    if checkpoint is not None:
-        check_writable(checkpoint)
-    started = saved = time.perf_counter()
-    before, stream = result.seconds, (DistancePositives if far else HardStream)(bounder, shape)
+    stream = (DistancePositives if bounder.of_distances else HardStream)(bounder, shape)
+    result = StressResult(bounder.method, bounder.query_kind, int(seed), int(count), shape.digest)
+    result.forms, started, chunk = dict.fromkeys(stream.forms, 0), time.perf_counter(), 0
     try:
         while not result.complete and time.perf_counter() - started < budget:
-            form, queried, missed = stream.ask(result.seed, result.chunks, CHUNK)
-            # changed only now, so that an interruption leaves no half of a chunk
+            form, queried, missed = stream.ask(result.seed, chunk, CHUNK)
+            chunk += 1
             if missed is not None:
                 result.missed, result.missed_form, result.missed_world = missed
             else:
-                result.done, result.chunks = result.done + queried, result.chunks + 1
+                result.done += queried
                 result.forms[form] += queried
-            result.seconds = round(before + time.perf_counter() - started, 3)
+            result.seconds = round(time.perf_counter() - started, 3)
             if progress:
-                progress(min(result.done, result.wanted), result.wanted, f"{result.rate / 1e6:.1f} million/s")
-            if checkpoint is not None and time.perf_counter() - saved > SAVED_EVERY:
-                _save(result, checkpoint)
-                saved = time.perf_counter()
+                rate = result.done / max(result.seconds, 1e-9) / 1e6
+                progress(min(result.done, result.wanted), result.wanted, f"{rate:.1f} million/s")
     except KeyboardInterrupt:
         result.interrupted = True
-    result.seconds = round(before + time.perf_counter() - started, 3)
-    if checkpoint is not None:
-        _save(result, checkpoint)
     return result
-
-
-def _save(result: StressResult, checkpoint: str | Path) -> None:
-    write_whole(checkpoint, json.dumps({"soak": STATE, **result.to_dict()}, allow_nan=False).encode())
-
-
-def _resumed(fresh: StressResult, seed: int | None, checkpoint: str | Path | None) -> StressResult:
-    """The test that the checkpoint file holds, or else ``fresh``; with its seed."""
-    if checkpoint is None or not Path(checkpoint).is_file():
-        fresh.seed = fresh_seed() if seed is None else seed
-        return fresh
-    remedy = "give another file, or remove it"
-    try:
-        held = json.loads(Path(checkpoint).read_text())
-        version = held.pop("soak")
-        old = StressResult(**held) if version == STATE else fresh
-        numbers = (old.done, old.chunks, *old.forms.values())
-        sound = all(type(v) is int and v >= 0 for v in numbers) and type(old.seed) is int
-        sound = sound and set(old.forms) == set(fresh.forms) and sum(old.forms.values()) == old.done
-        if not sound or not 0 <= float(old.seconds) < float("inf"):
-            raise ValueError("numbers")
-    except (ValueError, TypeError, KeyError, AttributeError, OSError, RecursionError) as error:
-        raise FileFormatError(f"{checkpoint}: not the checkpoint of a stress test, or damaged") from error
-    if version != STATE:
-        reported = f"the checkpoint of a stress test of another version ({version!r}, this one is {STATE})"
-        raise FileFormatError(f"{checkpoint}: {reported}; {remedy}")
-    fresh.seed = old.seed if seed is None else seed
-    for name in ("bounder", "indicator", "seed"):
-        if getattr(old, name) != getattr(fresh, name):
-            what = "shape" if name == "indicator" else name
-            raise FileFormatError(f"{checkpoint}: the checkpoint of a stress test of another {what}; {remedy}")
-    old.wanted, old.interrupted = fresh.wanted, False
-    old.missed = old.missed_form = old.missed_world = None  # found again: its chunk does not count as done
-    return old

@@ -79,12 +79,6 @@ class Query(ABC):
         oracle_body: C text of the exact truth (``exact.loop_snippet``).
         sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``registry.SampledOracle``), by
             its paper's recipe.
-        hard_draw: C text of a hard positive (``hard``): from a point ``p`` of the object to a query's numbers ``a[N]``
-            and ``b[N]``.
-        hard_to_world: C text from these to the numbers ``q`` of the query in the world.
-        hard_certain: C text that clears ``sure`` unless the rounded query ``x`` meets the cell for certain. It is given
-            ``cell``, ``at``, ``vector``, ``normal`` and their errors, ``rho``, ``slack`` and ``inset`` (``hard``).
-        hard_certain_placed: The same for a query in the world, where it is another text.
         decider: Name of the method of shapes that decides queries of this kind.
         directed: Of each n of a query's numbers, whether they are a direction without a length; else they are a point.
         map_text: The C text from the numbers ``q`` to the coordinates ``v``.
@@ -98,10 +92,6 @@ class Query(ABC):
     hard_positives: str
     oracle_body: ClassVar[str]
     sampled_point: ClassVar[str] = ""
-    hard_draw: ClassVar[str]
-    hard_to_world: ClassVar[str]
-    hard_certain: ClassVar[str]
-    hard_certain_placed: ClassVar[str] = ""
     decider: ClassVar[str] = ""
     directed: ClassVar[tuple[bool, ...]]
     map_text: ClassVar[str]
@@ -169,7 +159,7 @@ class Query(ABC):
 
     @abstractmethod
     def barely(self, grid: Grid, p: np.ndarray, rng: np.random.Generator, length: float, outside: bool) -> np.ndarray:
-        """Queries ``(N, m)`` float64 that barely pass points ``(N, n)`` of the object: ``hard_draw``, in NumPy.
+        """Queries ``(N, m)`` float64 that barely pass points ``(N, n)`` of the object.
 
         With ``outside``, queries that are given by points outside the domain are among them. Rounding may move some off
         the object.
@@ -193,9 +183,15 @@ class Query(ABC):
     def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         """Queries ``(N, m)`` float64 near ``x``: points move by shares ``move`` of the domain, directions turn."""
 
+    def hardest(
+        self, grid: Shape, p: np.ndarray, rng: np.random.Generator, length: float, hulls: list[np.ndarray]
+    ) -> np.ndarray:
+        """As ``barely``, for stress tests; ``hulls`` are those of the grid."""
+        return self.barely(grid, p, rng, length, True)
+
     def hulls(self, grid: Grid) -> list[np.ndarray]:
-        """Hull corners of each component ``(V, 2 n)``, with a cell, for ``hard_draw``; zeros where it needs none."""
-        return [np.zeros((1, 2 * grid.ndim))]
+        """Hull corners ``(V, n)`` of each component, object space, where ``hardest`` needs them."""
+        return []
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------
     # A ``domain`` is a ``Domain`` or ``RegionDomain`` of this kind, ``base`` its domain of points.

@@ -64,45 +64,6 @@ class BoxQuery(Query):
     sampled_point = """
 for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
 """
-    hard_draw = f"""
-const bool spanning = u() < 0.5;  // about half of its sides reach the end of the domain; NumPy's twin is ``barely``
-for (int k = 0; k < N; ++k) for (int side = 0; side < 2; ++side) {{
-    const double chosen = u(), end = side ? upper[k] : lower[k];
-    double share = u() * (chosen < 0.5 ? {NARROW} : 1.0);
-    if (chosen > 0.5 && spanning) share = 1.0;
-    if (chosen < {TOUCHING}) share = 0.0;
-    if (chosen > {1 - BEYOND}) share = 1.0 / power({FARTHEST});
-    (side ? b : a)[k] = share == 0.0 ? p[k] : p[k] + share * (end - p[k]);
-}}
-"""
-    hard_to_world = """
-// a box of the world around the point: its sides reach as far as the box of the object does
-for (int k = 0; k < N; ++k) {
-    const double center = moved(p, k) + place.data[k];
-    double below = 0.0, above = 0.0;
-    for (int j = 0; j < N; ++j) {
-        const double size = fabs(forward[k * N + j]);
-        below += size * (p[j] - a[j]), above += size * (b[j] - p[j]);
-    }
-    q[k] = center - below, q[N + k] = center + above;
-}
-"""
-    hard_certain = """
-for (int k = 0; k < N; ++k) {
-    const At low = at(0, k), high = at(N, k);
-    sure &= x[k] <= x[N + k] && low.to(cell[k] + 0.5) >= low.err && high.to(cell[k] - 0.5) <= -high.err;
-}
-"""
-    hard_certain_placed = """
-for (int k = 0; k < N; ++k) {  // the point, which lies inside its cell, lies in the box
-    double size = fabs(place.data[k]);
-    for (int j = 0; j < N; ++j) size += fabs(forward[k * N + j] * p[j]);
-    const double center = moved(p, k) + place.data[k];
-    sure &= (double)x[k] <= center - slack * size && (double)x[N + k] >= center + slack * size;
-    const double t = p[k] * map.data[k] - map.data[N + k];
-    sure &= fabs(t - cell[k]) <= 0.5 - slack * (fabs(p[k] * map.data[k]) + fabs(map.data[N + k]) + 1.0);
-}
-"""
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)

@@ -16,22 +16,6 @@ NARROW = 1e-3  # the largest size that "barely" means: of the domain, or of an e
 PARALLEL, NEARLY = 0.1, 0.1  # shares of the entries of hard directions that are 0, and that are scaled by NARROW
 SCALED = 0.2  # share of hard directions whose length is not 1
 
-# A direction d of length 1 and what it is stretched by, where kernels draw hard positives (``hard``).
-HARD_DIRECTION = f"""
-double d[N], norm = 0.0;
-for (int k = 0; k < N; ++k) {{
-    d[k] = u() + u() - 1.0;
-    const double chosen = u();
-    if (chosen < {PARALLEL + NEARLY}) d[k] *= chosen < {PARALLEL} ? 0.0 : {NARROW};
-    norm += d[k] * d[k];
-}}
-if (!(norm > 1e-12)) {{ for (int k = 0; k < N; ++k) d[k] = k == 0; norm = 1.0; }}
-norm = sqrt(norm);
-for (int k = 0; k < N; ++k) d[k] /= norm;
-double stretch = 1.0;
-if (u() < {SCALED}) stretch = u() < 0.5 ? power(12) : 1.0 / power(12);
-"""
-
 
 def sample_directions(ndim: int, count: int, rng: np.random.Generator) -> np.ndarray:
     """``(count, n)`` float32 directions of length 1 (up to rounding), by uniform spherical angles."""

@@ -30,7 +30,6 @@ from warp_bounding.queries.base import (
 )
 from warp_bounding.queries.directions import (
     FAR_POINT,
-    HARD_DIRECTION,
     MOVING,
     hard_directions,
     hard_lengths,
@@ -44,9 +43,12 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
 from warp_bounding.runtime.native import literal
 from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 
 AWAY = 8.0  # a hard plane's given point is up to so many times as far from the object's as a random point of the domain
-SMALLEST_STEP = 24  # a hard plane is a quarter of a cell, halved up to so many times, from being tangent
+TANGENT = 0.6  # share of the hard planes of a grid that are tangent to a hull, or nearly
+SMALLEST_STEP = 26  # these are a quarter to 2^-26 of a cell from being tangent
+AT_ONCE = 1024  # tangents that are laid to one component's hull
 LANES = 8  # hull corners that one vector instruction takes
 GROUPS = 4  # groups of LANES corners after which the kernel looks whether it knows enough
 
@@ -153,55 +155,6 @@ for (int k = 1; k < N; ++k) {
 }
 y[0] = (double)q[N] - rest / (double)q[0];
 """
-    hard_draw = (
-        HARD_DIRECTION
-        + f"""
-if (u() < 0.6) {{  // tangent to a component, or a little inside of that
-    const int c = (int)(u() * components);
-    int best = groups.data[c];
-    double most = -1.0e300;
-    for (int v = groups.data[c]; v < groups.data[c + 1]; ++v) {{
-        double height = 0.0;
-        for (int k = 0; k < N; ++k) height += d[k] / map.data[k] * corners.data[(size_t)v * (2 * N) + k];
-        if (height > most) most = height, best = v;
-    }}
-    const double inwards = u() < 0.4 ? inset / fastest : 0.25 / fastest * power({SMALLEST_STEP});
-    for (int k = 0; k < N; ++k) {{
-        cell[k] = (int)corners.data[(size_t)best * (2 * N) + N + k];
-        p[k] = (corners.data[(size_t)best * (2 * N) + k] + map.data[N + k]) / map.data[k] - inwards * d[k];
-    }}
-}}
-double along = 0.0, far = u() < 0.5 ? 0.0 : u() < 0.5 ? 1.0 : 1.0 + 11.0 * u();
-for (int k = 0; k < N; ++k) {{ b[k] = lower[k] + u() * (upper[k] - lower[k]) - p[k]; along += b[k] * d[k]; }}
-for (int k = 0; k < N; ++k) {{
-    b[k] = p[k] + far * (b[k] - along * d[k]);
-    a[k] = d[k] * stretch;
-}}
-"""
-    )
-    hard_to_world = """
-for (int k = 0; k < N; ++k) {
-    q[N + k] = moved(b, k) + place.data[k];
-    q[k] = 0.0;  // a normal turns with the transposed inverse
-    for (int j = 0; j < N; ++j) q[k] += inverse[j * N + k] * a[j];
-}
-"""
-    hard_certain = """
-bool below = false, above = false;
-double m[N], me[N];
-At c[N];
-for (int k = 0; k < N; ++k) c[k] = at(N, k), m[k] = normal(0, k) / map.data[k], me[k] = normal_error(0, k) / map.data[k];
-for (int corner = 0; corner < (1 << N); ++corner) {
-    double height = 0.0, bound = 0.0;
-    for (int k = 0; k < N; ++k) {
-        const double reach = c[k].to(cell[k] + ((corner >> k) & 1 ? 0.5 : -0.5)), term = m[k] * reach;
-        height += term;
-        bound += fabs(term) * rho + (fabs(m[k]) + me[k]) * c[k].err + me[k] * fabs(reach);
-    }
-    below |= height <= -bound, above |= height >= bound;
-}
-sure &= below && above;
-"""  # noqa: E501
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
@@ -248,18 +201,24 @@ sure &= below && above;
         away *= np.where(chosen < 0.5, 0.0, np.where(chosen < 0.75, 1.0, far))
         return np.concatenate([d * hard_lengths(len(p), rng), p + away], axis=1)
 
+    def hardest(
+        self, grid: Shape, p: np.ndarray, rng: np.random.Generator, length: float, hulls: list[np.ndarray]
+    ) -> np.ndarray:
+        """Of a grid most are tangent to a component's hull, or a little inside of that."""
+        q, n = super().hardest(grid, p, rng, length, hulls), grid.ndim
+        tangent = np.flatnonzero(rng.random(len(q)) < TANGENT) if hulls else []
+        for part in np.array_split(tangent, 1 + len(tangent) // AT_ONCE):
+            if len(part):
+                corners = hulls[rng.integers(len(hulls))]
+                d = q[part, :n] / np.linalg.norm(q[part, :n], axis=1, keepdims=True)
+                inwards = np.exp2(-rng.uniform(2, SMALLEST_STEP, (len(part), 1))) / grid.cells_per_unit.max()
+                inwards = np.where(rng.random(inwards.shape) < 0.4, 0.0, inwards)
+                best = corners[(d @ corners.T).argmax(axis=1)] - inwards * d
+                q[part, n:] += ((best - q[part, n:]) * d).sum(axis=1, keepdims=True) * d
+        return q
+
     def hulls(self, grid: Grid) -> list[np.ndarray]:
-        n, found = grid.ndim, []
-        padded = np.pad(grid.occupancy, 1)
-        for part in components(grid.occupancy):
-            corners = part.corners
-            cells = np.zeros_like(corners)
-            for shift in np.ndindex((2,) * n):
-                neighbour = corners - shift
-                there = padded[tuple((neighbour + 1).T)]
-                cells[there] = neighbour[there]
-            found.append(np.concatenate([corners - 0.5, cells], axis=1).astype(np.float64))
-        return found
+        return [grid.position(part.corners - 0.5) for part in components(grid.occupancy)]
 
     def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
         n = grid.ndim

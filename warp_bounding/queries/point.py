@@ -48,14 +48,6 @@ class PointQuery(Query):
     every = "every point of the domain"
     hard_positives = "points of the object, mostly on its border (of cells: on faces, edges and corners)"
     oracle_body = _BODY
-    hard_draw = "for (int k = 0; k < N; ++k) a[k] = p[k];"
-    hard_to_world = "for (int k = 0; k < N; ++k) q[k] = moved(a, k) + place.data[k];"
-    hard_certain = """
-for (int k = 0; k < N; ++k) {
-    const At c = at(0, k);
-    sure &= c.to(cell[k] - 0.5) <= -c.err && c.to(cell[k] + 0.5) >= c.err;
-}
-"""
 
     @property
     def positive(self) -> str:

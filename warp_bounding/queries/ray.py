@@ -25,7 +25,6 @@ import numpy as np
 from warp_bounding.queries.base import FAR, FARTHEST_SUM, GUARD, LATER, PARALLEL, Query, WorldMap, direction_rounding
 from warp_bounding.queries.directions import (
     FAR_POINT,
-    HARD_DIRECTION,
     MOVING,
     UNIT,
     hard_directions,
@@ -184,44 +183,6 @@ class RayQuery(Query):
     sampled_point = """
 const double along = length * uniform() / size;
 for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
-"""
-    hard_draw = (
-        HARD_DIRECTION
-        + f"""
-const double where = u();
-double t = u() * (u() < 0.5 ? length : length < across ? length : across);
-if (where < {AT_END}) t = length * {ALMOST};
-else if (where < {AT_END + AT_START}) t = 0.0;
-bool outside = false;
-for (int k = 0; k < N; ++k) {{
-    a[k] = p[k] - t * d[k];
-    outside |= a[k] < lower[k] || a[k] > upper[k];
-    b[k] = d[k] * stretch;
-}}
-if (outside && u() < {1 - FROM_OUTSIDE}) for (int k = 0; k < N; ++k) a[k] = p[k];
-"""
-    )
-    hard_to_world = "for (int k = 0; k < N; ++k) { q[k] = moved(a, k) + place.data[k]; q[N + k] = moved(b, k); }"
-    hard_certain = """
-double square = 0.0;
-for (int k = 0; k < N; ++k) { const double v = vector(N, k); square += v * v; }
-const double last = length / sqrt(square);
-// inset > 0: the numbers are float64 or placed, and the end carries up to 16 of their relative errors
-double begin_ = 0.0, end_ = last - last * (inset > 0.0 ? slack * 16.0 : rho);
-sure &= square > 0.0;
-for (int k = 0; k < N; ++k) {
-    const At c = at(0, k);
-    const double err = c.err + last * vector_error(N, k) * map.data[k], v = vector(N, k) * map.data[k];
-    const double near = c.to(cell[k] - 0.5) + err, far = c.to(cell[k] + 0.5) - err;
-    // entries of drawn directions that are not 0 are far larger than this, so their quotients are finite
-    if (fabs(v) < 1e-280) { sure &= near <= 0.0 && far >= 0.0; continue; }
-    const double first_u = (v > 0.0 ? near : far) / v, last_u = (v > 0.0 ? far : near) / v;
-    const double a_sure = first_u + fabs(first_u) * rho, b_sure = last_u - fabs(last_u) * rho;
-    begin_ = a_sure > begin_ ? a_sure : begin_;
-    end_ = b_sure < end_ ? b_sure : end_;
-    sure &= near <= far;
-}
-sure &= begin_ <= end_;
 """
 
     def valid(self, q: np.ndarray) -> np.ndarray:

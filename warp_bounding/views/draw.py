@@ -1,4 +1,4 @@
-"""How a view is shown: a picture drawn off-screen, a window, or one self-contained web page."""
+"""How a view is shown: a picture drawn off-screen, or one self-contained web page."""
 
 import base64
 import io
@@ -11,7 +11,6 @@ import sys
 import tempfile
 import textwrap
 import zlib
-from functools import partial
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 from warp_bounding.errors import BoundingError
 from warp_bounding.views.view import State, View, needed
 
-__all__ = ["UPS", "Drawn", "Window", "check_display", "draw", "draw_with", "page", "picture", "with_palette"]
+__all__ = ["UPS", "Drawn", "draw", "draw_with", "page", "picture", "with_palette"]
 
 STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
 UPS = {"x": 0, "y": 1, "z": 2}  # the axis that is up in pictures
@@ -119,124 +118,14 @@ def _reason(done: subprocess.CompletedProcess) -> str:
     return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
 
 
-# --- a view on a pyvista plotter -------------------------------------------------------------------------------------
+# --- a picture -------------------------------------------------------------------------------------------------------
 
 OPACITY, OPENED = 0.3, 0.9  # of the bound, whole and cut open
 SMOOTH = {"smooth_shading": True, "ambient": 0.3}  # of surfaces
-EDGE = (
-    30.0  # degrees between two triangles from which they meet in an edge, rather than being parts of one curved surface
-)
-ANGLE, NEAR = (
-    28.0,
-    0.86,
-)  # degrees, of the view; of the distance from which the ball around what is seen fills the picture
+EDGE = 30.0  # degrees between two triangles from which they meet in an edge, and are no parts of one curved surface
+ANGLE, NEAR = 28.0, 0.86  # degrees, of the view; the camera's distance, of that from which a ball fills the picture
 LIGHTS = (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3))  # where, in radii of that ball; how strong
 PANEL, MOST_COLUMNS, LETTERS = 760, 3, 72  # pixels of a panel's sides; panels side by side; letters of a line in one
-SIZE, LETTERS_OF_WINDOW = (1200, 900), 110  # of a window, likewise
-BOX, FIRST, STEP = 22, 20, 34  # pixels: a tick box, where the first begins, and from one to the next
-
-
-class Scene:
-    """A view on one panel of a plotter: object, bound and points of one of its states."""
-
-    def __init__(self, plotter, view: View, up: str):
-        self.plotter, self.view, self.up, self.number = plotter, view, UPS[up], 0
-        self.shown = {"object": True, "bound": True, **{group.name: group.shown for group in view.groups}}
-        self.plane: tuple[np.ndarray, np.ndarray] | None = None  # normal and origin: the side of the normal is cut away
-        corners = self.place(np.stack([view.lower, view.upper]))
-        self.lower, self.upper, self.middle = corners.min(axis=0), corners.max(axis=0), corners.mean(axis=0)
-        plotter.set_background("white")
-        if view.solid:
-            plotter.enable_depth_peeling(8)
-
-    def place(self, points: np.ndarray) -> np.ndarray:
-        """Places ``(N, 3)`` of points ``(N, k)`` of the view, turned so that ``up`` is z; those of a plane at z = 0."""
-        points = np.asarray(points, dtype=np.float64)
-        if self.view.solid:
-            x, y, z = points.T
-            return np.stack(((y, z, x), (x, -z, y), (x, y, z))[self.up], axis=1)
-        a, b = (points * self.view.stretch).T
-        return np.stack([b, -a, 0 * a] if self.view.down else [a, b, 0 * a], axis=1)
-
-    def draw(self) -> None:
-        """Draw what is shown by now."""
-        view, state = self.view, self.view.states[self.number]
-        if view.solid:
-            self._add("object", self._surface(state.object), color=STONE, **SMOOTH | {"ambient": 0.25, "specular": 0.1})
-            bound, opacity = self._surface(state.bound), OPACITY
-            if self.plane is not None and bound.n_cells:
-                bound, opacity = bound.clip(tuple(self.plane[0]), origin=tuple(self.plane[1])), OPENED
-            self._add("bound", bound, color=BOUND, opacity=opacity, specular=0.4, specular_power=30, **SMOOTH)
-        else:
-            self.plotter.add_mesh(self._pixels(state), scalars="colour", rgb=True, lighting=False, name="pixels")
-        for group in view.groups:
-            points = needed("pyvista").PolyData(self.place(state.points[group.name]))
-            dots = {"point_size": 6.0, "render_points_as_spheres": True, "lighting": False}
-            self._add(group.name, points, color=group.colour, **dots)
-
-    def _add(self, name: str, mesh, **options) -> None:
-        if not mesh.n_points or not self.shown[name]:
-            self.plotter.remove_actor(name, render=False)
-            return
-        self.plotter.add_mesh(mesh, name=name, reset_camera=False, **options)
-
-    def _surface(self, surface):
-        found = surface.copy()
-        found.points = self.place(surface.points)
-        return _with_edges(found)
-
-    def _pixels(self, state: State):
-        """A plane as an image of coloured cells."""
-        view = self.view
-        layers = [(state.bound, BOUND, "bound"), (state.object, STONE, "object")][:: -1 if view.within else 1]
-        colours = np.full((*state.bound.shape, 3), 255, dtype=np.uint8)
-        for mask, colour, name in layers:
-            colours[mask & self.shown[name]] = _rgb(colour)
-        colours[state.missed(view.within)] = _rgb(MISSED)
-        if view.down:
-            colours = colours.transpose(1, 0, 2)[:, ::-1]
-        count = np.array(colours.shape[:2])
-        spacing = (*(self.upper - self.lower)[:2] / count, 1.0)
-        image = needed("pyvista").ImageData(dimensions=(*(count + 1), 1), spacing=spacing, origin=tuple(self.lower))
-        image.cell_data["colour"] = colours.reshape(-1, 3, order="F")
-        return image
-
-    def aim(self) -> None:
-        """Lights, and a camera that sees all of the view."""
-        plotter, camera, size = self.plotter, self.plotter.camera, self.upper - self.lower
-        if not self.view.solid:
-            plotter.view_xy()
-            camera.parallel_projection = True
-            camera.focal_point, camera.position = self.middle, self.middle + np.array([0, 0, size.max()])
-            width, height = plotter.renderer.GetSize()
-            camera.parallel_scale = max(size[1], size[0] * height / max(width, 1)) / 2 * 1.12
-            plotter.reset_camera_clipping_range()
-            return
-        radius = np.linalg.norm(size) / 2
-        plotter.remove_all_lights()
-        for source, strength in LIGHTS:
-            light = {"focal_point": tuple(self.middle), "intensity": strength, "light_type": "scene light"}
-            plotter.add_light(needed("pyvista").Light(position=tuple(self.middle + radius * np.array(source)), **light))
-        away = np.array(VIEW) / np.linalg.norm(VIEW) * radius / np.sin(np.radians(ANGLE) / 2) * NEAR
-        camera.focal_point, camera.position = tuple(self.middle), tuple(self.middle + away)
-        camera.up, camera.view_angle = (0, 0, 1), ANGLE
-
-    def text(self, letters: int, head: str = "") -> str:
-        """The rates of what is drawn, and the first facts, in lines."""
-        texts = head + self.view.states[self.number].rates, self.view.brief
-        return "\n".join(line for text in texts for line in textwrap.wrap(text, letters))
-
-
-def _rgb(colour: str) -> list[int]:
-    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-
-
-def _with_edges(surface):
-    """A ``pyvista.PolyData`` whose vertices at sharp edges are split, so that these look sharp."""
-    if not surface.n_cells:
-        return surface
-    options = {"consistent_normals": False, "auto_orient_normals": False}
-    return surface.compute_normals(split_vertices=True, feature_angle=EDGE, **options)
 
 
 def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
@@ -272,109 +161,93 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     plotter = pyvista.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
     for number in range(rows * columns):
         plotter.subplot(number // columns, number % columns)
+        plotter.set_background("white")
         if number >= len(view.states):
-            plotter.set_background("white")
             continue
-        scene = Scene(plotter, view, up)
-        scene.number = number
-        if cut is not None:
-            normal = scene.place(np.eye(3)[[UPS[cut]]])[0]
-            scene.plane = (normal if normal @ VIEW > 0 else -normal), scene.middle  # the side of the camera
-        scene.draw()
-        scene.aim()
+        state = view.states[number]
+        if view.solid:
+            _draw_solid(plotter, view, state, UPS[up], cut)
+        else:
+            _draw_plane(plotter, view, state)
         plotter.enable_anti_aliasing("ssaa")
-        at = f", {view.asked} {view.states[number].label}" if view.states[number].label else ""
+        at = f", {view.asked} {state.label}" if state.label else ""
+        below = "\n".join(line for text in (state.rates, view.brief) for line in textwrap.wrap(text, LETTERS))
         plotter.add_text(title + at, position=(0.03, 0.945), viewport=True, font_size=13, color=INK)
-        plotter.add_text(scene.text(LETTERS), position=(0.03, 0.015), viewport=True, font_size=10, color=INK)
+        plotter.add_text(below, position=(0.03, 0.015), viewport=True, font_size=10, color=INK)
     plotter.screenshot(str(folder / "view.png"))
     plotter.close()
 
 
-class Window(Scene):
-    """A window on a view, not yet open.
+def _draw_solid(plotter, view: View, state: State, up: int, cut: str | None) -> None:
+    """Object, bound and wrong points of one state in space, seen from the front."""
+    import pyvista
 
-    Turn it with the mouse, slide through radii or times, tick what is shown, drag a plane that cuts the bound.
+    def place(points: np.ndarray) -> np.ndarray:  # turned so that ``up`` is z
+        x, y, z = np.asarray(points, dtype=np.float64).T
+        return np.stack(((y, z, x), (x, -z, y), (x, y, z))[up], axis=1)
 
-    Args:
-        view: What is seen.
-        title: Of the window.
-        up: The axis that is up, a name in ``UPS``; of a view in space.
-        off_screen: Draw where nobody sees it, for tests.
+    def surface(of):
+        found = of.copy()
+        found.points = place(of.points)
+        return _with_edges(found)
 
-    Raises:
-        BoundingError: If pyvista is missing.
-    """
+    def add(mesh, **options) -> None:
+        if mesh.n_points:
+            plotter.add_mesh(mesh, reset_camera=False, **options)
 
-    def __init__(self, view: View, title: str, up: str, *, off_screen: bool = False):
-        super().__init__(needed("pyvista").Plotter(window_size=SIZE, title=title, off_screen=off_screen), view, up)
-        if view.solid:
-            self.plotter.enable_anti_aliasing("fxaa")  # with samples of pixels nothing that is peeled is drawn
-        self.draw()
-        self.aim()
-        self._controls()
-
-    def open(self) -> None:
-        """Show the window until it is closed."""
-        self.plotter.show()
-
-    def draw(self) -> None:
-        super().draw()
-        label = self.view.states[self.number].label
-        text = self.text(LETTERS_OF_WINDOW, f"{self.view.asked} {label}: " if label else "")
-        self.plotter.add_text(text, position="upper_left", font_size=11, color=INK, name="rates")
-
-    def toggle(self, name: str, shown: bool) -> None:
-        """Show something, or hide it: ``object``, ``bound`` or a group of points."""
-        self.shown[name] = bool(shown)
-        self.draw()
-
-    def go(self, number: float) -> None:
-        """Go to the state that is nearest to a number."""
-        if (nearest := round(float(number))) != self.number:
-            self.number = nearest
-            self.draw()
-
-    def cut(self, normal, origin) -> None:
-        """Cut the bound by a plane, and show what lies on its normal's side."""
-        self.plane = -np.asarray(normal, dtype=float), np.asarray(origin, dtype=float)
-        self.draw()
-
-    def _controls(self) -> None:
-        view, plotter = self.view, self.plotter
-        bound = "certainly inside" if view.within else "the bound: maybe"
-        listed = [("object", "the object", STONE), ("bound", bound, BOUND), *(group[:3] for group in view.groups)]
-        ticks = [(text, colour, self.shown[name], partial(self.toggle, name)) for name, text, colour in listed]
-        if view.solid:
-            ticks.append(("a plane that cuts the bound", INK, False, self._cutting))
-        for place, (text, colour, shown, tell) in enumerate(reversed(ticks)):
-            high = FIRST + STEP * place
-            options = {"value": shown, "position": (FIRST, high), "size": BOX, "border_size": 2}
-            plotter.add_checkbox_button_widget(tell, **options, color_on=colour, color_off="white")
-            plotter.add_text(text, position=(FIRST + BOX + 10, high), font_size=10, color=INK)
-        if (last := len(view.states) - 1) > 0:
-            title = f"{view.asked} {view.states[0].label} to {view.states[last].label}"
-            where = {"rng": (0, last), "value": 0, "pointa": (0.55, 0.08), "pointb": (0.95, 0.08)}
-            plotter.add_slider_widget(self.go, **where, title=title, color=INK, fmt="", style="modern")
-
-    def _cutting(self, on: bool) -> None:
-        """Add the plane that cuts, or take it away."""
-        if not on:
-            self.plotter.clear_plane_widgets()
-            self.plane = None
-            self.draw()
-            return
-        bounds = np.stack([self.lower, self.upper], axis=1).reshape(-1).tolist()
-        plane = {"normal": (0, 1, 0), "origin": tuple(self.middle), "bounds": bounds, "factor": 1.0}
-        self.plotter.add_plane_widget(self.cut, **plane, color=INK)
+    corners = place(np.stack([view.lower, view.upper]))
+    middle, radius = corners.mean(axis=0), np.linalg.norm(corners[1] - corners[0]) / 2
+    bound, opacity = surface(state.bound), OPACITY
+    if cut is not None and bound.n_cells:
+        normal = place(np.eye(3)[[UPS[cut]]])[0]
+        normal = normal if normal @ VIEW > 0 else -normal  # the side of the camera is cut away
+        bound, opacity = bound.clip(tuple(normal), origin=tuple(middle)), OPENED
+    plotter.enable_depth_peeling(8)
+    add(surface(state.object), color=STONE, **SMOOTH | {"ambient": 0.25, "specular": 0.1})
+    add(bound, color=BOUND, opacity=opacity, specular=0.4, specular_power=30, **SMOOTH)
+    for group in (group for group in view.groups if group.shown):
+        dots = {"point_size": 6.0, "render_points_as_spheres": True, "lighting": False}
+        add(pyvista.PolyData(place(state.points[group.name])), color=group.colour, **dots)
+    plotter.remove_all_lights()
+    for source, strength in LIGHTS:
+        light = {"focal_point": tuple(middle), "intensity": strength, "light_type": "scene light"}
+        plotter.add_light(pyvista.Light(position=tuple(middle + radius * np.array(source)), **light))
+    away = np.array(VIEW) / np.linalg.norm(VIEW) * radius / np.sin(np.radians(ANGLE) / 2) * NEAR
+    camera = plotter.camera
+    camera.focal_point, camera.position = tuple(middle), tuple(middle + away)
+    camera.up, camera.view_angle = (0, 0, 1), ANGLE
 
 
-def check_display() -> None:
-    """Refuse to open a window without a display, where VTK would crash.
+def _draw_plane(plotter, view: View, state: State) -> None:
+    """Pixels of one state in a plane, as an image of coloured cells."""
+    import pyvista
 
-    Raises ``BoundingError`` with what works without one.
-    """
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        raise BoundingError("there is no display for a window: expected --screenshot FILE.png or --html FILE.html")
+    layers = [(state.bound, BOUND), (state.object, STONE)][:: -1 if view.within else 1]
+    colours = np.full((*state.bound.shape, 3), 255, dtype=np.uint8)
+    for mask, colour in (*layers, (state.missed(view.within), MISSED)):
+        colours[mask] = _rgb(colour)
+    size = (view.upper - view.lower) * view.stretch
+    if view.down:
+        colours, size = colours.transpose(1, 0, 2)[:, ::-1], size[::-1]
+    count = np.array(colours.shape[:2])
+    image = pyvista.ImageData(dimensions=(*(count + 1), 1), spacing=(*(size / count), 1.0))
+    image.cell_data["colour"] = colours.reshape(-1, 3, order="F")
+    plotter.add_mesh(image, scalars="colour", rgb=True, lighting=False)
+    plotter.view_xy()
+    plotter.camera.parallel_projection = True
+    plotter.camera.parallel_scale = size.max() / 2 * 1.12
+
+
+def _rgb(colour: str) -> list[int]:
+    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+
+
+def _with_edges(surface):
+    """A ``pyvista.PolyData`` whose vertices at sharp edges are split, so that these look sharp."""
+    if not surface.n_cells:
+        return surface
+    options = {"consistent_normals": False, "auto_orient_normals": False}
+    return surface.compute_normals(split_vertices=True, feature_angle=EDGE, **options)
 
 
 # --- a web page ------------------------------------------------------------------------------------------------------

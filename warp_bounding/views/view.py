@@ -182,9 +182,7 @@ class State:
     fp_rate: float  # false positives, per cent of the points that were asked
     fn: int  # false negatives, a count
     samples: int  # points that were asked
-    undecided: (
-        float  # points whose truth could not be decided, per cent; they count as in the object, but not in ``fn``
-    )
+    undecided: float  # points whose truth could not be decided, per cent: as in the object, but not in ``fn``
 
     def missed(self, within: bool) -> np.ndarray:
         """The wrong pixels ``(X, Y)`` of a plane: the object's that are denied, or, from the inside, others held."""
@@ -208,12 +206,8 @@ class View:
     upper: np.ndarray  # (k,) float64, where it ends
     states: list[State]  # at least one
     asked: str  # what their labels are values of: "radius", "time" or nothing
-    down: (
-        bool  # of a plane: as rows and columns of an image, the first coordinate goes down and the second to the right
-    )
-    stretch: tuple[
-        float, ...
-    ]  # by how much each coordinate is stretched, so that an image's pixels are squares; else 1
+    down: bool  # a plane of an image: the first coordinate goes down and the second to the right, as rows and columns
+    stretch: tuple[float, ...]  # of each coordinate, so that an image's pixels are squares; else 1
     within: bool  # seen from the inside: what the bound holds is certainly in the object
     indicator: str  # SHA-256 of what was fitted, if the shape is that of the fit
     facts: dict[str, str]  # what is known of the bounder, by heading, in the order in which it is to be read
@@ -313,7 +307,7 @@ def view_of(
         stretch=tuple(scale.tolist()),
         within=within,
         indicator=fitted.digest,
-        facts=_facts(bounder, shape, fitted.digest, held, solid),
+        facts=_facts(bounder, shape, fitted.digest, held),
     )
 
 
@@ -335,11 +329,10 @@ def _times(shape: Shape, radii: Sequence[float]) -> list[float]:
 
 def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float], held: Mapping[int, float]) -> None:
     """Refuse what cannot be seen, and numbers that do not fit."""
-    if shape.ndim != bounder.ndim:
-        raise QueryError(f"the shape is {shape.ndim}D, the bounder {bounder.ndim}D")
-    if shape.time != bool(bounder.domain.time):
+    if (shape.ndim, shape.time) != (bounder.ndim, bool(bounder.domain.time)):
         moves = {True: "moves", False: "does not move"}
-        raise QueryError(f"the shape {moves[shape.time]}, that of the bounder {moves[not shape.time]}")
+        of_bounder = f"that of the bounder is {bounder.ndim}D and {moves[bool(bounder.domain.time)]}"
+        raise QueryError(f"the shape is {shape.ndim}D and {moves[shape.time]}, {of_bounder}")
     if bounder.query_kind not in ASKED:
         reported = f"bounders of {', '.join(ASKED)} queries, got one of {bounder.query_kind} queries"
         raise QueryError(f"show is for {reported}: what it answers depends on more than a place")
@@ -385,26 +378,18 @@ def _state(label: str, bound, seen, x: np.ndarray, maybe: np.ndarray, truth: np.
     return State(label, bound, seen, points, fp_rate, fn, len(x), share * undecided)
 
 
-def _facts(bounder, shape: Shape, indicator: str, held: Mapping[int, float], solid: bool) -> dict[str, str]:
+def _facts(bounder: Bounder, shape: Shape, indicator: str, held: Mapping[int, float]) -> dict[str, str]:
     """What is known of a bounder, in the words that stand beside a picture of it."""
     side = ", from the inside" if bounder.domain.unbounded else ""
     bounds = f"{bounder.method}, {bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
     unknown = "None: nothing is known of its false negatives." if bounder.conservative else NOT_CONSERVATIVE
     facts = {"Bounder": bounds, "Certificate": unknown if bounder.certificate is None else bounder.certificate.message}
-    if indicator != bounder.info.get("indicator"):
-        fitted = bounder.info.get("indicator") or "unknown"
-        facts["Another shape"] = (
-            f"{shape.name} is not the shape that the bounder was fitted to: SHA-256 {indicator[:16]}, "
-            f"that of the fit {fitted[:16]}. The certificate says nothing of it."
-        )
-    margin = bounder.info.get("margin") or 0.0
-    dilated = f"; the bound holds it dilated by {margin:g} (object units)" if margin else ""
-    where, fineness = "the pixels", "each was asked at its centre."
-    if solid:
-        where, fineness = "the surface", "what is thinner than a cell of the grid that finds it can be missing."
-    drawn = f"The object is {shape.name} as it is read{dilated}."
-    facts["Drawn"] = f"{drawn} The bound is {where} where the deployed answers change; {fineness}"
+    fitted, margin = bounder.info.get("indicator") or "unknown", bounder.info.get("margin")
+    if indicator != fitted:
+        digests = f"SHA-256 {indicator[:16]}, that of the fit {fitted[:16]}"
+        facts["Another shape"] = f"{shape.name} is not the shape that the bounder was fitted to: {digests}."
+    if margin:
+        facts["Margin"] = f"The bound holds the object dilated by {margin:g} (object units)."
     if held:
         facts["Held"] = ", ".join(f"coordinate {axis} at {value:g}" for axis, value in held.items())
-    facts["Points"] = f"Drawn at random in and around the object; at most {DRAWN:,} of a kind are shown."
     return facts
