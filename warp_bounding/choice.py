@@ -60,8 +60,10 @@ CASCADE = f"{PREFILTER}+{Mlp.method}"
 SIZES: dict[str, list[dict[str, Any]]] = {  # of closed forms, the quickest to fit first
     "voxels": [{"resolution": cells} for cells in (16, 32, 64, 128)],
     "bvh": [{"leaves": leaves} for leaves in (16, 64, 256, 1024, 4096)],
-    **{name: [{}] for name in ("aabb", "sphere", "ellipsoid", "oriented-ellipsoid", "obb", PREFILTER, "relu-field")},
+    **{name: [{}] for name in ("aabb", "sphere", "ellipsoid", "oriented-ellipsoid", "obb")},
     "kdop": [{}, {"k": 26}],
+    PREFILTER: [{}],  # from here on they learn
+    "relu-field": [{}],
 }
 UNITS = {"leaves": "{} leaves", "resolution": "{} cells", "k": "k {}"}
 BYTES = 4  # of a network's number

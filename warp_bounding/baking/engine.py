@@ -455,6 +455,7 @@ def _ended(open_: list[Job], jobs: int | None, scheduler: str | None) -> Iterato
     with _connected(jobs, scheduler) as client:
         import distributed
 
+        client.run(os.getpid, on_error="return")  # Dask restarts no worker that dies before its first answer
         by_key = {f"bake-{job.bounder_path.stem}": job for job in open_}
         for future in distributed.as_completed(client.map(bake_shape, open_, key=list(by_key), pure=False)):
             error = future.exception() if future.status == "error" else None
