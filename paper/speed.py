@@ -209,7 +209,6 @@ def page(folder: results.Folder) -> str:
         lines += [f"## {device}: {names[device]}", ""]
         if any(column == TABLE_2 for _, column in cells):
             lines += [f"### {TABLE_2.title}s (the paper's Table 2)", "", *_table_2(cells), ""]
-        lines += ["### Every column: milliseconds for 10 million queries", "", *_every(cells, relative=False), ""]
         lines += ["### Every column: time over that of `mlp`", "", *_every(cells, relative=True), ""]
         if gains := gains_of(cells):
             faster, mean = sum(gain > 1 for gain in gains.values()), 100 * (float(np.mean(list(gains.values()))) - 1)
