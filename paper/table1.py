@@ -218,12 +218,9 @@ class Means:
                 lower += rate < theirs
                 reported = f"**{rate:.2f}**" if rate < theirs else f"{rate:.2f}"
                 parts.append(f"{column.title} {reported} ({theirs}, {name})")
-        head = "Our best network against the paper's best network (in brackets, with the name of ours)"
-        return (
-            f"{head}, mean false positives %: {'; '.join(parts)}. Lower in {lower} of {len(parts)} columns."
-            if parts
-            else ""
-        )
+        head = "columns our best network has fewer false positives than the paper's best; mean %, and in brackets the"
+        text = f"In {lower} of {len(parts)} {head} paper's and the name of ours: {'; '.join(parts)}."
+        return f"{text} Planes cannot be compared: most of their hits are missed by samples." if parts else ""
 
 
 def paper_network(column: Column) -> float:
@@ -242,16 +239,17 @@ def _size(rows: Rows) -> str:
 
 def page(folder: results.Folder) -> str:
     """The whole page."""
-    tables = []
+    tables, compared = [], ""
     for protocol in t.PROTOCOLS:
         means = Means(folder.rows, protocol)
         if means.rows:
             tables += [f"## False positives, {protocol} protocol", "", HEADLINES[protocol], ""]
-            tables += [*means.table(), "", means.against_the_paper() if means.sampled else "", ""]
+            tables += [*means.table(), ""]
+            compared = means.against_the_paper() if means.sampled else compared
     names = {n: {r["object"] for r in folder.rows if r["dimension"] == n} for n in t.HIDDEN}
     values = {"objects": ", ".join(f"{len(own)} in {n}D" for n, own in names.items() if own) or "none"}
     values |= {"sizes": ", ".join(f"{n}D {hidden}" for n, hidden in t.HIDDEN.items())}
-    values |= {"budget_text": t.budget_text(folder.settings), "recipes": section(folder.path)}
+    values |= {"budget_text": t.budget_text(folder.settings), "recipes": section(folder.path), "compared": compared}
     return folder.page(NAME, tables=tables or ["Nothing has been measured yet."], **values)
 
 

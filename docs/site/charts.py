@@ -78,7 +78,7 @@ def times(results: Path, path: Path) -> None:
 
     from sims.drawing import INK, save_figure
 
-    figure = Figure(figsize=(10, 5.2))
+    figure = Figure(figsize=(11, 5.2))
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.06, 0.17, 0.925, 0.68))
     width = 0.8 / len(KINDS)
@@ -92,7 +92,7 @@ def times(results: Path, path: Path) -> None:
             weight = "bold" if kind == "best network" else "normal"
             if kind == "without":
                 continue
-            axes.text(x, share + 1.5, f"{share:.0f}", ha="center", fontsize=8, color=INK, weight=weight)
+            axes.text(x, share + 1.5, f"{share:.0f}", ha="center", fontsize=7.6, color=INK, weight=weight)
         text = f"{whole:,.0f} ms" if whole >= 10 else f"{whole:.1f} ms"
         axes.text(place, -19, text, ha="center", va="top", fontsize=8.5, color="#5a6b7a")
     axes.axhline(100, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)
@@ -175,7 +175,7 @@ def cull(results: Path, path: Path) -> None:
     figure.text(
         0.085, 0.94, "When a cull of Newton's particle-shape pass pays", fontsize=12.5, color=INK, weight="bold"
     )
-    text = f"Same contacts, record by record. Contact gap {GAP:g} m; CPU: 2 cores, GPU: H100."
+    text = f"Same contacts, record by record. Contact gap {GAP:g} m; CPU: 2 cores; GPU: H100, in a graph."
     figure.text(0.085, 0.89, text, fontsize=9.5, color="#5a6b7a")
     save_figure(figure, path, 144)
 
