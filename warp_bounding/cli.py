@@ -6,6 +6,7 @@ one clear line; 130 for Ctrl-C. Commands import what they need when they run, so
 """
 
 import contextlib
+import functools
 import inspect
 import io
 import json as json_text
@@ -115,8 +116,7 @@ def app_of(name: str, about: str, commands: Mapping[str, Callable[..., int]], co
 def _app(arguments: Sequence[str]) -> typer.Typer:
     """All commands; ``fit`` and ``bake`` have the options of methods where they are called, or completed."""
     if {"fit", "bake"} & {*arguments, *os.environ.get("COMP_WORDS", "").split()}:
-        reading = [p for name, p in inspect.signature(fit).parameters.items() if name in READING]
-        _with_options(fit, *reading, *_method_options())
+        _with_options(fit, *_method_options())
         _with_options(bake, *_bake_options().values())
     commands = (fit, certify, evaluate, info, query, choose, show, bake)
     app = app_of("warp-bounding", ABOUT, {command.__name__: command for command in commands}, completion=True)
@@ -182,7 +182,6 @@ READING = {  # how the file of a shape is read: type, and help
     "unknown": (Literal["occupied", "free"], "Of a map, what unseen cells are (default: occupied)."),
     "hollow": (Literal["filled", "empty"], "What the air is that a shape encloses (default: a mesh's is filled)."),
 }
-READING_PANEL = "How SHAPE is read"
 KEYWORD = inspect.Parameter.KEYWORD_ONLY
 
 
@@ -191,19 +190,34 @@ def _option(name: str, kind: Any, *names: str, **about: Any) -> inspect.Paramete
     return inspect.Parameter(name, KEYWORD, default=None, annotation=Annotated[kind | None, Option(*names, **about)])
 
 
-def _with_options(command: Callable, *more: inspect.Parameter) -> Callable:
-    """A command with these options in place of its ``**rest``."""
-    vars(command).pop("__signature__", None)  # of an earlier call
-    own = [p for p in inspect.signature(command).parameters.values() if p.kind != inspect.Parameter.VAR_KEYWORD]
-    command.__signature__ = inspect.Signature([*own, *more])
-    return command
+def command(function: Callable[..., tuple]) -> Callable[..., int]:
+    """A command that prints what a function returns: exit status, an object for ``--json``, and lines for people.
+
+    Empty lines are left out. Where there is a SHAPE, the function is given the options of ``READING``, too.
+    """
+
+    @functools.wraps(function)
+    def run(json: bool, **given: Any) -> int:
+        status, found, *lines = function(**given)
+        if json:
+            print_json(found)
+        else:
+            for line in filter(None, lines):
+                console().print(line)
+        return status
+
+    own = [p for p in inspect.signature(function).parameters.values() if p.kind != inspect.Parameter.VAR_KEYWORD]
+    run.own = [*own, inspect.Parameter("json", KEYWORD, default=False, annotation=Json)]
+    if any(parameter.name == "shape" for parameter in own):
+        panel = {"rich_help_panel": "How SHAPE is read"}
+        run.own += [_option(name, kind, help=words, **panel) for name, (kind, words) in READING.items()]
+    return _with_options(run)
 
 
-def reads_shape(command: Callable) -> Callable:
-    """A command with the options of ``READING`` in place of its ``**reading``."""
-    return _with_options(
-        command, *(_option(n, kind, help=words, rich_help_panel=READING_PANEL) for n, (kind, words) in READING.items())
-    )
+def _with_options(run: Callable, *more: inspect.Parameter) -> Callable:
+    """A command with its own options and these, in place of earlier ones."""
+    run.__signature__ = inspect.Signature([*run.own, *more])
+    return run
 
 
 def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
@@ -258,15 +272,6 @@ def console(as_json: bool = False):
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object on standard output."""
     print(json_text.dumps(value, allow_nan=False, default=str))  # paths are text
-
-
-def report(as_json: bool, found: dict[str, Any], *lines: str) -> None:
-    """Print an object for programs, or lines for people; empty ones are left out."""
-    if as_json:
-        print_json(found)
-    else:
-        for line in filter(None, lines):
-            console().print(line)
 
 
 def bar(description: str):
@@ -340,7 +345,7 @@ def other_shape(found: Mapping[str, Any], given: str) -> str:
 # --- fit -------------------------------------------------------------------------------------------------------------
 
 
-@reads_shape
+@command
 def fit(
     shape: ShapeFile,
     output: Output,
@@ -355,9 +360,8 @@ def fit(
     workload: Workload = None,
     samples: Samples = 10**6,
     device: Device = "cpu",
-    json: Json = False,
     **rest: Any,
-) -> int:
+) -> tuple:
     """Fit a bounder to SHAPE, prove that it has no false negative, and save it.
 
     The proof of an mlp's rays or boxes can take longer than the budget leaves for it (3D rays: some minutes); the
@@ -393,16 +397,15 @@ def fit(
     found = about(bounder, output) | {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives")}
     found |= {"fit_seconds": round(seconds, 3), "training": training, "note": bounder.info.get("note")}
     rate = f"{rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples"
-    report(
-        json,
+    if warning:
+        warn(warning)
+    return (
+        1 if useless else 0,
         found | {"truth": rates.truth, "conservative": bounder.conservative, "warning": warning},
         f"{bounder.method}: {rate}, {rates.reported_truth}",
         bounder.certificate.message if bounder.certificate else NOT_CONSERVATIVE,
         f"{seconds:.1f} s, {training['compile_seconds']:.1f} of them for compiling kernels; written to {output}",
     )
-    if warning:
-        warn(warning)
-    return 1 if useless else 0
 
 
 def _options_by_method() -> dict[str, list]:
@@ -475,7 +478,7 @@ def _widths(text: str) -> list[tuple[int, ...]]:
 # --- certify, evaluate, info, query ----------------------------------------------------------------------------------
 
 
-@reads_shape
+@command
 def certify(
     file: BounderFile,
     shape: ShapeFile,
@@ -485,9 +488,8 @@ def certify(
     resolution: Annotated[int | None, number_option("Not proven unless FILE claims this resolution.")] = None,
     query: Annotated[Kind | None, Option(help="Not proven unless FILE claims this kind of query.")] = None,
     checkpoint: Annotated[Text, Option(help="Of a distance: go on from this file, and keep the rest there.")] = None,
-    json: Json = False,
     **reading: Text,
-) -> int:
+) -> tuple:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
 
     Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here
@@ -507,20 +509,19 @@ def certify(
     with bar("certify") as update:
         found = prove(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
     of_both = about(bounder, file, found, shape, found.indicator)
-    report(
-        json,
+    if restricted := getattr(loaded, "restriction", ""):
+        warn(f"warp-bounding: {loaded.name}: {restricted}")
+    return (
+        0 if found.proven else 1,
         of_both | {"proven": found.proven},
         other_shape(of_both, found.indicator),
         f"{found.kind}: {found.message}",
         f"counterexample: {found.counterexample}" if found.counterexample else "",
         f"{found.boxes:,} boxes, {found.seconds:.2f} s",
     )
-    if restricted := getattr(loaded, "restriction", ""):
-        warn(f"warp-bounding: {loaded.name}: {restricted}")
-    return 0 if found.proven else 1
 
 
-@reads_shape
+@command
 def evaluate(
     file: BounderFile,
     shape: ShapeFile,
@@ -533,9 +534,8 @@ def evaluate(
     steps: Annotated[int | None, number_option("Of a distance: most evaluations of a ray (32) or a box (64).")] = None,
     stress: Annotated[int | None, number_option("Ask so many hard positives instead, such as 1e8.", count)] = None,
     device: Device = "cpu",
-    json: Json = False,
     **reading: Text,
-) -> int:
+) -> tuple:
     """Measure FILE on SHAPE: rates are per cent of all samples. Exit status 1 if a false negative was found.
 
     With --stress, hard positives are asked as FILE is deployed: positives by construction, near the object's boundary
@@ -549,7 +549,7 @@ def evaluate(
 
     bounder, loaded = load_both(file, shape, device, reading)
     if stress is not None:
-        return _stress(file, shape, bounder, loaded, stress, seed, json)
+        return _stress(file, shape, bounder, loaded, stress, seed)
     of_distance = {"radius": radius, "query": query, "length": length, "steps": steps}
     with bar("evaluate") as update:
         seed = 1 if seed is None else seed
@@ -557,17 +557,16 @@ def evaluate(
     of_both = about(bounder, file, None, shape, rates.indicator)
     text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
     where = f"{rates.samples:,} samples ({rates.protocol}), {rates.reported_truth}"
-    report(
-        json,
+    return (
+        0 if rates.fn == 0 else 1,
         of_both | rates.to_dict(),
         other_shape(of_both, rates.indicator),
         f"{text}, {rates.positives:.3f} % positives in {where}",
     )
-    return 0 if rates.fn == 0 else 1
 
 
-def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | None, as_json: bool) -> int:
-    """Ask hard positives, and report; the exit status."""
+def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | None) -> tuple:
+    """What ``evaluate`` returns after it asked hard positives."""
     from warp_bounding.proof import stress_test
 
     with bar("stress") as update:
@@ -579,16 +578,16 @@ def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | N
         place = f", the shape placed by {found.missed_world}" if found.missed_world else ""
         region = f"the {found.query} {found.missed} ({found.missed_form}{place})"
         verdict = f"FALSE NEGATIVE: {region} meets the shape and is answered with no"
-    report(
-        as_json,
+    return (
+        0 if found.missed is None else 1,
         of_both | found.to_dict(),
         other_shape(of_both, found.indicator),
         f"{verdict}; {asked}; --seed {found.seed}; {found.seconds:.1f} s",
     )
-    return 0 if found.missed is None else 1
 
 
-def info(file: BounderFile, json: Json = False) -> int:
+@command
+def info(file: BounderFile) -> tuple:
     """Describe FILE: method, sizes, what is proven and what is not. Exit status 1 if it holds no proof.
 
     Example: warp-bounding info bunny.safetensors
@@ -601,38 +600,31 @@ def info(file: BounderFile, json: Json = False) -> int:
     quiet_warp()
     bounder = load(file, device="cpu")
     certificate, words, domain = bounder.certificate, statement(bounder), bounder.domain
-    proven = certificate is not None and certificate.proven
-    if json:
-        kept = ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library")
-        found = about(bounder, file) | {"dimension": bounder.ndim, "conservative": bounder.conservative}
-        found |= {"side": SIDES[domain.unbounded], "length": domain.length, "threshold": float(bounder.threshold)}
-        found |= {} if isinstance(bounder, Voxels) else bounder.sizes
-        found |= {name: bounder.info.get(name) for name in (*kept, "training", "rates")}
-        print_json(found | {"statement": words})
-        return 0 if proven else 1
+    kept = ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library", "training", "rates")
+    found = about(bounder, file) | {"dimension": bounder.ndim, "conservative": bounder.conservative}
+    found |= {"side": SIDES[domain.unbounded], "length": domain.length, "threshold": float(bounder.threshold)}
+    found |= {} if isinstance(bounder, Voxels) else bounder.sizes
+    found |= {name: bounder.info.get(name) for name in kept} | {"statement": words}
     side = " from the inside" if domain.unbounded else ""
     kind = f"{bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
     sizes = textwrap.shorten(
         ", ".join(f"{key} {value}" for key, value in bounder.sizes.items()), 90, placeholder=" ..."
     )
-    rows = {"method": f"{bounder.method}, {kind}", "sizes": sizes}
-    rows |= {"tightness": bounder.tightness} | words
+    rows = {"method": f"{bounder.method}, {kind}", "sizes": sizes, "tightness": bounder.tightness} | words
     rows |= {} if certificate else {"threshold": f"{float(bounder.threshold):.9g}"}
     indent = 2 + max(map(len, rows))
-    for key, value in rows.items():
-        if value:
-            line = f"{key:{indent}}{value}"
-            console().print(textwrap.fill(line, READABLE, subsequent_indent=" " * indent, break_on_hyphens=False))
-    return 0 if proven else 1
+    lines = (f"{key:{indent}}{value}" for key, value in rows.items() if value)
+    wrapped = {"width": READABLE, "subsequent_indent": " " * indent, "break_on_hyphens": False}
+    return 0 if certificate and certificate.proven else 1, found, *(textwrap.fill(line, **wrapped) for line in lines)
 
 
+@command
 def query(
     file: BounderFile,
     points: Annotated[Path, Argument(metavar="POINTS.npy", help="(N, m) numbers: queries of FILE's kind.", **EXISTS)],
     output: Annotated[str, Option("--output", "-o", help="File to write (.npy): 1 maybe, 0 no.")],
     device: Device = "cpu",
-    json: Json = False,
-) -> int:
+) -> tuple:
     """Ask FILE about every row of POINTS.npy, in object space, and write the answers.
 
     Example: warp-bounding query bunny.safetensors points.npy -o mask.npy
@@ -655,18 +647,17 @@ def query(
     found = about(bounder, file) | {"points": points, "output": output}
     share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""
     asked = f"{len(mask):,} {bounder.query_kind} queries"
-    report(
-        json,
+    return (
+        0,
         found | {"count": len(mask), "maybe": maybe, "seconds": round(seconds, 6)},
         f"{bounder.method}: maybe for {maybe:,} of {asked}{share}; written to {output}",
     )
-    return 0
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------
 
 
-@reads_shape
+@command
 def choose(
     shape: ShapeFile,
     output: Output,
@@ -684,9 +675,8 @@ def choose(
     statistical: Annotated[bool, Option("--statistical", help="Choose among sampled bounders, too.")] = False,
     checkpoint: Annotated[Text, Option(help="Folder of candidates, to go on (default: OUTPUT with .choice).")] = None,
     device: Device = "cpu",
-    json: Json = False,
     **reading: Text,
-) -> int:
+) -> tuple:
     """Choose a broad phase for SHAPE: fit candidates of every method, measure them, save the one that costs the least.
 
     What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries
@@ -718,8 +708,8 @@ def choose(
     found["rows"] = [{k: None if v != v else v for k, v in row.items()} for row in found["rows"]]  # JSON has no NaN
     whose = "your" if workload else "random (--workload x.npy asks those of your simulation)"
     done = f"written to {output} and {picture}" if choice.bounder is not None else f"no bounder is written; {picture}"
-    report(
-        json,
+    return (
+        status,
         found,
         f"{choice.queries:,} {whose} queries, {100 * choice.positives:.3g} % meet the object; {choice.device}",
         *_table(choice),
@@ -730,7 +720,6 @@ def choose(
         f"{choice.about['compile_seconds']:.0f} s besides for compiling and loading kernels",
         f"{done}; candidates are kept in {kept}, for another choice, and can be deleted",
     )
-    return status
 
 
 def _table(choice) -> Iterator[str]:
@@ -746,14 +735,14 @@ def _table(choice) -> Iterator[str]:
 # --- bake ------------------------------------------------------------------------------------------------------------
 
 
+@command
 def bake(
     folder: Annotated[Path, Argument(metavar="FOLDER", help="Folder with shapes, in folders inside it too.")],
     output: Annotated[str, Option("--output", "-o", help="Folder for bounders, manifest and contact sheet.")],
     jobs: Annotated[int | None, number_option("Worker processes of this machine (default: one a core).", count)] = None,
     scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
-    json: Json = False,
     **given: Any,
-) -> int:
+) -> tuple:
     """Fit a bounder to each shape of FOLDER, on many processes; with --narrow-ns choose one for each.
 
     What is there is not done again: after whatever ended a bake the same command goes on. A shape that cannot be read
@@ -782,13 +771,12 @@ def bake(
     found |= {"shapes": shapes, "proven": proven, "out": output, "manifest": manifest, "contact_sheet": sheet}
     kept = f", {done.kept:,} were there already" if done.kept else ""
     others = f"; {done.foreign:,} other files" if done.foreign else ""
-    report(
-        json,
+    return (
+        1 if done.failed else 0,
         found,
         f"{shapes:,} shapes: {done.baked:,} baked{kept}, {done.failed:,} failed; {proven:,} proven{others}",
         f"{done.seconds:.1f} s, {done.task_seconds:.1f} s of work; {manifest}, {sheet}",
     )
-    return 1 if done.failed else 0
 
 
 def _bake_options() -> dict[str, inspect.Parameter]:
@@ -805,7 +793,7 @@ def _bake_options() -> dict[str, inspect.Parameter]:
 # --- show ------------------------------------------------------------------------------------------------------------
 
 
-@reads_shape
+@command
 def show(
     file: BounderFile,
     shape: ShapeFile,
@@ -822,9 +810,8 @@ def show(
     samples: Annotated[int, number_option("Random points to ask, for each radius or time.", count)] = 10**5,
     seed: Annotated[int, number_option("Random seed of these points.")] = 1,
     device: Device = "cpu",
-    json: Json = False,
     **reading: Text,
-) -> int:
+) -> tuple:
     """Show where FILE says maybe around SHAPE, and where its answers to random points are wrong.
 
     Without --screenshot or --html a web page opens in the browser. A distance is shown at several radii, a shape that
@@ -870,13 +857,12 @@ def show(
     found = about(bounder, file, None, shape, view.indicator) | {"asked": view.asked or None}
     found |= {"states": [{name: getattr(state, name) for name in names} for state in view.states]}
     rates = [(f"{view.asked} {state.label}: " if state.label else "") + state.rates for state in view.states]
-    report(
-        json,
+    return (
+        0,
         found | {"screenshot": screenshot, "html": html},
         *(f"{bounder.method}: {text}" for text in rates),
         *(f"written to {path}" for path in filter(None, (html, screenshot))),
     )
-    return 0
 
 
 def _check_browser() -> None:

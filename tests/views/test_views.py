@@ -44,15 +44,15 @@ def test_a_level_set_lies_where_the_answer_changes():
     assert level_surface(lambda x: x[:, 0] > 9, -np.ones(3), np.ones(3), 8).n_cells == 0
 
 
-def test_cells_of_a_grid_lie_where_the_grid_has_them():
+def test_the_object_of_a_grid_lies_where_its_cells_do():
     grid, moving = shape("star"), shape("animated")
-    found = object_surface(grid, {}, 8)
     low, high = grid.position(grid.occupied.min(axis=0) - 0.5), grid.position(grid.occupied.max(axis=0) + 0.5)
-    np.testing.assert_allclose(np.reshape(found.bounds, (3, 2)).T, [low, high], atol=1e-6)
-    assert volume(found) == pytest.approx(len(grid.occupied) / np.prod(grid.cells_per_unit), rel=1e-5)
+    found = object_surface(grid, {}, 60)
+    np.testing.assert_allclose(np.reshape(found.bounds, (3, 2)).T, [low, high], atol=1e-4)
+    assert volume(found) == pytest.approx(len(grid.occupied) / np.prod(grid.cells_per_unit), rel=0.03)
     time = float(moving.position(np.full((1, 4), 3.0))[0, 0])
     cells = moving.occupancy[3].sum() / np.prod(moving.cells_per_unit[1:])
-    assert volume(object_surface(moving, {0: time}, 8)) == pytest.approx(cells, rel=1e-5)
+    assert volume(object_surface(moving, {0: time}, 60)) == pytest.approx(cells, rel=0.03)
 
 
 def test_the_bound_of_a_box_is_that_box():

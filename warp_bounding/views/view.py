@@ -92,31 +92,16 @@ def level_surface(inside: Test, lower: np.ndarray, upper: np.ndarray, cells: int
 def object_surface(shape: Shape, held: Mapping[int, float], cells: int):
     """The surface of an object without its margin, where three coordinates run and the others are held at values.
 
-    Triangles of a mesh, cells of a grid (in the layers that are nearest to the values), else a level set of the truth.
+    Triangles of a mesh, else a level set of the truth.
     """
     pyvista, axes = needed("pyvista"), _running(shape.ndim, held)
     if isinstance(shape, Mesh):
         return pyvista.PolyData.from_regular_faces(np.asarray(shape.vertices, np.float64), shape.faces)
     if isinstance(shape, MovingMesh) and axes == [1, 2, 3]:
         return pyvista.PolyData.from_regular_faces(shape.vertices_at(held[0]).astype(np.float64), shape.faces)
-    if not isinstance(shape, Grid):
-        lower, upper = shape.lower[axes], shape.upper[axes]
-        step = (upper - lower).max() / cells
-        return level_surface(lambda x: shape.contains(_lifted(x, axes, held)), lower - step, upper + step, cells)
-
-    def places(axis: int, numbers: np.ndarray) -> np.ndarray:
-        return shape.position(np.repeat(numbers[:, None], shape.ndim, axis=1))[:, axis]
-
-    occupied = shape.occupancy
-    for axis in sorted(held, reverse=True):
-        occupied = np.take(occupied, np.abs(places(axis, np.arange(shape.shape[axis])) - held[axis]).argmin(), axis)
-    if not occupied.any():
-        return pyvista.PolyData()
-    whole = pyvista.RectilinearGrid(*(places(axis, np.arange(shape.shape[axis] + 1) - 0.5) for axis in axes))
-    surface = needed("vtkmodules.vtkFiltersGeometry").vtkGeometryFilter()  # pyvista's own names of it come and go
-    surface.SetInputData(whole.extract_cells(np.flatnonzero(occupied.ravel(order="F"))))
-    surface.Update()
-    return pyvista.wrap(surface.GetOutput()).triangulate()
+    lower, upper = shape.lower[axes], shape.upper[axes]
+    step = (upper - lower).max() / cells
+    return level_surface(lambda x: shape.contains(_lifted(x, axes, held)), lower - step, upper + step, cells)
 
 
 def _pixels(holds: Test, lower: np.ndarray, upper: np.ndarray, cells: int) -> np.ndarray:

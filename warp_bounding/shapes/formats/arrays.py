@@ -205,44 +205,22 @@ def _is_clear(array: np.ndarray) -> bool:
     return bool(((array == 0) | (array == 1)).all()) and not _may_be_vertices(array)
 
 
-def _is_map(array: np.ndarray) -> bool:
-    """Whether these may be the cells of a ROS OccupancyGrid: -1, unknown, or whole per cent."""
-    if array.dtype.kind not in "if" or not array.size or not -1 <= array.min() <= 0 or not array.max() <= 100:
-        return False
-    return bool((array == np.rint(array)).all())
-
-
 def _may_be_vertices(array: np.ndarray) -> bool:
     return array.ndim == 2 and array.shape[1] == 3 and array.dtype.kind == "f"
 
 
 def _what_to_say(array: np.ndarray) -> str:
-    """In one line, what came and the two calls that would be clear."""
+    """In one line, what came and the calls that would be clear."""
     low, high = array.min(), array.max()
-    got = f"got {array.dtype} from {low:g} to {high:g}"
+    got = f"expected truth values, or 0 and 1, got {array.dtype} from {low:g} to {high:g}"
     if _may_be_vertices(array):
-        return (
-            f"expected truth values, {got} of shape {array.shape}; write load_shape((vertices, faces)) if these are a "
-            "mesh's vertices, load_shape(a >= 0.5) if they are cells, occupied from 0.5 on"
-        )
-    if _is_map(array) and not _may_be_vertices(array) and (array.dtype.kind == "i" or high > 1):
-        return (
-            f"expected truth values, or 0 and 1, {got}; of an OccupancyGrid (-1, 0 to 100) give level='>=65', and "
-            "unknown='free' if cells of -1 are free, else they count as occupied"
-        )
+        return f"{got} of shape {array.shape}; of vertices write (vertices, faces), of cells a >= 0.5"
     if low < 0:
-        return (
-            f"expected truth values, or 0 and 1, {got}; write load_shape(a <= 0) for signed distances, negative "
-            "inside, load_shape(a > 0) if the object is where they are positive; for a file level='<=0' or '>0'"
-        )
-    top = high if np.isfinite(high) else array[np.isfinite(array)].max(initial=0)
-    middle = 128 if array.dtype == np.uint8 else 0.5 if top <= 1 else float(f"{low / 2 + top / 2:.3g}")
-    grey = ", a being the grey of a picture, such as rgb.mean(axis=2)" * (array.ndim == 3 and array.shape[2] in (3, 4))
-    return (
-        f"expected truth values, or 0 and 1, {got}; write load_shape(a < {middle:g}) if low values, the dark of a "
-        f"map, are occupied, load_shape(a >= {middle:g}) if high ones are{grey}; for a file level='<{middle:g}' "
-        f"or '>={middle:g}'"
-    )
+        maps = "; of an OccupancyGrid (-1, 0 to 100) level='>=65', and unknown='free' if cells of -1 are free"
+        return f"{got}; give level='<=0' for signed distances, negative inside, or '>0'{maps if low == -1 else ''}"
+    middle = 128 if array.dtype == np.uint8 else float(f"{high / 2:.3g}") if np.isfinite(high) else 0.5
+    grey = "; of colours take a grey first" * (array.ndim == 3 and array.shape[2] in (3, 4))
+    return f"{got}; give level='<{middle:g}' if low values, the dark of a map, are occupied, or '>={middle:g}'{grey}"
 
 
 def _is_number(value: object) -> bool:
