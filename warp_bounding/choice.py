@@ -90,7 +90,7 @@ def candidates_of(query: str, shape: Shape, networks: Sequence[tuple[int, ...]])
             words = [name, *(UNITS[key].format(value) for key, value in size.items())]
             yield Candidate(" ".join(words), name, size)
     # of all but the plain ones one size, since each compiles kernels of its own
-    named = [(name, hidden) for name in neural for hidden in (networks if name == Mlp.method else networks[-1:])]
+    named = [(name, hidden) for name in neural for hidden in (networks if able[name] is Mlp else networks[-1:])]
     if Mlp.method in neural and PREFILTER in able and BEHIND in networks:
         named.append((CASCADE, BEHIND))
     for name, hidden in named:

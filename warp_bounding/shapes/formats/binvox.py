@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.formats.arrays import Cells
 from warp_bounding.shapes.shape import MAX_CELLS
 
@@ -21,19 +20,19 @@ LONGEST_HEADER = 4096  # bytes
 
 
 def read_binvox(path: Path) -> Cells:
-    """Read occupancy ``(X, Y, Z)`` bool; ``ShapeError`` for anything that is not a complete, exact binvox file."""
+    """Read occupancy ``(X, Y, Z)`` bool; ``ValueError`` for anything that is not a complete, exact binvox file."""
     content = path.read_bytes()
-    shape, start, header = _read_header(path, content)
+    shape, start, header = _read_header(content)
     if (len(content) - start) % 2:
-        raise ShapeError(f"{path}: expected pairs of bytes after the header, got {len(content) - start} bytes")
+        raise ValueError(f"expected pairs of bytes after the header, got {len(content) - start} bytes")
     values, counts = np.frombuffer(content, np.uint8, offset=start).reshape(-1, 2).T
     if (values > 1).any():
-        raise ShapeError(f"{path}: expected voxel values 0 and 1, got {int(values.max())}")
+        raise ValueError(f"expected voxel values 0 and 1, got {int(values.max())}")
     if (counts == 0).any():
-        raise ShapeError(f"{path}: expected runs of 1 to 255 voxels, got a run of 0")
+        raise ValueError("expected runs of 1 to 255 voxels, got a run of 0")
     expected, total = math.prod(shape), int(counts.sum(dtype=np.int64))
     if total != expected:
-        raise ShapeError(f"{path}: expected {expected} voxels ({' x '.join(map(str, shape))}), got {total}")
+        raise ValueError(f"expected {expected} voxels ({' x '.join(map(str, shape))}), got {total}")
     x_z_y = np.repeat(values.astype(bool), counts).reshape(shape)
     translate, (scale,) = header.get("translate", [0.0] * 3), header.get("scale", [1.0])
     if not any(translate) and scale == 1:
@@ -48,42 +47,42 @@ def read_binvox(path: Path) -> Cells:
     )
 
 
-def _read_header(path: Path, content: bytes) -> tuple[tuple[int, int, int], int, dict[str, list[float]]]:
+def _read_header(content: bytes) -> tuple[tuple[int, int, int], int, dict[str, list[float]]]:
     """Voxels along x, z, y, where the data begin, and the header's numbers."""
     if not content.startswith(b"#binvox"):
-        raise ShapeError(f"{path}: expected a file that begins with '#binvox', got {content[:8]!r}")
+        raise ValueError(f"expected a file that begins with '#binvox', got {content[:8]!r}")
     shape, position, found = None, 0, {}
     while True:
         end = content.find(b"\n", position, LONGEST_HEADER)
         if end < 0:
-            raise ShapeError(f"{path}: expected a binvox header that ends with a line 'data', got none")
+            raise ValueError("expected a binvox header that ends with a line 'data', got none")
         words, position = content[position:end].split(), end + 1
         match words:
             case [b"#binvox", version]:
                 if version != b"1":
-                    raise ShapeError(f"{path}: expected binvox version 1, got {version.decode(errors='replace')}")
+                    raise ValueError(f"expected binvox version 1, got {version.decode(errors='replace')}")
             case [b"dim", *sizes]:
                 if len(sizes) != 3 or not all(size.isdigit() and int(size) > 0 for size in sizes):
-                    raise ShapeError(f"{path}: expected 'dim' and 3 positive integers, got {_text(words)!r}")
+                    raise ValueError(f"expected 'dim' and 3 positive integers, got {_text(words)!r}")
                 if shape is not None:
-                    raise ShapeError(f"{path}: expected one line 'dim' in the binvox header, got two")
+                    raise ValueError("expected one line 'dim' in the binvox header, got two")
                 shape = tuple(int(size) for size in sizes)
             case [(b"translate" | b"scale") as key, *numbers]:
                 if len(numbers) != (3 if key == b"translate" else 1) or not all(_is_number(n) for n in numbers):
-                    raise ShapeError(f"{path}: expected numbers after {key.decode()!r}, got {_text(words)!r}")
+                    raise ValueError(f"expected numbers after {key.decode()!r}, got {_text(words)!r}")
                 if key.decode() in found:
-                    raise ShapeError(f"{path}: expected one line {key.decode()!r} in the binvox header, got two")
+                    raise ValueError(f"expected one line {key.decode()!r} in the binvox header, got two")
                 found[key.decode()] = [float(number) for number in numbers]
                 if key == b"scale" and not found["scale"][0] > 0:
-                    raise ShapeError(f"{path}: expected a scale above 0, got {_text(words)!r}")
+                    raise ValueError(f"expected a scale above 0, got {_text(words)!r}")
             case [b"data"]:
                 break
             case _:
-                raise ShapeError(f"{path}: expected a binvox header line, got {_text(words)!r}")
+                raise ValueError(f"expected a binvox header line, got {_text(words)!r}")
     if shape is None:
-        raise ShapeError(f"{path}: expected a line 'dim' in the binvox header, got none")
+        raise ValueError("expected a line 'dim' in the binvox header, got none")
     if math.prod(shape) > MAX_CELLS:
-        raise ShapeError(f"{path}: expected at most {MAX_CELLS} voxels, got {math.prod(shape)}")
+        raise ValueError(f"expected at most {MAX_CELLS} voxels, got {math.prod(shape)}")
     return shape, position, found
 
 

@@ -382,7 +382,8 @@ def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
         with path.open("rb") as file:
             if not file.read(1):
                 raise ShapeError(f"{path}: expected a {suffix} file, but it is empty")
-        return READERS[suffix](path, wanted)
+        with reading(path, f"a {suffix} file"):
+            return READERS[suffix](path, wanted)
     except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
         if isinstance(error, ShapeError):
             raise
@@ -391,30 +392,29 @@ def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
 
 
 def _read_npy(path: Path) -> Cells:
-    with reading(path, "a NumPy .npy array"), path.open("rb") as file:
-        return Cells(_whole_array(path, file), path.name)
+    with path.open("rb") as file:
+        return Cells(_whole_array(file), path.name)
 
 
-def _whole_array(path: Path, file) -> np.ndarray:
+def _whole_array(file) -> np.ndarray:
     array = np.lib.format.read_array(file, allow_pickle=False)
     if file.read(1):
-        raise ShapeError(f"{path}: expected the end of the file after {array.size} numbers, got more data")
+        raise ValueError(f"expected the end of the file after {array.size} numbers, got more data")
     return array
 
 
 def _read_npz(path: Path) -> Cells:
-    with reading(path, "a NumPy .npz archive"), path.open("rb") as file:
-        if file.read(2) != b"PK":
-            raise ShapeError(f"{path}: expected a NumPy .npz archive, got a file that is not a zip archive")
-        with zipfile.ZipFile(file) as archive:
-            names = [name.removesuffix(".npy") for name in archive.namelist()]
-            wanted = names[0] if len(names) == 1 else "occupancy"
-            if names.count(wanted) != 1:
-                raise ShapeError(f"{path}: expected one array or one named 'occupancy', got {names}")
-            if f"{wanted}.npy" not in archive.namelist():
-                raise ShapeError(f"{path}: expected an archive of NumPy arrays, got the file {wanted!r}")
-            with archive.open(f"{wanted}.npy") as member:
-                array = _whole_array(path, member)
+    if not zipfile.is_zipfile(path):
+        raise ValueError("expected a NumPy .npz archive, got a file that is not a zip archive")
+    with zipfile.ZipFile(path) as archive:
+        names = [name.removesuffix(".npy") for name in archive.namelist()]
+        wanted = names[0] if len(names) == 1 else "occupancy"
+        if names.count(wanted) != 1:
+            raise ValueError(f"expected one array or one named 'occupancy', got {names}")
+        if f"{wanted}.npy" not in archive.namelist():
+            raise ValueError(f"expected an archive of NumPy arrays, got the file {wanted!r}")
+        with archive.open(f"{wanted}.npy") as member:
+            array = _whole_array(member)
     others = ", ".join(name for name in names if name != wanted)
     return Cells(array, path.name, f"not read: {others}" if others else "")
 

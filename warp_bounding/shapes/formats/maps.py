@@ -37,66 +37,60 @@ def read_pgm(path: Path) -> tuple[np.ndarray, int]:
     content = path.read_bytes()
     kind, found, position = content[:2], [], 2
     if kind not in (b"P2", b"P5"):
-        raise ShapeError(f"{path}: expected a PGM file that begins with P2 or P5, got {kind!r}")
+        raise ValueError(f"expected a PGM file that begins with P2 or P5, got {kind!r}")
     while len(found) < 3:
         token = _TOKENS.match(content, position)
         if token is None or not token[1].isdigit():
-            raise ShapeError(f"{path}: expected width, height and white in the PGM header, got {found}")
+            raise ValueError(f"expected width, height and white in the PGM header, got {found}")
         found, position = [*found, int(token[1])], token.end()
     width, height, white = found
     if not (width > 0 and height > 0 and 0 < white < 65536 and width * height <= MAX_CELLS):
-        raise ShapeError(f"{path}: expected a PGM size and white from 1 to 65535, got {found}")
+        raise ValueError(f"expected a PGM size and white from 1 to 65535, got {found}")
     if kind == b"P5":
         if not content[position : position + 1].isspace():
-            raise ShapeError(
-                f"{path}: expected one blank after the PGM header, got {content[position : position + 1]!r}"
-            )
+            raise ValueError(f"expected one blank after the PGM header, got {content[position : position + 1]!r}")
         kept = np.dtype(np.uint8 if white < 256 else ">u2")
         there, needed = len(content) - position - 1, width * height * kept.itemsize
         if there != needed:
-            raise ShapeError(f"{path}: expected one picture of {width} x {height}, {needed} bytes, got {there}")
+            raise ValueError(f"expected one picture of {width} x {height}, {needed} bytes, got {there}")
         values = np.frombuffer(content, kept, offset=position + 1).astype(np.uint16)
     else:
         if not content[-1:].isspace():
-            raise ShapeError(
-                f"{path}: expected a blank after the last grey value, got the end: the file may be cut off"
-            )
+            raise ValueError("expected a blank after the last grey value, got the end: the file may be cut off")
         words = re.sub(rb"#[^\n\r]*", b" ", content[position:]).split()
         if len(words) != width * height or not all(word.isdigit() for word in words):
-            raise ShapeError(f"{path}: expected {width * height} grey values of {width} x {height}, got {len(words)}")
+            raise ValueError(f"expected {width * height} grey values of {width} x {height}, got {len(words)}")
         values = np.array([min(int(word), 65535) for word in words], dtype=np.uint16)
     if int(values.max()) > white:
-        raise ShapeError(f"{path}: expected grey values up to {white}, got {int(values.max())}")
+        raise ValueError(f"expected grey values up to {white}, got {int(values.max())}")
     return values.reshape(height, width), white
 
 
 def read_ros_map(path: Path, wanted: Wanted) -> Cells:
     """A ROS map: the cells of the picture that its YAML file names, in metres.
 
-    Raises ``ShapeError`` for a key that is missing or means nothing, an origin that is turned, or a picture of another
+    Raises ``ValueError`` for a key that is missing or means nothing, an origin that is turned, or a picture of another
     kind.
     """
     fields = _fields(path)
     if missing := [key for key in KEYS if key not in fields]:
-        raise ShapeError(f"{path}: expected a ROS map with {', '.join(KEYS)}, got none of {', '.join(missing)}")
+        raise ValueError(f"expected a ROS map with {', '.join(KEYS)}, got none of {', '.join(missing)}")
     mode = fields.get("mode", MODES[0])
     if mode not in MODES:
-        raise ShapeError(f"{path}: expected mode {', '.join(MODES)}, got {mode!r}")
-    resolution, occupied, free = (
-        _number(path, key, fields[key]) for key in ("resolution", "occupied_thresh", "free_thresh")
-    )
+        raise ValueError(f"expected mode {', '.join(MODES)}, got {mode!r}")
+    resolution, occupied, free = (_number(key, fields[key]) for key in ("resolution", "occupied_thresh", "free_thresh"))
     if not resolution > 0 or not 0 <= free <= occupied <= 1:
-        raise ShapeError(
-            f"{path}: expected resolution > 0 and 0 <= free_thresh <= occupied_thresh <= 1, got {resolution}, {free}, "
+        raise ValueError(
+            f"expected resolution > 0 and 0 <= free_thresh <= occupied_thresh <= 1, got {resolution}, {free}, "
             f"{occupied}"
         )
     negate = {"0": False, "false": False, "1": True, "true": True}.get(str(fields["negate"]).lower())
     if negate is None:
-        raise ShapeError(f"{path}: expected negate: 0 or 1, got {fields['negate']!r}")
+        raise ValueError(f"expected negate: 0 or 1, got {fields['negate']!r}")
     origin = fields["origin"] if isinstance(fields["origin"], list) else [fields["origin"]]
     if len(origin) != 3:
-        raise ShapeError(f"{path}: expected origin: [x, y, yaw], got {origin}")
-    x, y, yaw = (_number(path, "origin", word) for word in origin)
+        raise ValueError(f"expected origin: [x, y, yaw], got {origin}")
+    x, y, yaw = (_number("origin", word) for word in origin)
     if yaw:
         raise ShapeError(
             f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; set yaw to 0, and place the bounder with "
@@ -135,14 +129,15 @@ def _shades(path: Path, *, trinary: bool) -> tuple[np.ndarray, np.ndarray]:
     if not path.is_file():
         raise ShapeError(f"{path}: no such file, which the map names as its image")
     if path.suffix.lower() == ".pgm":
-        values, white = read_pgm(path)
+        with reading(path, "a PGM file"):
+            values, white = read_pgm(path)
         return values / white, np.ones(values.shape, dtype=bool)
     with opened(path, None) as image:
         deep = image.mode.startswith("I;16")
         if not deep and image.tile and ";16" in str(image.tile[0][3]):
             raise ShapeError(f"{path}: colours of 16 bits are not read in a map; save them with 8 bits, or as grey")
         if not deep and image.mode not in ("1", "L", "P", "LA", "PA", "RGB", "RGBA"):
-            raise ShapeError(f"{path}: expected a picture in grey or colours, got mode {image.mode}")
+            raise ValueError(f"expected a picture in grey or colours, got mode {image.mode}")
         alpha, white = alpha_of(image, path), 65535 if deep else 255
         values = np.asarray(image)[..., None] if deep else np.asarray(image.convert("RGBA"))[..., :3]
         values = values.astype(np.float64).mean(axis=2)
@@ -153,21 +148,20 @@ def _shades(path: Path, *, trinary: bool) -> tuple[np.ndarray, np.ndarray]:
 
 def read_movingai(path: Path) -> Cells:
     """A map of Moving AI's benchmarks: cells of size 1, their centres on whole numbers."""
-    with reading(path, "a Moving AI map"):
-        lines = path.read_bytes().decode("ascii").replace("\r\n", "\n").rstrip("\n").split("\n")
+    lines = path.read_bytes().decode("ascii").replace("\r\n", "\n").rstrip("\n").split("\n")
     head = dict(words for line in lines[:3] if len(words := line.split()) == 2)
     tiles, sizes = head.get("type"), [head.get(key, "") for key in ("width", "height")]
     if lines[3:4] != ["map"] or tiles not in TILES or not all(size.isdigit() and int(size) > 0 for size in sizes):
-        raise ShapeError(f"{path}: expected the lines 'type octile', 'height', 'width' and 'map', got {lines[:4]}")
+        raise ValueError(f"expected the lines 'type octile', 'height', 'width' and 'map', got {lines[:4]}")
     width, height = map(int, sizes)
     rows = lines[4:]
     lengths = sorted({len(row) for row in rows})
     if len(rows) != height or lengths != [width]:
-        raise ShapeError(f"{path}: expected {height} rows of {width} characters, got {len(rows)} of {lengths}")
+        raise ValueError(f"expected {height} rows of {width} characters, got {len(rows)} of {lengths}")
     letters = np.frombuffer("".join(rows).encode(), dtype="S1").reshape(height, width)
     found = {letter.decode() for letter in np.unique(letters)}
     if unknown := found - {*PASSABLE, *BLOCKED}:
-        raise ShapeError(f"{path}: expected characters {PASSABLE} and {BLOCKED}, got {''.join(sorted(unknown))!r}")
+        raise ValueError(f"expected characters {PASSABLE} and {BLOCKED}, got {''.join(sorted(unknown))!r}")
     reported = {"S": "S, swamp, counts as free", "W": "W, water, counts as occupied"}
     words = [
         "x to the right, y up, the file's first row at the top",
@@ -177,20 +171,19 @@ def read_movingai(path: Path) -> Cells:
     return Cells(cells, path.name, "; ".join(words), spacing=1.0)
 
 
-def _number(path: Path, key: str, word) -> float:
+def _number(key: str, word) -> float:
     try:
         value = math.nan if "_" in word else float(word)
     except (TypeError, ValueError):
         value = math.nan
     if not math.isfinite(value):
-        raise ShapeError(f"{path}: expected a number for {key}, got {word!r}")
+        raise ValueError(f"expected a number for {key}, got {word!r}")
     return value
 
 
 def _fields(path: Path) -> dict[str, str | list[str]]:
     """The keys of a YAML file that is a table of words, numbers and lists of them; anything else is refused."""
-    with reading(path, "a YAML file"):
-        text = path.read_text(encoding="utf-8-sig")
+    text = path.read_text(encoding="utf-8-sig")
     found: dict[str, str | list[str]] = {}
     key, open_ = None, ""
     for number, line in enumerate(text.splitlines(), 1):

@@ -29,6 +29,8 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
         raise
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, ValueError) and reason.startswith("expected"):  # by a reader of ours
+            raise ShapeError(f"{path}: {reason}") from error
         reason = f"{reason} is missing" if isinstance(error, KeyError) else reason
         reason = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
         raise ShapeError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
