@@ -3,7 +3,7 @@
 Names have theirs in their docstrings; others stand on the pages of the API reference, and those of the many methods of
 a bounder that only authors of methods call in ``authors.md``. They share a few names, which each example may use
 without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``, ``far``, a distance bounder of
-the ball, and ``ball_distances``, those of the points.
+the ball, and ``ball_distances``, those of the points; ``balls``, which hold the mesh, and ``pair``, of both.
 """
 
 import doctest
@@ -21,13 +21,16 @@ from warp_bounding.proof.stress import StressResult
 
 pytest.importorskip("torch", reason="torch is not installed")
 
-PAGES = ("docs/api/arms.md", "docs/api/choose.md", "docs/api/composition.md", "tests/authors.md")
+PAGES = tuple(f"docs/api/{name}.md" for name in ("arms", "choose", "composition", "pairs"))
+PAGES += ("tests/authors.md",)
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
     wb.baking.BounderLibrary: ("manifest", "names", "path", "stack"),
     wb.baking.BounderStack: ("query",),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
+    wb.pairs.Balls: ("certify", "load", "of", "save"),
+    wb.pairs.Pair: ("contact_time", "distance", "func", "query"),
     wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),
     wb.shapes.Function: ("refute",),
     wb.shapes.Grid: ("cell_coordinate", "contains", "position", "to_grid"),
@@ -41,6 +44,7 @@ DOCUMENTED |= {"StressResult": StressResult} | {
     f"shapes.{name}": getattr(wb.shapes, name) for name in wb.shapes.__all__ if name not in ("READERS", "ShapeLike")
 }
 DOCUMENTED |= {f"baking.{name}": getattr(wb.baking, name) for name in wb.baking.__all__}
+DOCUMENTED |= {f"pairs.{name}": getattr(wb.pairs, name) for name in wb.pairs.__all__}
 DOCUMENTED |= {f"proof.{name}": getattr(wb.proof, name) for name in ("clear_segments", "proven_share")}
 DOCUMENTED |= {f"arms.{name}": getattr(wb.arms, name) for name in wb.arms.__all__ if name != "WORLD"}  # a number
 DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in METHODS.items() for name in names}
@@ -62,7 +66,8 @@ def made() -> dict:
     points = np.random.default_rng(0).random((100, 3), dtype=np.float32)
     far = wb.fit(ball, "distance", "sphere", device="cpu")
     ball_distances = grid.distances(points)[:, 1]
-    names = {"far": far, "ball_distances": ball_distances}
+    balls = wb.pairs.Balls.of(mesh, 16)
+    names = {"far": far, "ball_distances": ball_distances, "balls": balls, "pair": wb.pairs.Pair(far, balls)}
     names |= {"ball": ball, "grid": grid, "mesh": mesh, "motion": motion, "bounder": bounder, "points": points}
     return names | {"np": np, "wp": wp, "wb": wb, "stress_test": stress_test, "__name__": __name__}
 

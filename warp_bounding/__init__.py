@@ -51,6 +51,7 @@ __all__ = [
     "launch_on_cores",
     "load",
     "load_shape",
+    "pairs",
     "shapes",
     "two_sided",
     "union",
@@ -87,7 +88,7 @@ _HOMES = {
     "warp_bounding.choice": ("Choice", "choose"),
     "warp_bounding.runtime.launch": ("device_of", "launch_on_cores"),
 }
-_MODULES = ("arms", "baking", "newton", "proof", "shapes", "views")
+_MODULES = ("arms", "baking", "newton", "pairs", "proof", "shapes", "views")
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 
 

@@ -56,8 +56,13 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
         **{field: bounder.info.get(field) for field in INFO_FIELDS},
         **({} if bounder.frame is None else {"frame": bounder.frame.to_dict()}),
     }
-    text = json.dumps({"sha256": digest_of(bounder.tensors, document), "bounder": document}, allow_nan=False)
-    write_whole(path, safetensors.numpy.save(bounder.tensors, metadata={KEY: text}), BOUNDER_FILE)
+    write(path, bounder.tensors, document)
+
+
+def write(path: str | os.PathLike, tensors: dict[str, np.ndarray], document: dict[str, Any]) -> None:
+    """Write tensors and a document with their digest."""
+    text = json.dumps({"sha256": digest_of(tensors, document), "bounder": document}, allow_nan=False)
+    write_whole(path, safetensors.numpy.save(tensors, metadata={KEY: text}), BOUNDER_FILE)
 
 
 def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

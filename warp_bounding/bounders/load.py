@@ -42,6 +42,8 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
     path = file_path(path)
     device_of(device)  # first: that there is none is no fault of the file
     tensors, document = read(path)
+    if document.get("method") == BALLS:
+        raise FileFormatError(f"{path}: holds the balls of a pair, no bounder; read it with wb.pairs.Balls.load")
     try:
         bounder = _made(document, tensors, device)
         threshold = document["threshold"]
@@ -74,6 +76,7 @@ GONE = {
     "composition": "put together by & and |: fit it anew, with cascade, union or hierarchy",
     "kd-tree": "fit a bvh, which holds the same cells",
 }
+BALLS = "balls"  # ``pairs.balls``: no bounder
 
 
 def _bring_up(bounder: Bounder) -> None:
