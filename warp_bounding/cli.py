@@ -334,6 +334,14 @@ def about(bounder, path: Path | str, certificate=None, shape: Path | None = None
     return found
 
 
+def holds_balls(file: Path) -> bool:
+    """Whether a file is one of ``pairs.Balls``."""
+    from warp_bounding.bounders.file_format import read
+    from warp_bounding.bounders.load import BALLS
+
+    return read(file)[1].get("method") == BALLS
+
+
 def other_shape(found: Mapping[str, Any], given: str) -> str:
     """What to print first where a shape is not that of the fit, by ``about``; empty where it is."""
     name, fitted = found["shape"], found["fitted_indicator"] or "unknown"
@@ -492,6 +500,8 @@ def certify(
 ) -> tuple:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
 
+    Of the balls of a pair: that they hold SHAPE.
+
     Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here
     are compared with FILE's.
 
@@ -505,6 +515,12 @@ def certify(
     for name, least in (("margin", 0.0), ("length", math.ulp(0.0)), ("resolution", 1)):
         if expected[name] is not None and not least <= expected[name] < math.inf:
             raise BoundingError(f"{name} must be one that a bounder can have, got {expected[name]}")
+    if holds_balls(file):
+        from warp_bounding.pairs import Balls
+
+        found = Balls.load(file).certify(read_shape(shape, reading), budget)
+        report(json, {"path": file, "shape": shape, "proven": found.proven}, f"{found.kind}: {found.message}")
+        return 0 if found.proven else 1
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
         found = prove(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 import warp_bounding as wb
 from warp_bounding.bounders.file_format import read, write
+from warp_bounding.cli import main
 from warp_bounding.pairs import Balls, Pair, PairData, balls, kernels
 from warp_bounding.pairs.pair import contact_func, distance_func, query_func
 
@@ -300,7 +301,7 @@ def test_other_meshes_are_held_too(mesh, kind):
     assert len(found.radii) <= 32
 
 
-def test_files(held, mesh, tmp_path):
+def test_files(held, mesh, tmp_path, capsys):
     path = tmp_path / "ring.safetensors"
     held.save(path)
     again = Balls.load(path)
@@ -309,6 +310,13 @@ def test_files(held, mesh, tmp_path):
     assert (again.mesh, again.name) == (mesh.digest, "ring")
     with pytest.raises(wb.FileFormatError, match=r"Balls\.load"):
         wb.load(path)
+    shape = tmp_path / "ring.obj"
+    rows = ["v {:.9g} {:.9g} {:.9g}".format(*v) for v in mesh.vertices]
+    shape.write_text("\n".join([*rows, *("f {} {} {}".format(*(f + 1)) for f in mesh.faces)]) + "\n")
+    with pytest.raises(SystemExit) as ended:
+        main(["certify", str(path), str(shape)])
+    assert ended.value.code == 0
+    assert "proven: 64 balls hold the solid" in capsys.readouterr().out
     tensors, document = read(path)
     write(path, {"centers": tensors["centers"], "radii": -tensors["radii"]}, document)
     with pytest.raises(wb.FileFormatError, match="radii of at least 0"):

@@ -34,22 +34,22 @@ from warp_bounding.rounding import round_up
 from warp_bounding.runtime.launch import device_of, working_seconds
 from warp_bounding.runtime.whole_file import file_path
 from warp_bounding.shapes.mesh import Mesh
+from warp_bounding.shapes.shape import IN
 
 MOST = 2**15  # balls: ``kernels.STACK`` is enough for the groups of a tree
 INWARDS = 1 - 2.0**-40  # outweighs what float64 rounds in a squared length
 NEAREST = 8  # balls that are looked at for each box
 CHUNK = 1 << 16  # boxes that are halved at a time
-LEAST_SIDE = 2.0**-14  # of the longest side: boxes that small are not halved by ``certify``
+LEAST_SIDE = 2.0**-14  # of the longest side: ``certify`` ends at boxes that small
 POINTS, CANDIDATES, FEWEST = 40, 10, 12000  # points on the surface and candidates, for each ball; points at least
 
 
 class _Search(NamedTuple):
-    """Of halving boxes: how many, those that are left, and whether time was over."""
+    """Of halving boxes: how many, whether none was left, and a point of the mesh in no ball, if one was met."""
 
     boxes: int
-    lower: np.ndarray
-    upper: np.ndarray
     complete: bool
+    bare: np.ndarray | None
 
 
 def _lifted(centers: np.ndarray, radii: np.ndarray) -> cKDTree:
@@ -67,44 +67,51 @@ def _reach(centers: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
 def _search(
     mesh: Mesh, centers: np.ndarray, radii: np.ndarray, least: float, end: float = np.inf, grow: bool = False
 ) -> _Search:
-    """Halve the box around a mesh until boxes lie in a ball or are empty; those of side ``least`` are left.
+    """Halve the box around a mesh until boxes lie in a ball or are empty, or one of side ``least`` is left.
 
-    With ``grow`` the ball that needs least for such a box grows in place, and none is left.
+    With ``grow``, the ball that needs least for such a box grows in place; else the middles of boxes that are left are
+    looked at, and the search ends at the first one of the mesh that no ball holds.
     """
     tree, boxes = _lifted(centers, radii), 0
     todo = [(mesh.lower.astype(np.float64)[None], mesh.upper.astype(np.float64)[None])]
-    left: list[tuple[np.ndarray, np.ndarray]] = [(np.empty((0, 3)), np.empty((0, 3)))]
-    complete = True
+    if not grow and (bare := _bare(mesh, tree, centers, radii, mesh.corners())) is not None:
+        return _Search(boxes, False, bare)
     while todo:
-        lower, upper = todo.pop()
         if working_seconds() > end:
-            complete = False
-            left.append((lower, upper))
-            continue
+            return _Search(boxes, False, None)
+        lower, upper = todo.pop()
         boxes += len(lower)
         middle = lower / 2 + upper / 2
         near = tree.query(np.column_stack([middle, np.zeros(len(middle))]), k=min(NEAREST, len(radii)))[1]
         near = near.reshape(len(middle), -1)
         missing = _reach(centers[near], lower[:, None], upper[:, None]) - radii[near]
-        open_ = np.flatnonzero(~(missing.min(axis=1) <= 0))
-        open_ = open_[~mesh.empty(lower[open_], upper[open_])]
-        small = (upper[open_] - lower[open_]).max(axis=1) <= least
-        if small.any():
-            rest = open_[small]
-            if grow:
-                best = near[rest, missing[rest].argmin(axis=1)]
-                np.maximum.at(radii, best, _reach(centers[best], lower[rest], upper[rest]))
-                tree = _lifted(centers, radii)
-            else:
-                left.append((lower[rest], upper[rest]))
-        lower, upper, middle = (x[open_[~small]] for x in (lower, upper, middle))
-        axis = (upper - lower).argmax(axis=1)
-        row = np.arange(len(lower))
+        left = np.flatnonzero(~(missing.min(axis=1) <= 0))
+        left = left[~mesh.empty(lower[left], upper[left])]
+        small = (upper[left] - lower[left]).max(axis=1) <= least
+        if grow and small.any():
+            rest = left[small]
+            best = near[rest, missing[rest].argmin(axis=1)]
+            np.maximum.at(radii, best, _reach(centers[best], lower[rest], upper[rest]))
+            tree = _lifted(centers, radii)
+        elif not grow:
+            bare = _bare(mesh, tree, centers, radii, middle[left])
+            if bare is not None or small.any():
+                return _Search(boxes, False, bare)
+        lower, upper, middle = (x[left[~small]] for x in (lower, upper, middle))
+        axis, row = (upper - lower).argmax(axis=1), np.arange(len(lower))
         first, second = upper.copy(), lower.copy()
         first[row, axis] = second[row, axis] = middle[row, axis]
         lower, upper = np.concatenate([lower, second]), np.concatenate([first, upper])
         todo += [(lower[i : i + CHUNK], upper[i : i + CHUNK]) for i in range(0, len(lower), CHUNK)]
-    return _Search(boxes, *(np.concatenate(side) for side in zip(*left, strict=True)), complete)
+    return _Search(boxes, True, None)
+
+
+def _bare(mesh: Mesh, tree: cKDTree, centers: np.ndarray, radii: np.ndarray, points: np.ndarray) -> np.ndarray | None:
+    """One of these points that is certainly of the mesh and in no ball."""
+    nearest = tree.query(np.column_stack([points, np.zeros(len(points))]))[1] if len(points) else np.empty(0, int)
+    out = points[((points - centers[nearest]) ** 2).sum(axis=1) * INWARDS > radii[nearest] ** 2]
+    out = out[mesh.decide(out) == IN] if len(out) else out
+    return out[0] if len(out) else None
 
 
 def _medial(points: np.ndarray, normals: np.ndarray, others: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
@@ -388,17 +395,12 @@ class Balls:
         centers, radii = self.centers.astype(np.float64), self.radii.astype(np.float64)
         size = float((mesh.upper - mesh.lower).max())
         found = _search(mesh, centers, radii, LEAST_SIDE * size, started + budget)
-        if not len(found.lower):
+        if found.complete:
             held = "the solid" if mesh.watertight else "the surface"
             return result("proven", f"{len(radii)} balls hold {held} of {mesh.name}.", found.boxes)
-        points = np.concatenate([mesh.corners(), found.lower / 2 + found.upper / 2])
-        out = _lifted(centers, radii).query(np.column_stack([points, np.zeros(len(points))]))[1]
-        bare = np.flatnonzero(np.sqrt(((points - centers[out]) ** 2).sum(axis=1)) * INWARDS > radii[out])
-        bare = bare[mesh.decide(points[bare]) == shapes.shape.IN]
-        if len(bare):
-            return result("refuted", "a point of the mesh lies in no ball", found.boxes, points[bare[0]])
-        why = "small boxes lie in no ball, and are not certainly empty" if found.complete else "time is over"
-        return result("undecided", why, found.boxes)
+        if found.bare is not None:
+            return result("refuted", "a point of the mesh lies in no ball", found.boxes, found.bare)
+        return result("undecided", "time is over, or a small box is neither in a ball nor certainly empty", found.boxes)
 
     @cached_property
     def tree(self) -> Tree:
