@@ -35,6 +35,8 @@ SHORTER = {  # in turns
     "hidden=(50, 50), budget=60.0": SMALL_FIT,
     "hidden=(24, 24), budget=20.0": SMALL_FIT,
     "hidden=(16, 16), budget=10.0": SMALL_FIT,
+    "hidden=(48, 48), reach=0.4, budget=300.0": SMALL_FIT,
+    "hidden=(48, 48), reach=0.4": SMALL_FIT,
     "budget=60.0": SMALL_FIT,
     "budget=8.0": "budget=1.0",
     "--hidden 50,50 --budget 60 ": "--hidden 8 --budget 30 --steps 20 --samples 20000 ",
@@ -65,6 +67,7 @@ def after(namespace: dict) -> dict:
         "free = wb.proof.clear_segments(": lambda: values.free.any() and not values.free.all(),
         "prepared.launch(": lambda: values.count.numpy()[0] == _asked_at_last(values) > 0,
         "shadow.query(": lambda: len(values.maybe_hit) == len(values.rays) and values.box.certificate.proven,
+        "pair.contact_time(": lambda: (values.low.numpy()[values.maybe.numpy() == 0] > 0).all(),
         "cull.collide(": lambda: _contacts_without(values) == values.contacts.soft_contact_count.numpy()[0] > 0,
     }
 
