@@ -519,8 +519,8 @@ def certify(
         from warp_bounding.pairs import Balls
 
         found = Balls.load(file).certify(read_shape(shape, reading), budget)
-        report(json, {"path": file, "shape": shape, "proven": found.proven}, f"{found.kind}: {found.message}")
-        return 0 if found.proven else 1
+        known = {"path": file, "shape": shape, "proven": found.proven, "certificate": found.to_dict()}
+        return 0 if found.proven else 1, known, f"{found.kind}: {found.message}"
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
         found = prove(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
