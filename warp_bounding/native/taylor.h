@@ -8,7 +8,7 @@
 
 /// SINE:
 /// At z: coefficients a0 to a3 of a polynomial, and left, by how much it may be off within u; d, by how much the
-/// derivative differs within b from a1; and the constant flat, off by spread within b. The Taylor polynomial of fourth
+/// derivative differs within b from a1 + s2 x; and the constant flat, off by spread within b. The Taylor polynomial of fourth
 /// degree is off by |sin z| u^6 / 720 + |cos z| u^5 / 120, and x^4 is within u^4 / 8 of u^2 x^2 - u^4 / 8. Reduced to
 /// |r| <= pi / 4 by multiples k of pi / 2, in three parts.
 auto act_sin = [&](V z, V* cosine) {
@@ -27,12 +27,11 @@ auto act_sin = [&](V z, V* cosine) {
     if (cosine) *cosine = turned ? -o : o;
     return minus ? -a : a;
 };
-auto taylor_sin = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& flat, V& spread) {
-    a0 = act_sin(z, &a1); a3 = a1 * (-1 / 6.0);
-    const V size = absolute(a0), u2 = u * u, u4 = u2 * u2;
-    a2 = a0 * (u2 * (1 / 24.0) - 0.5); a0 -= a0 * u4 * (1 / 192.0);
+auto taylor_sin = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& s2, V& flat, V& spread) {
+    const V sine = act_sin(z, &a1), size = absolute(sine), u2 = u * u, u4 = u2 * u2;
+    a0 = sine - sine * u4 * (1 / 192.0); a2 = sine * (u2 * (1 / 24.0) - 0.5); a3 = a1 * (-1 / 6.0);
     left = size * (u4 * (1 / 192.0) + u2 * u4 * (1 / 720.0)) + absolute(a1) * u4 * u * (1 / 120.0);
-    d = (size + b * 0.5) * b; d = d < b ? d : b; flat = zero; spread = zero + 1.0;
+    s2 = -sine; d = (absolute(a1) * 0.5 + size * (1 / 6.0) * b) * b * b; flat = zero; spread = zero + 1.0;
 };
 
 /// TANH:
@@ -52,137 +51,162 @@ auto act_tanh = [&](V z, V*) {
     const V t = (1.0 - e) / (1.0 + e);
     return z < zero ? -t : t;
 };
-auto taylor_tanh = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& flat, V& spread) {
+auto taylor_tanh = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& s2, V& flat, V& spread) {
     a0 = act_tanh(z, nullptr); a1 = 1.0 - a0 * a0; a2 = -a0 * a1; a3 = a1 * (a0 * a0 - 1 / 3.0);
     const V low = act_tanh(z - b, nullptr), high = act_tanh(z + b, nullptr);
-    left = u * u * (u * u) * (4.1 / 24); d = absolute(a2) * 2.0 * b + b * b; d = d < 0.77 * b ? d : 0.77 * b;
+    left = u * u * (u * u) * (4.1 / 24); d = b * b; s2 = a2 * 2.0;
     flat = (low + high) * 0.5; spread = (high - low) * 0.5;
 };
 
 /// RELU:
 /// Where the kink is near: the chord of [z - u, z + u], moved down by half of its height.
 auto act_relu = [&](V z, V*) { return z > zero ? z : zero; };
-auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& flat, V& spread) {
+auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& s2, V& flat, V& spread) {
     const V size = absolute(z); const auto kink = size < u;
     a1 = kink ? (z + u) / (u + u) : (z > zero ? zero + 1.0 : zero);
     const V height = kink ? (u + z) * (u - z) / (u * 4.0) : zero;
     a0 = a1 * z + height; a2 = a3 = left = zero;
-    d = size < b ? zero + 1.0 : zero;
+    d = size < b ? zero + 1.0 : zero; s2 = zero;
     spread = height; flat = a0;
 };
 
 /// LAYER:
-/// Of the arguments: l and q, linear and quadratic in zeta, |l| <= near, |q| <= bow. Of the polynomials of activations,
-/// which the next layer reads: v + g . zeta + n . noise + the form s, noise being what a parametrization leaves open of
-/// each input; off is how far an activation may be from it, on the way from any layer below. Of what a polynomial
-/// leaves out: 2 a2 l q + a3 l^3, at most turned, and rest. The derivative is within d of slope: within LEAST and 1,
-/// too.
-V NAME_v[NEURONS], NAME_g[C][NEURONS], NAME_s[SQUARES][NEURONS], NAME_off[NEURONS], NAME_l[C][NEURONS], NAME_q[SQUARES][NEURONS];
-V NAME_near[NEURONS], NAME_slope[NEURONS], NAME_a2[NEURONS], NAME_a3[NEURONS], NAME_rest[NEURONS];
-V NAME_turned[NEURONS], NAME_d[NEURONS], NAME_n[K][NEURONS];
-const struct {
-    V *v, (*g)[NEURONS], (*s)[NEURONS], *off, (*l)[NEURONS], (*q)[NEURONS], *near, *slope, *a2, *a3, *rest, *turned, *d;
-    V (*n)[NEURONS];
-} NAME = {
-    NAME_v, NAME_g, NAME_s, NAME_off, NAME_l, NAME_q, NAME_near, NAME_slope, NAME_a2, NAME_a3, NAME_rest, NAME_turned, NAME_d, NAME_n,
+/// Rows of numbers of a layer's neurons. Of the arguments, in of: l and q, linear and quadratic in zeta, |l| <= near,
+/// |q| <= bow. Of the polynomials of activations, which the next layer reads, in top: v + g . zeta + n . noise + the
+/// form s, noise being what a parametrization leaves open of each input. Both begin with the constant, C rows, and K
+/// rows where it is NOISY; the LINES rows end where SQUARES others begin. off is how far an activation may be from its
+/// polynomial, on the way from any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and
+/// rest. The derivative is within d of slope + s2 l: of the range that it has within LEAST and 1 where that is less.
+struct {
+    V of[LINES + BENT * SQUARES][NEURONS], top[LINES + SQUARES][NEURONS], off[1][NEURONS], near[NEURONS];
+    V slope[NEURONS], s2[NEURONS], a2[NEURONS], a3[NEURONS], rest[NEURONS], turned[NEURONS], d[NEURONS];
+} NAME;
+
+/// PRODUCT:
+/// to[e][j], for all e and j, is the sum over i of from[e][i] times the weight at by_made j + by_summed i. E times R of
+/// them share what is loaded; the last ones lap over those before.
+const auto product = [&](const auto& from, const double* weights, auto& to, int by_made, int by_summed) {
+    constexpr int SUMMED = sizeof(from[0]) / sizeof(V), MADE = sizeof(to[0]) / sizeof(V);
+    constexpr int COUNT = sizeof(to) / sizeof(to[0]), E = COUNT < 3 ? COUNT : 3, R = MADE < 6 / E ? MADE : 6 / E;
+    for (int e = 0; e < COUNT; e += E)
+        for (int j = 0; j < MADE; j += R) {
+            const int row = e + E < COUNT ? e : COUNT - E, first = j + R < MADE ? j : MADE - R;
+            const double* x = weights + first * by_made;
+            V sum[E][R];
+#pragma unroll
+            for (int a = 0; a < E; ++a)
+#pragma unroll
+                for (int b = 0; b < R; ++b) sum[a][b] = zero;
+            for (int i = 0; i < SUMMED; ++i)
+#pragma unroll
+                for (int a = 0; a < E; ++a) {
+                    const V own = from[row + a][i];
+#pragma unroll
+                    for (int b = 0; b < R; ++b) sum[a][b] += own * x[b * by_made + i * by_summed];
+                }
+#pragma unroll
+            for (int a = 0; a < E; ++a)
+#pragma unroll
+                for (int b = 0; b < R; ++b) to[row + a][first + b] = sum[a][b];
+        }
 };
 
 /// FORWARDS:
 /// TAYLOR is the activation's; BENT tells whether the polynomials of the layer below have quadratic terms.
+product(below.top, x, own.of, INPUTS, 1);
+product(below.off, x + NEURONS * INPUTS, own.off, INPUTS, 1);
 for (int j = 0; j < NEURONS; ++j) {
-    const double* x = w + AT + NEURONS + j * INPUTS; const double* size = x + NEURONS * INPUTS;
-    V z = zero + w[AT + j], off = zero, near = zero, bow = zero, loud = zero, l[C], q[SQUARES], n[K];
-    for (int k = 0; k < C; ++k) l[k] = zero;
-    for (int e = 0; e < SQUARES; ++e) q[e] = zero;
-    for (int k = 0; k < K; ++k) n[k] = zero;
-    for (int i = 0; i < INPUTS; ++i) {
-        z += below.v[i] * x[i]; off += below.off[i] * size[i];
+    V near = zero, bow = zero, loud = zero, off = own.off[0][j];
+    const V z = own.of[0][j] + w[AT + j];
 #pragma unroll
-        for (int k = 0; k < C; ++k) l[k] += below.g[k][i] * x[i];
-        if (BENT) {
-#pragma unroll
-            for (int e = 0; e < SQUARES; ++e) q[e] += below.s[e][i] * x[i];
-        }
-        if (NOISY) {
-#pragma unroll
-            for (int k = 0; k < K; ++k) n[k] += below.n[k][i] * x[i];
-        }
-    }
-#pragma unroll
-    for (int k = 0; k < C; ++k) { near += absolute(l[k]); own.l[k][j] = l[k]; }
+    for (int k = 1; k <= C; ++k) near += absolute(own.of[k][j]);
     if (BENT) {
 #pragma unroll
-        for (int e = 0; e < SQUARES; ++e) { bow += absolute(q[e]); own.q[e][j] = q[e]; }
+        for (int e = LINES; e < LINES + SQUARES; ++e) bow += absolute(own.of[e][j]);
     }
-    if (NOISY) {
-#pragma unroll
-        for (int k = 0; k < K; ++k) loud += absolute(n[k]) * noise[k];
-    }
-    V a0, a1, a2, a3, left, d, flat, spread;
+    for (int k = C + 1; k < LINES; ++k) loud += absolute(own.of[k][j]) * rest[k - C - 1];
+    V a0, a1, a2, a3, left, d, s2, flat, spread;
     const V u = near + bow + loud, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
     const V other = bow + loud, others = other * (near2 * 3.0 + other * (near * 3.0 + other));  // u^3 - near^3
-    TAYLOR(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, flat, spread);
-    V low = a1 - d, high = a1 + d;
+    TAYLOR(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, s2, flat, spread);
+    const V most = d + absolute(s2) * b;
+    V low = a1 - most, high = a1 + most;
     low = low > LEAST ? low : zero + LEAST; high = high < 1.0 ? high : zero + 1.0;
-    own.slope[j] = (low + high) * 0.5; own.d[j] = (high - low) * (0.5 + 1e-9) + 1e-13;
+    d += absolute(s2) * (b - near); high = (high - low) * 0.5;
+    const auto steady = !(d < high);
+    own.slope[j] = steady ? low + high : a1; s2 = steady ? zero : s2;
+    own.d[j] = (steady ? high : d) * (1 + 1e-9) + 1e-13;
     V turned = absolute(a2) * near * bow * 2.0 + absolute(a3) * near2 * near;
     V rest = absolute(a2) * (bow2 + loud * (near * 2.0 + bow * 2.0 + loud)) + absolute(a3) * others + left;
     if (BENDS) {
-        const auto plain = !(rest + turned + own.d[j] * off <= spread);  // NaN too
+        const auto plain = !(rest + turned + (own.d[j] + absolute(s2) * near) * off <= spread);  // NaN too
         own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j];
         if (j >= LINEAR) off = plain ? zero : off;
-        a0 = plain ? flat : a0; a2 = plain ? zero : a2; a3 = plain ? zero : a3; turned = plain ? zero : turned;
-        rest = plain ? spread : rest; a1 = plain ? zero : a1;
+        a0 = plain ? flat : a0; a1 = plain ? zero : a1; a2 = plain ? zero : a2; a3 = plain ? zero : a3;
+        s2 = plain ? zero : s2; turned = plain ? zero : turned; rest = plain ? spread : rest;
     } else {
         rest = spread;
     }
-    if (j < LINEAR) { a0 = z; own.slope[j] = a1 = zero + 1.0; own.d[j] = a2 = a3 = rest = turned = zero; }
+    if (j < LINEAR) { a0 = z; own.slope[j] = a1 = zero + 1.0; own.d[j] = s2 = a2 = a3 = rest = turned = zero; }
     rest = rest * (1 + 1e-9) + pad; turned *= 1 + 1e-9;
-    own.near[j] = near; own.v[j] = a0; own.a2[j] = a2; own.a3[j] = a3; own.rest[j] = rest; own.turned[j] = turned;
-    own.off[j] = off * (1 + 1e-9) + rest + turned;
-    if (NOISY) for (int k = 0; k < K; ++k) own.n[k][j] = a1 * n[k];
-    int e = 0;
+    own.near[j] = near; own.s2[j] = s2; own.a2[j] = a2; own.a3[j] = a3; own.rest[j] = rest; own.turned[j] = turned;
+    own.off[0][j] = off * (1 + 1e-9) + rest + turned;
+    own.top[0][j] = a0;
+    for (int k = 1; k < LINES; ++k) own.top[k][j] = a1 * own.of[k][j];
+    int e = LINES;
 #pragma unroll
-    for (int k = 0; k < C; ++k) {
-        own.g[k][j] = a1 * l[k]; const V bent = a2 * l[k];
+    for (int k = 1; k <= C; ++k)
 #pragma unroll
-        for (int m = k; m < C; ++m, ++e) own.s[e][j] = a1 * q[e] + bent * l[m] * (m == k ? 1.0 : 2.0);
-    }
+        for (int m = k; m <= C; ++m, ++e) {
+            const V bent = a2 * own.of[k][j] * own.of[m][j] * (m == k ? 1.0 : 2.0);
+            own.top[e][j] = BENT ? a1 * own.of[e][j] + bent : bent;
+        }
 }
 
 /// BACKWARDS:
 /// At any zeta, and on the way between polynomial and activation, the derivative of f by an activation is within wide
-/// of back. What the polynomials leave out is taken from least; what of it is cubic is added to cubes with back, where
-/// it may cancel.
-if (AT) for (int i = 0; i < INPUTS; ++i) to[i] = wide_to[i] = zero;
+/// of by, whose rows are those of a linear function of zeta. What the polynomials leave out is taken from least; what of it is cubic, l times the form a3 l^2 + 2 a2 q,
+/// is added to cubes with by[0], where it may cancel.
+V by[1 + C][NEURONS], wide[1][NEURONS], forms[BENDS ? SQUARES : 1][NEURONS];
 for (int j = 0; j < NEURONS; ++j) {
-    const V c = back[j], r = wide[j], size = absolute(c), near = own.near[j];
-    const V loss = (size + r) * own.rest[j] + (r + size * 1e-12) * own.turned[j];
+    const V c = back.by[0][j], r = back.wide[0][j], size = absolute(c), near = own.near[j];
+    V lean = zero;
+    for (int k = 1; k <= C; ++k) lean += absolute(back.by[k][j]);
+    const V loss = (size + lean + r) * own.rest[j] + (lean + r + size * 1e-12) * own.turned[j];
     least -= loss;
     const V share = (loss + size * own.turned[j]) / (near > zero ? near : zero + 1.0);
 #pragma unroll
-    for (int k = 0; k < C; ++k) score[k] += share * absolute(own.l[k][j]);
+    for (int k = 0; k < C; ++k) score[k] += share * absolute(own.of[k + 1][j]);
     if (BENDS) {
-        const V arch = c * own.a3[j], mix = c * own.a2[j] * 2.0; int cube = 0;
+        const V arch = c * own.a3[j], mix = c * own.a2[j] * 2.0; int e = 0;
 #pragma unroll
-        for (int a = 0; a < C; ++a)
+        for (int k = 1; k <= C; ++k)
 #pragma unroll
-            for (int b = a; b < C; ++b)
-#pragma unroll
-                for (int e = b; e < C; ++e, ++cube) {
-                    const double orders = a == e ? 1.0 : (a == b || b == e ? 3.0 : 6.0);
-                    cubes[cube] += arch * orders * own.l[a][j] * own.l[b][j] * own.l[e][j];
-                    if (BENT) {
-                        V sum = own.l[a][j] * own.q[entry(b, e)][j];
-                        if (a != b) sum += own.l[b][j] * own.q[entry(a, e)][j];
-                        if (b != e) sum += own.l[e][j] * own.q[entry(a, b)][j];
-                        cubes[cube] += mix * sum;
-                    }
-                }
+            for (int m = k; m <= C; ++m, ++e) {
+                forms[e][j] = arch * own.of[k][j] * own.of[m][j] * (m == k ? 1.0 : 2.0);
+                if (BENT) forms[e][j] += mix * own.of[LINES + e][j];
+            }
     }
-    const V by_z = c * own.slope[j], wide_z = r * (absolute(own.slope[j]) + own.d[j]) + size * own.d[j] + size * 1e-12;
-    const double* x = w + AT + NEURONS + j * INPUTS; const double* sizes = x + NEURONS * INPUTS;
-    if (AT) for (int i = 0; i < INPUTS; ++i) { to[i] += by_z * x[i]; wide_to[i] += wide_z * sizes[i]; }
+    const V s = own.slope[j], turn = c * own.s2[j], reach = absolute(own.s2[j]) * near + own.d[j];
+    by[0][j] = c * s;
+    for (int k = 1; k <= C; ++k) by[k][j] = back.by[k][j] * s + turn * own.of[k][j];
+    wide[0][j] = r * (absolute(s) + reach) + lean * reach + size * own.d[j] + (size + lean) * (1 + reach) * 1e-12;
+}
+if (BENDS) {
+    int e = 0;
+    for (int k = 0; k < C; ++k)
+        for (int m = k; m < C; ++m, ++e) {
+            V sum[C];
+            for (int a = 0; a < C; ++a) sum[a] = zero;
+            for (int j = 0; j < NEURONS; ++j)
+#pragma unroll
+                for (int a = 0; a < C; ++a) sum[a] += own.of[a + 1][j] * forms[e][j];
+            for (int a = 0; a < C; ++a) cubes[a < k ? cube(a, k, m) : a < m ? cube(k, a, m) : cube(k, m, a)] += sum[a];
+        }
+}
+if (AT) {
+    product(by, x, to.by, 1, INPUTS);
+    product(wide, x + NEURONS * INPUTS, to.wide, 1, INPUTS);
 }
 
 /// CLOSE:
@@ -269,5 +293,10 @@ int axis = (int)LANE(owner[0]); double most = -1.0;
 for (int k = 0; k < C; ++k) if (LANE(score[k]) > most) { most = LANE(score[k]); axis = (int)LANE(owner[k]); }
 axes.data[o] = axis;
 for (int k = 0; k < Z; ++k) point.data[o * Z + k] = LANE(z[k]);
-for (int k = 0; k < C; ++k) slope_out.data[o * C + k] = LANE(slope[k]);
-for (int k = 0; k < Z; ++k) { rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); }
+for (int k = 0; k < Z; ++k) {
+    rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); slope_out.data[o * Z + k] = 0.0;
+}
+for (int k = 0; k < C; ++k) {
+    const int by = (int)LANE(owner[k]); const double radius = (LANE(high[by]) - LANE(low[by])) * 0.5;
+    if (radius > 0.0) slope_out.data[o * Z + by] = LANE(slope[k]) / radius;
+}

@@ -3,14 +3,15 @@
 Each activation is replaced by its Taylor polynomial at the box's centre, of second degree in the box's coordinates
 zeta. What a polynomial leaves out is small of third order; it changes f by as much, times the derivative of all layers
 behind it somewhere between polynomial and activation (mean value theorem). That derivative is known at the centre, and
-how far it can be from this is bounded layer by layer. So f is one polynomial of third degree, in which the terms of all
-neurons cancel, and a rest of fourth order. The search (``networks.bounds``) fits curves to intervals instead, and its
-bands are carried by linear coefficients. Neither text uses any of the other, nor does this one its rounding
-(``Network.padding``); the parametrizations of rays and boxes are shared.
+what it gains is followed layer by layer: a linear function, and a bound of the rest. So f is one polynomial of third
+degree, in which the terms of all neurons cancel, and a rest of fourth order. The search (``networks.bounds``) fits
+curves to intervals instead, and its bands are carried by linear coefficients. Neither text uses any of the other, nor
+does this one its rounding (``Network.padding``); the parametrizations of rays and boxes are shared.
 
 Source: R. E. Moore, *Methods and Applications of Interval Analysis*, 1979, on mean value forms.
 """
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -63,7 +64,7 @@ class TaylorBounds:
             more = limit, terms, numbers, table, device
             return SearchBounds().boxes(network, parametrization, lower, upper, *more)
         shape, (count, size) = network.kernel_shape(parametrization), lower.shape
-        device, columns = wp.get_device(device), parametrization.columns
+        device = wp.get_device(device)
         pads = roundings(network, limit if terms is None else terms, limit)
         held = [
             np.concatenate([lower, upper], axis=1),
@@ -73,7 +74,7 @@ class TaylorBounds:
         ]
         held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
         boxes, *parameters = (double_array(each, device) for each in held)
-        sizes = (count, count, count, count * size, count * columns)
+        sizes = (count, count, count, count * size, count * size)
         outputs = [wp.empty(each, dtype=wp.float64, device=device) for each in sizes]
         axis = wp.empty(count, dtype=wp.int32, device=device)
         if count:
@@ -81,13 +82,10 @@ class TaylorBounds:
             inputs = [boxes, count, 0, *parameters, words]
             launch_blocks(_kernel(shape), count, inputs, [*outputs, axis], device, first_index=2, block=BLOCK)
         least, value, level, point, slope = (each.numpy() for each in outputs)
-        boxes, slope = boxes.numpy().reshape(count, 2, size), slope.reshape(count, columns)
-        radius = (upper - lower) / 2
-        if parametrization.noisy:  # its numbers are not the inputs, in which a slope would be told
-            slope = level = None
-        else:
-            slope = np.divide(slope, radius, out=np.zeros_like(slope), where=radius > 0)
-        return BoxBounds(least, axis.numpy(), point.reshape(count, size), value, None, slope, level, boxes)
+        boxes = boxes.numpy().reshape(count, 2, size)
+        return BoxBounds(
+            least, axis.numpy(), point.reshape(count, size), value, None, slope.reshape(count, size), level, boxes
+        )
 
     def corners(
         self, network: Network, parametrization: Parametrization, lower: np.ndarray, upper: np.ndarray
@@ -154,9 +152,9 @@ def taylor_bounds() -> Iterator[None]:
 
 def _body(shape: NetworkShape) -> str:
     parametrization, at, layers = shape.parametrization, 0, []
-    forwards, backwards, values, c = "", "", "", parametrization.columns
+    forwards, backs, backwards, values, c = "", "", "", "", parametrization.columns
     for index, (inputs, neurons, name, linear) in enumerate(shape.layers):
-        bent = any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
+        bent = bool(parametrization.bend) or any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
         own = constants(
             INPUTS=inputs,
             NEURONS=neurons,
@@ -167,63 +165,80 @@ def _body(shape: NetworkShape) -> str:
             LEAST=ACTIVATIONS[name][2],
         )
         own += " (void)AT; (void)LINEAR; (void)BENT; (void)BENDS; (void)LEAST;"
-        below, to = (f"layer{index - 1}" if index else "layer_in"), (f"back{index - 1}" if index else "gradient")
-        forwards += text.LAYER.replace("NAME", f"layer{index}").replace("NEURONS", str(neurons))
-        forwards += f"{{ {own} const auto& below = {below}; auto& own = layer{index}; const double pad = pads[{index}];"
+        own += f"const double* x = w + AT + NEURONS; auto& own = layer{index}; (void)x;"
+        sizes = {"NAME": f"layer{index}", "NEURONS": str(neurons), "BENT": str(int(bent))}
+        forwards += re.sub(r"\b(NAME|NEURONS|BENT)\b", lambda each, sizes=sizes: sizes[each[0]], text.LAYER)
+        forwards += (
+            f"{{ {own} const auto& below = layer{index - 1 if index else '_in'}; const double pad = pads[{index}];"
+        )
         forwards += f"{text.FORWARDS.replace('TAYLOR', f'taylor_{name}')} }}\n"
-        start = f"V back{index - 1}[{inputs}], wide_back{index - 1}[{inputs}];" if index else ""
-        back = f"{start} {{ {own} auto& own = layer{index}; V* to = {to}; V* wide_to = wide_{to};"
-        back += f"const V* back = back{index}; const V* wide = wide_back{index}; {text.BACKWARDS} }}\n"
-        backwards = back + backwards
+        arrays = f"struct {{ V by[1 + C][{neurons}], wide[1][{neurons}]; }} back{index};\n"
+        to = f"back{index - 1 if index else 0}"
+        backs, backwards = (
+            arrays + backs,
+            f"{{ {own} auto& back = back{index}; auto& to = {to}; {text.BACKWARDS} }}\n" + backwards,
+        )
         evaluated = text.VALUES.replace("ACT", f"act_{name}")
         values += f"V y{index}[{neurons}]; {{ {own} V* to = y{index}; {evaluated} }} y = y{index};"
         layers.append(neurons)
         at += neurons * (2 * inputs + 1)
     last, count = len(layers) - 1, layers[-1]
-    generators = " ".join(f"by_column[{k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(parametrization.pairs))
+    generators = " ".join(
+        f"layer_in.top[{1 + k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(parametrization.pairs)
+    )
     constraints = "".join(_constraint(parametrization, *each) for each in parametrization.constraints())
     sizes = constants(
         NOISY=int(parametrization.noisy),
         K=shape.ndim,
         C=c,
         Z=parametrization.size,
+        LINES=1 + c + (shape.ndim if parametrization.noisy else 0),
         SQUARES=c * (c + 1) // 2,
         CUBES=c * (c + 1) * (c + 2) // 6,
     )
     return f"""
 {sizes}
 V least = zero, level = zero, value = zero, valid = zero + 1.0, dead = zero;
-V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K], wide_gradient[K];
-V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES], by_column[C][K]; (void)wide_gradient;
-const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry; (void)valid;
-for (int i = 0; i < K; ++i) {{ noise[i] = rest[i] = zero; for (int k = 0; k < C; ++k) by_column[k][i] = zero; }}
+V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K];
+V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES]; (void)valid;
+const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry;
+const auto cube = [&](int a, int b, int d) {{  // the place of a <= b <= d in cubes
+    int before = 0;
+    for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
+    return before + entry(b, d) - entry(a, a);
+}};
+for (int i = 0; i < K; ++i) noise[i] = rest[i] = zero;
 {parametrization.expand}
 {parametrization.owners}
-{generators}
-for (int k = 0; k < C; ++k) score[k] = slope[k] = zero;
-for (int k = 0; k < K; ++k) gradient[k] = zero;
-for (int e = 0; e < SQUARES; ++e) square[e] = zero;
-for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
-V quiet[K], single[K][K];
+struct {{ V top[LINES + SQUARES][K], off[1][K]; }} layer_in;
 for (int i = 0; i < K; ++i) {{
-    quiet[i] = zero;
-    for (int k = 0; k < K; ++k) single[k][i] = zero + (k == i ? 1.0 : 0.0);
+    for (int k = 1; k < LINES; ++k) layer_in.top[k][i] = zero + (k == 1 + C + i ? 1.0 : 0.0);
+    layer_in.top[0][i] = center[i]; layer_in.off[0][i] = zero;
+    for (int k = 0; k < K; ++k) gradient[k] = zero + (k == i ? 1.0 : 0.0);
+    for (int e = 0; e < SQUARES; ++e) square[e] = zero;
+    {{ {parametrization.bend} }}
+    for (int e = 0; e < SQUARES; ++e) layer_in.top[LINES + e][i] = square[e];
 }}
-const struct {{ V *v, (*g)[K], (*s)[K], *off, (*n)[K]; }} layer_in = {{ center, by_column, nullptr, quiet, single }};
+{generators}
+for (int k = 0; k < C; ++k) score[k] = zero;
+for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
+{text.PRODUCT}
 {forwards}
-V back{last}[{count}], wide_back{last}[{count}];
+{backs}
 least = zero + (w[{at}] - pads[{last + 1}]);
+V sums[LINES + SQUARES][1];
+product(layer{last}.top, w + {at + 1}, sums, 0, 1);
+least += sums[0][0];
+for (int k = 0; k < C; ++k) slope[k] = sums[1 + k][0];
+for (int k = 0; k < K; ++k) gradient[k] = NOISY ? sums[NOISY * (1 + C + k)][0] : zero;
+for (int e = 0; e < SQUARES; ++e) square[e] = sums[LINES + e][0];
 for (int j = 0; j < {count}; ++j) {{
-    const double x = w[{at + 1} + j];
-    back{last}[j] = zero + x; wide_back{last}[j] = zero; least += layer{last}.v[j] * x;
-    for (int k = 0; k < C; ++k) slope[k] += layer{last}.g[k][j] * x;
-    for (int e = 0; e < SQUARES; ++e) square[e] += layer{last}.s[e][j] * x;
-    if (NOISY) for (int k = 0; k < K; ++k) gradient[k] += layer{last}.n[k][j] * x;
+    for (int k = 0; k <= C; ++k) back{last}.by[k][j] = zero + (k ? 0.0 : w[{at + 1} + j]);
+    back{last}.wide[0][j] = zero;
 }}
 {backwards}
 for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * rest[i] * (1 + 1e-9);
 {parametrization.blame}
-{{ {parametrization.bend} }}
 {text.CLOSE.replace("CONSTRAINTS", constraints)}
 {{
     {parametrization.realize}
