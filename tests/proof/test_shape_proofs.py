@@ -288,10 +288,10 @@ def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are
 @pytest.mark.parametrize("query", REGIONS)
 def test_a_stress_test_asks_certain_positives_only(query):
     bounder = fit(mesh(), query, "sphere", margin=MARGIN)
-    result = stress_test(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64
+    result = stress_test(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64, the eighth is placed
     assert result.missed is None
     assert result.forms["float64"]
-    assert result.forms["placed"] == 0
+    assert result.forms["placed"]
     raised = bounder.freeze(float(bounder.threshold) + 0.2, None)
     assert stress_test(raised, mesh(), 300_000, seed=2).missed is not None
 
