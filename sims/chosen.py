@@ -115,7 +115,7 @@ def time_own_code(asked: Mapping[str, Callable[[], Any]], queries: int, narrow_n
     """
     rows = [Row("none", 0, 0.0, 1.0, narrow_ns)]
     for label, ask in asked.items():
-        share, seconds = np.count_nonzero(ask()) / queries, inf  # the first call loads kernels
+        share, seconds = float(np.count_nonzero(ask())) / queries, inf  # the first call loads kernels
         for _ in range(CALLS):
             start = time.perf_counter()
             ask()
