@@ -1,17 +1,11 @@
-"""The package as a whole: light to import, and documented."""
+"""The package as a whole is light to import."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-import warp_bounding as wb
-
 ROOT = Path(__file__).parents[1]
-PACKAGE = ROOT / "warp_bounding"
 HEAVY = ("torch", "trimesh", "pyvista", "matplotlib", "scipy", "typer", "PIL", "pxr")
 
 
@@ -39,23 +33,3 @@ def test_loading_and_asking_is_light(tmp_path):
         f"print(n, [m for m in {HEAVY} if m in sys.modules])"
     )
     assert python(code) == "5 []"
-
-
-def test_public_names_exist_and_are_documented():
-    assert set(dir(wb)) == set(wb.__all__)
-    for name in wb.__all__:
-        thing = getattr(wb, name)
-        if name not in ("__version__", "DISTANCES", "METHODS"):
-            assert thing.__doc__, name
-            assert not thing.__doc__.startswith(f"{name}("), f"{name} has only what dataclass writes"
-    for method, kind in [*wb.METHODS.items(), *wb.DISTANCES.items()]:
-        assert kind.method == method
-        assert kind.__doc__
-    with pytest.raises(AttributeError, match="nothing_of_the_kind"):
-        _ = wb.nothing_of_the_kind
-
-
-def test_versions_agree():
-    assert re.fullmatch(r"\d+\.\d+\.\d+.*", wb.__version__)
-    assert f"\n## [{wb.__version__}] - " in (ROOT / "CHANGELOG.md").read_text()
-    assert (PACKAGE / "py.typed").exists()

@@ -24,8 +24,6 @@ from warp_bounding.shapes.parts import Complement, part_of
 from warp_bounding.shapes.shape import IN, OUT, Pieces
 
 CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp-early"), ("voxels", "mlp")]
-
-
 UNITED = ("aabb", "mlp", "kdop", "mlp-early")
 
 

@@ -18,8 +18,6 @@ from warp_bounding.proof.distances import excesses, largest_overestimate
 from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
 
 GRIDS = ("c", "blob", "anisotropic")
-
-
 ALL_SHAPES = ("aabb", "kdop", "mlp", "distance-grid")  # methods of which each shape has some
 KINDS = (*ALL_SHAPES, "oriented-ellipsoid", "bvh")  # of them the others are special cases, with the same text
 MARCHED = [method if method in KINDS else pytest.param(method, marks=pytest.mark.slow) for method in DISTANCES]

@@ -17,14 +17,8 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.shapes.shape import IN
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")  # the sheet
-
-
 CORNERS = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)
-
-
 SOLID = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
-
-
 TIMES = [2.0, 2.5, 4.0]
 
 

@@ -29,8 +29,6 @@ from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
 
 PARTS = 30
-
-
 CLOSE = {"blob": (3, 4, 2), "c": (5, 3)}
 
 
@@ -457,8 +455,6 @@ def test_occupancy_never_holds_a_certificate(device, tmp_path):
 
 
 MONOTONE = ("tanh", "relu")
-
-
 GROWN = ("c", "blob")
 
 

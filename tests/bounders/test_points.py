@@ -10,12 +10,10 @@ import warp as wp
 from bounding_shapes import (
     CONSERVATIVE,
     HIDDEN,
-    NETWORKS,
     crossed,
     domain_points,
     fitted,
     object_points,
-    random_mlp,
     report_of,
     shape,
 )
@@ -23,7 +21,7 @@ from bounding_shapes import (
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.errors import BounderError, DeviceError, QueryError
-from warp_bounding.proof import positive_boxes, prove
+from warp_bounding.proof import positive_boxes
 from warp_bounding.proof.search import minimum
 
 
@@ -67,20 +65,7 @@ def test_double_precision_points(method, rng):
     assert bounder.query(grid.position(cells + offset)).numpy().all()
 
 
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS[::3])  # of two and of three layers
-def test_random_networks_are_proven_too(hidden, activation, octaves, rng):
-    grid = shape("blob")
-    bounder = random_mlp(grid, hidden, activation, octaves)
-    search = prove(bounder, grid, eps=0.05, boxes=1_000_000)
-    positives = np.concatenate([object_points(grid, rng), low_points(bounder, grid)])
-    assert bounder.query(positives).numpy().all()
-    assert bounder.values(positives).numpy().min() >= bounder.threshold
-    assert search.lower_bound - bounder.rounding_bound() >= bounder.threshold
-
-
 SPAN = (-0.7, 0.1)  # no cells of time meet both ends
-
-
 POINTS = ("aabb", "bvh", "voxels", "mlp")
 TIMED = [(name, query) for name in ("kdop", "bvh") for query in ("ray", "plane", "box")]
 

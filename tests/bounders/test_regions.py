@@ -14,8 +14,6 @@ from warp_bounding.kernels.source import TOOLS, Lanes
 from warp_bounding.runtime.native import named, unique_name
 
 KINDS = ("obb", "kdop", "oriented-ellipsoid", "bvh")  # of them the others are special cases, with the same text
-
-
 NAMES = ("c", "blob", "single", "anisotropic", "animated")
 
 

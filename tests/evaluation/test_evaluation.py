@@ -11,22 +11,6 @@ import warp_bounding as wb
 from warp_bounding import evaluation
 from warp_bounding.errors import QueryError
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.point import POINT
-
-
-@pytest.mark.parametrize("method", ["aabb", "bvh", "mlp"])
-def test_rates_of_points_are_what_a_count_gives(method, device):
-    bounder, grid = fitted(method, "star").to(device), shape("star")
-    rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5)
-    x = POINT.sample(grid, SAMPLES, np.random.default_rng(5))
-    truth, maybe = grid.contains(x), bounder.query(x).numpy().astype(bool)
-    counted = (0, 100 * (maybe & ~truth).sum() / SAMPLES, 100 * truth.sum() / SAMPLES)
-    assert (rates.fn, rates.fp_rate, rates.positives) == counted
-    assert (rates.samples, rates.protocol, rates.seed) == (SAMPLES, "exact", 5)
-    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=5, protocol="sampled").fp_rate == rates.fp_rate
-    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=4) != rates
-    bounder.freeze(float("inf"), None)
-    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=5).fn == truth.sum()
 
 
 def test_progress_and_chunks(monkeypatch):
@@ -84,7 +68,8 @@ def test_the_stored_rate_of_a_mesh_is_against_the_mesh_itself(method, told):
 
 REGIONS = ("ray", "plane", "box")
 SAMPLES = 20_000
-CLASSICS = [("kdop", "ray"), ("sphere", "plane"), ("bvh", "box")]
+COUNTED = [*((method, "point") for method in ("aabb", "bvh", "mlp"))]
+COUNTED += [("kdop", "ray"), ("sphere", "plane"), ("bvh", "box")]
 
 
 @cache
@@ -94,19 +79,20 @@ def fitted_region(method: str, query: str, length: float = 0.6):
     return wb.fit(shape("star"), query=query, method=method, device="cpu", **told)
 
 
-@pytest.mark.parametrize(("method", "query"), CLASSICS)
-def test_rates_of_regions_are_what_a_count_gives(method, query, device):
-    bounder, grid = fitted_region(method, query).to(device), shape("star")
-    rates = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5)
+@pytest.mark.parametrize(("method", "query"), COUNTED)
+def test_rates_are_what_a_count_gives(method, query, device):
+    bounder = fitted(method, "star") if query == "point" else fitted_region(method, query)
+    bounder, grid = bounder.to(device), shape("star")
     x = sample(query, grid, SAMPLES, np.random.default_rng(5))
-    truth, maybe = oracle(query, grid, "cpu", 0.6)(x), bounder.query(x).numpy().astype(bool)
-    assert rates.fn == 0
-    assert rates.fp_rate == 100 * (maybe & ~truth).sum() / SAMPLES
-    assert rates.positives == 100 * truth.sum() / SAMPLES
-    assert (rates.samples, rates.protocol, rates.seed) == (SAMPLES, "exact", 5)
-    bounder.freeze(float(bounder.threshold) + 0.5, None)
-    maybe = bounder.query(x).numpy().astype(bool)
-    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=5).fn == (truth & ~maybe).sum() > 0
+    truth = oracle(query, grid, "cpu", 0.6)(x)
+    for threshold in (float(bounder.threshold), float("inf")):
+        bounder.freeze(threshold, None)
+        rates, maybe = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5), bounder.query(x).numpy().astype(bool)
+        counted = ((truth & ~maybe).sum(), 100 * (maybe & ~truth).sum() / SAMPLES, 100 * truth.sum() / SAMPLES)
+        assert (rates.fn, rates.fp_rate, rates.positives) == counted
+        assert (rates.samples, rates.protocol, rates.seed) == (SAMPLES, "exact", 5)
+        assert (rates.fn > 0) == np.isinf(threshold)
+    assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=4) != rates
 
 
 @pytest.mark.parametrize("query", REGIONS)

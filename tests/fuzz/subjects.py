@@ -34,7 +34,6 @@ DISTANT = {  # what distances are told, so that a fit takes no time to speak of
 }
 LENGTH = 0.75
 BOXES = 20_000  # of a search for a network's least value: what it has by then is proven
-
 MARGIN = 0.02
 LEARNED = {"hidden": HIDDEN, "steps": 5}  # of a fit
 FAR = {"hidden": HIDDEN, "steps": 60, "budget": 4.0}

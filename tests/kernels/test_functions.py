@@ -2,14 +2,13 @@
 computes."""
 
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
 import rebound
 import warp as wp
 from asked_functions import QUERIES, ask, bounders, remade
-from bounding_shapes import shape
+from bounding_shapes import random_mlp, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -83,12 +82,7 @@ def bounder_of(method: str, query: str) -> wb.Bounder:
     if method != "mlp":
         options = {"steps": 2} if method in ("learned-kdop", "relu-field") else {}
         return wb.fit(shape("c"), query=query, method=method, device="cpu", **options)
-    domain, rng, tensors = domain_of(shape("c"), query, 0.5), np.random.default_rng(5), {}
-    widths = (2 if query == "plane" else domain.ndim, 4, 4, 2 if query == "plane" else 1)
-    for index, (k, h) in enumerate(pairwise(widths)):
-        tensors[f"layers.{index}.weight"] = rng.normal(size=(h, k)).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    return wb.METHODS["mlp"](domain, tensors, {"hidden": [4, 4], "activation": "tanh", "octaves": 0}, "cpu")
+    return random_mlp(None, (4, 4), "tanh", seed=5, domain=domain_of(shape("c"), query, 0.5))
 
 
 def kernel_in(bounder: wb.Bounder, module: wp.Module) -> wp.Kernel:

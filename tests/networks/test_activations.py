@@ -3,7 +3,6 @@ positives."""
 
 import numpy as np
 import pytest
-import torch
 import warp as wp
 from bounding_shapes import EARLY, HIDDEN, object_points, report_of, shape
 from fused_activations import fused_sine, fused_tanh
@@ -17,7 +16,6 @@ from warp_bounding.queries import oracle, sample
 from warp_bounding.training import fit_network as networks
 
 F32 = np.float32
-
 CASES = [  # each method with each query, with each activation, and in each dimension
     *(("mlp", "point", name, act) for name, act in (("c", "sin"), ("animated", "relu"), ("blob", "tanh"))),
     *(("mlp", "ray", "c", "tanh"), ("mlp", "plane", "c", "relu"), ("mlp", "box", "c", "sin")),
@@ -138,18 +136,3 @@ def test_coefficients_of_the_tanh_are_float32_and_positive():
         assert c > 0
         assert float(F32(c)) == c
     assert TANH_DENOMINATOR[0] == 1
-
-
-@pytest.mark.parametrize("name", ACTIVATIONS)
-def test_values_are_those_of_the_bounder_and_slopes_are_autograds(name):
-    act = ACTIVATIONS[name]
-    z = torch.linspace(-6, 6, 400, dtype=torch.float64, requires_grad=True)
-    h = act.torch_value(z)
-    assert np.allclose(h.detach().numpy(), ACTIVATIONS[name].value(z.detach().numpy()), atol=1e-12)
-    (slope,) = torch.autograd.grad(h.sum(), z)
-    with torch.no_grad():
-        out, value = torch.empty_like(z), torch.empty_like(z)
-        act.torch_value(z, out=value)
-        act.torch_slope(z, value, out)
-    assert torch.equal(value, h.detach())
-    assert torch.allclose(out, slope, atol=1e-12)

@@ -153,65 +153,6 @@ def test_corners_are_multilinear_bounds(hidden, activation, octaves, name, rng):
     assert (values >= linear - 1e-11 * (1 + np.abs(linear))).all()
 
 
-def summed(products, rng, how):
-    """Sum float32 products (rows) in one of several orders, one rounding at a time."""
-    products = products.astype(F32)
-    if how == "pairs":
-        while products.shape[1] > 1:
-            if products.shape[1] % 2:
-                products = np.concatenate([products, np.zeros_like(products[:, :1])], axis=1)
-            products = products[:, ::2] + products[:, 1::2]
-        return products[:, 0]
-    order = {"forwards": np.arange(products.shape[1]), "backwards": np.arange(products.shape[1])[::-1]}.get(how)
-    total = np.zeros(len(products), F32)
-    for k in rng.permutation(products.shape[1]) if order is None else order:
-        total = total + products[:, k]
-    return total
-
-
-def float32_network(mlp, v, rng, how):
-    """The network in float32: "fused" keeps every product exact, as a fused multiply-add does."""
-    h = v.astype(F32)
-    if mlp.features:
-        h = np.concatenate(
-            [
-                h,
-                ACTIVATIONS["sin"].value32(
-                    float32_layer(h, mlp.tensors["encoding.weight"], mlp.tensors["encoding.bias"], rng, how)
-                ),
-            ],
-            axis=1,
-        )
-    for index in range(len(mlp.hidden) + 1):
-        z = float32_layer(h, mlp.tensors[f"layers.{index}.weight"], mlp.tensors[f"layers.{index}.bias"], rng, how)
-        h = ACTIVATIONS[mlp.activation].value32(z)
-    return z[:, 0].astype(np.float64)
-
-
-def float32_layer(h, weight, bias, rng, how):
-    columns = []
-    for w, b in zip(weight, bias, strict=True):
-        if how == "fused":
-            total = np.full(len(h), b, F32)
-            for k in range(len(w)):
-                total = (total.astype(np.float64) + h[:, k].astype(np.float64) * float(w[k])).astype(F32)
-            columns.append(total)
-        else:
-            columns.append(summed(np.concatenate([h * w, np.full((len(h), 1), b)], axis=1), rng, how))
-    return np.stack(columns, axis=1)
-
-
-@pytest.mark.parametrize("how", ["forwards", "backwards", "random", "pairs", "fused"])
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-def test_rounding_bound_covers_any_order(how, hidden, activation, octaves, rng):
-    for seed in range(2):
-        mlp = random_mlp(shape("blob"), hidden, activation, octaves, seed=seed)
-        limit = mlp.domain.limit.astype(np.float64)
-        v = rng.uniform(-limit, limit, (1500, 3)).astype(F32).astype(np.float64)
-        error = np.abs(float32_network(mlp, v, rng, how) - mlp.reference(v))
-        assert error.max() <= mlp.rounding_bound()
-
-
 def weights(*layers):
     return [(np.array(w, F32), np.array(b, F32)) for w, b in layers]
 

@@ -363,31 +363,31 @@ def pipeline_of(add, reach: float, radius: float, gap: float, count: int = 2000)
     return pipeline
 
 
-@pytest.mark.parametrize(
-    ("scale", "margin", "gap", "radius"),
-    [(0.2, -0.02, 0.05, 0.005), (0.1, -0.03, 0.05, 0.01), (2.0, 0.0, -0.1, 0.01), (0.1, 0.0, 0.05, -0.03)],
+def shrunk(scale: float, margin: float):
+    return box(scale=wp.vec3(scale), cfg=newton.ModelBuilder.ShapeConfig(margin=margin))
+
+
+def flat(thin: float):
+    return lambda b: b.add_shape_ellipsoid(body=-1, rx=1e4, ry=1e4, rz=thin, xform=TILTED)
+
+
+ODD = (  # a shape, how far particles reach, their radius, and the gap
+    *((shrunk(0.2, -0.02), 0.26, 0.005, 0.05), (shrunk(0.1, -0.03), 0.13, 0.01, 0.05)),  # negative numbers
+    *((shrunk(2.0, 0.0), 2.6, 0.01, -0.1), (shrunk(0.1, 0.0), 0.13, -0.03, 0.05)),
+    *((flat(thin), 7000.0, 0.02, 0.03) for thin in (1e-8, 0.0)),  # thin and far away
+    *((box(scale=wp.vec3(scale)), 1.99e6, 0.02, 2e6) for scale in (1.0, 0.5)),  # beyond Newton's largest distance
+    (box(), 1.99e6, 1.5e6, 0.01),
 )
-def test_a_mesh_with_negative_margin_gap_or_radius(scale, margin, gap, radius):
-    config = newton.ModelBuilder.ShapeConfig(margin=margin)
-    pipeline = pipeline_of(box(scale=wp.vec3(scale), cfg=config), 1.3 * scale, radius, gap)
+
+
+@pytest.mark.parametrize("case", range(len(ODD)))
+def test_numbers_that_nobody_should_use(case):
+    add, reach, radius, gap = ODD[case]
+    pipeline = pipeline_of(add, reach, radius, gap, 2000 if reach < 1e5 else 1000)
     check(pipeline, ParticleCull(pipeline))
     if radius < 0:
         far = wb.fit(newton.Mesh.create_box(1.0, 1.0, 1.0), "distance", "bvh", device="cpu")
         check(pipeline, ParticleCull(pipeline, {0: far}))
-
-
-@pytest.mark.parametrize("thin", [1e-8, 0.0])
-def test_a_thin_ellipsoid_far_away(thin):
-    pipeline = pipeline_of(
-        lambda b: b.add_shape_ellipsoid(body=-1, rx=1e4, ry=1e4, rz=thin, xform=TILTED), 7000.0, 0.02, 0.03
-    )
-    check(pipeline, ParticleCull(pipeline))
-
-
-@pytest.mark.parametrize(("gap", "radius", "scale"), [(2e6, 0.02, 1.0), (2e6, 0.02, 0.5), (0.01, 1.5e6, 1.0)])
-def test_a_mesh_and_reaches_beyond_newtons_largest_distance(gap, radius, scale):
-    pipeline = pipeline_of(box(scale=wp.vec3(scale)), 1.99e6, radius, gap, 1000)
-    check(pipeline, ParticleCull(pipeline))
 
 
 def test_the_mesh_on_the_device_counts_and_not_the_one_of_the_host():

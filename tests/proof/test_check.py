@@ -18,9 +18,9 @@ from bounding_shapes import (
     random_mlp,
     shape,
 )
+from rewriting import rewrite
 
 import warp_bounding as wb
-from warp_bounding.bounders import file_format
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Union
 from warp_bounding.certificates import ABOUT
@@ -45,11 +45,7 @@ def copy_of(bounder, tensors=None, domain=None):
 def edited(bounder, path, change):
     """The path of its file, in which the description was changed, and its digest made right again."""
     bounder.save(path)
-    tensors, entry = file_format._read(path)
-    document = json.loads(entry)["bounder"]
-    change(document)
-    entry = json.dumps({"sha256": file_format.digest_of(tensors, document), "bounder": document})
-    path.write_bytes(file_format.safetensors.numpy.save(tensors, metadata={file_format.KEY: entry}))
+    rewrite(path, change)
     return path
 
 

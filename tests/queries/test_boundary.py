@@ -3,13 +3,10 @@ itself."""
 
 import numpy as np
 import pytest
-import torch
 import trimesh
 
 import warp_bounding as wb
 from warp_bounding.queries.boundary import ENDS_SHARE, border_points
-from warp_bounding.queries.domain import Domain
-from warp_bounding.training.samples import ShapePointSamples
 
 COUNT = 4000
 BALL = trimesh.creation.icosphere(subdivisions=2)
@@ -37,15 +34,3 @@ def test_an_object_that_is_cut_off_has_points_on_its_ends(made, axis, rng):
         away = np.delete(on, axis, axis=1)
         beside = away + 1e-3 * (away - away.mean(axis=0))  # outwards, about
         assert (~shape.contains(np.insert(beside, axis, end, axis=1))).mean() > 0.5
-
-
-def test_a_positive_walks_along_the_end_that_it_has_come_to(rng):
-    shape = motion()
-    domain = Domain.of(shape)
-    samples = ShapePointSamples(shape, domain, torch.Generator().manual_seed(0))
-    inside = np.array([[2.9, 0.5, 0.0, 0.0]])
-    beyond = np.array([[3.4, 0.8, 0.1, 0.0]])
-    assert shape.contains(inside).all()
-    state = [torch.from_numpy(domain.to_local(x).astype(np.float32).T.copy()) for x in (inside, beyond)]
-    resolved = domain.to_object(samples.resolved(*state).T.double().numpy())[0]
-    assert np.abs(resolved - [3.0, 0.8, 0.1, 0.0]).max() < 1e-5

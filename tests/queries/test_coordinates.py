@@ -6,11 +6,10 @@ from functools import cache
 import numpy as np
 import pytest
 from asking import ask
-from bounding_shapes import shape
+from bounding_shapes import random_mlp, shape
 from located import EXACT, corners, located, plane_points, ray_distance, ray_points, to_local
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
-from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.base import FAR
@@ -133,12 +132,7 @@ def bounders(name: str, query: str):
     them."""
     grid = shape(name)
     domain, rng = domain_of(grid, query, ray_length(grid)), np.random.default_rng(0)
-    k, outputs = (grid.ndim, 2) if query == "plane" else (domain.ndim, 1)
-    tensors = {}
-    for index, (inputs, width) in enumerate(((k, 8), (8, outputs))):
-        tensors[f"layers.{index}.weight"] = (rng.normal(size=(width, inputs)) * 2 / np.sqrt(inputs)).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=width).astype(np.float32)
-    network = Mlp(domain, tensors, {"hidden": [8], "activation": "sin", "octaves": 0}, "cpu")
+    network = random_mlp(grid, gain=2.0, domain=domain)
     values = network.values(sample(query, grid, 1000, rng)).numpy()
     network.freeze(float(np.median(values[np.isfinite(values)])), None)
     return [network, *([fitted_region("aabb", query, grid)] if name == "blob" else [])]

@@ -7,7 +7,6 @@ import pytest
 import torch
 import warp as wp
 from bounding_shapes import crossed, fitted, random_mlp, shape
-from placements import homogeneous, rotation
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
@@ -17,6 +16,20 @@ from warp_bounding.queries.base import FAR
 from warp_bounding.queries.placement import Placement, placement_error
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.shapes import Grid
+
+
+def rotation(s: int, rng) -> np.ndarray:
+    q, r = np.linalg.qr(rng.normal(size=(s, s)))
+    q *= np.sign(np.diag(r))
+    if np.linalg.det(q) < 0:
+        q[:, 0] *= -1
+    return q
+
+
+def homogeneous(q, t) -> np.ndarray:
+    matrix = np.eye(len(t) + 1)
+    matrix[:-1, :-1], matrix[:-1, -1] = q, t
+    return matrix
 
 
 def inner_points(grid, rng) -> np.ndarray:

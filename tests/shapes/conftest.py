@@ -5,11 +5,6 @@ import pytest
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
-    return np.random.default_rng(0)
-
-
-@pytest.fixture
 def blob(rng: np.random.Generator) -> np.ndarray:
     """An asymmetric 3-D occupancy: no two axes can be swapped unnoticed."""
     return rng.random((4, 5, 6)) < 0.4

@@ -315,8 +315,6 @@ def test_hollows_of_cells(time):
 
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
-
-
 BAD_MESHES = {
     "no faces": (TRIANGLE, np.zeros((0, 3), dtype=int), "faces"),
     "2-D vertices": ([[0, 0], [1, 0], [0, 1]], [[0, 1, 2]], "(V, 3)"),

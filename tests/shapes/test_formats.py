@@ -146,8 +146,6 @@ def test_a_file_gives_its_name_and_not_its_folder(tmp_path, name, blob):
 
 
 MAP = np.array([[0, 254, 205], [127, 128, 255]], dtype=np.uint8)  # a map of a robot: dark is a wall, white is free
-
-
 VERTICES, FACES = np.asarray(BOX.vertices, dtype=np.float32), np.asarray(BOX.faces, dtype=np.int32)
 
 

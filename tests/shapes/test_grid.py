@@ -174,8 +174,6 @@ def test_distances_of_animated_grids_at_a_time(rng):
 
 
 BALL = np.linalg.norm(np.mgrid[-1:1:9j, -1:1:9j], axis=0) < 0.5
-
-
 EYE = np.eye(3, dtype=bool)
 BAD = (
     (lambda: Grid(EYE, cells_per_unit=[1.0]), "2 scales"),

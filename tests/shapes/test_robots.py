@@ -2,23 +2,14 @@
 
 import numpy as np
 import pytest
-from arm_cases import random_arm
-from test_arms import BLURRED, boxes, configurations, hulls_apart, within
+from arm_cases import BRANCHES, random_arm, robot
+from test_arms import BLURRED, configurations, hulls_apart
 
 import warp_bounding as wb
 from warp_bounding.arms import WORLD, Arm, ArmConfigurations, Body, Joint, Mimic
 from warp_bounding.shapes.shape import IN, OUT
 
-BRANCHES = (-1, 0, 0, 2)  # two branches behind one joint, the second of two joints
 CARRY = ((0,), (0, 1), (0, 2), (0, 2, 3))  # the joints that move each link
-
-
-def robot(rng) -> Arm:
-    """Two branches; the last joint of the second follows the first branch's, twice as fast."""
-    arm, _ = random_arm(rng, len(BRANCHES), slides=True)
-    joints = [Joint(joint.origin, joint.axis, -1.0, 1.0, joint.slides) for joint in arm.joints]
-    base = Body.box([-0.5, -0.2, -0.2], [0.1, 0.2, 0.2])
-    return Arm(joints, [*arm.bodies, base], parents=BRANCHES, mimics={3: Mimic(1, -2.0, 0.1)})
 
 
 def gap_of(shape: ArmConfigurations, q: np.ndarray) -> float:
@@ -47,28 +38,6 @@ def test_truth_of_a_tree_is_that_of_the_bodies(shapes, rng):
         answers = shape.decide(x)
         assert (answers[gaps > BLURRED] == OUT).all()
         assert (answers[gaps < -1e-3] == IN).all()
-
-
-def test_boxes_half_spaces_and_distances_of_a_tree_hold(shapes, rng):
-    free = 0
-    for shape in shapes:
-        lower, upper = boxes(shape, rng, 1500)
-        empty, halves = shape.empty(lower, upper), shape.half_spaces(lower, upper)
-        full = shape.inside(lower, upper)
-        for _ in range(20):
-            x = within(lower, upper, rng)
-            answers = shape.decide(x)
-            assert (answers[empty] == OUT).all()
-            assert (answers[full] != OUT).all()
-            beyond = halves.level + ((x - halves.center) * halves.slope).sum(axis=1) < 0
-            assert (answers[beyond] == OUT).all()
-        free += empty.sum()
-        x = configurations(shape, rng, 300)
-        distances = shape.distance(x)
-        way = rng.normal(size=x.shape)
-        moved = x + way / np.linalg.norm(way, axis=1, keepdims=True) * (distances * rng.random(len(x)))[:, None]
-        assert (shape.decide(moved)[distances > 0] == OUT).all()
-    assert free > 100
 
 
 def test_bodies_stay_within_what_a_path_reaches(rng):

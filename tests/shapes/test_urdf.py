@@ -9,7 +9,6 @@ from warp_bounding.errors import ShapeError
 
 pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
 trimesh = pytest.importorskip("trimesh")
-
 BASE = '<link name="base"><collision><geometry><box size="0.2 0.2 0.1"/></geometry></collision></link>'
 CYLINDER = (
     '<collision><origin xyz="0.25 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.05" '

@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from warp_bounding.arms import WORLD, Arm, Body, Joint
+from warp_bounding.arms import WORLD, Arm, Body, Joint, Mimic
+
+BRANCHES = (-1, 0, 0, 2)  # of ``robot``: two branches behind one joint, the second of two joints
 
 
 def turned(rng) -> np.ndarray:
@@ -44,3 +46,11 @@ def random_arm(rng, n: int, slides: bool = False) -> tuple[Arm, list[Body]]:
         bodies += [random_body(rng, i, rng.normal(size=3) * 0.2) for _ in range(1 + i % 2)]
     obstacles = [random_body(rng, WORLD, rng.normal(size=3) * 0.5) for _ in range(8)]
     return Arm(joints, bodies), obstacles
+
+
+def robot(rng) -> Arm:
+    """Two branches; the last joint of the second follows the first branch's, twice as fast."""
+    arm, _ = random_arm(rng, len(BRANCHES), slides=True)
+    joints = [Joint(joint.origin, joint.axis, -1.0, 1.0, joint.slides) for joint in arm.joints]
+    base = Body.box([-0.5, -0.2, -0.2], [0.1, 0.2, 0.2])
+    return Arm(joints, [*arm.bodies, base], parents=BRANCHES, mimics={3: Mimic(1, -2.0, 0.1)})

@@ -4,14 +4,15 @@ from functools import cache
 
 import numpy as np
 import warp as wp
-from bounding_shapes import EARLY, HIDDEN, shape
+from asking import asking_kernel
+from bounding_shapes import EARLY, HIDDEN, random_mlp, shape
+from random_networks import random_monotone
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.kernels.functions import Data
 from warp_bounding.queries.region_domain import domain_of
-from warp_bounding.runtime.native import vector_type
 
 QUERIES = ("point", "ray", "plane", "box")
 FEW = ("aabb", "bvh", "mlp")  # methods of regions: what tells data apart is the same text for all
@@ -20,20 +21,16 @@ FAR = 1e3  # outside of every domain
 
 def network(kind: type[Mlp], query: str, device: str) -> Mlp:
     """Random weights; a monotone network's have the signs that make it one."""
-    rng, tensors, early = np.random.default_rng(0), {}, kind.method == "mlp-early"
-    domain, hidden = domain_of(shape("c"), query), EARLY if early else HIDDEN
-    inputs, outputs = (2, 2) if query == "plane" else (domain.ndim, 1)
-    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, outputs), strict=True)):
-        weight = np.abs(rng.normal(size=(h, k))).astype(np.float32)
-        weight[:, : k // 2] *= -1 if index == 0 else 1
-        tensors[f"layers.{index}.weight"] = weight
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    early, domain = kind.method == "mlp-early", domain_of(shape("c"), query)
+    if kind.method == "monotone-mlp":
+        return random_monotone(shape("c"), HIDDEN).to(device)
+    made = random_mlp(None, EARLY if early else HIDDEN, domain=domain)
+    tensors, outputs = dict(made.tensors), made.head.outputs
     if early:
-        tensors["exits.0.weight"] = rng.normal(size=(outputs, hidden[0])).astype(np.float32)
-        tensors["exits.0.bias"] = rng.normal(size=outputs).astype(np.float32)
+        tensors["exits.0.weight"] = np.ones((outputs, EARLY[0]), np.float32)
+        tensors["exits.0.bias"] = np.ones(outputs, np.float32)
         tensors["exits.thresholds"] = np.array([-1.0], np.float32)
-    activation = "tanh" if kind.method == "monotone-mlp" else "sin"
-    return kind(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": 0}, device)
+    return kind(domain, tensors, made.sizes, device)
 
 
 @cache
@@ -53,33 +50,14 @@ def bounders(query: str, device: str) -> dict:
     return {bounder.source: bounder for bounder in found.values()}
 
 
-@cache
-def asking_kernel(test, query: str) -> wp.Kernel:
-    vector = vector_type(2)
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def query_point(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
-        i = wp.tid()
-        answer[i] = wp.uint8(test(data, a[i]))
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def query_region(
-        data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)
-    ):
-        i = wp.tid()
-        answer[i] = wp.uint8(test(data, a[i], b[i]))
-
-    return query_point if query == "point" else query_region
-
-
 def ask(bounder, data: Data) -> np.ndarray:
     """Answers of a bounder's function, given some data, to queries far away: with its own it certainly says no."""
     query, device = bounder.query_kind, bounder.device
     first = {"point": [FAR, FAR], "ray": [FAR, FAR], "plane": [1.0, 1.0], "box": [FAR, FAR]}[query]
     second = {"point": [FAR, FAR], "ray": [1.0, 1.0], "plane": [4.0, 4.0], "box": [FAR + 1, FAR + 1]}[query]
     a, b = (wp.array(np.float32([row] * 3), dtype=wp.vec2, device=device) for row in (first, second))
-    answer = wp.full(3, 7, dtype=wp.uint8, device=device)
-    wp.launch(asking_kernel(bounder.func, query), 3, [data, a, b], [answer], device=device)
+    answer, given = wp.zeros(3, dtype=wp.uint8, device=device), [a] if query == "point" else [a, b]
+    wp.launch(asking_kernel(bounder.func, 2, query != "point"), 3, [data, *given], [answer], device=device)
     return answer.numpy()
 
 

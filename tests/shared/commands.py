@@ -14,8 +14,6 @@ from warp_bounding.cli import main
 
 ROOT = Path(__file__).parents[2]
 WIDTHS = ",".join(map(str, HIDDEN))  # of a small network
-
-
 PAPER = ("table1", "recipes", "speed", "proofs", "figures")
 
 

@@ -86,8 +86,8 @@ RGBA = np.stack([GREY, GREY, GREY, np.where(BITS, 128, 127).astype(np.uint8)], a
 PNG = {
     "png/alpha": case(png(RGBA), check=cells(BITS)),
     "png/transparent-colour": case(png(palette(), transparency=5), check=cells(BITS)),
-    "png/transparent-grey": case(file("a.png", clear_png(16, 0, [60001], [[60001, 60000]])),
-        check=cells([[False, True]])),
+    "png/transparent-grey": case(file("a.png", clear_png(16, 0, [60001], [[60001, 60000]])), check=cells([[False,
+        True]])),
     "png/transparent-grey-of-2-bits": case(file("a.png", clear_png(2, 0, [3], b"\xe0")), check=cells([[False, True]])),
     "png/transparent-colour-of-16-bits": case(file("a.png", clear_png(16, 2, [9, 9, 60001], [[9, 9, 60001] * 2])),
         "16 bits"),
@@ -209,8 +209,8 @@ ROS = {
     "ros/raw": case(ros(PERCENT, more="mode: raw"), **told("raw"), level=">=65"),
     "ros/raw-unknown": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as occupied", BEYOND > 64),
         level=">=65"),
-    "ros/raw-unknown-free": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as free"),
-        level=">=65", unknown="free"),
+    "ros/raw-unknown-free": case(ros(BEYOND, more="mode: raw"), **told("2 unknown cells count as free"), level=">=65",
+        unknown="free"),
     "ros/raw-without-level": case(ros(PERCENT, more="mode: raw"), "level='>=65'"),
     "ros/raw-negated": case(ros(PERCENT, negate="1", more="mode: raw"), "negate in mode raw", level=">=65"),
     "ros/other-keys": case(ros(more="author: me"), **told("not read: author")),
@@ -222,11 +222,10 @@ ROS = {
     "ros/other-yaml": case(ros(more="nested: {a: 1}"), "line 7"),
     "ros/own-place": case(ros(), "its own resolution", spacing=1.0),
 }  # fmt: skip
-
 TILES = "type octile\nheight 2\nwidth 3\nmap\n{}"
 MOVINGAI = {
-    "map/place": case(file("a.map", TILES.format("..@\n@.O\n")), "y up",
-        cells(np.array([[1, 0], [0, 0], [1, 1]], bool))),
+    "map/place": case(file("a.map", TILES.format("..@\n@.O\n")), "y up", cells(np.array([[1, 0], [0, 0], [1, 1]],
+        bool))),
     "map/water-and-swamp": case(file("a.map", TILES.format(".SW\nGTW\n")), "water, counts as occupied",
         cells(np.array([[0, 0], [1, 0], [1, 1]], bool))),
     "map/counts": case(file("a.map", TILES.format("..@\n")), "expected 2 rows of 3"),
@@ -250,8 +249,8 @@ BINVOX = {
         "spacing=2, origin=(2,3,4) place", cells(VOXELS)),
     "binvox/spacing-alone": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), "origin=(2,3,4) place",
         cells(VOXELS), spacing=2),
-    "binvox/placed": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), check=cells(VOXELS,
-        at([1, 2, 3], [7, 8, 9])), spacing=2, origin=(2, 3, 4)),
+    "binvox/placed": case(file("a.binvox", binvox(VOXELS, "translate 1 2 3\nscale 6\n")), check=cells(VOXELS, at([1, 2,
+        3], [7, 8, 9])), spacing=2, origin=(2, 3, 4)),
     "binvox/counts": case(file("a.binvox", binvox(VOXELS)[:-2]), "27 voxels"),
     "binvox/trailing-bytes": case(file("a.binvox", binvox(VOXELS) + b"x"), "pairs of bytes"),
     "binvox/other-values": case(file("a.binvox", binvox(2 * VOXELS.astype(int))), "voxel values 0 and 1"),
@@ -340,8 +339,7 @@ PLACES = {
     "place/hollow": case(obj(0, 1, hollow=True), "1 closed hollow filled", hollowness(True)),
     "place/hollow-empty": case(obj(0, 1, hollow=True), "1 closed hollow empty", hollowness(False), hollow="empty"),
     "place/inside-out": case(obj(0, 1, hollow=True, apart=0.75), "inside out", hollow="empty"),
-    "place/hollow-of-cells": case(file("a.npy", npy(~BITS)), "1 closed hollow filled",
-        cells(np.pad(np.ones_like(BITS), 1)), hollow="filled"),
+    "place/hollow-of-cells": case(file("a.npy", npy(~BITS)), "1 closed hollow filled", cells(np.pad(np.ones_like(BITS),
+        1)), hollow="filled"),
 }  # fmt: skip
-
 GRID_CASES: dict[str, Case] = PNG | PGM | ROS | MOVINGAI | BINVOX | ARRAYS | PLACES

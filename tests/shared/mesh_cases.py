@@ -116,8 +116,8 @@ PLY = {
     "ply/several-lists": Case(file("a.ply", ply(LITTLE, MIXED, face="property list uchar uchar more\n")),
         check=cubes()),
     "ply/strips": Case(file("a.ply", ply(LITTLE, (),
-        after="element tristrips 1\nproperty list int int vertex_indices\n",
-                                         rest=struct.pack("<21i", 20, *STRIPS))), check=cubes()),
+        after="element tristrips 1\nproperty list int int vertex_indices\n", rest=struct.pack("<21i", 20, *STRIPS))),
+        check=cubes()),
     "ply/other-elements": Case(file("a.ply", ply(LITTLE, more=CAMERA, before=b"\0\0\0\0")), "1 of camera", cubes()),
     "ply/other-lists": Case(file("a.ply", ply(more=GROUP, before=b"1 0\n")), "element group"),
     "ply/thin-faces": Case(file("a.ply", ply(LITTLE, (*QUADS, (0, 1)))), "1 faces of fewer than 3", cubes()),
@@ -153,12 +153,10 @@ OBJ = {
     "obj/negative-indices": Case(file("a.obj", obj(first=-8)), check=cubes()),
     "obj/texture-and-normals": Case(file("a.obj", obj(face="{0}/1/1", head="vt 0 0\nvn 0 0 1\n")), check=cubes()),
     "obj/line-continuation": Case(file("a.obj", obj().replace(" 1 ", " \\\n1 ")), check=cubes()),
-    "obj/backslash": Case(
-        file("a.obj", obj(QUADS[:5], tail="# C:\\models\\\nf 2 6 8 4\n")), "expected a backslash only"
-    ),
-    "obj/backslash-before-statement": Case(
-        file("a.obj", obj(QUADS[:5], tail="p 1 \\\nf 2 6 8 4\n")), "expected numbers behind"
-    ),
+    "obj/backslash": Case(file("a.obj", obj(QUADS[:5], tail="# C:\\models\\\nf 2 6 8 4\n")),
+        "expected a backslash only" ),
+    "obj/backslash-before-statement": Case(file("a.obj", obj(QUADS[:5], tail="p 1 \\\nf 2 6 8 4\n")),
+        "expected numbers behind" ),
     "obj/byte-order-mark": Case(file("a.obj", "\ufeff" + obj()), check=cubes()),
     "obj/colours": Case(file("a.obj", obj(point="v {:g} {:g} {:g} 0.5 0.5 1")), check=cubes()),
     "obj/materials": Case(file("a.obj", obj(head="mtllib none.mtl\nusemtl red\n")), check=cubes()),
@@ -171,7 +169,7 @@ OBJ = {
     "obj/weights": Case(file("a.obj", obj(point="v {:g} {:g} {:g} 2")), "rational"),
     "obj/other-statements": Case(file("a.obj", obj(tail="call more.obj\n")), "'call more.obj'"),
     "obj/not-finite": Case(file("a.obj", obj(point="v nan {:g} {:g}")), "finite"),
-}
+}  # fmt: skip
 
 # --- OFF
 
@@ -188,9 +186,8 @@ OFF = {
     "off/comments": Case(file("a.off", off("# a cube\n\nOFF # text", point=" # corner")), check=cubes()),
     "off/colours-and-normals": Case(file("a.off", off("STCNOFF", point=" 1 0 0 0.5 0.5 0.5 1 0 0")), check=cubes()),
     "off/colours-of-faces": Case(file("a.off", off(face=" 255 0 0")), check=cubes()),
-    "off/points-and-lines": Case(
-        file("a.off", off(counts="8 7 0", faces=(*QUADS, (0, 1)))), "1 points and lines", cubes()
-    ),
+    "off/points-and-lines": Case(file("a.off", off(counts="8 7 0", faces=(*QUADS, (0, 1)))), "1 points and lines",
+        cubes() ),
     "off/colour-index": Case(file("a.off", off(face=" 3")), "expected a face"),
     "off/number-with-underscore": Case(file("a.off", off().replace("-1 -1 -1", "-1 -1 -0_1", 1)), "expected a number"),
     "off/four-numbers": Case(file("a.off", off("4OFF", point=" 1")), "vertices of 4 numbers"),
@@ -199,7 +196,7 @@ OFF = {
     "off/counts": Case(file("a.off", off(counts="8 5 0")), "got 14 lines"),
     "off/index-out-of-range": Case(file("a.off", off(counts="8 7 0", faces=(*QUADS, (0, 1, 8)))), "got vertex 8"),
     "off/not-finite": Case(file("a.off", off().replace("-1 -1 -1", "-1 nan -1", 1)), "finite"),
-}
+}  # fmt: skip
 
 # --- glTF
 
@@ -422,10 +419,10 @@ GLTF = {
     "gltf/animation": Case(glb(animated), "animated: only the pose", cubes()),
     "gltf/several-scenes": Case(glb(lambda made: beside(made, scene=1, scenes=[{"nodes": [0]}, {"nodes": [1]}])),
         "1 meshes outside the scene", cubes((7, 0, 0))),
-    "gltf/no-default-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made,
-        scenes=[{"nodes": [0]}, {"nodes": [1]}])][1]), "got 2 scenes"),
-    "gltf/no-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made, scenes=[])][1]),
-        check=cubes((0, 0, 0), (7, 0, 0))),
+    "gltf/no-default-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made, scenes=[{"nodes": [0]},
+        {"nodes": [1]}])][1]), "got 2 scenes"),
+    "gltf/no-scene": Case(glb(lambda made: [made.document.pop("scene"), beside(made, scenes=[])][1]), check=cubes((0, 0,
+        0), (7, 0, 0))),
     "gltf/outside-the-scene": Case(glb(beside), "1 meshes outside the scene", cubes()),
     "gltf/shared-nodes": Case(glb(shared), "below two others"),
     "gltf/required-extension": Case(glb(lambda made: extended(made, "VENDOR_new_shapes", made.primitive, {})),
@@ -588,10 +585,10 @@ URDF = {
     "urdf/meshes": urdf(),
     "urdf/scale": urdf(geometry="<mesh filename='a.stl' scale='1 -2 3'/>", half=(1, 2, 3)),
     "urdf/scale-of-two": urdf("scale of 1 or 3 finite numbers", geometry="<mesh filename='a.stl' scale='1 2'/>"),
-    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>",
-        files=(("robot/meshes/a.stl", binary_stl()),)),
-    "urdf/package-xml": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>",
-        files=(("package.xml", "<package><name>robot</name></package>"), ("meshes/a.stl", binary_stl()))),
+    "urdf/packages": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("robot/meshes/a.stl",
+        binary_stl()),)),
+    "urdf/package-xml": urdf(geometry="<mesh filename='package://robot/meshes/a.stl'/>", files=(("package.xml",
+        "<package><name>robot</name></package>"), ("meshes/a.stl", binary_stl()))),
     "urdf/other-packages": urdf("is missing", geometry="<mesh filename='package://robot/meshes/a.stl'/>",
         files=(("meshes/a.stl", binary_stl()),)),
     "urdf/collada": urdf(geometry="<mesh filename='a.dae'/>", files=(("a.dae", CENTIMETRES),)),
@@ -767,5 +764,4 @@ USD = {
     "usd/cut": usd("USD stage", text=usd_mesh()[:-20]),
     "usd/not-finite": usd("finite", text=usd_mesh().replace("(-1, -1, -1)", "(nan, -1, -1)")),
 }  # fmt: skip
-
 MESH_CASES: dict[str, Case] = STL | PLY | OBJ | OFF | GLTF | DAE | URDF | USD

@@ -4,7 +4,6 @@ import re
 import shlex
 
 __all__ = ["FENCED", "commands"]
-
 FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
 
 

@@ -24,8 +24,6 @@ KEYS = {
     "fp_rate_cells",
     "certificate",
 }
-
-
 SLOW = set(DEMOS) - {"shadows"}  # up to a minute each; their parts have tests of their own
 
 

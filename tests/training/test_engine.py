@@ -20,7 +20,7 @@ NETWORKS = [  # coordinates, hidden, activation, octaves
     (3, (7,), "sin", 0),
     (3, (6, 5), "relu", 0),
     (3, (6, 5, 4), "sin", 1),
-    (8, (6,), "relu", 0),
+    (8, (6,), "tanh", 0),
 ]
 
 

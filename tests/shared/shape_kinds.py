@@ -1,0 +1,121 @@
+"""A shape of every kind, small: what each promises, and what every part of the library does with all of them."""
+
+from functools import cache
+
+import numpy as np
+import trimesh
+from arm_cases import random_arm, robot
+from bounding_shapes import shape as grid
+
+import warp_bounding as wb
+from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
+from warp_bounding.shapes.parts import Clipped
+from warp_bounding.shapes.recentred import Frame, Recentred
+
+S, MARGIN = wb.shapes, 0.0625
+TORUS, BALL, BOX = (
+    trimesh.creation.torus(1, 0.3),
+    trimesh.creation.icosphere(subdivisions=2),
+    trimesh.creation.box((1, 2, 0.5)),
+)
+
+
+def mesh(*parts, **options):
+    joined = trimesh.util.concatenate(parts)
+    return wb.shapes.Mesh(joined.vertices, joined.faces, **options)
+
+
+def moving(solid, faces=slice(None)):
+    """It turns, slides and stretches between times of uneven distances."""
+    x, y, z = solid.vertices.T
+    angles = 1.5 * np.sin(np.linspace(0, 3, 5))
+    frames = [
+        np.stack([np.cos(a) * x - np.sin(a) * y + a, np.sin(a) * x + np.cos(a) * y, z * (1 + a)], 1) for a in angles
+    ]
+    return wb.shapes.MovingMesh(np.array(frames), solid.faces[faces], times=[-1, 0.5, 1, 1.25, 4], time_cells=4)
+
+
+def blend(poses, halvings):
+    """A ball that is drawn out along x, and one end of it bent upwards."""
+    ball = trimesh.creation.icosphere(subdivisions=halvings)
+    x, y, z = ball.vertices.T
+    deltas = np.stack([x, 0 * y, 0 * z], 1), np.stack([0 * x, 0 * y, np.maximum(x, 0) ** 2], 1)
+    return wb.shapes.BlendShapes(
+        ball.vertices, deltas[:poses], ball.faces, lower=[-0.4, -0.8][:poses], upper=[0.8, 0.8][:poses]
+    )
+
+
+def arm(**joint):
+    step = np.eye(4)
+    step[0, 3] = 0.5
+    links = [Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=i) for i in range(2)]
+    walls = [Body.box([0.3, 0.2, -0.5], [0.6, 0.5, 0.5]), Body.sphere([-0.6, -0.2, 0], 0.2)]
+    return ArmConfigurations(Arm([Joint(**joint), Joint(step)], links), walls, weights=[1.3, 0.7])
+
+
+def distance(x):
+    return np.linalg.norm(x, axis=1) - 1.0
+
+
+def rotated(angle):
+    return [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
+
+
+CORNER = S.Intersection(
+    S.Box([0, 0], [4, 1]), S.Transform(S.Box([0, 0], [4, 1]), rotated(0.1))
+)  # a spike: its gap is far less than the distance
+KINDS = {
+    "grid": lambda: grid("blob"),
+    "grid 2D": lambda: grid("c"),
+    "animation": lambda: grid("animated"),
+    "mesh": lambda: mesh(TORUS),
+    "mesh of parts": lambda: mesh(BALL, BALL.copy().apply_translation([0.9, 0, 0])),
+    "open mesh": lambda: wb.shapes.Mesh(BALL.vertices, BALL.faces[: len(BALL.faces) // 2]),
+    "tank": lambda: mesh(BOX, trimesh.Trimesh(0.8 * BOX.vertices, BOX.faces[:, ::-1], process=False), hollow="empty"),
+    "motion": lambda: moving(TORUS),
+    "open motion": lambda: moving(BALL, slice(160)),
+    "blend": lambda: blend(1, 0),
+    "blends": lambda: blend(2, 2),
+    "arm": arm,
+    "arm in space": lambda: ArmConfigurations(*random_arm(np.random.default_rng(1), 3)),
+    "arm in space that slides": lambda: ArmConfigurations(
+        *random_arm(np.random.default_rng(5), 3, True), weights=[0.2, 3, 1]
+    ),
+    "arm that slides": lambda: arm(slides=True, lower=-0.5, upper=0.4, axis=(1, 0, 0)),
+    "arm that is a tree": lambda: ArmConfigurations(
+        robot(np.random.default_rng(0)),
+        [Body.sphere([0.9, 0.2, 0.1], 0.2)],
+        self_collision=True,
+        weights=[1.0, 2.0, 0.5],
+    ),
+    "arm that turns": lambda: arm(continuous=True),
+    "function": lambda: wb.shapes.Function(None, [-1] * 3, [1] * 3, distance=distance),
+    "steep function": lambda: wb.shapes.Function(
+        None, [-1] * 5, [1] * 5, distance=lambda x: 4 * distance(x), lipschitz=4.0
+    ),
+    "short function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * distance(x)),
+    "spike": lambda: CORNER,
+    "cells and a spike": lambda: S.Union(
+        wb.shapes.Grid(np.eye(5, dtype=bool)), S.Transform(CORNER, rotated(np.pi / 4), [1, 2], 0.5)
+    ),
+    "less a dilation": lambda: S.Difference(S.Box([-9, -9], [9, 9]), S.Dilation(CORNER, 0.5)),
+    "bitten mesh": lambda: mesh(BOX) - S.Sphere([0.5, 1, 0], 0.5),
+    "solids": lambda: (S.Sphere([0, 0, 0], 0.7) | S.Capsule([1, 0, 0], [0, 1, 0], 0.3)) - S.Torus([0, 0, 0], 0.8, 0.3),
+    "common to solids": lambda: (
+        S.Sphere([0, 0, 0], 0.7) & (S.Box([0, 0, 0], [1, 1, 1]) | S.HalfSpace([1, 1, 0], -0.2, [-1] * 3, [1] * 3))
+    ),
+    "turned mesh": lambda: S.Transform(mesh(BOX), np.eye(3)[[1, 0, 2]], scale=1.5),
+    "extrusion": lambda: S.Extrusion(S.Torus([0, 0, 0], 0.6, 0.2), [0, 1, 3], [[0, 0, 0], [1, 0, 0], [1, 1, 1]]),
+    "outside": lambda: wb.shapes.Complement(mesh(TORUS)),
+    "part": lambda: Clipped(mesh(TORUS), [0, -9, -9], [9, 9, 9]),
+    "far away": lambda: Recentred(grid("blob"), Frame((500000.13, 4649776.37, 12.7), (1e-4, 0.0, 0.0))),
+}
+
+
+@cache
+def made(name: str, margin: float = 0.0):
+    return KINDS[name]().dilated(margin)
+
+
+def dilates(name: str) -> bool:
+    return not name.startswith("arm")
