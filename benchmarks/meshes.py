@@ -219,10 +219,14 @@ def draw(by_mesh: dict[str, list[dict]], file: Path) -> None:
         for family, (marker, color) in MARKS.items():
             points = sorted((r["bytes"], r["fp_rate"]) for r in own if r["label"].split()[0] == family)
             if points:
-                style = {"marker": marker, "color": color, "ms": 5.5, "alpha": 0.85, "lw": 1.4 * (len(points) > 1)}
+                sizes = points[-1][0] > 1.2 * points[0][0]  # one method in several sizes: a line
+                style = {"marker": marker, "color": color, "ms": 5.5, "alpha": 0.85, "lw": 1.4 * sizes}
                 (handles[family],) = axes.plot(*zip(*points, strict=True), **style)
         axes.set(xscale="log", yscale="log", title=name)
-        for axis, text in ((axes.xaxis, "{x:,.0f}"), (axes.yaxis, "{x:g}")):
+        for axis, text in (
+            (axes.xaxis, lambda x, _: f"{x:g} B" if x < 1000 else f"{x / 1000:g} kB"),
+            (axes.yaxis, "{x:g}"),
+        ):
             axis.set_major_formatter(text)
             axis.set_minor_formatter(NullFormatter())
         axes.set_yticks(
@@ -232,7 +236,7 @@ def draw(by_mesh: dict[str, list[dict]], file: Path) -> None:
         if place % 3 == 0:
             axes.set_ylabel("false positives, % of points")
         if place >= 3:
-            axes.set_xlabel("bytes")
+            axes.set_xlabel("memory")
     figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=6, fontsize=9, frameon=False)
     figure.savefig(file, dpi=110)
 
