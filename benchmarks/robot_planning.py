@@ -3,18 +3,18 @@
 RRT-Connect among a table, shelves and a post, four joints of a UR5, its last two held. States and edges are checked
 exactly by Coal on meshes; with a proven network in front of that, a state that it denies, and an edge of which it
 proves that no point of it collides, are not. Both ways take the same decisions, so with the same seed they find the
-same path, unless an edge that is proven free collides. Every run is a process of its own, as OMPL's seeds are.
+same path, unless an edge that is proven free collides. Every run is a forked process, as OMPL's seeds are.
 
 What the usual check of an edge at states along it misses: of the edges it accepts, how many collide at states a hundred
 times as dense.
 """
 
 import argparse
-import json
-import subprocess
 import sys
 import time
 from functools import cache
+from importlib.util import find_spec
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -29,19 +29,9 @@ HELD = {"wrist_2_joint": -np.pi / 2, "wrist_3_joint": 0.0}
 RANGE, STEP, FINER, SECONDS = 0.6, 0.05, 100, 60.0  # radians: an edge, and the usual check along it; of a problem
 PROBLEMS, WAYS = 20, ("exact", "bounded")
 FIELDS = (
-    "way",
-    "problem",
-    "seconds",
-    "states",
-    "edges",
-    "checks",
-    "denied",
-    "cleared",
-    "accepted",
-    "missed",
-    "path",
+    "way", "problem", "seconds", "states", "edges", "checks", "denied", "cleared", "accepted", "missed", "path",
     "versions",
-)
+)  # fmt: skip
 
 
 @cache
@@ -62,13 +52,18 @@ def shape() -> wb.arms.ArmConfigurations:
 
 def problems() -> list[tuple[np.ndarray, np.ndarray]]:
     """Starts and goals, free."""
-    rng, found = np.random.default_rng(3), []
-    x = rng.uniform(shape().lower, shape().upper, (4 * PROBLEMS, shape().ndim))
+    x = np.random.default_rng(3).uniform(shape().lower, shape().upper, (4 * PROBLEMS, shape().ndim))
     free = x[~shape().contains(x)]
-    found = list(zip(free[::2], free[1::2], strict=False))
-    return found[:PROBLEMS]
+    return list(zip(free[::2], free[1::2], strict=False))[:PROBLEMS]
 
 
+@cache
+def meshes() -> MeshModel:
+    """What checks exactly."""
+    return MeshModel(shape())
+
+
+@cache
 def network(effort: float) -> wb.Bounder:
     """The bounder, kept or fitted."""
     file = FILES / "ur5-cell.safetensors"
@@ -78,16 +73,14 @@ def network(effort: float) -> wb.Bounder:
     return wb.load(file, device="cpu")
 
 
-def plan(way: str, number: int, effort: float) -> dict:
+def plan(run: tuple[str, int, float]) -> dict:
     """One run: a row."""
-    try:
-        from ompl import base, geometric, util
-    except ImportError:
-        sys.exit("planning needs OMPL: pip install 'warp-bounding[robots]'")
+    from ompl import base, geometric, util
+
+    way, number, effort = run
     util.RNG.setSeed(1000 + number)
     util.setLogLevel(util.LOG_ERROR)
-    model, n = MeshModel(shape()), shape().ndim
-    bounder = network(effort) if way == "bounded" else None
+    model, bounder, n = meshes(), network(effort), shape().ndim
     count, accepted = dict.fromkeys(("states", "edges", "checks", "denied", "cleared"), 0), []
 
     def numbers(state) -> np.ndarray:
@@ -110,15 +103,12 @@ def plan(way: str, number: int, effort: float) -> dict:
         def checkMotion(self, a, b):  # noqa: N802
             count["edges"] += 1
             a, b = numbers(a), numbers(b)
-            if way == "bounded" and wb.proof.clear_segments(bounder, a, b)[0]:
-                count["cleared"] += 1
-                accepted.append((a[0], b[0]))
-                return True
-            for t in np.linspace(0, 1, int(np.ceil(np.linalg.norm(b - a) / STEP)) + 1)[1:]:
-                if not free(a + t * (b - a)):
-                    return False
-            accepted.append((a[0], b[0]))
-            return True
+            cleared = way == "bounded" and bool(wb.proof.clear_segments(bounder, a, b)[0])
+            count["cleared"] += cleared
+            along = np.linspace(0, 1, int(np.ceil(np.linalg.norm(b - a) / STEP)) + 1)[1:]
+            good = cleared or all(free(a + t * (b - a)) for t in along)
+            accepted.extend([(a[0], b[0])] * good)
+            return good
 
     space, bounds = base.RealVectorStateSpace(n), base.RealVectorBounds(n)
     for i, (low, high) in enumerate(zip(shape().arm.lower, shape().arm.upper, strict=True)):
@@ -141,8 +131,7 @@ def plan(way: str, number: int, effort: float) -> dict:
     planner.setProblemDefinition(task)
     planner.setup()
     free(numbers(ends[0]))
-    if bounder is not None:
-        wb.proof.clear_segments(bounder, *np.zeros((2, 1, n)))  # kernels are loaded
+    wb.proof.clear_segments(bounder, *np.zeros((2, 1, n)))
     count.update(dict.fromkeys(count, 0))
     start = time.perf_counter()
     solved = bool(planner.solve(SECONDS))
@@ -154,15 +143,9 @@ def plan(way: str, number: int, effort: float) -> dict:
         near = a + t * (b - a)
         near = near[shape().contains(near)]  # hulls hold the meshes
         missed += bool(model.hits(near).any()) if len(near) else 0
-    found = json.dumps([numbers(state)[0].round(9).tolist() for state in path])
-    return {
-        "way": way,
-        "problem": number,
-        "seconds": seconds,
-        "path": found,
-        "missed": missed,
-        "accepted": len(accepted),
-    } | count
+    found = [numbers(state)[0].tolist() for state in path]
+    own = {"way": way, "problem": number, "seconds": seconds, "path": str(found), "versions": versions()}
+    return own | {"missed": missed, "accepted": len(accepted)} | count
 
 
 def page(rows: list[dict], command: str) -> str:
@@ -197,24 +180,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("results/robots"))
     parser.add_argument("--effort", type=float, default=400.0, help="seconds of the network's fit")
-    parser.add_argument("--run", nargs=2, metavar=("WAY", "PROBLEM"), help="one run, as JSON on standard output")
     options = parser.parse_args()
-    if options.run:
-        print(json.dumps(plan(options.run[0], int(options.run[1]), options.effort)))
-        return 0
-    network(options.effort)
+    if find_spec("ompl") is None:
+        sys.exit("planning needs OMPL: pip install 'warp-bounding[robots]'")
+    ends = np.array(problems()[0], dtype=np.float32)  # what processes share is made, and kernels are loaded
+    network(options.effort).query(ends), meshes().hits(ends.astype(np.float64)), shape().contains(ends)
+    wb.proof.clear_segments(network(options.effort), ends[:1], ends[1:])
     options.out.mkdir(parents=True, exist_ok=True)
     file = options.out / "planning.csv"
     rows = stored(file)
-    for number in range(PROBLEMS):
-        for way in WAYS:
-            if any((row["way"], int(row["problem"])) == (way, number) for row in rows):
-                continue
-            command = [sys.executable, __file__, "--run", way, str(number), "--effort", str(options.effort)]
-            done = subprocess.run(command, capture_output=True, text=True, check=False)
-            if done.returncode:
-                sys.exit(done.stderr.strip().splitlines()[-1])
-            rows.append(json.loads(done.stdout.splitlines()[-1]) | {"versions": versions()})
+    known = {(row["way"], int(row["problem"])) for row in rows}
+    runs = [(way, k, options.effort) for k in range(PROBLEMS) for way in WAYS if (way, k) not in known]
+    with get_context("fork").Pool(1, maxtasksperchild=1) as pool:
+        for row in pool.imap(plan, runs, chunksize=1):
+            rows.append(row)
             store(file, FIELDS, rows)
     text = page(rows, "python benchmarks/robot_planning.py --out results/robots")
     (options.out / "planning.md").write_text(text)

@@ -63,7 +63,7 @@ ROBOTS = {
         "panda_description/urdf/panda.urdf",
         "panda_description/srdf/panda.srdf",
         ("panda_link0", "panda_link7", "panda_hand", "panda_leftfinger", "panda_rightfinger"),
-        {"hidden": (10, 32, 32), "parts": 256},
+        {"hidden": (10, 40, 40), "parts": 512},
         {"panda_finger_joint1": 0.02},
     ),
     "xarm7": Robot(
