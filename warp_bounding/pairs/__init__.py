@@ -1,4 +1,10 @@
-"""Pairs of placed meshes: a distance bounder of one against balls that hold the other."""
+"""Pairs of placed meshes: a distance bounder of one against balls that hold the other.
+
+Example:
+    >>> pair = wb.pairs.Pair(far, wb.pairs.Balls.of(mesh, 8))
+    >>> pair.query([[0, 0, 0, 0, 0, 0, 1]], [[9, 0, 0, 0, 0, 0, 1]], gap=0.5).numpy()
+    array([0], dtype=uint8)
+"""
 
 from warp_bounding.pairs.balls import Balls
 from warp_bounding.pairs.kernels import PairData

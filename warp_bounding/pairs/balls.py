@@ -41,7 +41,7 @@ INWARDS = 1 - 2.0**-40  # outweighs what float64 rounds in a squared length
 NEAREST = 8  # balls that are looked at for each box
 CHUNK = 1 << 16  # boxes that are halved at a time
 LEAST_SIDE = 2.0**-14  # of the longest side: ``certify`` ends at boxes that small
-POINTS, CANDIDATES, FEWEST = 40, 10, 12000  # points on the surface and candidates, for each ball; points at least
+POINTS, CANDIDATES, FEWEST = 40, 10, 5000  # points on the surface and candidates, for each ball; points at least
 
 
 class _Search(NamedTuple):
@@ -164,8 +164,8 @@ class _Candidates:
         counts = [int(np.searchsorted(own, by, side="right")) for own in self.away]
         heap = [(-number, k) for k, number in enumerate(counts) if number]
         heapq.heapify(heap)
-        missing, found = np.ones(len(self.points), dtype=bool), []
-        while missing.any():
+        missing, found, left = np.ones(len(self.points), dtype=bool), [], len(self.points)
+        while left:
             _, k = heapq.heappop(heap)
             own = self.held[k][: counts[k]]
             new = int(missing[own].sum())
@@ -176,6 +176,7 @@ class _Candidates:
                 return None
             found.append(k)
             missing[own] = False
+            left -= new
         return found
 
     def fitted(self, chosen: list[int]) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +213,7 @@ def _found(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray
     while True:
         candidates = _Candidates(np.concatenate(points), high)
         candidates.add(centers[own], radii[own])
-        candidates.add(seeds[own], np.zeros(int(own.sum())))
+        candidates.add(seeds[own][::4], np.zeros(len(seeds[own][::4])))
         best = candidates.chosen(high, count)
         if best is not None:
             break
