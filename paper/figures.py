@@ -7,6 +7,7 @@ measured.
 
 import json
 import time
+from collections import Counter
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import numpy as np
 from paper import results
 from paper.data import PATTERNS, Object, grid_of
 from paper.drawing import packed, raster
-from paper.gallery import FIGURES
+from paper.gallery import FIGURES, RADII
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16
@@ -174,25 +175,46 @@ def missed_of(parts: dict[str, Any]) -> list[tuple[str, int]]:
     return found
 
 
-def facts(parts: dict[str, Any]) -> list[str]:
-    """What was measured, a few words a part."""
-    lines = []
+def facts(parts: dict[str, Any], means: bool = False) -> list[str]:
+    """What was measured, a few words a part; or means over the objects, and how many were missed, with ``means``."""
+
+    def dimension(item) -> str:
+        return item[0][:2] if item[0][0].isdigit() else ""
+
+    lines, rates, missed = [], {}, Counter()
     for name, part in parts.items():
         if "runs" in part:
-            lines += [
-                f"{name} {run['section'] or ''} `{run['bounder']}` missed {run['missed']:,}".replace("  ", " ")
-                for run in part["runs"]
-                if run["bounder"] in ("mlp", "occupancy")
-            ]
+            lines += [told(name, run) for run in part["runs"] if run["bounder"] in ("mlp", "occupancy")]
         elif "levels" in part:
             lines += facts(part["levels"])
+        elif "fp" in part and means:
+            label, _, bounder = name.partition(" ")
+            place = f"{label.partition('/')[0]} {bounder}" if "/" in label else bounder
+            rates.setdefault(place, []).append(part["fp"])
+            missed[place] += part["fn"]
         elif "fp" in part:
-            rate, missed = (part[key][-1] if isinstance(part[key], list) else part[key] for key in ("fp", "fn"))
-            counted = f"{missed:,}" if isinstance(missed, int) else f"{missed:.3f} %"
-            lines.append(f"{name} {rate:.2f} %" + (f", FN {counted}" if missed else ""))
+            rate, denied = (part[key][-1] if isinstance(part[key], list) else part[key] for key in ("fp", "fn"))
+            counted = f"{denied:,}" if isinstance(denied, int) else f"{denied:.3f} %"
+            lines.append(f"{name} {rate:.2f} %" + (f", FN {counted}" if denied else ""))
+            if "gap" in part:
+                at = (f"{rate:.2f} % at {radius}" for radius, rate in zip(RADII, part["rates"], strict=True))
+                lines[-1] += f" at radius 0, {', '.join(at)}; the gap outside is {part['mean']:.4f} on average"
         elif "occupied" in part:
             lines.append(f"{name} {part['occupied']:g} % occupied")
-    return lines
+    found = [
+        f"{name} {np.mean(own):.2f} %" + f", FN {missed[name]:,}" * bool(missed[name])
+        for name, own in sorted(rates.items(), key=dimension)
+    ]
+    return lines + ([f"means over the objects: {'; '.join(found)}"] if found else [])
+
+
+def told(name: str, run: dict[str, Any]) -> str:
+    """A run of a demo."""
+    words = f"{name} {run['section'] or ''} `{run['bounder']}` missed {run['missed']:,}".replace("  ", " ")
+    if run.get("asked") is None or run["bounder"] != "mlp":
+        return words
+    cost = f"the decoder is run for {run['asked']:.0f} % of the pixels, {run['faster']:.1f} times as fast"
+    return f"{words} ({run['certificate']}; false positives {run['fp_rate']:.1f} %; {cost})"
 
 
 def page(folder: results.Folder) -> str:
@@ -202,7 +224,7 @@ def page(folder: results.Folder) -> str:
         found = read(folder, name)
         seconds = sum(part.get("seconds", 0.0) for part in found["parts"].values())
         made = f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: [{name}.json]({name}.json)."
-        values[name] = [f"- {line}" for line in ("; ".join(facts(found["parts"])) + ".", made)]
+        values[name] = [f"- {line}" for line in ("; ".join(facts(found["parts"], FIGURES[name].means)) + ".", made)]
     forms = ["the quick forms (`--quick`)"] if s["quick"] else []
     forms += [f"every fit for {s['effort']:g} times its usual seconds"] if s["effort"] != 1 else []
     text = folder.page(NAME, forms=f" In {' and '.join(forms)}." if forms else "", **values)

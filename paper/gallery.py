@@ -535,6 +535,7 @@ class Figure(NamedTuple):
     draw: object
     objects: tuple[str, ...] = ()
     few: int | None = None
+    means: bool = False  # the page has means over the objects, not every rate
 
 
 IN_2D = [f"2d/{name}" for name in "bunny chair dragon1 dragon2 house lucy star1 star2 teapot".split()]
@@ -546,12 +547,12 @@ BY_SIZE = ("2d/bunny", "2d/star1", "3d/bunny", "3d/airplane", "4d/bunny", "4d/dr
 FIGURES = {
     "teaser": Figure(teaser_parts, teaser, ("2d/dragon2", "3d/bunny", "4d/bunny")),
     "progressive": Figure(progressive_parts, progressive, ("2d/star1",)),
-    "gallery": Figure(gallery_parts, gallery, ROWS_3D, 3),
+    "gallery": Figure(gallery_parts, gallery, ROWS_3D, 3, means=True),
     "objects": Figure(objects_parts, objects, (*IN_2D, *IN_3D, *IN_4D)),
-    "kdop": Figure(kdop_parts, kdop, ROWS_2D, 3),
+    "kdop": Figure(kdop_parts, kdop, ROWS_2D, 3, means=True),
     "relu-fields": Figure(relu_fields_parts, relu_fields, ("2d/dragon1",)),
     "convergence": Figure(convergence_parts, convergence, ("2d/dragon1", "3d/bunny")),
-    "complexity": Figure(complexity_parts, complexity, BY_SIZE),
+    "complexity": Figure(complexity_parts, complexity, BY_SIZE, means=True),
     "hierarchy": Figure(hierarchy_parts, hierarchy),
     "inside-and-outside": Figure(sides_parts, sides, ("2d/star1", "2d/dragon2", "3d/bunny", "3d/teapot")),
     "distances": Figure(distances_parts, distances, ("2d/star1", "2d/bunny")),
