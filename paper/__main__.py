@@ -20,7 +20,7 @@ def whole(text: str) -> int:
 
 
 OPTIONS = {  # type and help; the type of a flag is bool
-    "data": (str, "folder with 2D/*.png, 3D/*.binvox, 4D/*.npy; without it, what is stored is shown anew"),
+    "data": (str, "the paper's folder, with 2D/*.png, 3D/*.binvox, 4D/*.npy"),
     "table": (str, "folder of a table1 run"),
     "columns": (str, "such as 2d-point,3d-ray; or 2d, or ray (default: all)"),
     "methods": (str, "such as aabb,bvh,bvh-64,mlp (default: all)"),
