@@ -225,6 +225,8 @@ def page(folder: results.Folder) -> str:
         seconds = sum(part.get("seconds", 0.0) for part in found["parts"].values())
         made = f"Computed in {seconds:,.0f} s by {'; '.join(found['versions'])}; numbers: [{name}.json]({name}.json)."
         values[name] = [f"- {line}" for line in ("; ".join(facts(found["parts"], FIGURES[name].means)) + ".", made)]
+    versions = {each.split(" (")[0] for name in FIGURES for each in read(folder, name)["versions"]}
+    values["made_with"] = " and ".join(sorted(versions)) or "nothing yet"
     forms = ["the quick forms (`--quick`)"] if s["quick"] else []
     forms += [f"every fit for {s['effort']:g} times its usual seconds"] if s["effort"] != 1 else []
     text = folder.page(NAME, forms=f" In {' and '.join(forms)}." if forms else "", **values)
