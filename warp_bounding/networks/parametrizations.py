@@ -183,9 +183,10 @@ else if (other > a && other < b) middle = other;
 # * ``u(m0 + h) = u0 + J h + r`` with ``J = (I - u0 u0^T) / |m0|`` and ``|r| <= 1/2 |h|^2 sqrt(4/3) / min |m|^2``: with
 #   ``h = alpha u + h'``, ``D^2 u [h, h] = -(2 alpha h' + |h'|^2 u) / |m|^2``, whose length is largest, ``sqrt(4/3)
 #   |h|^2 / |m|^2``, where ``|h'|^2 = 2/3 |h|^2``. The quadratic part of r is ``(-alpha h + (3/2 alpha^2 - |h|^2 / 2)
-#   u0) / |m0|^2``; behind it is at most ``sqrt(18) / 6 (|h| / min |m|)^3``: in the plane of u0 and h, ``theta = Im
-#   log(1 + s h)``, so its derivatives are at most ``1, 1, 2`` (over powers of ``|m| / |h|``), and the square of the
-#   third one of ``u = e^(i theta)`` is at most ``(2 + 1)^2 + (3 * 1 * 1)^2``.
+#   u0) / |m0|^2``; behind it is at most ``3 / 6 (|h| / min |m|)^3``: in the plane of u0 and h, at an angle phi between
+#   m and a unit h, ``theta = Im log(1 + s h)`` has the derivatives ``sin phi``, ``-sin 2 phi`` and ``2 sin 3 phi``
+#   (over powers of ``|m|``), and the square of the third one of ``u = e^(i theta)``, ``9 sin^2 phi sin^2 2 phi +
+#   (2 sin 3 phi - sin^3 phi)^2 = 36 x - 72 x^2 + 45 x^3`` with ``x = sin^2 phi``, is at most 9, where x is 1.
 # * ``t w = t0 w + (t - t0) (w - w0) + (t - t0) w0``: the product of two changes is bilinear, but for the rest of w.
 # * Only queries with ``|a| <= limit`` reach the network: the box is cut in t, and what still lies outside is excluded
 #   by a constraint.
@@ -193,7 +194,7 @@ else if (other > a && other < b) middle = other;
 #   tried at a query that far off.
 
 SECOND = 0.57736  # above sqrt(4/3) / 2, the factor in the bound of u without its linear part
-THIRD = 0.70714  # above sqrt(18) / 6, the factor in the bound of u without its linear and quadratic parts
+THIRD = 0.50001  # above 3 / 6, the factor in the bound of u without its linear and quadratic parts
 
 
 @dataclass(frozen=True)
