@@ -197,8 +197,9 @@ def page(rows: list[dict], command: str) -> str:
         f"configurations among {SAMPLES:,} random ones of all joints. *CPU seconds*: of all cores, the "
         f"proof included. *Missed*: hard configurations of {ATTACKED:,}.",
         "",
-        "The kept networks were fitted within so many seconds of CPU time, not of the clock, as the machine was shared, "
-        "about a third of them for the proof; a network that is missing is fitted by the clock, with `fit`'s own shares.",
+        "The kept networks were fitted within so many seconds of CPU time, not of the clock, as the machine was "
+        "shared, about a third of them for the proof; a network that is missing is fitted by the clock, with `fit`'s "
+        "own shares.",
         "",
         "| robot | bounds | joints | coordinates | pairs | colliding % | exact checks/s | bytes | ns "
         "| false positives % | certificate | missed | CPU seconds |",
