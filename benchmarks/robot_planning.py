@@ -52,7 +52,7 @@ def shape() -> wb.arms.ArmConfigurations:
 
 def problems() -> list[tuple[np.ndarray, np.ndarray]]:
     """Starts and goals, free."""
-    x = np.random.default_rng(3).uniform(shape().lower, shape().upper, (4 * PROBLEMS, shape().ndim))
+    x = np.random.default_rng(3).uniform(shape().lower, shape().upper, (40 * PROBLEMS, shape().ndim))
     free = x[~shape().contains(x)]
     return list(zip(free[::2], free[1::2], strict=False))[:PROBLEMS]
 
