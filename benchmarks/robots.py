@@ -238,7 +238,8 @@ def main() -> int:
         store(file, FIELDS, rows)
     titles = [robot.title for robot in ROBOTS.values()]
     text = page(
-        sorted(rows, key=lambda row: titles.index(row["robot"])), "python benchmarks/robots.py --out results/robots"
+        sorted(rows, key=lambda row: titles.index(row["robot"])),
+        f"python benchmarks/robots.py --out results/robots --robots {options.robots}",
     )
     (options.out / "README.md").write_text(text)
     print(text)
