@@ -60,7 +60,7 @@ def _size(sizes: list[int]) -> str:
 
 
 SOME = (
-    *("aabb", "kdop", "learned-kdop", "mlp 16-16", "mlp 24-24", "mlp 50-50", "bvh 64", "bvh 300"),
+    *("aabb", "learned-kdop", "mlp 16-16", "mlp 24-24", "mlp 50-50", "bvh 64", "bvh 300"),
     *("hierarchy 8 x 15-15 x 48", "voxels 192"),
 )  # methods of the tables; results/meshes has them all
 
@@ -84,7 +84,7 @@ def _of_meshes(results: Path, only: Sequence[str]) -> str:
     return table(["false positives, %", "bytes", *names], [[f"`{label}`", size, *row] for label, size, row in shown])
 
 
-PRICED = ("aabb", "learned-kdop", "mlp 16-16", "mlp 24-24", "bvh 300", "hierarchy 8 x 15-15 x 48", "voxels 192")
+PRICED = ("aabb", "learned-kdop", "mlp 16-16", "mlp 24-24", "bvh 300", "voxels 192")
 
 
 def prices(results: Path) -> str:
