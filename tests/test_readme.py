@@ -111,6 +111,8 @@ def read(words: list[str]) -> None:
         )
     elif program == "." or arguments[:2] == ["-m", "venv"]:
         assert arguments[-1].startswith(".venv")
+    elif arguments[0] == "-m":  # an example, with Newton's own options
+        assert (ROOT / f"{arguments[1].replace('.', '/')}.py").is_file()
     elif program == "pip":
         extras = {name for names in re.findall(r"\[(.*?)\]", " ".join(arguments)) for name in names.split(",")}
         assert arguments[0] == "install"
