@@ -136,3 +136,14 @@ def test_what_does_not_fit_is_refused(mesh, own):
     for message, call in cases.items():
         with pytest.raises(wb.BounderError, match=message):
             call()
+
+
+def test_a_mesh_whose_inside_newton_tells_by_normals_is_refused(mesh):
+    """Inside out, and with a face without area: Newton finds contacts of bodies that are apart."""
+    faces = np.concatenate([mesh.faces[:, ::-1], [[0, 1, 1]]])
+    other = wb.shapes.Mesh(mesh.vertices, faces, name="inside out")
+    assert other.watertight
+    model, shapes = scene(other, 2)
+    pair = wb.fit(other, "distance", "aabb", device="cpu"), Balls.of(other, 8)
+    with pytest.raises(wb.BounderError, match="normals"):
+        PairCull(newton.CollisionPipeline(model), {shapes[0]: pair})

@@ -257,6 +257,9 @@ def test_certify_finds_what_is_missing(mesh, held):
         assert (np.linalg.norm(point - fewer.centers, axis=1) > fewer.radii).all()
     smaller = Balls(held.centers, held.radii * np.float32(0.98), held.mesh)
     assert not smaller.certify(mesh).proven
+    huge = np.append(held.centers, np.float32([[1e9, 0, 0]]), 0), np.append(held.radii, np.float32(9e8))
+    found = Balls(*huge, held.mesh).certify(mesh, budget=20.0)  # beside it the tree tells no ball from another
+    assert found.kind != "refuted"
     assert held.certify(mesh.dilated(0.1)).kind == "inapplicable"
     assert held.certify(wb.shapes.Sphere([0, 0, 0], 1.0)).kind == "inapplicable"
     assert held.certify(mesh, budget=0.0).kind == "undecided"
@@ -356,7 +359,9 @@ def test_bad_input(pairs, mesh, held):
         r"\(N, 7\)": lambda: pair.query(HERE[:, :6], HERE),
         "gap must be": lambda: pair.query(HERE, HERE, -1.0),
         "duration": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), duration=0.0),
+        "at most": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), duration=1e300),
         "steps": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), steps=0),
+        "got 1099": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), steps=2**40),
         r"\(N, 6\)": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 3)), np.zeros((1, 6))),
     }
     for message, call in cases.items():
@@ -379,13 +384,32 @@ def test_one_placement_serves_all(pairs):
         assert len(pair.query(HERE, b[:0]).numpy()) == 0
 
 
-def test_groups_that_wait_fit_the_stack():
-    """The deepest tree: each group on the way leaves seven, and on a CPU two are taken together."""
-    most = balls.MOST
-    levels = 0
+def test_groups_that_wait_fit_the_stack(pairs):
+    """Balls all around, equally far: every group of a level waits before the first leaf is asked."""
+    most, levels = balls.MOST, 0
     while most > 1:
         most, levels = -(-most // kernels.GROUP), levels + 1
-    assert 2 * (kernels.GROUP - 1) * levels + kernels.GROUP <= kernels.STACK
+    together = 32 // kernels.GROUP  # of a network, the widest
+    assert kernels.STACK // 4 + kernels.GROUP * together * (levels + 1) <= kernels.STACK
+    x = np.random.default_rng(19).normal(size=(4096, 3))  # 512 groups of leaves
+    around = (10 * x / np.linalg.norm(x, axis=1, keepdims=True)).astype(np.float32)
+    pair = Pair(pairs[0].bounder, Balls(around, np.full(len(x), 0.01, np.float32), ""))
+    assert 8 < pair.distance(HERE, HERE).numpy()[0] < 9
+    assert not pair.query(HERE, HERE, 8.0).numpy()[0]
+
+
+@pytest.mark.parametrize("speed", [1e-30, 2.2e-23, 1e-45])
+def test_slow_ones_arrive_too(pairs, speed):
+    """Squares of these speeds are no float32 numbers."""
+    point = Pair(pairs[0].bounder, Balls(np.zeros((1, 3), np.float32), np.zeros(1, np.float32), ""))
+    scale = np.full((1, 3), 2.0**-39, np.float32)
+    there = HERE * 0 + np.float32([2e-11, 0, 0, 0, 0, 0, 1])
+    velocity, still = np.float32([[-speed, 0, 0, 0, 0, 0]]), np.zeros((1, 6), np.float32)
+    arrival = 2e-11 / speed
+    given = (HERE, there, still, velocity)
+    maybe, t = (x.numpy() for x in point.contact_time(*given, duration=min(2 * arrival, 1e36), scale_a=scale))
+    assert maybe[0] or t[0] < arrival
+    assert t[0] <= arrival
 
 
 def test_functions_are_made_once(pairs):

@@ -516,7 +516,7 @@ class DistanceBounder(Bounder):
             outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
         )
         out = new_output(out, count, wp.uint8, self.device)
-        inputs = [0, self.data, a, b, _steps(steps)]
+        inputs = [0, self.data, a, b, steps_of(steps)]
         launch_blocks(box_kernel(self.source), count, inputs, [out], self.device, first_index=0, block=1)
         return out
 
@@ -524,7 +524,7 @@ class DistanceBounder(Bounder):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
         maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
         many = [int(len(values) > 1) for values in (lengths, radii)]
-        data, source, steps = self.data, self.source, _steps(steps)
+        data, source, steps = self.data, self.source, steps_of(steps)
         if count:
             lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
             inputs = [0, data, a, b, numbers[0], many[0], numbers[1], many[1], self._clock]
@@ -542,7 +542,7 @@ class DistanceBounder(Bounder):
         return wp.vec3(float(domain.center[0]), float(domain.limit[0] / domain.scale[0]), domain.speed)
 
 
-def _steps(steps: int) -> int:
+def steps_of(steps: int) -> int:
     """The number of evaluations, checked."""
     if isinstance(steps, bool) or not isinstance(steps, (int, np.integer)) or not 1 <= steps < 2**31:
         raise QueryError(f"steps must be a whole number of at least 1, got {steps!r}")

@@ -113,6 +113,7 @@ while (top > 0) {
         found[l] = g * nearer - (cr * larger + (far_ * $room + blur));
     }
 #endif
+    const int base = top < STACK / 4 ? 0 : top;  // the nearest of all first while few wait, else depth first
     for (int t = 0; t < m; ++t) for (int l = 0; l < GROUP; ++l) {
         float low = found[t * GROUP + l];
         if (low > gap || low >= best) continue;  // NaN goes on
@@ -126,7 +127,7 @@ while (top > 0) {
         }
         if (link >= groups || top >= STACK) return FAILED;
         int place = top++;  // sorted, the nearest on top
-        for (; place > 0 && lows[place - 1] < low; --place) { lows[place] = lows[place - 1]; stack[place] = stack[place - 1]; }
+        for (; place > base && lows[place - 1] < low; --place) { lows[place] = lows[place - 1]; stack[place] = stack[place - 1]; }
         lows[place] = low;
         stack[place] = link;
     }

@@ -8,8 +8,9 @@ Newton's order, so contacts are the same, record by record.
 
 What stays as it is: pairs in which a shape has no bounder and balls here, or is scaled by different numbers along its
 axes (Newton's distance is then too small), or whose mesh is another one by now; everything, where there are more pairs
-than Newton's list holds. Refused are shapes with a texture SDF, whose distances are only about right, and open meshes,
-which have no inside (``unproven=True`` takes both).
+than Newton's list holds. Refused are shapes with a texture SDF, whose distances are only about right, and meshes that
+are open or have an edge without exactly two faces: by their normals Newton may find an inside far away
+(``unproven=True`` takes both).
 """
 
 from collections.abc import Mapping
@@ -34,6 +35,7 @@ from warp_bounding.shapes import Mesh
 
 ROUNDING = wp.constant(256.0 * UNIT32)
 NONE = -1
+CLOSED = 1  # Newton's bit of a mesh whose inside it tells by crossings of its faces, not by normals
 
 
 @wp.func
@@ -155,8 +157,8 @@ class PairCull:
             pipeline: Any broad phase; without speculative contacts.
             bounded: Per index of a shape a distance bounder of its mesh and balls that hold it, in the mesh's own
                 coordinates; one of both may be ``None``. One bounder may serve many shapes.
-            unproven: Take bounders without a proof, shapes with a texture SDF and open meshes, too; contacts may then
-                be missed.
+            unproven: Take bounders without a proof, shapes with a texture SDF, and refused meshes, too; contacts may
+                then be missed.
 
         Raises:
             BounderError: For what is not of this mesh, has no proof, or is refused (see module).
@@ -261,6 +263,9 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
         raise BounderError(f"shape {shape}: the balls hold another mesh, {balls.name}")
     if not mesh.watertight:
         raise BounderError(f"shape {shape}: its mesh is open, and what Newton takes for its inside is not known")
+    properties = getattr(model, "_shape_mesh_properties", None)
+    if properties is None or not int(properties.numpy()[shape]) & CLOSED:
+        raise BounderError(f"shape {shape}: an edge of its mesh has not two faces, so Newton's inside hangs on normals")
     index = getattr(model, "_shape_sdf_index", None)
     if index is not None and len(index) and int(index.numpy()[shape]) >= 0:
         raise BounderError(f"shape {shape}: it has a texture SDF, whose distances are only about right")

@@ -111,7 +111,10 @@ def _bare(mesh: Mesh, tree: cKDTree, centers: np.ndarray, radii: np.ndarray, poi
     nearest = tree.query(np.column_stack([points, np.zeros(len(points))]))[1] if len(points) else np.empty(0, int)
     out = points[((points - centers[nearest]) ** 2).sum(axis=1) * INWARDS > radii[nearest] ** 2]
     out = out[mesh.decide(out) == IN] if len(out) else out
-    return out[0] if len(out) else None
+    for x in out[:100]:  # the tree's nearest is rounded, and beside a huge ball another one
+        if (((x - centers) ** 2).sum(axis=1) * INWARDS > radii**2).all():
+            return x
+    return None
 
 
 def _medial(points: np.ndarray, normals: np.ndarray, others: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:

@@ -21,11 +21,11 @@ first leaf that is not farther than the gap, and with *no* when no ball is left;
 that could be the nearest. Other quaternions or scales, another source's data and numbers that are not finite:
 *maybe*, 0.
 
-*Moving* (``contact_func``): places move by constant velocities, rotations turn about constant axes in the world, so
-no point of the two comes nearer to one of the other faster than ``|v_b - v_a| + |w_a| reach_a + |w_b| reach_b``. A
-march begins at time 0 and goes on by (distance - gap) over that speed. Placements at a time are computed in float64,
-also sine and cosine, which options of a module do not touch, and rounded once: by u of each place's numbers, and by 4
-u of what a mesh reaches from its origin; ``MOVED`` of both outweighs it.
+*Moving* (``contact_func``): places move by constant velocities, rotations turn about constant axes in the world, so no
+point of the two comes nearer to one of the other faster than ``|v_b - v_a| + |w_a| reach_a + |w_b| reach_b``. A march
+begins at time 0 and goes on by (distance - gap) over that speed, which ``REST`` keeps above 0. Placements at a time are
+computed in float64, also sine and cosine, which options of a module do not touch, and rounded once: by u of each
+place's numbers, and by 4 u of what a mesh reaches from its origin; ``MOVED`` of both outweighs it.
 """
 
 from functools import cache
@@ -39,12 +39,13 @@ from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.native import Numbers, literal, named, native_text, unique_name
 
 GROUP = 8  # balls that are asked together
-STACK = 256  # groups that wait at most; more than ``balls.MOST`` leaves can ask for
+STACK = 256  # groups that wait at most; more than ``balls.MOST`` balls can ask for, of which some go depth first
 OFF = 1.0e-6  # by how much a quaternion's squared length may differ from 1
 ROOM, LEAST = 256 * UNIT32, 2.0**-80
 SHORTER, LONGER = 1.0 - 2.0**-20, 1.0 + 2.0**-20
 SMALL, LARGE = 2.0**-40, 2.0**40  # sizes of scales
 MOVED = 8 * UNIT32  # of places and reaches
+REST = 2.0**-120  # added to speeds: more than what is set to zero
 STEPS = 64  # of ``contact_time``, where no number is given
 
 _CONSTANTS = {
@@ -137,11 +138,18 @@ def closest_func(source: DistanceSource) -> wp.Function:
 
 
 _SPEED, _LATER, _MOVED = wp.constant(1.0 + 2.0**-18), wp.constant(1.0 - 2.0**-18), wp.constant(MOVED)
+_REST = wp.constant(REST)
 
 
 @wp.func
 def _size(v: wp.vec3) -> float:
     return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
+
+
+@wp.func
+def _length(v: wp.vec3) -> float:
+    """Above what is set to zero; in float64, which holds the square of any float32 number."""
+    return float(wp.length(wp.vec3d(wp.float64(v[0]), wp.float64(v[1]), wp.float64(v[2])))) + _REST
 
 
 @wp.func
@@ -188,8 +196,8 @@ def contact_func(source: DistanceSource) -> wp.Function:
     ):
         reach_a = data.reach_a * wp.max(wp.abs(scale_a)) * _SPEED
         reach_b = data.reach_b * wp.max(wp.abs(scale_b)) * _SPEED
-        turning = wp.length(angular_a) * reach_a + wp.length(angular_b) * reach_b
-        speed = (wp.length(linear_b - linear_a) + turning) * _SPEED
+        turning = _length(angular_a) * reach_a + _length(angular_b) * reach_b
+        speed = (_length(linear_b - linear_a) + turning) * _SPEED
         t, maybe, left = wp.float32(0.0), wp.bool(True), wp.int32(steps)
         while left > 0:
             left -= 1
@@ -198,8 +206,6 @@ def contact_func(source: DistanceSource) -> wp.Function:
             places += t * (_size(linear_a) + _size(linear_b)) + reach_a + reach_b
             free = (closest(data, a, b, scale_a, scale_b, wp.inf, True) - gap) - _MOVED * places
             later = (t + free * _LATER / speed) * _LATER
-            if speed == 0.0 and free > 0.0:
-                later = wp.inf
             if not (free > 0.0 and later > t):
                 left = wp.int32(0)
             else:

@@ -5,12 +5,12 @@ from functools import cache, cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.distance import DistanceBounder, lengths_of
+from warp_bounding.bounders.distance import DistanceBounder, lengths_of, steps_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.pairs.balls import Balls
 from warp_bounding.pairs.kernels import STEPS, PairData, closest_func, contact_func
-from warp_bounding.rounding import UNIT32, round_down, round_up
+from warp_bounding.rounding import LARGEST, UNIT32, round_down, round_up
 from warp_bounding.runtime.arrays import flat_queries, new_output
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import Numbers, named, unique_name
@@ -313,18 +313,17 @@ class Pair:
             >>> int(maybe.numpy()[0]), bool(6 < t.numpy()[0] < 9)
             (1, True)
         """
-        if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-            raise QueryError(f"steps must be a whole number of at least 1, got {steps!r}")
-        if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration < np.inf:
-            raise QueryError(f"duration must be a finite number above 0, got {duration!r}")
+        steps = steps_of(steps)
+        if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration <= LARGEST:
+            raise QueryError(f"duration must be a number above 0, at most {LARGEST:g}, got {duration!r}")
         places, count, blur = self._placements(xform_a, xform_b, scale_a, scale_b, velocity_a, velocity_b)
         velocities, moving = [], np.zeros(count)
-        for given, reach in ((velocity_a, self.data.reach_a), (velocity_b, self.data.reach_b)):
+        for given in (velocity_a, velocity_b):
             flat, own, double = flat_queries(given, _VELOCITY, self.device)
             velocities.append((flat, int(own > 1)))
-            if double:
+            if double:  # of turns a march leaves out more than that
                 rows = np.abs(flat.numpy()[: own * _VELOCITY].reshape(own, _VELOCITY).astype(np.float64))
-                moving = moving + ROUNDED * duration * (rows[:, :3].sum(axis=1) + reach * rows[:, 3:].sum(axis=1))
+                moving = moving + ROUNDED * duration * rows[:, :3].sum(axis=1)
         if moving.any():
             blur = moving if blur is None else blur + moving
         places.gap, places.many[4] = self._gaps(gap, count, blur)
