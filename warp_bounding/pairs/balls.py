@@ -40,6 +40,7 @@ MOST = 2**15  # balls: ``kernels.STACK`` is enough for the groups of a tree
 INWARDS = 1 - 2.0**-40  # outweighs what float64 rounds in a squared length
 NEAREST = 8  # balls that are looked at for each box
 CHUNK = 1 << 16  # boxes that are halved at a time
+FINEST = 2.0**-11  # of the longest side: boxes that small are not halved by ``of``
 LEAST_SIDE = 2.0**-14  # of the longest side: ``certify`` ends at boxes that small
 POINTS, CANDIDATES, FEWEST = 40, 10, 5000  # points on the surface and candidates, for each ball; points at least
 
@@ -362,7 +363,8 @@ class Balls:
         mesh = _mesh_of(mesh)
         centers, radii, by = _found(mesh, int(count), np.random.default_rng(seed))
         radii += mesh.margin
-        _search(mesh, centers, radii, by / 16, grow=True)
+        size = float((mesh.upper - mesh.lower).max())
+        _search(mesh, centers, radii, max(by / 16, size * FINEST), grow=True)
         made = centers.astype(np.float32), round_up(radii).astype(np.float32)
         return cls(*made, mesh.digest, mesh.name, {"seed": int(seed)})
 

@@ -8,13 +8,14 @@ r`` from A.
 
 *Rounding*, with u = 2^-24. Let e be the error of the computed y in A's axes times s_a, in world units. Quaternions
 whose squared length is within ``OFF`` of 1 are taken; their product is off by 5 u in each number, and so an entry of
-its matrix by 34 u, and by ``4 OFF = 71 u`` since its length is not quite 1: 105 u in all. ``M = R s_b / s_a`` rounds
-by 2 u more, and the sum of four products by 5 u. So the part of c in each coordinate of e is under ``113 u |s_b
-c|_1``. A difference of places rounds by u, an entry of R_a by 5 u and ``2 OFF = 34 u``, sums and the quotient by 9 u:
-its part is under ``50 u |p_b - p_a|_1``. The length of e is at most sqrt(3) times these, and ``ROOM = 256 u`` of both
-outweighs that and what rounds in the sums themselves. Results that are set to zero err by under 2^-84, as scales lie
-between ``SMALL`` and ``LARGE``; ``LEAST`` is more. So ``least g(y) - |e| - most r`` is at most the true distance. Its
-two products and the difference round by at most three units each, which ``SHORTER`` and ``LONGER`` outweigh.
+its matrix by 34 u, and by ``4 OFF = 84 u`` since its length is not quite 1, what is computed of it included: 118 u in
+all. ``M = R s_b / s_a`` rounds by 2 u more, and the sum of four products by 5 u. So the part of c in each coordinate
+of e is under ``126 u |s_b c|_1``. A difference of places rounds by u, an entry of R_a by 5 u and ``2 OFF = 42 u``,
+sums and the quotient by 9 u: its part is under ``58 u |p_b - p_a|_1``. The length of e is at most sqrt(3) times
+these, and ``ROOM = 256 u`` of both outweighs that and what rounds in the sums themselves. Results that are set to
+zero err by under 2^-84, as scales lie between ``SMALL`` and ``LARGE``; ``LEAST`` is more. So ``least g(y) - |e| -
+most r`` is at most the true distance. Its two products and the difference round by at most three units each, which
+``SHORTER`` and ``LONGER`` outweigh.
 
 A node's ball holds those of its children, so what is known of it holds for them. A query ends with *maybe* at the
 first leaf that is not farther than the gap, and with *no* when no ball is left; a distance is the least of all leaves

@@ -356,7 +356,9 @@ class Pair:
         counts += [flat_queries(x, _VELOCITY, self.device)[1] for x in others]
         pairs = {count for count in counts if count != 1} or {1}
         if len(pairs) > 1:
-            raise QueryError(f"placements must be as many, or one for all, got {counts[0]} of A and {counts[1]} of B")
+            raise QueryError(
+                f"placements, scales and velocities must be as many, or one for all, got {sorted(pairs)} rows"
+            )
         blur = None
         if any(doubles):
             rows = [getattr(places, name).numpy().astype(np.float64) for name, *_ in given]
