@@ -117,7 +117,10 @@ def test_every_public_name_is_on_one_page_of_the_reference():
     pages = "\n".join(path.read_text() for path in (ROOT / "docs/api").glob("*.md"))
     shown = re.findall(r"^\.\. auto\w+:: warp_bounding\.([\w.]+)$", pages, re.MULTILINE)
     assert len(shown) == len(set(shown))
-    named = {name for name in ("DISTANCES", "METHODS", "__version__", "arms", "shapes") if f"`wb.{name}`" in pages}
+    named = {
+        name for name in ("DISTANCES", "METHODS", "__version__", "arms", "pairs", "shapes") if f"`wb.{name}`" in pages
+    }
     assert set(wb.__all__) - named <= set(shown)
     assert {f"shapes.{name}" for name in wb.shapes.__all__} - {"shapes.READERS", "shapes.ShapeLike"} <= set(shown)
     assert {f"arms.{name}" for name in wb.arms.__all__} - {"arms.WORLD"} <= set(shown)
+    assert {f"pairs.{name}" for name in wb.pairs.__all__} <= set(shown)
