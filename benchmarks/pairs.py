@@ -26,7 +26,8 @@ from warp_bounding.shapes import Mesh
 KEPT = FOLDER / "pairs"
 GAP = 0.01  # of the size
 FIT = {"hidden": (48, 48), "reach": 0.4}
-BALLS = (64, 256, 512)
+NODES = (24, 32)
+BALLS = (64, 256, 512, 2048)
 ROUNDS, BOXED, HARD = 9, 300, 250_000
 FIELDS = ("pair", "way", "left", "within", "ratio", "missed", "microseconds", "bytes", "placements", "versions")
 
@@ -119,8 +120,9 @@ def boxes_of(mesh: Mesh, leaves: int) -> tuple[np.ndarray, np.ndarray]:
     """Centres and half widths of so many boxes that hold a mesh: the leaves of a hierarchy."""
     if leaves == 1:
         return (mesh.lower + mesh.upper)[None] / 2, (mesh.upper - mesh.lower)[None] / 2
-    bounder = wb.fit(mesh, method="bvh", leaves=leaves, device="cpu")
-    low, high = (bounder.domain.to_object(bounder.tensors[name].astype(np.float64)) for name in ("low", "high"))
+    bounder = wb.fit(mesh, method="bvh", leaves=leaves, resolution=192, device="cpu")
+    own = bounder.tensors["past"] == np.arange(len(bounder.tensors["past"])) + 1
+    low, high = (bounder.domain.to_object(bounder.tensors[name][own].astype(np.float64)) for name in ("low", "high"))
     return (low + high) / 2, (high - low) / 2
 
 
@@ -238,6 +240,10 @@ def main() -> None:
 
     a = bunny()
     far = kept(a, "bunny", args.effort)
+    distances = {"network": far}
+    for nodes in NODES:
+        made = wb.fit(a, "distance", "distance-grid", nodes=nodes, reach=FIT["reach"], budget=60.0, device="cpu")
+        distances[f"grid of {nodes} nodes"] = made
     gap = GAP * float((a.upper - a.lower).max())
     for name, b in (("bunny", a), ("bowl", bowl())):
         title, done = f"bunny and {name}", {row["way"] for row in rows if row["pair"] == f"bunny and {name}"}
@@ -253,15 +259,16 @@ def main() -> None:
             told |= {"missed": int((truth & ~left).sum()), "placements": len(truth)}
             write(told | {"microseconds": "" if seconds is None else f"{1e6 * seconds:.3g}"})
 
-        for count in BALLS:
+        asked = [(f"{kind} and {count} balls", own, count) for kind, own in distances.items() for count in BALLS]
+        for way, own, count in asked:
             balls = held(b, name, count)
-            pair = Pair(far, balls)
-            if (way := f"network and {count} balls") not in done:
+            pair = Pair(own, balls)
+            if way not in done:
                 out = wp.empty(len(places), dtype=wp.uint8, device="cpu")
                 pair.query(*queries, gap, out=out)
                 seconds = min(clock(lambda: pair.query(*queries, gap, out=out))[1] for _ in range(ROUNDS))  # noqa: B023
-                row(way, out.numpy() != 0, seconds / len(places), far.nbytes + balls.nbytes)
-            if (way := f"hard, {count} balls") not in done:
+                row(way, out.numpy() != 0, seconds / len(places), own.nbytes + balls.nbytes)
+            if (way := f"hard, {way}") not in done:
                 missed = 0
                 for seed in range(4):
                     xa, xb, *scales = hard(a, b, gap, HARD, np.random.default_rng([seed, count]))
@@ -282,7 +289,7 @@ def main() -> None:
 
     for count, spread in ((30, 1.2), (30, 2.5)):
         if not any(row["pair"].startswith(f"Newton, {count} bunnies, spread {spread:g}") for row in rows):
-            for found in in_newton(a, far, held(a, "bunny", BALLS[1]), count, spread):
+            for found in in_newton(a, made, held(a, "bunny", BALLS[1]), count, spread):
                 write(found)
 
 

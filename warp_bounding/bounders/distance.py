@@ -125,6 +125,17 @@ def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
 METRIC = Option("metric", METRICS[0], f"of a shape whose coordinate 0 is time: {' or '.join(METRICS)}")
 
 
+def _checked_reach(value) -> float:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if not number or not 0 <= value <= 4:
+        raise BounderError(f"reach must be a number from 0 to 4, got {value!r}")
+    return float(value)
+
+
+_REACH = "by how much F is asked beyond the object's box, as a share of its longest side"
+REACH = Option("reach", 0.1, _REACH, _checked_reach, float)
+
+
 class DistanceBounder(Bounder):
     """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
 
@@ -148,7 +159,6 @@ class DistanceBounder(Bounder):
     highest_threshold = 0.0  # a higher one does not account for rounding
     options = (METRIC,)
     moving: ClassVar[bool] = False  # whether it has distances of shapes that move
-    room: ClassVar[float] = 0.0  # of the longest side: by how much the domain reaches beyond the object
     domain: DistanceDomain
 
     def __init_subclass__(cls) -> None:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.bounder import Option, one_of, whole
-from warp_bounding.bounders.distance import DistanceBounder
+from warp_bounding.bounders.distance import REACH, DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import FLUSHED, DistanceSource
 from warp_bounding.kernels.source import Lanes, fill
@@ -162,10 +162,10 @@ class DistanceGrid(DistanceBounder):
     """
 
     method = "distance-grid"
-    room = 0.1
     options = (
         Option("nodes", NODES, "of a distance-grid, along the longest side", whole("nodes", 2, 1024), int),
         Option("storage", STORAGES[1], f"of a distance-grid: {', '.join(STORAGES)}", one_of("storage", STORAGES)),
+        REACH,
     )
 
     @classmethod

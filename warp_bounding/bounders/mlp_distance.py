@@ -12,8 +12,8 @@ from math import prod
 import numpy as np
 
 from warp_bounding.activations import activation_of
-from warp_bounding.bounders.bounder import STEPS, Option
-from warp_bounding.bounders.distance import DistanceBounder
+from warp_bounding.bounders.bounder import STEPS
+from warp_bounding.bounders.distance import REACH, DistanceBounder
 from warp_bounding.bounders.mlp import (
     ACTIVATION,
     HIDDEN,
@@ -85,15 +85,6 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         )
 
 
-def _checked_reach(value) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0 <= value <= 4:
-        raise BounderError(f"reach must be a number from 0 to 4, got {value!r}")
-    return float(value)
-
-
-_REACH = "by how much the network is asked beyond the object's box, as a share of its longest side"
-REACH = Option("reach", 0.1, _REACH, _checked_reach, float)
 SLACKS = replace(PARTS, default=None, help="parts of the domain, each with a slack of its own")
 
 

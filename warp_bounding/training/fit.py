@@ -19,10 +19,10 @@ from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_
 from warp_bounding.bounders.batch import in_frame
 from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distance import METRIC, DistanceBounder, VolumeDistance
+from warp_bounding.bounders.distance import METRIC, REACH, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import PARTS, Mlp
-from warp_bounding.bounders.mlp_distance import REACH, MlpDistance
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, BoundingWarning, QueryError
@@ -338,9 +338,8 @@ def _fit_distance(
                 f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
             )
         proving = budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
-        problem = Problem(
-            fitted, DistanceDomain.of(fitted, told.pop(REACH.name, cls.room)), DISTANCE.name, seed, device
-        )
+        domain = DistanceDomain.of(fitted, told.pop(REACH.name, 0.0))
+        problem = Problem(fitted, domain, DISTANCE.name, seed, device)
         with reported(progress, f"fit {method}") as update:
             bounder, record = trainer_of(cls).train(cls, problem, told, budget - proving, update)
         bounder.sizes[METRIC.name] = metric
