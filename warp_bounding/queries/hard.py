@@ -71,7 +71,9 @@ class HardPositives:
         q = self._drawn(seed, count, rng).astype(np.float32)
         q = q[self._truth(q)]
         if form == "placed":
-            halves = [half @ world.forward.T.astype(np.float32) for half in np.split(q, 2, axis=1)]
+            maps = [world.forward.T] * 2
+            maps[0] = world.inverse if kind.directed[0] else maps[0]  # normals stand across: with time it counts
+            halves = [half @ m.astype(np.float32) for half, m in zip(np.split(q, 2, axis=1), maps, strict=True)]
             halves = halves if any(kind.directed) else [np.minimum(*halves), np.maximum(*halves)]
             q = np.hstack(halves)
         return q
