@@ -60,7 +60,10 @@ def test_placed_positives_meet_the_placed_object(query, name):
     first = int(grid.time)
     assert np.allclose(world.forward[first:, first:], options["xform"][:-1, :-1] * options["scale"])
     for k in range(0, back.shape[1], n):
-        back[:, k : k + n] = (back[:, k : k + n] - world.translation) @ world.inverse.T
+        if query == "plane" and k == 0:  # m . (forward x) = (forward^T m) . x
+            back[:, :n] = back[:, :n] @ world.forward
+        else:
+            back[:, k : k + n] = (back[:, k : k + n] - world.translation) @ world.inverse.T
     if query == "box":
         back = np.hstack([np.minimum(back[:, :n], back[:, n:]), np.maximum(back[:, :n], back[:, n:])])
     assert len(back) > 1000
