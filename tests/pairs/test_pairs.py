@@ -10,7 +10,7 @@ import warp_bounding as wb
 from warp_bounding.bounders.file_format import read, write
 from warp_bounding.cli import main
 from warp_bounding.pairs import Balls, Pair, PairData, balls, kernels
-from warp_bounding.pairs.pair import contact_func, distance_func, query_func
+from warp_bounding.pairs.pair import distance_func, query_func
 
 HERE = np.array([[0, 0, 0, 0, 0, 0, 1]], np.float32)
 
@@ -108,7 +108,7 @@ def test_what_may_touch_is_never_denied(mesh, pairs, scaled):
             low = pair.distance(a, b, scale_a=scale_a, scale_b=scale_b).numpy()
             assert (low <= high).all()
             assert maybe[high <= gap].all()
-            assert maybe[low <= gap].all() or (low[maybe == 0] > 0).all()
+            assert (low[maybe == 0] > 0).all()
             if away is None:
                 assert (maybe == 0).any()
 
@@ -410,7 +410,3 @@ def test_slow_ones_arrive_too(pairs, speed):
     maybe, t = (x.numpy() for x in point.contact_time(*given, duration=min(2 * arrival, 1e36), scale_a=scale))
     assert maybe[0] or t[0] < arrival
     assert t[0] <= arrival
-
-
-def test_functions_are_made_once(pairs):
-    assert contact_func(pairs[0].bounder.source) is contact_func(pairs[0].bounder.source)

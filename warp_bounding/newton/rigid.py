@@ -24,6 +24,7 @@ from warp_bounding.bounders import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.newton.cull import Tally
+from warp_bounding.newton.kernels import coordinates_of
 from warp_bounding.newton.shapes import mesh_ids, triangles
 from warp_bounding.pairs import Balls, Pair, PairData
 from warp_bounding.pairs.kernels import closest_func
@@ -36,11 +37,6 @@ from warp_bounding.shapes import Mesh
 ROUNDING = wp.constant(256.0 * UNIT32)
 NONE = -1
 CLOSED = 1  # Newton's bit of a mesh whose inside it tells by crossings of its faces, not by normals
-
-
-@wp.func
-def _size(v: wp.vec3) -> float:
-    return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
 
 
 @wp.func
@@ -127,8 +123,8 @@ def deny_kernel(source: DistanceSource) -> wp.Kernel:
         if not (_even(scale_i) and _even(scale_j)):
             return
         gap = wp.abs(scene.gaps[i]) + wp.abs(scene.gaps[j]) + wp.abs(scene.margins[i]) + wp.abs(scene.margins[j])
-        world = _size(wp.transform_get_translation(scene.places[i])) + gap
-        world += _size(wp.transform_get_translation(scene.places[j]))
+        world = coordinates_of(wp.transform_get_translation(scene.places[i])) + gap
+        world += coordinates_of(wp.transform_get_translation(scene.places[j]))
         largest = wp.max(wp.abs(scale_i[0]), wp.abs(scale_j[0]))
         gap += ROUNDING * (world + largest * (data.reach_a + data.reach_b))
         if apart(data, scene, i, j, a, b, gap) or apart(data, scene, j, i, a, b, gap):
@@ -257,7 +253,7 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
     if place not in known:
         known[place] = Mesh(*triangles(place, model.device))
     mesh = known[place]
-    if bounder is not None and bounder.info.get("shape", mesh.geometry) not in (mesh.geometry, None):
+    if bounder is not None and bounder.info.get("shape") != mesh.geometry:
         raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
     if balls is not None and balls.mesh != mesh.digest:
         raise BounderError(f"shape {shape}: the balls hold another mesh, {balls.name}")
@@ -265,7 +261,9 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
         raise BounderError(f"shape {shape}: its mesh is open, and what Newton takes for its inside is not known")
     properties = getattr(model, "_shape_mesh_properties", None)
     if properties is None or not int(properties.numpy()[shape]) & CLOSED:
-        raise BounderError(f"shape {shape}: an edge of its mesh has not two faces, so Newton's inside hangs on normals")
+        raise BounderError(
+            f"shape {shape}: an edge of its mesh has not two faces, so Newton tells its inside by normals"
+        )
     index = getattr(model, "_shape_sdf_index", None)
     if index is not None and len(index) and int(index.numpy()[shape]) >= 0:
         raise BounderError(f"shape {shape}: it has a texture SDF, whose distances are only about right")

@@ -47,7 +47,7 @@ def distance_func(source: DistanceSource) -> wp.Function:
 
 @wp.func
 def _place(x: Numbers, i: int) -> wp.transform:
-    p, k = wp.vec3(), 7 * i
+    k = 7 * i
     p = wp.vec3(x[k], x[k + 1], x[k + 2])
     return wp.transform(p, wp.quat(x[k + 3], x[k + 4], x[k + 5], x[k + 6]))
 
