@@ -44,7 +44,7 @@ def run(output, data, quick=False, columns=None, methods=None, objects=None, dev
         queries=None, rounds=None, samples=None, seed=None) -> int:  # fmt: skip
     """Measure how fast every method answers, on every device, as in the paper's Table 2 and its supplement.
 
-    Of each dimension one object is raced, the bunny where the data has one, or those that are named.
+    One object of each dimension is timed: the bunny where the data has one, or the objects that are named.
     """
     told = {"budget": budget, "queries": queries, "rounds": rounds, "samples": samples, "seed": seed}
     chosen = {"columns": columns, "methods": methods, "objects": objects, "devices": devices}

@@ -42,7 +42,7 @@ def held(mesh) -> Balls:
 
 @pytest.fixture(scope="module")
 def pairs(mesh, held) -> list[Pair]:
-    """Of a box and of interpolated nodes: distances that are asked everywhere, and in a domain."""
+    """A box's distance holds everywhere; one of interpolated nodes is evaluated in its domain."""
     found = [wb.fit(mesh, "distance", "aabb", device="cpu")]
     found.append(wb.fit(mesh, "distance", "distance-grid", nodes=10, budget=60, device="cpu"))
     return [Pair(bounder, held) for bounder in found]
@@ -258,7 +258,7 @@ def test_certify_finds_what_is_missing(mesh, held):
     smaller = Balls(held.centers, held.radii * np.float32(0.98), held.mesh)
     assert not smaller.certify(mesh).proven
     huge = np.append(held.centers, np.float32([[1e9, 0, 0]]), 0), np.append(held.radii, np.float32(9e8))
-    found = Balls(*huge, held.mesh).certify(mesh, budget=20.0)  # beside it the tree tells no ball from another
+    found = Balls(*huge, held.mesh).certify(mesh, budget=20.0)  # next to this ball the KD-tree cannot tell the others apart
     assert found.kind != "refuted"
     assert held.certify(mesh.dilated(0.1)).kind == "inapplicable"
     assert held.certify(wb.shapes.Sphere([0, 0, 0], 1.0)).kind == "inapplicable"

@@ -4,7 +4,8 @@ Newton makes contacts of two meshes where a point on an edge of one has a distan
 of both, added up. ``PairCull`` asks ``wb.pairs`` whether all of one mesh is farther than that from all of the other,
 and by what float32 does on the way: Newton's transforms, as in ``placing``, and its closest points, under ``ROUNDING =
 256 u`` of the places, of what the meshes reach from their origins, and of the sum itself. Pairs that are left stand in
-Newton's order, so contacts are the same, record by record.
+Newton's order, and their contacts are the same. Newton's reduction may list them in another order unless the pipeline
+is made with ``deterministic=True``.
 
 What stays as it is: pairs in which a shape has no bounder and balls here, or is scaled by different numbers along its
 axes (Newton's distance is then too small), or whose mesh is another one by now; everything, where there are more pairs
