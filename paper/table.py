@@ -89,7 +89,15 @@ def _paper() -> dict[str, dict[str, dict[Column, float]]]:
 
 PAPER = _paper()
 EXACT = ("voxels",)  # on its own grid, at the price of its memory
-NETWORKS = ("mlp", "mlp-early", "monotone-mlp", LOCAL, TREE, "learned-kdop+mlp", DISTANCE)  # compared with the paper's best
+NETWORKS = (
+    "mlp",
+    "mlp-early",
+    "monotone-mlp",
+    LOCAL,
+    TREE,
+    "learned-kdop+mlp",
+    DISTANCE,
+)  # compared with the paper's best
 ROWS = (*PAPER["fp_rate"], *NETWORKS[2:], "occupancy", *EXACT)  # methods, in the table's order
 
 
