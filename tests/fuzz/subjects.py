@@ -1,7 +1,7 @@
 """Honest bounders to be spoilt.
 
 Every method and kind of query on small grids in 2D, 3D and 4D (animated), and what ``load`` accepts besides: bounders
-of meshes, motions, blend shapes, functions, solids and arms, of either side, dilated, in parts, and of several parts.
+of meshes, motions, functions, solids and arms, of either side, dilated, in parts, and of several parts.
 """
 
 from collections.abc import Callable
@@ -63,8 +63,8 @@ FITTED = {  # of a mesh: query, method, and options of ``fit``
 # of every other shape without cells: each kind of claim once
 ALSO = ("network", "parts", "cells", "half-spaces, dilated", "network, dilated", "rays of a box", "inside, dilated")
 ALSO = (*ALSO, "distance of a network, dilated")
-# configurations of an arm have no dilation in metres, no rays and no distance; blend shapes have no distance
-UNFIT = {"blend": ALSO[-1:], "arm": ALSO[3:]}
+# configurations of an arm have no dilation in metres, no rays and no distance
+UNFIT = {"arm": ALSO[3:]}
 
 
 def _mesh():
@@ -77,12 +77,6 @@ def _motion():
     made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
     keys = [made.vertices + np.array(way) for way in ([0, 0, 0], [0.5, 0, 0.2], [0.5, 0.6, 0])]
     return wb.shapes.MovingMesh(keys, made.faces, times=[0.0, 0.4, 1.0])
-
-
-def _blend_shapes():
-    made = trimesh.creation.box(bounds=[[0, 0, 0], [0.5, 0.4, 0.6]])
-    moved = [made.vertices * [1.0, 0.0, 0.3]]
-    return wb.shapes.BlendShapes(made.vertices, moved, made.faces, lower=[-0.4], upper=[0.8])
 
 
 def _star(x: np.ndarray) -> np.ndarray:
@@ -102,7 +96,6 @@ def _arm():
 OTHERS: dict[str, Callable] = {
     "mesh": _mesh,
     "motion": _motion,
-    "blend": _blend_shapes,
     "function": lambda: wb.shapes.Function(None, [-1.0, -1.0], [1.0, 1.0], distance=_star),
     "solid": lambda: wb.shapes.Sphere([0.0, 0.0, 0.0], 0.5) | wb.shapes.Box([0.2, 0.2, 0.2], [0.8, 0.9, 1.0]),
     "arm": _arm,

@@ -50,7 +50,7 @@ def test_answers_never_contradict_each_other(name, margin, rng):
     lower, upper = x - size * rng.random(x.shape), x + size * rng.random(x.shape)
     empty, inside, known = shape.empty(lower, upper), shape.inside(lower, upper), shape.half_spaces(lower, upper)
     assert empty.sum() > 5
-    assert inside.any() or name.startswith("open") or name in ("blend", "animation")
+    assert inside.any() or name.startswith("open") or name == "animation"
     assert not (empty & inside).any()
     clear, bounds = shape.clearance(lower, upper), shape.distances(x)
     for y in (x, *(within(lower, upper, rng) for _ in range(5))):
@@ -125,7 +125,7 @@ def test_a_margin_holds_what_is_near(name, rng):
     held = around(shape, rng, 1000)
     near = held[shape.decide(held) == IN]
     way = rng.normal(size=(len(near), shape.ndim))
-    way[:, space_of(name, shape)] = 0
+    way[:, : int(shape.time)] = 0
     near = near + MARGIN * (1 - 1e-9) * rng.random((len(near), 1)) * way / np.linalg.norm(way, axis=1, keepdims=True)
     assert wide.contains(near).all()
     assert not wide.empty(near, near).any()
@@ -148,11 +148,6 @@ def test_a_margin_holds_what_is_near(name, rng):
     ]  # a motion's last moments may lie beyond the last cell of time
     assert cells.contains(x[wide.decide(x) == IN]).all()
     assert wide.to_grid(**options).digest == cells.digest
-
-
-def space_of(name: str, shape) -> slice:
-    """The coordinates in which nothing is dilated: time, and poses."""
-    return slice(3, None) if name.startswith("blend") else slice(0, int(shape.time))
 
 
 @pytest.mark.parametrize("name", KINDS)

@@ -35,16 +35,6 @@ def moving(solid, faces=slice(None)):
     return wb.shapes.MovingMesh(np.array(frames), solid.faces[faces], times=[-1, 0.5, 1, 1.25, 4], time_cells=4)
 
 
-def blend(poses, halvings):
-    """A ball that is drawn out along x, and one end of it bent upwards."""
-    ball = trimesh.creation.icosphere(subdivisions=halvings)
-    x, y, z = ball.vertices.T
-    deltas = np.stack([x, 0 * y, 0 * z], 1), np.stack([0 * x, 0 * y, np.maximum(x, 0) ** 2], 1)
-    return wb.shapes.BlendShapes(
-        ball.vertices, deltas[:poses], ball.faces, lower=[-0.4, -0.8][:poses], upper=[0.8, 0.8][:poses]
-    )
-
-
 def arm(**joint):
     step = np.eye(4)
     step[0, 3] = 0.5
@@ -74,8 +64,6 @@ KINDS = {
     "tank": lambda: mesh(BOX, trimesh.Trimesh(0.8 * BOX.vertices, BOX.faces[:, ::-1], process=False), hollow="empty"),
     "motion": lambda: moving(TORUS),
     "open motion": lambda: moving(BALL, slice(160)),
-    "blend": lambda: blend(1, 0),
-    "blends": lambda: blend(2, 2),
     "arm": arm,
     "arm in space": lambda: ArmConfigurations(*random_arm(np.random.default_rng(1), 3)),
     "arm in space that slides": lambda: ArmConfigurations(

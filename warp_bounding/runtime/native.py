@@ -43,8 +43,8 @@ def literal(value: float) -> str:
     return f"{float(value).hex()}f"
 
 
-# LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms,
-# motions and blend shapes are slower, and keep Warp's.
+# LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms
+# and motions are slower, and keep Warp's.
 INLINING = "-mllvm=-inline-threshold=225 -mllvm=-inline-cold-callsite-threshold=45"
 
 

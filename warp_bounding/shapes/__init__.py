@@ -1,4 +1,4 @@
-"""What is bounded: grids, meshes at rest and moving, blend shapes, functions, networks, solids, and files of them.
+"""What is bounded: grids, meshes at rest and moving, functions, networks, solids, and files of them.
 
 ``load_shape`` makes a shape of a file, an array or a mesh. Solids are shapes that are put together by hand, in any
 number of dimensions, with certified bounds; the operators ``|``, ``&`` and ``-`` combine them with each other, and with
@@ -17,7 +17,6 @@ from importlib import import_module
 
 __all__ = [
     "READERS",
-    "BlendShapes",
     "Box",
     "Capsule",
     "Complement",
@@ -40,7 +39,6 @@ __all__ = [
 
 _HOMES = {
     "warp_bounding.networks.network_shape": ("Network",),
-    "warp_bounding.shapes.blend_shapes": ("BlendShapes",),
     "warp_bounding.shapes.formats.load": (
         "READERS",
         "ShapeLike",
@@ -69,6 +67,8 @@ _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 
 
 def __getattr__(name: str):
+    if name == "BlendShapes":
+        raise AttributeError("BlendShapes is gone: bound a MovingMesh, or a Mesh at each pose")
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value = getattr(import_module(_WHERE[name]), name)

@@ -1,6 +1,6 @@
 """glTF 2.0 (``.glb``, or ``.gltf`` with buffers): triangles of the scene that is shown, in metres, y up.
 
-A mesh is bounded as the file leaves it: morph targets with the weights that are stored, skins in the pose of their
+A mesh is bounded as the file leaves it: without its morph targets, skins in the pose of their
 joints' nodes; the notes say so. Extensions that the file requires and that are not in ``READ`` or ``HARMLESS`` are
 refused, as is compressed geometry. What it merely uses, listed or not, may be left out, says the standard: its other
 data are read, and a note names the extension.
@@ -194,7 +194,7 @@ class _Asset:
             if faces is None:
                 self.notes.append("not read, as they have no surface: points and lines")
                 continue
-            vertices = self._vertices(primitive, node.get("weights", mesh.get("weights")))
+            vertices = self._vertices(primitive)
             faces = as_faces(np.arange(len(vertices)) if faces is None else faces, len(vertices))
             poses = places[:, None]
             if "skin" in node:
@@ -234,21 +234,11 @@ class _Asset:
             np.stack([first, np.where(turned, second + 1, second), np.where(turned, second, second + 1)], axis=1)
         ]
 
-    def _vertices(self, primitive: dict[str, Any], weights: list | None) -> np.ndarray:
-        """``(V, 3)`` float64 in the mesh's own coordinates, its morph targets added."""
+    def _vertices(self, primitive: dict[str, Any]) -> np.ndarray:
+        """``(V, 3)`` float64 in the mesh's own coordinates."""
         vertices = self.accessor(primitive["attributes"].get("POSITION"), ("VEC3",))
-        targets = primitive.get("targets", [])
-        if targets:
-            self.notes.append("morph targets: bounded with the weights that the file stores")
-            weights = _reals([0.0] * len(targets) if weights is None else weights, "weights")
-            if len(weights) != len(targets):
-                raise ValueError(f"expected a weight for each of {len(targets)} morph targets, got {len(weights)}")
-        for target, weight in zip(targets, weights if targets else (), strict=True):
-            if "POSITION" in target:
-                moves = self.accessor(target["POSITION"], ("VEC3",))
-                if moves.shape != vertices.shape:
-                    raise ValueError(f"expected a morph target of {len(vertices)} vertices, got {len(moves)}")
-                vertices = vertices + weight * moves
+        if primitive.get("targets"):
+            self.notes.append("morph targets are not read")
         return vertices
 
     def _pose(self, skin: int, attributes: dict[str, int], count: int) -> np.ndarray:
