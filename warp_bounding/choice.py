@@ -2,8 +2,7 @@
 
 A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of them to a narrow phase of ``N`` ns costs
 ``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other. Closed
-forms have a third of the time, the quickest to fit first. Networks share the rest equally, and the best one is trained
-again with what is left.
+forms have a third of the time, the quickest to fit first. Networks share the rest equally.
 """
 
 import contextlib
@@ -14,7 +13,7 @@ import math
 import re
 import time
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -24,7 +23,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import METHODS, Bounder, load
-from warp_bounding.bounders.mlp import Mlp, check_hidden
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
 from warp_bounding.evaluation import ASKED, parts_of
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
@@ -38,7 +37,6 @@ from warp_bounding.runtime.launch import (
     working_seconds,
 )
 from warp_bounding.runtime.progress import Progress, reported
-from warp_bounding.runtime.whole_file import check_writable
 from warp_bounding.shapes import Grid, load_shape
 from warp_bounding.shapes.parts import SIDES
 from warp_bounding.shapes.recentred import own_coordinates
@@ -65,7 +63,6 @@ SIZES: dict[str, list[dict[str, Any]]] = {  # of closed forms, the quickest to f
     PREFILTER: [{}],  # from here on they learn
     "relu-field": [{}],
 }
-UNITS = {"leaves": "{} leaves", "resolution": "{} cells", "k": "k {}"}
 BYTES = 4  # of a network's number
 
 
@@ -78,7 +75,7 @@ class Candidate(NamedTuple):
     nbytes: int = 0  # of a network, at least; 0 of closed forms
 
 
-def candidates_of(query: str, shape: Shape, networks: Sequence[tuple[int, ...]]) -> Iterator[Candidate]:
+def candidates_of(query: str, shape: Shape) -> Iterator[Candidate]:
     """All candidates for a kind of query about a shape, in the order in which they are tried."""
     able = {name: cls for name, cls in METHODS.items() if cls.conservative and cls.supports(query, shape.ndim)}
     neural = [name for name, cls in able.items() if trainer_of(cls).proves]
@@ -87,44 +84,15 @@ def candidates_of(query: str, shape: Shape, networks: Sequence[tuple[int, ...]])
         known |= set() if isinstance(shape, Grid) else {"resolution"}
         known -= set() if shape.ndim == 3 else {"k"}
         for size in [size for size in SIZES.get(name, [{}]) if known >= set(size)] or [{}]:
-            words = [name, *(UNITS[key].format(value) for key, value in size.items())]
+            words = [name, *(f"{key} {value}" for key, value in size.items())]
             yield Candidate(" ".join(words), name, size)
     # of all but the plain ones one size, since each compiles kernels of its own
-    named = [(name, hidden) for name in neural for hidden in (networks if able[name] is Mlp else networks[-1:])]
-    if Mlp.method in neural and PREFILTER in able and BEHIND in networks:
+    named = [(name, hidden) for name in neural for hidden in (NETWORKS if able[name] is Mlp else NETWORKS[-1:])]
+    if Mlp.method in neural and PREFILTER in able:
         named.append((CASCADE, BEHIND))
     for name, hidden in named:
         numbers = sum(k * h + h for k, h in pairwise((shape.ndim, *hidden, 1)))  # regions have more inputs
         yield Candidate(f"{name} {'-'.join(map(str, hidden))}", name, {"hidden": hidden}, BYTES * numbers)
-
-
-def check_networks(networks: Iterable[Iterable[int]]) -> list[tuple[int, ...]]:
-    """Hidden widths of networks; ``BounderError`` for what no network can have."""
-    widths = list(networks) if isinstance(networks, Iterable) else [networks]
-    if not all(isinstance(each, Iterable) for each in widths):
-        raise BounderError(f"networks must be tuples of widths of hidden layers, such as {NETWORKS}, got {networks!r}")
-    return [check_hidden(each) for each in widths]
-
-
-def check_prices(query: str, narrow_ns, overhead_ns, memory, length, statistical) -> None:
-    """Refuse what makes no sense for any shape, with ``BounderError``."""
-    for name, value in (("narrow_ns", narrow_ns), ("overhead_ns", overhead_ns)):
-        if not is_number(value) or value < 0:
-            raise BounderError(f"{name} must be a number of nanoseconds of at least 0, got {value!r}")
-    if memory is not None and not (isinstance(memory, int | np.integer) and memory is not True and memory > 0):
-        raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
-    check_asked(query, NONE, length, SIDES[0])
-    if not isinstance(statistical, bool):
-        raise BounderError(f"statistical must be True or False, got {statistical!r}")
-
-
-def check_methods(methods: Iterable[str] | None) -> frozenset[str]:
-    """Names of methods, all of them for ``None``; ``BounderError`` for a name that is none."""
-    names = [*METHODS, CASCADE]
-    wanted = frozenset(names if methods is None else [methods] if isinstance(methods, str) else methods)
-    for name in wanted - set(names):
-        raise BounderError(f"methods must be some of {', '.join(names)}, got {name!r}")
-    return wanted
 
 
 # --- result ----------------------------------------------------------------------------------------------------------
@@ -184,10 +152,7 @@ class Choice:
         narrow_ns: Price of the narrow phase, nanoseconds a call.
         positives: Share of the queries that meet the object: no broad phase leaves less.
         queries: How many queries there were; ``choose`` measures on half of them.
-        memory: Limit of ``nbytes``; ``None`` for none.
-        device: Where they were measured.
-        threads: Of a CPU; 0 elsewhere.
-        about: More of how it was found, for files.
+        about: How it was found: memory, device, threads of a CPU, budget, seconds.
 
     Example:
         >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
@@ -201,9 +166,6 @@ class Choice:
     narrow_ns: float
     positives: float
     queries: int
-    memory: int | None = None
-    device: str = "cpu"
-    threads: int = field(default_factory=cpu_threads)
     about: dict[str, Any] = field(default_factory=dict)
 
     @property
@@ -224,183 +186,75 @@ class Choice:
     @property
     def why(self) -> str:
         """In a sentence, why this one."""
-        row, others = self.row, [row for row in self.rows if row.label != NONE and not row.why_not]
-        if row.label != NONE:
-            less = f"{self.narrow_ns / row.cost:.3g} times less than with no broad phase"
-            leaves = f"it takes {duration(row.nanoseconds)} and leaves {100 * row.share:.3g} % of the queries"
-            must = f"of which {100 * self.positives:.3g} % must be left"
-            return f"{row.label}: {duration(row.cost)} a query in all, {less}; {leaves}, {must}"
-        if not others:
-            return "no candidate can be chosen, so every query goes to the narrow phase"
-        best = min(others, key=lambda row: row.cost)
-        cost = f"the best, {best.label}, would cost {duration(best.cost)} a query in all"
-        return f"none pays: the narrow phase takes {duration(self.narrow_ns)}, and {cost}"
+        row, narrow = self.row, duration(self.narrow_ns)
+        if row.label == NONE:
+            return f"none pays: the narrow phase takes {narrow}, and no candidate that can be chosen costs less"
+        leaves = f"it takes {duration(row.nanoseconds)} and leaves {100 * row.share:.3g} % of the queries"
+        must = f"of which {100 * self.positives:.3g} % must be left to a narrow phase of {narrow}"
+        return f"{row.label}: {duration(row.cost)} a query in all; {leaves}, {must}"
 
     def to_dict(self) -> dict[str, Any]:
         """All but the bounder, JSON-ready."""
-        names = ("label", "narrow_ns", "positives", "queries", "memory", "device", "threads", "why")
+        names = ("label", "narrow_ns", "positives", "queries", "why")
         lists = {"prices": [each._asdict() for each in self.prices], "rows": [asdict(row) for row in self.rows]}
         return {name: getattr(self, name) for name in names} | lists | self.about
 
 
-# --- search ----------------------------------------------------------------------------------------------------------
+# --- measuring -------------------------------------------------------------------------------------------------------
 
 TIMED, TURNS = 200_000, 9  # queries of a timed launch, at least, and launches of each candidate
 # On a GPU, where a launch takes as long as some 300,000 queries of a network: so many, and launches in a row.
 TIMED_GPU, IN_A_ROW = 4_000_000, 5
 MOST_SECONDS = 0.3  # of one candidate's launches, after which no more are timed
-CLOSED_SHARE, PART = 1 / 3, 1 / 20  # of the time, for closed forms; of the budget, for one of them that learns
-OVERDRAWN = 0.12  # of the budget, by which a network's fit may exceed it before it is stopped
-LEAST_SECONDS = 5.0  # of a network's fit: with less it says little, and is not begun
-AGAIN, LONGER = 3, 1.5  # shares that are reserved to train the best network again; times the seconds before, at least
 
 
 @dataclass
-class Search:
-    """Fits candidates and measures them; see ``choose`` for what has no comment."""
+class Bench:
+    """Measures bounders on queries."""
 
-    shape: Shape
     query: str
-    options: dict[str, Any]  # of every fit
-    bounded: Shape  # the shape, dilated
-    x: np.ndarray  # queries to measure with
+    shape: Shape  # dilated
+    x: np.ndarray
     length: float
-    narrow_ns: float
-    overhead_ns: float
-    memory: int | None
-    statistical: bool
     device: str
-    budget: float
-    folder: Path | None
-    update: Progress | None = None
-    fitted: dict[str, tuple[Bounder, Row]] = field(default_factory=dict)  # by label
-    missing: dict[str, Row] = field(default_factory=dict)  # rows of what is not fitted
-    interrupted: bool = False
 
     def __post_init__(self):
-        self.started, self.compiled, self.before = working_seconds(), compile_seconds(), 0.0
-        self.truth = np.asarray(oracle(self.query, self.bounded, "cpu", self.length)(self.x), dtype=bool)
-        given, own = dict(self.options), self.options["workload"]
-        given["workload"] = None if own is None else hashlib.sha256(own.tobytes()).hexdigest()
-        settings = json.dumps([__version__, self.bounded.digest, self.query, given])
-        self.key = hashlib.sha256(settings.encode()).hexdigest()[:12]
-        if self.folder is not None:
-            check_writable(self.file("any"))
-
-    @property
-    def left(self) -> float:
-        """Seconds of the budget."""
-        return self.budget - self.before - (working_seconds() - self.started)
-
-    def check(self, label: str, bounder: Bounder) -> None:
-        """Refuse a bounder of the caller's that does not answer these queries."""
-        able = bounder.query_kind == self.query
-        if bounder.of_distances:
-            able = self.query in ASKED and not (bounder.domain.time and QUERIES[self.query].is_region)
-        if not able or bounder.ndim != self.shape.ndim or label == NONE:
-            expected = f"{self.query} queries in {self.shape.ndim}D"
-            raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
-
-    def file(self, label: str) -> Path:
-        """Of a candidate in the folder, where other settings have other names."""
-        return self.folder / f"{re.sub(r'[^a-z0-9+]+', '-', label)}-{self.key}.safetensors"
-
-    def run(self, candidates: list[Candidate]) -> None:
-        """Load and fit what there is time for, then train the best network again."""
-        large = [each for each in candidates if self.memory is not None and each.nbytes > self.memory]
-        for each in large:
-            self.missing[each.label] = Row(each.label, each.nbytes, why_not="over the memory limit")
-        candidates = [each for each in candidates if each not in large]
-        for label in (each.label for each in candidates if self.folder and self.file(each.label).exists()):
-            with contextlib.suppress(FileFormatError):  # what is damaged is fitted anew
-                bounder = load(self.file(label), device=self.device)
-                self.before += bounder.info["training"]["seconds"]
-                self.measure(label, bounder)
-        waiting = [each for each in candidates if each.label not in self.fitted]
-        networks = [each for each in waiting if each.nbytes]
-        end = self.left * (1 - CLOSED_SHARE if networks else 0)
-        for each in waiting:
-            if not each.nbytes:
-                self.fit(each, PART * self.budget, self.left - end)
-        for number, each in enumerate(networks):
-            seconds = max(self.left / (len(networks) - number + AGAIN), LEAST_SECONDS)
-            self.fit(each, seconds if seconds <= self.left else 0.0, self.left + OVERDRAWN * self.budget)
-        networks = [each for each in candidates if each.nbytes and each.label in self.fitted]
-        if networks:
-            best = min(networks, key=lambda each: self.fitted[each.label][1].cost)
-            seconds = self.left / (1 + OVERDRAWN)
-            if seconds > LONGER * self.fitted[best.label][1].seconds:
-                self.fit(best, seconds, self.left + OVERDRAWN * self.budget)
-
-    def fit(self, each: Candidate, seconds: float, limit: float) -> None:
-        """Fit a candidate in so many seconds, and measure it; it is stopped at the limit. The cheaper of two stays."""
-
-        def tell(done: float, total: float, note: str) -> None:
-            self.tell(f"{each.label}: {note}")
-
-        if self.interrupted or min(seconds, limit) <= 0:
-            self.missing.setdefault(each.label, Row(each.label, each.nbytes, why_not="no time was left"))
-            return
-        options = self.options | each.options | {"budget": min(seconds, limit), "device": self.device, "progress": tell}
-        self.tell(each.label)
-        try:
-            with limited(limit), warnings.catch_warnings():
-                warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row shows what they cost
-                bounder = fit(self.shape, self.query, each.method, **options)
-        except OutOfTimeError:
-            why = f"stopped after {limit:.0f} s"
-            self.missing[each.label] = Row(each.label, each.nbytes, seconds=limit, why_not=why)
-        except BoundingError as error:
-            self.missing[each.label] = Row(each.label, 0, why_not=" ".join(str(error).split()))
-        except KeyboardInterrupt:
-            self.interrupted = True
-        else:
-            self.interrupted = bool(bounder.info["training"].get("interrupted"))
-            before = self.fitted.get(each.label)
-            self.measure(each.label, bounder)
-            if before is not None and before[1].cost < self.fitted[each.label][1].cost:
-                self.fitted[each.label] = before
-            elif self.folder is not None and not self.interrupted:
-                bounder.save(self.file(each.label))
-
-    def tell(self, note: str) -> None:
-        """Report progress."""
-        if self.update is not None:
-            self.update(self.budget - max(self.left, 0.0), self.budget, note)
-
-    def measure(self, label: str, bounder: Bounder) -> None:
-        """Add a bounder with its row; its time is taken once more at the end."""
-        maybe = self.launch(bounder, self.x)().numpy() == 1
-        doubtful = self.x[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
-        missed = int(QUERIES[self.query].certain(self.bounded, doubtful, self.length).sum()) if len(doubtful) else 0
-        certificate, why_not = bounder.certificate, ""
-        kind = "" if certificate is None else certificate.kind
-        if missed:
-            why_not = f"denies {missed:,} queries that meet the object"
-        elif not bounder.conservative or not ((certificate and certificate.proven) or self.statistical):
-            why_not = f"not proven ({kind or 'no certificate'})"
-        elif self.memory is not None and bounder.nbytes > self.memory:
-            why_not = "over the memory limit"
-        row = Row(label, bounder.nbytes, share=float(maybe.mean()), certificate=kind, missed=missed, why_not=why_not)
-        seconds = (bounder.info.get("training") or {}).get("seconds", 0.0)
-        self.fitted[label] = bounder, replace(row, seconds=seconds)
-        self.time([label], TURNS // 3)
+        self.truth = np.asarray(oracle(self.query, self.shape, "cpu", self.length)(self.x), dtype=bool)
 
     def launch(self, bounder: Bounder, x: np.ndarray) -> Callable[[], wp.array]:
         """A function that queries a bounder, or a distance in its place; the queries lie on its device before."""
         parts = [wp.array(part, dtype=wp.float32, device=bounder.device) for part in parts_of(self.query, x)]
         if bounder.of_distances:
-            ask = ASKED[self.query](bounder, self.length, {})
+            ask = ASKED[self.query](bounder, self.length)
             return lambda: ask(*parts)
         return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device)).launch
 
-    def time(self, labels: Iterable[str], turns: int) -> None:
-        """Time some rows: the fastest of launches in turns, so that what else the machine does slows all alike."""
+    def measure(self, label: str, bounder: Bounder, memory: int | None, statistical: bool) -> Row:
+        """The row of a bounder, without its time."""
+        maybe = self.launch(bounder, self.x)().numpy() == 1
+        doubtful = self.x[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
+        missed = int(QUERIES[self.query].certain(self.shape, doubtful, self.length).sum()) if len(doubtful) else 0
+        certificate, why_not = bounder.certificate, ""
+        kind = "" if certificate is None else certificate.kind
+        if missed:
+            why_not = f"denies {missed:,} queries that meet the object"
+        elif not bounder.conservative or not ((certificate and certificate.proven) or statistical):
+            why_not = f"not proven ({kind or 'no certificate'})"
+        elif memory is not None and bounder.nbytes > memory:
+            why_not = "over the memory limit"
+        seconds = (bounder.info.get("training") or {}).get("seconds", 0.0)
+        share = float(maybe.mean())
+        return Row(
+            label, bounder.nbytes, share=share, certificate=kind, missed=missed, seconds=seconds, why_not=why_not
+        )
+
+    def nanoseconds(self, bounders: Mapping[str, Bounder]) -> dict[str, float]:
+        """Of a query: the fastest of launches in turns, so that what else the machine does slows all alike."""
         queries, calls = (TIMED_GPU, IN_A_ROW) if wp.get_device(self.device).is_cuda else (TIMED, 1)
         many = np.resize(self.x, (max(len(self.x), queries), self.x.shape[1]))
-        launches = {label: self.launch(self.fitted[label][0], many) for label in labels}
+        launches = {label: self.launch(bounder, many) for label, bounder in bounders.items()}
         taken: dict[str, list[float]] = {label: [] for label in launches}
-        for turn in range(turns + 1):
+        for turn in range(TURNS + 1):
             for label, launch in launches.items():
                 if sum(taken[label]) <= MOST_SECONDS:
                     wp.synchronize_device(self.device)
@@ -410,34 +264,15 @@ class Search:
                     wp.synchronize_device(self.device)
                     if turn:  # the first one loads kernels
                         taken[label].append((time.perf_counter() - start) / calls)
-        for label, seconds in taken.items():
-            bounder, row = self.fitted[label]
-            nanoseconds = self.overhead_ns + 1e9 * min(seconds) / len(many)
-            cost = nanoseconds + row.share * self.narrow_ns
-            self.fitted[label] = bounder, replace(row, nanoseconds=nanoseconds, cost=cost)
-
-    def choice(self, queries: int) -> Choice:
-        """The cheapest, with times taken in turns; ``BounderError`` if nothing is small enough."""
-        rows = [row for _, row in self.fitted.values()]
-        if self.memory is not None and rows and min(row.nbytes for row in rows) > self.memory:
-            near = min(rows, key=lambda row: row.nbytes)
-            nearest = f"the nearest is {near.label} with {near.nbytes:,}"
-            raise BounderError(f"memory: no candidate has {self.memory:,} bytes or less; {nearest}")
-        self.tell("times, in turns")
-        self.time(self.fitted, TURNS)
-        rows = [Row(NONE, 0, 0.0, 1.0, self.narrow_ns, "by construction"), *(row for _, row in self.fitted.values())]
-        rows.sort(key=lambda row: (bool(row.why_not), row.cost))
-        bounder, _ = self.fitted.get(rows[0].label, (None, None))
-        about = {"shape": self.shape.name, "query": self.query, "interrupted": self.interrupted, "budget": self.budget}
-        about |= {"seconds": self.budget - self.left, "compile_seconds": compile_seconds() - self.compiled}
-        threads = cpu_threads() if wp.get_device(self.device).is_cpu else 0
-        rows, positives = (*rows, *self.missing.values()), float(self.truth.mean())
-        return Choice(bounder, rows, self.narrow_ns, positives, queries, self.memory, self.device, threads, about)
+        return {label: 1e9 * min(seconds) / len(many) for label, seconds in taken.items()}
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------
 
 SAMPLES = 200_000  # random queries, where the caller has none
+CLOSED_SHARE, PART = 1 / 3, 1 / 20  # of the budget: for all closed forms, and for one of them that learns
+OVERDRAWN = 0.12  # of the budget, by which a network's fit may exceed it before it is stopped
+LEAST_SECONDS = 5.0  # of a network's fit: with less it says little, and is not begun
 
 
 def choose(
@@ -453,7 +288,6 @@ def choose(
     margin: float = 0.0,
     length: float | None = None,
     methods: Iterable[str] | None = None,
-    networks: Iterable[tuple[int, ...]] = NETWORKS,
     bounders: Mapping[str, Bounder] | None = None,
     overhead_ns: float = 0.0,
     statistical: bool = False,
@@ -473,29 +307,27 @@ def choose(
             A few thousand at least: candidates are fitted to half of them and measured on the others.
         memory: Most bytes that a query may read (``Bounder.nbytes``).
         device: Warp device where it is measured, and of the bounder; the default device if ``None``.
-        budget: Seconds that fits and measurements take together, up to an eighth more; what ``checkpoint`` holds is
-            charged with what its fit took. What there is no time for is not begun, or stopped, and listed. Compiling
-            kernels, once for each size of network, is not counted.
+        budget: Seconds that all fits take together, up to an eighth more. What there is no time for is not begun, or
+            stopped, and listed. Compiling kernels, once for each size of network, is not counted.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         methods: Names of methods that are tried: those in ``METHODS``, and ``"learned-kdop+mlp"``; all of them if
             ``None``, only ``bounders`` for ``()``.
-        networks: Hidden widths of the networks that are tried, in this order; none of them for ``()``.
         bounders: Bounders of this very shape that you have already, by name; they are measured with the others.
             Distances answer points, rays and boxes.
         overhead_ns: What your step takes for a query if there is any bounder, without the bounder itself, such as for
             lists of what is left.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
-        checkpoint: Folder where candidates are stored as they are fitted; a call with the same settings goes on there,
-            and those of other settings are left alone. ``None`` keeps nothing.
+        checkpoint: Folder where candidates are stored as they are fitted; a call with the same settings fits only what
+            is not there, and files of other settings are left alone. ``None`` keeps nothing.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends fitting; what was fitted is then compared.
 
     Raises:
         ShapeError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query, or queries that are none of it.
-        BounderError: For a price, memory or budget that makes no sense, an unknown method, or too little memory.
+        BounderError: For a price, memory or budget that makes no sense, or an unknown method.
         FileFormatError: For a folder that cannot be written to.
 
     Example:
@@ -506,9 +338,23 @@ def choose(
     """
     check_query(query)
     check_numbers(budget, seed, margin)
-    check_prices(query, narrow_ns, overhead_ns, memory, length, statistical)
-    methods, networks = check_methods(methods), check_networks(networks)
-    shape, length = own_coordinates(load_shape(shape), "choose"), float(length or 1.0)
+    check_asked(query, NONE, length, SIDES[0])
+    for name, value in (("narrow_ns", narrow_ns), ("overhead_ns", overhead_ns)):
+        if not is_number(value) or value < 0:
+            raise BounderError(f"{name} must be a number of nanoseconds of at least 0, got {value!r}")
+    if memory is not None and (not isinstance(memory, int | np.integer) or memory < 1):
+        raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
+    methods = [*METHODS, CASCADE] if methods is None else [methods] if isinstance(methods, str) else list(methods)
+    for name in set(methods) - {*METHODS, CASCADE}:
+        raise BounderError(f"methods must be some of {', '.join([*METHODS, CASCADE])}, got {name!r}")
+    shape, length, device = own_coordinates(load_shape(shape), "choose"), float(length or 1.0), str(device_of(device))
+    for label, bounder in (bounders or {}).items():
+        able = bounder.query_kind == query
+        if bounder.of_distances:
+            able = query in ASKED and not (bounder.domain.time and QUERIES[query].is_region)
+        if not able or bounder.ndim != shape.ndim or label == NONE:
+            expected = f"{query} queries in {shape.ndim}D"
+            raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
     warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     given = sample(query, bounded, SAMPLES, rng) if workload is None else workload
@@ -516,30 +362,90 @@ def choose(
     half = np.zeros(len(x), dtype=bool)
     half[rng.permutation(len(x))[: len(x) // 2]] = True
     fit_to, measured = (x[half], x[~half]) if len(x) > 1 else (x, x)  # what is measured is in the caller's order
-    options = {"margin": float(margin), "seed": int(seed), "workload": None if workload is None else fit_to}
+    options = {"margin": float(margin), "seed": int(seed)}
     options |= {"length": length} if QUERIES[query].has_length else {}
-    search = Search(
-        shape=shape,
-        query=query,
-        options=options,
-        bounded=bounded,
-        x=measured,
-        length=length,
-        narrow_ns=float(narrow_ns),
-        overhead_ns=float(overhead_ns),
-        memory=memory,
-        statistical=statistical,
-        device=str(device_of(device)),
-        budget=float(budget),
-        folder=None if checkpoint is None else Path(checkpoint),
-    )
-    for label, bounder in (bounders or {}).items():
-        search.check(label, bounder)
-    with reported(progress, "choose") as search.update:
-        for label, bounder in (bounders or {}).items():
-            search.measure(label, bounder.to(search.device))
-        search.run([each for each in candidates_of(query, shape, networks) if each.method in methods])
-        return search.choice(len(x))
+    queried = None if workload is None else hashlib.sha256(fit_to.tobytes()).hexdigest()
+    settings = json.dumps([__version__, bounded.digest, query, float(budget), options, queried])
+    key = hashlib.sha256(settings.encode()).hexdigest()[:12]
+    options |= {"workload": None if workload is None else fit_to, "device": device}
+
+    def file(label: str) -> Path | None:
+        name = f"{re.sub(r'[^a-z0-9+]+', '-', label)}-{key}.safetensors"
+        return None if checkpoint is None else Path(checkpoint) / name
+
+    candidates = [each for each in candidates_of(query, shape) if each.method in methods]
+    started, compiled = working_seconds(), compile_seconds()
+    with reported(progress, "choose") as update:
+        fitted, missing, interrupted = fit_all(candidates, shape, query, options, budget, memory, file, update)
+    fitted |= {label: bounder.to(device) for label, bounder in (bounders or {}).items()}
+    bench = Bench(query, bounded, measured, length, device)
+    taken = {label: overhead_ns + own for label, own in bench.nanoseconds(fitted).items()}
+    rows = [Row(NONE, 0, 0.0, 1.0, float(narrow_ns), "by construction")]
+    for label, bounder in fitted.items():
+        row = bench.measure(label, bounder, memory, statistical)
+        rows.append(replace(row, nanoseconds=taken[label], cost=taken[label] + row.share * narrow_ns))
+    rows.sort(key=lambda row: (bool(row.why_not), row.cost))
+    about = {"shape": shape.name, "query": query, "memory": memory, "device": device, "interrupted": interrupted}
+    about |= {"threads": cpu_threads() if wp.get_device(device).is_cpu else 0, "budget": budget}
+    about |= {"seconds": working_seconds() - started, "compile_seconds": compile_seconds() - compiled}
+    positives = float(bench.truth.mean())
+    return Choice(fitted.get(rows[0].label), (*rows, *missing), float(narrow_ns), positives, len(x), about)
+
+
+def fit_all(
+    candidates: list[Candidate],
+    shape: Shape,
+    query: str,
+    options: dict[str, Any],
+    budget: float,
+    memory: int | None,
+    file: Callable[[str], Path | None],
+    update: Progress | None,
+) -> tuple[dict[str, Bounder], list[Row], bool]:
+    """Load or fit candidates: bounders by label, rows of what is not fitted, and whether Ctrl-C ended it."""
+    fitted, missing, waiting, started, interrupted = {}, [], [], working_seconds(), False
+    for each in candidates:
+        path = file(each.label)
+        if memory is not None and each.nbytes > memory:
+            missing.append(Row(each.label, each.nbytes, why_not="over the memory limit"))
+        else:
+            with contextlib.suppress(FileFormatError):  # what is damaged is fitted anew
+                if path is not None and path.exists():
+                    fitted[each.label] = load(path, device=options["device"])
+            waiting += [] if each.label in fitted else [each]
+    networks = sum(each.nbytes > 0 for each in waiting)
+    for each in waiting:
+        left = budget - (working_seconds() - started)
+        if each.nbytes:
+            seconds, limit = max(left / networks, LEAST_SECONDS), left + OVERDRAWN * budget
+            networks -= 1
+        else:
+            left = limit = left - (budget * (1 - CLOSED_SHARE) if networks else 0)
+            seconds = min(PART * budget, left)
+        if interrupted or left <= 0 or seconds > left:
+            missing.append(Row(each.label, each.nbytes, why_not="no time was left"))
+            continue
+
+        def tell(done: float, total: float, note: str, label=each.label) -> None:
+            if update is not None:
+                update(min(working_seconds() - started, budget), budget, f"{label}: {note}")
+
+        own = options | each.options | {"budget": seconds, "progress": tell}
+        try:
+            with limited(limit), warnings.catch_warnings():
+                warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row shows what they cost
+                bounder = fit(shape, query, each.method, **own)
+        except OutOfTimeError:
+            missing.append(Row(each.label, each.nbytes, seconds=limit, why_not=f"stopped after {limit:.0f} s"))
+        except BoundingError as error:
+            missing.append(Row(each.label, 0, why_not=" ".join(str(error).split())))
+        except KeyboardInterrupt:
+            interrupted = True
+        else:
+            fitted[each.label], interrupted = bounder, bool(bounder.info["training"].get("interrupted"))
+            if file(each.label) is not None and not interrupted:
+                bounder.save(file(each.label))
+    return fitted, missing, interrupted
 
 
 # --- plot ------------------------------------------------------------------------------------------------------------
@@ -554,21 +460,18 @@ def cost_plot(choice: Choice) -> bytes:
     except ImportError as error:
         raise BoundingError("the plot needs matplotlib: pip install 'warp-bounding[train]'") from error
     best, rows = choice.prices, {row.label: row for row in choice.rows if not row.why_not}
-    edges = [choice.narrow_ns, *(stretch.price for stretch in best)]
-    low = min([PRICES[0], *(edge / 3 for edge in edges if edge > 0)])
-    high = max(PRICES[1], 3 * max(edges))
+    low, high = PRICES[0], 3 * max(PRICES[1], choice.narrow_ns, *(stretch.price for stretch in best))
     prices, here = np.geomspace(low, high, 400), max(choice.narrow_ns, low)
     figure = Figure(figsize=(7.6, 4.6), layout="constrained")
     panel = figure.subplots()
     for row in rows.values():
         panel.plot(prices, row.nanoseconds + row.share * prices, color="silver", linewidth=0.7)
     for stretch, end in zip(best, [*(stretch.price for stretch in best[1:]), high], strict=True):
-        row, own = rows[stretch.label], np.geomspace(max(stretch.price, low), end, 50)
+        row, own = rows[stretch.label], np.geomspace(max(stretch.price, low), max(end, low), 50)
         label = f"{row.label}, from {duration(stretch.price)}" if stretch.price else row.label
         panel.plot(own, row.nanoseconds + row.share * own, linewidth=3, label=label)
     if choice.positives > 0:
         panel.plot(prices, choice.positives * prices, "k:", linewidth=0.9, label="what meets the object")
-    panel.axvline(here, color="black", linestyle="--", linewidth=0.8)
     panel.plot([here], [choice.row.nanoseconds + choice.row.share * here], "ko", label=f"chosen: {choice.label}")
     panel.set(xscale="log", yscale="log", xlim=(low, high), title="What each broad phase costs; thick: the cheapest")
     panel.set_xlabel("price of the narrow phase, nanoseconds a call")

@@ -460,7 +460,7 @@ def arguments_of(given: Mapping[str, Any]) -> dict[str, Any]:
     """The values of options as keyword arguments of ``fit`` or ``choose``; ``BounderError`` for a text that is none."""
     found = {name: value for name, value in given.items() if value is not None and name not in NOT_PASSED}
     parsers = {option.name: option.parse for options in _options_by_method().values() for option in options}
-    parsers |= {"memory": _bytes, "networks": _widths, "methods": lambda text: [w.strip() for w in text.split(",")]}
+    parsers |= {"memory": _bytes, "methods": lambda text: [w.strip() for w in text.split(",")]}
     return {name: parsers[name](value) if name in parsers else value for name, value in found.items()}
 
 
@@ -473,14 +473,6 @@ def _bytes(text: str) -> int:
     if not 1 <= value < 2**40:
         raise BounderError(f"memory must be a number of bytes such as 16k or 4000, got {text!r}")
     return int(value)
-
-
-def _widths(text: str) -> list[tuple[int, ...]]:
-    """Widths of several networks; ``BounderError`` for other texts."""
-    try:
-        return [tuple(int(width) for width in word.split(",")) for word in text.split() if word.lower() != "none"]
-    except ValueError:
-        raise BounderError(f"networks must be widths such as '24,24 50,50', or none, got {text!r}") from None
 
 
 # --- certify, evaluate, info, query ----------------------------------------------------------------------------------
@@ -547,7 +539,6 @@ def evaluate(
     radius: Annotated[float | None, Option(help="Of a distance: points within it are positive (default: 0).")] = None,
     query: Annotated[Literal["point", "ray", "box"] | None, Option(help="Of a distance: what it is asked.")] = None,
     length: Annotated[float | None, Option(help="Of a distance that is asked rays: theirs (default: 1).")] = None,
-    steps: Annotated[int | None, number_option("Of a distance: most evaluations of a ray (32) or a box (64).")] = None,
     stress: Annotated[int | None, number_option("Ask so many hard positives instead, such as 1e8.", count)] = None,
     device: Device = "cpu",
     **reading: Text,
@@ -566,7 +557,7 @@ def evaluate(
     bounder, loaded = load_both(file, shape, device, reading)
     if stress is not None:
         return _stress(file, shape, bounder, loaded, stress, seed)
-    of_distance = {"radius": radius, "query": query, "length": length, "steps": steps}
+    of_distance = {"radius": radius, "query": query, "length": length}
     with bar("evaluate") as update:
         seed = 1 if seed is None else seed
         rates = measure(bounder, loaded, samples, protocol, seed=seed, progress=update, **of_distance)
@@ -686,7 +677,6 @@ def choose(
     overhead_ns: Annotated[float, Option(help="What your step takes besides for a query, nanoseconds.")] = 0.0,
     budget: Annotated[float, Option(help="Seconds for all fits and measurements.")] = 120.0,
     seed: Seed = 0,
-    networks: Annotated[str, Option(help="Hidden widths of networks to try; or none.")] = "24,24 16,16 50,50",
     methods: Annotated[Text, Option(help="Such as bvh,mlp,relu-field (default: all).")] = None,
     statistical: Annotated[bool, Option("--statistical", help="Choose among sampled bounders, too.")] = False,
     checkpoint: Annotated[Text, Option(help="Folder of candidates, to go on (default: OUTPUT with .choice).")] = None,
@@ -708,7 +698,7 @@ def choose(
     quiet_warp(device)
     given = {"query": query, "narrow_ns": narrow_ns, "length": length, "overhead_ns": overhead_ns, "margin": margin}
     given |= {"memory": memory, "budget": budget, "seed": seed, "device": device, "statistical": statistical}
-    arguments = arguments_of(given | {"networks": networks, "methods": methods})
+    arguments = arguments_of(given | {"methods": methods})
     picture = str(Path(output).with_suffix(whole_file.PICTURE_FILE.suffix))
     for path, kind in ((output, whole_file.BOUNDER_FILE), (picture, whole_file.PICTURE_FILE)):
         check_writable(path, shape, *([workload] if workload else []), kind=kind)

@@ -23,10 +23,6 @@ from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.shapes import Grid
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Shape
 
-# --- report ----------------------------------------------------------------------------------------------------------
-#
-# What an evaluation reports.
-
 QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: how many, and their seed
 
 
@@ -91,16 +87,13 @@ class Rates:
         return asdict(self)
 
 
-def reported_truth(judge: Shape, fitted: Shape) -> str:
-    """Whose truth counts, in words: that of a judge, where the fit bounded a shape or its cells."""
+def _truth_in_words(judge: Shape, fitted: Shape) -> str:
     if not isinstance(judge, Grid):
         return "of the shape itself"
     return "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
 
 
 # --- truth -----------------------------------------------------------------------------------------------------------
-#
-# Whose truth an evaluation compares with, and how it is found.
 
 PROTOCOLS = ("exact", "sampled")
 
@@ -121,8 +114,6 @@ def truth_by(
 
 
 # --- counting --------------------------------------------------------------------------------------------------------
-#
-# Asking random queries, and counting what is wrong about the answers.
 
 CHUNK = 1_000_000  # queries at a time
 
@@ -165,17 +156,15 @@ def counted(
 
 
 # --- distances -------------------------------------------------------------------------------------------------------
-#
-# How tight a distance is: which points does it let through that are farther away than a radius, which rays and boxes
-# that do not meet the object?
 
-# By kind of query: called with a bounder, the length of rays and what else it is told, it returns how that is asked
-# about ``parts_of`` queries.
-ASKED: dict[str, Callable[[DistanceBounder, float, dict], Callable[..., wp.array]]] = {
-    POINT.name: lambda bounder, length, told: bounder.query,
-    RAY.name: lambda bounder, length, told: lambda x: bounder.rays(x, length=length, **told)[0],
-    BOX.name: lambda bounder, length, told: lambda lower, upper: bounder.boxes(lower, upper, **told),
+# By kind of query: called with a bounder, the length of rays and perhaps ``steps``, it returns how that is asked about
+# ``parts_of`` queries.
+ASKED: dict[str, Callable[..., Callable[..., wp.array]]] = {
+    POINT.name: lambda bounder, length: bounder.query,
+    RAY.name: lambda bounder, length, **steps: lambda x: bounder.rays(x, length=length, **steps)[0],
+    BOX.name: lambda bounder, length, **steps: lambda lower, upper: bounder.boxes(lower, upper, **steps),
 }
+OPTIONS = {POINT.name: ("radius",), RAY.name: ("length", "steps"), BOX.name: ("steps",)}  # of ``evaluate``
 
 
 def parts_of(query: str, x: np.ndarray) -> list[np.ndarray]:
@@ -197,28 +186,26 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
     return shape.dilated(radius).decide
 
 
-def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol: str, seed: int, told: dict) -> tuple:
-    """What is evaluated of a distance bounder: the truth, its shape, the shape to sample around, and its statistics."""
-    query = POINT.name if told["query"] is None else told["query"]
+def _of_distance(
+    bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol: str, seed: int, query: str, told: dict
+) -> tuple:
+    """What is evaluated of a distance: whose truth, around which shape, that truth, how it is asked, and more."""
     if query not in ASKED:
         raise QueryError(f"query of a distance must be one of {', '.join(ASKED)}, got {query!r}")
-    kind = QUERIES[query]
-    for name, taken in (("radius", not kind.is_region), ("length", kind.has_length), ("steps", kind.is_region)):
-        if told[name] is not None and not taken:
-            raise QueryError(f"{name} is not for {query} queries, got {name}={told[name]}")
-    for name in ("radius", "length"):
-        value = 0.0 if told[name] is None else told[name]
+    for name, value in told.items():
+        if name not in OPTIONS[query]:
+            raise QueryError(f"{name} is not for {query} queries, got {name}={value}")
         if isinstance(value, bool) or not isinstance(value, (int, float, np.number)) or not 0 <= value < np.inf:
-            raise QueryError(f"{name} must be a length of at least 0, got {value!r}")
-    if kind.is_region:
-        length = 1.0 if told["length"] is None else float(told["length"])
-        judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
-        queried = ASKED[query](bounder, length, {} if told["steps"] is None else {"steps": told["steps"]})
-        truth_of = truth_by(protocol, query, judge, bounder.device, length, seed)
-        return judge, judge, truth_of, lambda x: queried(*parts_of(query, x)), {"query": query}
-    radius = float(told["radius"] or 0.0)
-    judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
-    return judge, around, truth_of, lambda x: bounder.query(x, radius), {"query": query, "radius": radius}
+            raise QueryError(f"{name} must be a finite number of at least 0, got {value!r}")
+    if query == POINT.name:
+        radius = float(told.get("radius", 0.0))
+        judge, around, truth_of = judge_of_points(bounder, shape, fitted, radius)
+        return judge, around, truth_of, lambda x: bounder.query(x, radius), {"query": query, "radius": radius}
+    length = float(told.pop("length", 1.0))
+    ask = ASKED[query](bounder, length, **told)
+    judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
+    truth_of = truth_by(protocol, query, judge, bounder.device, length, seed)
+    return judge, judge, truth_of, lambda x: ask(*parts_of(query, x)), {"query": query}
 
 
 def _metric(bounder: DistanceBounder) -> str:
@@ -281,27 +268,26 @@ def evaluate(
     """
     if protocol not in PROTOCOLS:
         raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")
-    if isinstance(samples, bool) or not isinstance(samples, (int, np.integer)) or samples < 1:
-        raise QueryError(f"samples must be a whole number of at least 1, got {samples!r}")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise QueryError(f"seed must be a whole number of at least 0, got {seed!r}")
+    for name, value, least in (("samples", samples, 1), ("seed", seed, 0)):
+        if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
+            raise QueryError(f"{name} must be a whole number of at least {least}, got {value!r}")
     bounder, shape = in_local(bounder_of(bounder), shape)
-    told = {"radius": radius, "query": query, "length": length, "steps": steps}
+    told = {"radius": radius, "length": length, "steps": steps}
+    told = {name: value for name, value in told.items() if value is not None}
     if not bounder.of_distances:
-        for name, value in told.items():
-            if value is not None:
-                raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
+        for name, value in (told | ({} if query is None else {"query": query})).items():
+            raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
         shape = of_side(bounder, shape)
-    fitted, seed, query = as_fitted(bounder, shape), int(seed), bounder.query_kind
+    fitted, seed = as_fitted(bounder, shape), int(seed)
     if fitted.ndim != bounder.ndim:
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
     if bounder.of_distances:
-        judge, around, truth_of, ask, more = _of_distance(bounder, shape, fitted, protocol, seed, told)
-        query = more["query"]
+        query = POINT.name if query is None else query
+        judge, around, truth_of, ask, more = _of_distance(bounder, shape, fitted, protocol, seed, query, told)
     else:
+        query, ask, more = bounder.query_kind, bounder.query, {}
         around = judge = judge_of(shape, fitted, query, protocol)
         truth_of = truth_by(protocol, query, judge, bounder.device, bounder.domain.oracle_length, seed)
-        ask, more = bounder.query, {}
         if isinstance(fitted, Grid) and judge is not fitted:
             more["of_cells"] = oracle(query, fitted, bounder.device, bounder.domain.oracle_length)
     rng = np.random.default_rng(seed)
@@ -313,7 +299,7 @@ def evaluate(
         progress,
         protocol=protocol,
         seed=seed,
-        truth=reported_truth(judge, fitted),
+        truth=_truth_in_words(judge, fitted),
         indicator=fitted.digest,
         **more,
     )

@@ -551,7 +551,7 @@ def choose(arguments) -> dict:
     """What ``choose`` takes on the device, for a narrow phase as expensive as the closest point without a limit."""
     frame = np.load(arguments.data / "bunny.npz")
     shape, found = wb.shapes.Mesh(frame["vertices"], frame["faces"]), {}
-    options = {"methods": ("aabb", "kdop", "bvh", "mlp"), "networks": ((24, 24),), "margin": MARGIN}
+    options = {"methods": ("aabb", "kdop", "bvh", "mlp"), "margin": MARGIN}
     own = {f"mlp {w[0]}-{w[0]}, fitted longer": loaded(arguments, f"bunny-{w[0]}") for w in ((24, 24), (50, 50))}
     choice = wb.choose(
         shape, narrow_ns=4.5, device=arguments.device, budget=15.0, bounders=own, progress=False, **options

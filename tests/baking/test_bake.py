@@ -112,7 +112,7 @@ def test_warnings_are_notes_and_a_choice_may_be_that_none_pays(folder):
     trimesh.creation.box((1.0, 1.0, 1.0)).export(folder / "box.stl")
     settings = Settings({"method": "bvh", "resolution": 8, "margin": 0.01, "device": "cpu"}, samples=1000)
     assert "margin" in bake_shape(jobs(folder, settings)["box"])["note"]
-    arguments = {"narrow_ns": 0.0, "methods": ["aabb"], "networks": [], "budget": 1.0, "device": "cpu"}
+    arguments = {"narrow_ns": 0.0, "methods": ["aabb"], "budget": 1.0, "device": "cpu"}
     job = jobs(folder, Settings(arguments, samples=1000))["blob"]
     record = bake_shape(job)
     assert (record["method"], record["file"], record["error"]) == ("none", "", "")

@@ -18,7 +18,7 @@ def disk(tmp_path):
 
 def choose(capsys, disk, *options, price=5000, name="c"):
     output = disk.parent / f"{name}.safetensors"
-    words = ("-o", output, "--narrow-ns", price, "--budget", 4, "--networks", "none", "--methods", "aabb,bvh,obb,mlp")
+    words = ("-o", output, "--narrow-ns", price, "--budget", 4, "--methods", "aabb,bvh,obb")
     return output, run(capsys, "choose", disk, *words, *options)
 
 

@@ -57,7 +57,6 @@ BAD = {
     "stress {out} {c}": "No such command 'stress'; it is evaluate --stress now",
     "choose {c} --narrow-ns 1 --memory much " + NEW: "memory must be a number of bytes such as 16k or 4000, got 'much'",
     "choose {c} --narrow-ns 1 --workload {dir}/none.npy " + NEW: "does not exist",
-    "choose {c} --narrow-ns 1 --networks 24-24 " + NEW: "networks must be widths such as '24,24 50,50', or none",
     "choose {c} --narrow-ns 1 -o {notes}": "notes.txt",
     "choose {c} --narrow-ns 1 --checkpoint {c} " + NEW: "c.npy",
 }

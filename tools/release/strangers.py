@@ -21,7 +21,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 FIT = "budget=60.0"  # of the README's quickstart
 SHORT_FIT = "budget=3.0, steps=20"
-SHORT_CHOICE = ("--networks", "none", "--budget", "2")
+SHORT_CHOICE = ("--methods", "aabb,obb,kdop", "--budget", "2")
 MINUTE = 60.0  # seconds
 HELP = """
 import sys
