@@ -717,7 +717,7 @@ def choose(
     return (
         status,
         found,
-        f"{choice.queries:,} {whose} queries, {100 * choice.positives:.3g} % meet the object; {choice.device}",
+        f"{choice.queries:,} {whose} queries, {100 * choice.positives:.3g} % meet the object; {choice.about['device']}",
         *_table(choice),
         choice.why + ".",
         f"Best by the narrow phase's price: {'; '.join(f'{s.label} from {duration(s.price)}' for s in choice.prices)}",
