@@ -26,7 +26,8 @@ import trimesh
 
 import warp_bounding as wb
 from paper.results import versions
-from warp_bounding.baking.engine import Job, Record, Settings
+from warp_bounding.baking.engine import Job, Settings
+from warp_bounding.baking.library import Record
 
 WORKERS, SCHEDULER_PORT = 2, 18786
 CLUSTER_SHAPES, CLUSTER_CORES = 100_000, 1_000
@@ -211,7 +212,7 @@ def pace(work: Path, fit: dict) -> dict:
     record = Record(
         "shape0000", "shape0000.ply", "0" * 12, "0" * 12, "shape0000-000000000000.safetensors", "mlp", "point"
     )
-    job = Job(str(work / "shapes" / "shape0000.ply"), str(work / "calm"), record, Settings(fit))
+    job = Job(str(work / "shapes" / "shape0000.ply"), work / "calm", record, Settings(fit, {}, None, 1))
     with (
         distributed.LocalCluster(
             n_workers=WORKERS, threads_per_worker=1, dashboard_address=None, memory_limit=0

@@ -756,7 +756,8 @@ def bake(
 
     Example: warp-bounding bake meshes --output bounders --method mlp --hidden 24,24 --budget 20 --margin 0.01
     """
-    from warp_bounding.baking.engine import MANIFEST, SHEET, Settings, bake_with
+    from warp_bounding.baking import bake as bake_all
+    from warp_bounding.baking.engine import MANIFEST, SHEET
 
     quiet_warp(given["device"])
     if jobs is not None and scheduler is not None:
@@ -765,9 +766,9 @@ def bake(
     read_queries(queries)  # a file that holds none is told before
     own, options = inspect.signature(choose if choosing else fit).parameters, _bake_options()
     passed = {name: value for name, value in given.items() if name in own or value != options[name].default}
-    settings = Settings(arguments_of(passed), reading_of(given), queries and str(queries.resolve()), given["samples"])
+    passed = arguments_of(passed) | {"reading": reading_of(given), "workload": queries, "samples": given["samples"]}
     with bar("bake") as update:
-        done = bake_with(settings, folder, output, jobs=jobs, scheduler=scheduler, progress=update)
+        done = bake_all(folder, output, jobs=jobs, scheduler=scheduler, progress=update, **passed)
     for record in (record for record in done.records if record.error):
         warn(f"{record.source}: {record.error}")
     proven = sum(record.certificate == "proven" for record in done.records)

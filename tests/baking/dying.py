@@ -15,8 +15,7 @@ class DyingSettings(Settings):
     mark: str = ""
 
     def bounder(self, shape):
-        first = not Path(self.mark).exists()
-        if first or "deadly" in shape.name:
+        if shape != "." and (not Path(self.mark).exists() or "deadly" in shape.name):  # else it is a check of options
             Path(self.mark).touch()
             os.kill(os.getpid(), signal.SIGKILL)
         return super().bounder(shape)

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,13 +12,15 @@ import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
+from warp_bounding.baking import bake
 from warp_bounding.baking import engine as module
-from warp_bounding.baking.engine import SHEET, Job, Record, Settings, bake_shape, bake_with, jobs_of
+from warp_bounding.baking.engine import SHEET, Job, Settings, bake_shape, jobs_of
+from warp_bounding.baking.library import Record
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
 Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
-KDOP = Settings({"method": "kdop", "device": "cpu"}, samples=1000)
+KDOP = {"method": "kdop", "device": "cpu"}
 
 
 @pytest.fixture
@@ -31,20 +34,21 @@ def folder(tmp_path) -> Path:
     return tmp_path / "shapes"
 
 
-def jobs(folder: Path, settings: Settings = KDOP) -> dict[str, Job]:
+def jobs(folder: Path, **arguments) -> dict[str, Job]:
+    settings = Settings(arguments or KDOP, {}, None, 1000)
     return {job.record.name: job for job in jobs_of(folder, folder.parent / "out", settings)[0]}
 
 
 def in_this_process(monkeypatch) -> None:
     """Let bakes have no workers but this process."""
 
-    monkeypatch.setattr(module, "_ended", lambda open_, *_: (Record(**bake_shape(job)) for job in open_))
+    monkeypatch.setattr(module, "_ended", lambda open_, *_: map(bake_shape, open_))
 
 
 def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder, monkeypatch):
     in_this_process(monkeypatch)
     out = folder.parent / "out"
-    done = bake_with(KDOP, folder, out)
+    done = bake(folder, out, samples=1000, **KDOP)
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
     library = wb.baking.BounderLibrary(out, device="cpu")
     rows = {row["name"]: row for row in library.manifest}
@@ -59,20 +63,20 @@ def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder,
     assert (page.count("<article"), page.count("data:image/png;base64,"), page.count("http")) == (3, 2, 0)
 
     written = {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")}
-    again = bake_with(KDOP, folder, out)
+    again = bake(folder, out, samples=1000, **KDOP)
     assert (again.baked, again.kept, again.failed) == (0, 2, 1)
     assert {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")} == written
     job = jobs(folder)["blob"]
-    assert Record(**bake_shape(job)) == replace(job.done(), picture="")  # as Dask asks once more when a worker dies
-    job.record.path_in(out).write_text("{")
-    assert bake_with(KDOP, folder, out).baked == 1
-    other = bake_with(Settings({"method": "aabb", "device": "cpu"}, samples=1000), folder, out)
+    assert bake_shape(job) == replace(job.done(), picture="")  # as Dask asks once more when a worker dies
+    (out / "records" / f"{job.key}.json").write_text("{")
+    assert bake(folder, out, samples=1000, **KDOP).baked == 1
+    other = bake(folder, out, method="aabb", device="cpu", samples=1000)
     assert (other.baked, other.kept, len(wb.baking.BounderLibrary(out))) == (2, 0, 4)  # both stay
 
 
 def test_names_tell_shapes_settings_and_version_apart(folder, monkeypatch):
     def names(**more):
-        return {job.record.hash for job in jobs(folder, Settings({"method": "kdop", **more})).values()}
+        return {job.record.hash for job in jobs(folder, method="kdop", **more).values()}
 
     before = names()
     assert names() == before
@@ -99,41 +103,39 @@ def test_whatever_a_shape_does_is_a_record_and_a_full_disk_is_none(folder, monke
     job = jobs(folder)["blob"]
     with monkeypatch.context() as patched:
         patched.setattr(Settings, "bounder", fails)
-        assert bake_shape(job)["error"] == "MemoryError: no room at all"
-    assert Record.read(job.record.path_in(Path(job.out))).error
+        assert bake_shape(job).error == "MemoryError: no room at all"
+    assert Record.read(job.out / "records" / f"{job.key}.json").error
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(FileFormatError, match="No space left on device"):
         bake_shape(job)
-    assert not list(Path(job.out).glob("*.safetensors"))
+    assert not list(job.out.glob("*.safetensors"))
 
 
 def test_warnings_are_notes_and_a_choice_may_be_that_none_pays(folder):
     trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
     trimesh.creation.box((1.0, 1.0, 1.0)).export(folder / "box.stl")
-    settings = Settings({"method": "bvh", "resolution": 8, "margin": 0.01, "device": "cpu"}, samples=1000)
-    assert "margin" in bake_shape(jobs(folder, settings)["box"])["note"]
+    assert "margin" in bake_shape(jobs(folder, method="bvh", resolution=8, margin=0.01, device="cpu")["box"]).note
     arguments = {"narrow_ns": 0.0, "methods": ["aabb"], "budget": 1.0, "device": "cpu"}
-    job = jobs(folder, Settings(arguments, samples=1000))["blob"]
+    job = jobs(folder, **arguments)["blob"]
     record = bake_shape(job)
-    assert (record["method"], record["file"], record["error"]) == ("none", "", "")
+    assert (record.method, record.file, record.error) == ("none", "", "")
     assert job.done() is not None
 
 
 @pytest.mark.parametrize(
-    ("settings", "told"),
+    ("options", "told"),
     [
-        (Settings({"method": "nothing"}), "method must be one of"),
-        (Settings({"methd": "kdop"}), "there is no option 'methd'; did you mean 'method'"),
-        (Settings({"budget": 0}), "budget must be a positive number"),
-        (Settings({"query": "distance", "method": "kdop", "leaves": 5}), "kdop takes no option 'leaves'"),
-        (Settings({"narrow_ns": -1.0}), "narrow_ns must be"),
-        (Settings({"narrow_ns": 1.0, "k": 14}), "unexpected keyword argument 'k'"),
-        (Settings(workload="none.npy"), "No such file"),
+        ({"method": "nothing"}, "method must be one of"),
+        ({"methd": "kdop"}, "there is no option 'methd'; did you mean 'method'"),
+        ({"narrow_ns": -1.0}, "narrow_ns must be"),
+        ({"narrow_ns": 1.0, "k": 14}, "unexpected keyword argument 'k'"),
+        ({"workload": "none.npy"}, "No such file"),
+        ({"jobs": 0}, "jobs must be"),
     ],
 )
-def test_what_is_wrong_for_every_shape_is_told_before(folder, settings, told):
+def test_what_is_wrong_for_every_shape_is_told_before(folder, options, told):
     with pytest.raises(BoundingError, match=told):
-        bake_with(settings, folder, folder.parent / "out")
+        bake(folder, folder.parent / "out", progress=False, **options)
     assert not (folder.parent / "out").exists()
 
 
@@ -141,40 +143,35 @@ def test_folders_are_looked_through(folder):
     for inside in ("inside", ".hidden"):
         (folder / inside).mkdir()
         np.save(folder / inside / "a.npy", np.eye(3))
-    found, foreign = jobs_of(folder, folder / "out", KDOP)
+    settings = Settings(KDOP, {}, None, 1000)
+    found, foreign = jobs_of(folder, folder / "out", settings)
     assert [job.record.source for job in found] == ["blob.npy", "broken.stl", "star.npy", "inside/a.npy"]
     assert foreign == 1
     (folder / "empty").mkdir()
     with pytest.raises(ShapeError, match="no shapes, expected files of"):
-        jobs_of(folder / "empty", folder, KDOP)
+        jobs_of(folder / "empty", folder, settings)
     with pytest.raises(ShapeError, match="no such folder"):
-        jobs_of(folder / "none", folder, KDOP)
+        jobs_of(folder / "none", folder, settings)
 
 
 def test_a_bake_has_a_folder_of_its_own(folder):
     (other := folder.parent / "other").mkdir()
     (other / "manifest.csv").write_text("mine")
     with pytest.raises(FileFormatError, match="holds other files"):
-        wb.baking.bake(folder, other, method="kdop", progress=False)
+        bake(folder, other, method="kdop", progress=False)
     assert (other / "manifest.csv").read_text() == "mine"
     with pytest.raises(BounderError, match="another folder than that of the shapes"):
-        wb.baking.bake(folder, folder, method="kdop", progress=False)
-    with pytest.raises(BoundingError, match="jobs must be"):
-        wb.baking.bake(folder, folder.parent / "out", progress=False, jobs=0)
+        bake(folder, folder, method="kdop", progress=False)
 
 
 # --- on processes of this machine ------------------------------------------------------------------------------------
 
 
-def bake_dying(folder: Path):
+def test_a_worker_that_is_killed_loses_nothing(folder, monkeypatch):
     from dying import DyingSettings
 
-    settings = DyingSettings(KDOP.arguments, samples=1000, mark=str(folder.parent / "mark"))
-    return bake_with(settings, folder, folder.parent / "out", jobs=1, progress=False)
-
-
-def test_a_worker_that_is_killed_loses_nothing(folder):
-    done = bake_dying(folder)
+    monkeypatch.setattr(module, "Settings", partial(DyingSettings, mark=str(folder.parent / "mark")))
+    done = bake(folder, folder.parent / "out", jobs=1, progress=False, samples=1000, **KDOP)
     assert (folder.parent / "mark").exists()
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)
     assert ["got none" in record.error for record in done.records] == [False, True, False]

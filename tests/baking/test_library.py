@@ -24,9 +24,6 @@ def test_nothing_is_loaded_before_it_is_asked(tmp_path):
     assert "bad" in library
     with pytest.raises(FileFormatError, match=r"bad\.safetensors"):
         library["bad"]
-    (tmp_path / "manifest.csv").write_text("nothing\n")
-    with pytest.raises(FileFormatError, match="no manifest of a bake"):
-        _ = library.manifest
     with pytest.raises(FileFormatError, match="no such folder"):
         wb.baking.BounderLibrary(tmp_path / "none")
 

@@ -23,11 +23,11 @@ from dataclasses import asdict, dataclass, field, replace
 from inspect import signature
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from warp_bounding.baking.library import COLUMNS, HASH_DIGITS, MANIFEST
+from warp_bounding.baking.library import HASH_DIGITS, MANIFEST, RECORDS, Record
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, QueryError, ShapeError
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress, quiet_warp, reported
@@ -38,7 +38,7 @@ from warp_bounding.shapes.formats.load import READERS
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES
 from warp_bounding.version import __version__
 
-__all__ = ["SAMPLES", "SHEET", "Baked", "Job", "Record", "Settings", "bake", "bake_with"]
+__all__ = ["SAMPLES", "SHEET", "Baked", "Job", "Settings", "bake"]
 
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
 DEATHS = 10  # of workers under the same task, after which it is given up: it would go on for ever
@@ -46,21 +46,21 @@ CONNECT_SECONDS = 15
 # Each task has one core: the library's own threads, and those of the libraries below it.
 THREADS = ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 ONE_THREAD = dict.fromkeys(THREADS, "1")
-RECORDS, SHEET = "records", "contact-sheet.html"  # in the folder of a bake
+SHEET = "contact-sheet.html"  # in the folder of a bake
 RECORD_FILE, MANIFEST_FILE = FileKind(".json", 0, b"{"), FileKind(".csv", 0, b"name")
 
 
-# --- settings, records and jobs --------------------------------------------------------------------------------------
+# --- settings and jobs -----------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Settings:
     """How each shape is baked: a method is fitted to all of them, or a bounder is chosen for each."""
 
-    arguments: Mapping[str, Any] = field(default_factory=dict)  # of ``fit``, or with ``narrow_ns`` of ``choose``
-    reading: Mapping[str, Any] = field(default_factory=dict)  # keyword arguments of ``load_shape``
-    workload: str | None = None  # a .npy file of the caller's own queries, absolute, which every worker can read
-    samples: int = SAMPLES  # random queries that false positives are counted on
+    arguments: Mapping[str, Any]  # of ``fit``, or with ``narrow_ns`` of ``choose``
+    reading: Mapping[str, Any]  # keyword arguments of ``load_shape``
+    workload: str | None  # a .npy file of the caller's own queries, absolute, which every worker can read
+    samples: int  # random queries that false positives are counted on
 
     def bounder(self, shape):
         """Make the bounder of a shape; ``None`` where none is the best choice. Raises as ``fit`` and ``choose`` do."""
@@ -76,11 +76,6 @@ class Settings:
         found = function(shape, workload=workload, progress=False, **self.arguments)
         return found if name == "fit" else found.bounder
 
-    def check(self) -> None:
-        """Refuse what would be wrong for every shape, before any is read; raises as ``fit`` and ``choose`` do."""
-        with contextlib.suppress(ShapeError):  # a folder is no shape, and nothing else is wrong
-            Settings.bounder(self, ".")
-
     @property
     def digest(self) -> str:
         """Of all that makes a difference to what is baked; of a file of queries its content."""
@@ -91,61 +86,28 @@ class Settings:
             raise BounderError(f"options of a bake must be numbers, texts and lists of them: {error}") from error
 
 
-@dataclass(frozen=True)
-class Record:
-    """What is known of one shape under one set of settings, kept as a file of its own."""
-
-    name: str  # the shape's file without its extension
-    source: str  # its path, relative to the folder that was baked
-    hash: str  # of shape, settings and version
-    settings: str  # hash of the settings alone
-    file: str = ""  # the bounder's, in the folder of the bake; empty where there is none
-    method: str = ""  # "none" where a choice said that none pays; empty after an error
-    query: str = ""  # the kind of query that the bounder answers
-    bytes: int = 0  # that one query can read (``Bounder.nbytes``)
-    certificate: str = ""  # its kind; empty where there is none
-    fp_rate: float | None = None  # false positives, per cent of the samples; ``None`` where they were not counted
-    seconds: float = 0.0  # that the task took, all in all
-    error: str = ""  # why there is no bounder, in one line
-    note: str = ""  # what the library warned of, in one line
-    picture: str = ""  # a PNG in base64
-
-    def path_in(self, folder: Path) -> Path:
-        """Where the record is, in the folder of a bake."""
-        return folder / RECORDS / f"{self.name}-{self.hash}.json"
-
-    @classmethod
-    def read(cls, path: Path) -> "Record | None":
-        """The record of a file; ``None`` if there is none, and the shape is then baked anew."""
-        try:
-            return cls(**json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
-            return None
-
-
-@dataclass(frozen=True)
-class Job:
+class Job(NamedTuple):
     """One shape to bake."""
 
     path: str  # the shape's file, absolute
-    out: str  # the folder of the bake, absolute
+    out: Path  # the folder of the bake, absolute
     record: Record  # what is known of it before
     settings: Settings
 
     @property
-    def bounder_path(self) -> Path:
-        """Where the bounder goes."""
-        return Path(self.out) / f"{self.record.name}-{self.record.hash}{BOUNDER_FILE.suffix}"
+    def key(self) -> str:
+        """The stem of its files."""
+        return f"{self.record.name}-{self.record.hash}"
 
     def done(self) -> Record | None:
         """Its record, if it was baked without an error and its bounder is there; else ``None``."""
-        record = Record.read(self.record.path_in(Path(self.out)))
-        finished = record and not record.error and (not record.file or self.bounder_path.exists())
+        record = Record.read(self.out / RECORDS / f"{self.key}.json")
+        finished = record and not record.error and (not record.file or (self.out / record.file).exists())
         return record if finished else None
 
     def end(self, record: Record) -> Record:
         """Write its record, whole or not at all; raises ``FileFormatError`` if it cannot be written."""
-        write_whole(record.path_in(Path(self.out)), json.dumps(asdict(record), indent=1).encode(), RECORD_FILE)
+        write_whole(self.out / RECORDS / f"{self.key}.json", json.dumps(asdict(record), indent=1).encode(), RECORD_FILE)
         return record
 
 
@@ -157,18 +119,17 @@ def jobs_of(folder: Path, out: Path, settings: Settings) -> tuple[list[Job], int
     """
     if not folder.is_dir():
         raise ShapeError(f"{folder}: {'a file, expected a folder' if folder.exists() else 'no such folder'}")
-    jobs, foreign, about = {}, 0, settings.digest
+    jobs, foreign, about, out = {}, 0, settings.digest, out.resolve()
     for where, folders, names in os.walk(folder):
         inside = Path(where)
-        folders[:] = sorted(f for f in folders if not f.startswith(".") and (inside / f).resolve() != out.resolve())
+        folders[:] = sorted(f for f in folders if not f.startswith(".") and (inside / f).resolve() != out)
         for path in (inside / name for name in sorted(names) if not name.startswith(".")):
             if not path.is_file() or path.suffix.lower() not in READERS:
                 foreign += path.is_file()
                 continue
             own = short_digest([shape_digest(path), about])
-            record = Record(path.stem, str(path.relative_to(folder)), own, about)
-            # the same file under the same name twice is one
-            jobs[record.name, own] = Job(str(path.resolve()), str(out.resolve()), record, settings)
+            job = Job(str(path.resolve()), out, Record(path.stem, str(path.relative_to(folder)), own, about), settings)
+            jobs[job.key] = job  # the same file under the same name twice is one
     if not jobs:
         expected = f"expected files of {' '.join(READERS)}; got {foreign} of other kinds"
         raise ShapeError(f"{folder}: no shapes, {expected}")
@@ -203,7 +164,7 @@ def shape_digest(path: Path) -> str:
 # --- what a worker does ----------------------------------------------------------------------------------------------
 
 
-def bake_shape(job: Job) -> dict[str, Any]:
+def bake_shape(job: Job) -> Record:
     """Bake one shape, unless that has been done: Dask repeats tasks whose results were lost when a worker died.
 
     Returns the record, without the picture, which only the file has. Raises ``FileFormatError`` if the folder cannot be
@@ -215,10 +176,10 @@ def bake_shape(job: Job) -> dict[str, Any]:
         quiet_warp()
         bounder, record = _made(job)
         if bounder is not None:
-            bounder.save(job.bounder_path)
-            record = replace(record, file=job.bounder_path.name)
+            record = replace(record, file=f"{job.key}{BOUNDER_FILE.suffix}")
+            bounder.save(job.out / record.file)
         record = job.end(replace(record, seconds=round(time.perf_counter() - started, 3)))
-    return vars(replace(record, picture=""))
+    return replace(record, picture="")
 
 
 def _made(job: Job) -> tuple[Any, Record]:
@@ -235,7 +196,7 @@ def _made(job: Job) -> tuple[Any, Record]:
                 return None, replace(record, method="none", note="no bounder pays")
             rates, drawn = evaluate(bounder, shape, samples=settings.samples), picture(bounder, shape)
         except Exception as error:  # whatever a file makes a reader, a fit or a proof do: the others go on
-            text = " ".join(str(error).split()).removeprefix(f"{job.path}: ").removeprefix(f"{Path(job.path).name}: ")
+            text = " ".join(str(error).split()).removeprefix(f"{job.path}: ")
             known = isinstance(error, BoundingError) and text
             return None, replace(record, error=text if known else f"{type(error).__name__}: {text}".rstrip(": "))
     notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught if issubclass(w.category, BoundingWarning))
@@ -252,7 +213,7 @@ def dask_setup(worker: object) -> None:
 
 
 SIDE, WALL = 72, 3  # pixels of a slice, and between two
-COLOURS = {"no": (0, 0, 0, 0), "maybe": (224, 122, 31, 255), "object": (45, 84, 122, 255)}  # RGBA; no is transparent
+COLOURS = {"no": (255, 255, 255), "maybe": (224, 122, 31), "object": (45, 84, 122)}  # RGB; no is transparent
 
 
 def picture(bounder, shape) -> bytes:
@@ -264,24 +225,19 @@ def picture(bounder, shape) -> bytes:
 
     from warp_bounding.views import view_of
 
-    first, slices = int(shape.time), []
-    middle = ((shape.lower + shape.upper) / 2).tolist()
-    times = middle[:first]
-    try:
-        for pair in combinations(range(first, min(shape.ndim, first + 3)), 2):
-            held = {axis: middle[axis] for axis in range(first, shape.ndim) if axis not in pair}
-            state = view_of(bounder, shape, radii=[0.0], times=times, held=held, resolution=SIDE, samples=1).states[0]
-            seen = np.where(state.object, 2, state.bound).T[::-1]
-            slices += [seen, np.zeros((len(seen), WALL))]
-    except QueryError:
-        slices = []
-    if not slices:
-        return b""
-    high = max(len(each) for each in slices)
-    slices = [np.pad(each, ((0, high - len(each)), (0, 0))) for each in slices[:-1]]
+    first, middle, slices = int(shape.time), ((shape.lower + shape.upper) / 2).tolist(), []
+    given = {"radii": [0.0], "times": middle[:first], "resolution": SIDE, "samples": 1}
+    for pair in combinations(range(first, min(shape.ndim, first + 3)), 2):
+        held = {axis: middle[axis] for axis in range(first, shape.ndim) if axis not in pair}
+        try:
+            state = view_of(bounder, shape, held=held, **given).states[0]
+        except QueryError:
+            return b""
+        seen = np.where(state.object, 2, state.bound).T[::-1]
+        slices.append(np.pad(seen, ((0, SIDE - len(seen)), (0, WALL))))
     image, file = Image.fromarray(np.hstack(slices).astype(np.uint8), mode="P"), io.BytesIO()
-    image.putpalette([value for colour in COLOURS.values() for value in colour[:3]])
-    image.save(file, "PNG", transparency=bytes(colour[3] for colour in COLOURS.values()), optimize=True)
+    image.putpalette([value for colour in COLOURS.values() for value in colour])
+    image.save(file, "PNG", transparency=0, optimize=True)
     return file.getvalue()
 
 
@@ -289,12 +245,11 @@ def picture(bounder, shape) -> bytes:
 
 
 def write_manifest(out: Path, records: list[Record]) -> None:
-    """Write a row for each record, by source and settings."""
+    """Write a row for each record, for people and their spreadsheets."""
     text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for record in sorted(records, key=lambda r: (r.source, r.settings, r.hash)):
-        writer.writerow(["" if (value := getattr(record, name)) is None else value for name in COLUMNS])
+    writer = csv.DictWriter(text, Record("", "", "", "").row)
+    writer.writeheader()
+    writer.writerows(record.row for record in records)
     write_whole(out / MANIFEST, text.getvalue().encode(), MANIFEST_FILE)
 
 
@@ -319,8 +274,8 @@ def write_sheet(out: Path, records: list[Record]) -> None:
     baked = [record for record in records if record.file]
     failed, proven = sum(bool(r.error) for r in records), sum(r.certificate == "proven" for r in baked)
     head = f"{len(records)} shapes, {len(baked)} with a bounder, {proven} of them proven; {failed} failed"
-    cards = "\n".join(_card(record) for record in sorted(records, key=lambda r: (not r.error, r.source, r.settings)))
-    colours = {name: f"rgb{COLOURS[name][:3]}" for name in ("object", "maybe")}
+    cards = "\n".join(_card(record) for record in sorted(records, key=lambda r: not r.error))
+    colours = {name: f"rgb{COLOURS[name]}" for name in ("object", "maybe")}
     write_whole(out / SHEET, PAGE.format(head=head, cards=cards, **colours).encode(), PAGE_FILE)
 
 
@@ -405,28 +360,15 @@ def bake(
         >>> done.baked, done.failed, wb.baking.BounderLibrary("bounders", device="cpu").names
         (1, 0, ['ball'])
     """
-    settings = Settings(options, reading or {}, None if workload is None else str(Path(workload).resolve()), samples)
-    return bake_with(settings, folder, out, jobs=jobs, scheduler=scheduler, progress=progress)
-
-
-def bake_with(
-    settings: Settings,
-    folder: str | Path,
-    out: str | Path,
-    *,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    progress: Progress | bool | None = None,
-) -> Baked:
-    """``bake`` with settings."""
-    folder, out, started = Path(folder), Path(out), time.perf_counter()
+    folder, out, started = Path(folder), Path(out).resolve(), time.perf_counter()
     if jobs is not None and (isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1):
         raise BounderError(f"jobs must be a whole number of at least 1, got {jobs!r}")
-    if folder.resolve() == out.resolve():
+    if folder.resolve() == out:
         raise BounderError(f"{out}: expected another folder than that of the shapes")
-    settings.check()
+    settings = Settings(options, reading or {}, None if workload is None else str(Path(workload).resolve()), samples)
+    with contextlib.suppress(ShapeError):  # a folder is no shape; what else is wrong would be so for every shape
+        settings.bounder(".")
     every, foreign = jobs_of(folder, out, settings)
-    out = out.resolve()
     if out.exists() and not (out / RECORDS).is_dir() and (not out.is_dir() or any(out.iterdir())):
         raise FileFormatError(f"{out}: holds other files, expected a new folder or one of a bake")
     check_writable(out / MANIFEST)
@@ -440,11 +382,11 @@ def bake_with(
                 done.failed, done.baked = done.failed + bool(record.error), done.baked + (not record.error)
                 if update:
                     update(done.baked + done.failed, len(open_), f"{record.source}: {record.error or record.method}")
-        finally:  # Ctrl-C, and whatever else ends it: what is there is listed
-            found = {path: Record.read(path) for path in sorted((out / RECORDS).glob("*.json"))}
-            done.records = [found.get(job.record.path_in(out)) or job.record for job in every]
+        finally:  # Ctrl-C, and whatever else ends it: what is there is listed, of other settings, too
+            records = Record.all_of(out)
+            found = {(record.name, record.hash): record for record in records}
+            done.records = [found.get((job.record.name, job.record.hash), job.record) for job in every]
             done.seconds = time.perf_counter() - started
-            records = [record for record in found.values() if record]  # those of other settings, too
             write_manifest(out, records)
             write_sheet(out, records)
     return done
@@ -456,11 +398,11 @@ def _ended(open_: list[Job], jobs: int | None, scheduler: str | None) -> Iterato
         import distributed
 
         client.run(os.getpid, on_error="return")  # Dask restarts no worker that dies before its first answer
-        by_key = {f"bake-{job.bounder_path.stem}": job for job in open_}
+        by_key = {f"bake-{job.key}": job for job in open_}
         for future in distributed.as_completed(client.map(bake_shape, open_, key=list(by_key), pure=False)):
             error = future.exception() if future.status == "error" else None
             if future.status == "finished":
-                yield Record(**future.result())
+                yield future.result()
             elif isinstance(error, distributed.KilledWorker):
                 job, why = by_key[future.key], "every worker that fitted it died (killed, out of memory, or a crash)"
                 yield job.end(replace(job.record, error=why))
@@ -489,15 +431,11 @@ def _connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
         "logging.distributed": "critical",
     }
     with contextlib.ExitStack() as stack:
-        for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
-            logger = logging.getLogger(name)  # of workers that die and connections that are lost what matters is told
-            stack.callback(logger.setLevel, logger.level)
-            logger.setLevel(logging.CRITICAL)
         stack.enter_context(dask.config.set(own))
         try:
             if scheduler is None:
-                workers = {"n_workers": jobs or cpu_threads(), "threads_per_worker": 1, "processes": True}
-                workers |= {"memory_limit": 0, "silence_logs": logging.CRITICAL, "env": ONE_THREAD, "preload": __name__}
+                workers = {"n_workers": jobs or cpu_threads(), "threads_per_worker": 1, "memory_limit": 0}
+                workers |= {"silence_logs": logging.CRITICAL, "env": ONE_THREAD, "preload": __name__}
                 cluster = distributed.LocalCluster(**workers, dashboard_address="127.0.0.1:0")
                 client = distributed.Client(stack.enter_context(cluster))
             else:

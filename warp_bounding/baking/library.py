@@ -6,11 +6,11 @@ asks: bounders of equal sizes share one ``wp.Func`` and differ in their data, so
 ``wp.static(group.func)(group.data[group.slots[s]], q)`` asks bounder s.
 """
 
-import csv
+import json
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
@@ -27,27 +27,50 @@ from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, unique_name, vector_type
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, file_path
 
-__all__ = ["COLUMNS", "HASH_DIGITS", "MANIFEST", "BounderGroup", "BounderLibrary", "BounderStack"]
+__all__ = ["HASH_DIGITS", "MANIFEST", "RECORDS", "BounderGroup", "BounderLibrary", "BounderStack", "Record"]
 
-MANIFEST = "manifest.csv"
-# What a row of the manifest has, and how it is read back.
-COLUMNS = {
-    "name": str,
-    "source": str,
-    "hash": str,
-    "settings": str,
-    "file": str,
-    "method": str,
-    "query": str,
-    "bytes": int,
-    "certificate": str,
-    "fp_rate": lambda text: float(text) if text else None,
-    "seconds": float,
-    "error": str,
-    "note": str,
-}
+MANIFEST, RECORDS = "manifest.csv", "records"  # in the folder of a bake
 HASH_DIGITS = 12  # hexadecimal: two of 10^5 shapes share them with a probability of 2e-5
 KEY = re.compile(rf"(.+)-([0-9a-f]{{{HASH_DIGITS}}})")  # name-hash, of a baked file
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of one shape under one set of settings, kept as a file of its own in the folder of a bake."""
+
+    name: str  # the shape's file without its extension
+    source: str  # its path, relative to the folder that was baked
+    hash: str  # of shape, settings and version
+    settings: str  # hash of the settings alone
+    file: str = ""  # the bounder's, in the folder of the bake; empty where there is none
+    method: str = ""  # "none" where a choice said that none pays; empty after an error
+    query: str = ""  # the kind of query that the bounder answers
+    bytes: int = 0  # that one query can read (``Bounder.nbytes``)
+    certificate: str = ""  # its kind; empty where there is none
+    fp_rate: float | None = None  # false positives, per cent of the samples; ``None`` where they were not counted
+    seconds: float = 0.0  # that the task took, all in all
+    error: str = ""  # why there is no bounder, in one line
+    note: str = ""  # what the library warned of, in one line
+    picture: str = ""  # a PNG in base64
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """All but the picture."""
+        return {name: value for name, value in asdict(self).items() if name != "picture"}
+
+    @classmethod
+    def read(cls, path: Path) -> "Record | None":
+        """The record of a file; ``None`` if there is none, and the shape is then baked anew."""
+        try:
+            return cls(**json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            return None
+
+    @classmethod
+    def all_of(cls, folder: Path) -> "list[Record]":
+        """Those in the folder of a bake, by source."""
+        found = filter(None, map(cls.read, (folder / RECORDS).glob("*.json")))
+        return sorted(found, key=lambda record: (record.source, record.settings, record.hash))
 
 
 class BounderLibrary(Picklable, Mapping):
@@ -124,28 +147,14 @@ class BounderLibrary(Picklable, Mapping):
 
     @cached_property
     def manifest(self) -> list[dict[str, Any]]:
-        """A row for each shape that was baked, those with an error too; see the guide of ``bake`` for its columns.
-
-        Raises:
-            FileFormatError: If the manifest is not one.
+        """A row for each shape that was baked, those with an error too; fields as of ``library.Record``.
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
             >>> wb.baking.BounderLibrary("bounders").manifest  # of a folder that no bake wrote
             []
         """
-        path = self.folder / MANIFEST
-        if not path.exists():
-            return []
-        try:
-            with path.open(encoding="utf-8", newline="") as file:
-                rows = csv.DictReader(file)
-                if rows.fieldnames != list(COLUMNS):
-                    got = ", ".join(rows.fieldnames or ["none"])
-                    raise ValueError(f"expected the columns {', '.join(COLUMNS)}, got {got}")
-                return [{name: read(row[name]) for name, read in COLUMNS.items()} for row in rows]
-        except (OSError, ValueError) as error:
-            raise FileFormatError(f"{path}: no manifest of a bake ({error})") from error
+        return [record.row for record in Record.all_of(self.folder)]
 
     def stack(self, names: Iterable[str] | None = None) -> "BounderStack":
         """Bounders that are queried together, by number; all of the library if ``None``.
