@@ -58,7 +58,7 @@ def prepare(folder: Path) -> None:
     low, high = mesh.sample_lower, mesh.sample_upper
     np.savez(folder / "frame.npz", low=low, high=high)
     for widths in NETWORKS:
-        bounder, _ = network(Domain.of(wb.shapes.Box(low, high)), "sin", widths)
+        bounder, _ = network(Domain.of(wb.shapes.Function(lambda x: x[:, 0] > 0, low, high)), "sin", widths)
         bounder.save(folder / f"points-{widths[0]}.safetensors")
     for method, options in (("bvh", {"leaves": 64}), ("kdop", {})):
         wb.fit(bunny, method=method, margin=MARGIN, **options).save(folder / f"points-{method}.safetensors")

@@ -25,7 +25,7 @@ WIDE, NARROW = (1440, 1000), (390, 844)  # pixels: a desk, a telephone
 PHOTOGRAPHED = (
     "index", "overview", "get-started", "which-bounder", "gallery", "guide", "guide/distances", "proofs", "claims",
         "simulations", "tables",
-    "architecture", "api/index", "api/bounders", "api/solids", "notebooks/05_proofs", "results/meshes/index",
+    "architecture", "api/index", "api/bounders", "notebooks/05_proofs", "results/meshes/index",
         "changelog",
 )  # fmt: skip
 SEARCHES = {

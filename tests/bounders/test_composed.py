@@ -10,6 +10,7 @@ import trimesh
 import warp as wp
 from asking import ask
 from bounding_shapes import domain_points, fitted, fitted_ball, object_points, report_of, shape
+from plain_shapes import ball_at
 from region_cases import hard_regions
 from rewriting import rewrite
 
@@ -193,7 +194,7 @@ def test_what_cannot_be_put_together():
             of.piece([held])
 
 
-BALL = wb.shapes.Sphere((0.2, 0.1, 0.0), 0.7)
+BALL = ball_at((0.2, 0.1, 0.0), 0.7)
 
 
 @cache
@@ -391,7 +392,7 @@ def test_a_file_that_lies_about_pieces(tmp_path):
     ],
 )
 def test_a_hierarchy_is_proven(told, parts):
-    ball = wb.shapes.Sphere((0.2, 0.1), 0.7)
+    ball = ball_at((0.2, 0.1), 0.7)
     tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
     assert {each.method for part in tree.parts for each in part.parts} == parts
     assert tree.certificate.proven
@@ -414,7 +415,7 @@ def test_a_hierarchy_is_proven(told, parts):
 )
 def test_what_a_hierarchy_refuses(told, message):
     with pytest.raises(wb.BoundingError, match=message):
-        wb.hierarchy(wb.shapes.Sphere((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
+        wb.hierarchy(ball_at((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
 
 
 def test_a_union_around_a_shape_that_moves(rng):
@@ -569,7 +570,7 @@ def test_a_cascade_of_inner_bounders_is_one():
 
 
 def test_bad_input_has_one_clear_error():
-    outer, solid = fit(sided("touching")), wb.shapes.Sphere([0, 0], 0.7)
+    outer, solid = fit(sided("touching")), ball_at([0, 0], 0.7)
     for one, other, message in (
         (outer, outer, "inner must be fitted with side='inside'"),
         (inner("touching"), inner("touching"), "outer must be fitted with side='outside'"),

@@ -8,6 +8,7 @@ import pytest
 import warp as wp
 from bounding_shapes import crossed
 from distances import THINGS, TOLD, far, points_around, squared_distance_to_cells, thing
+from plain_shapes import box_of
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
@@ -127,7 +128,7 @@ def test_what_only_touches_the_objects_box_is_not_cut_off(method, rng):
     """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass
     one along an axis, or are as near as the radius."""
     lower, upper = np.sort(rng.normal(size=(2, 3)).astype(np.float32), axis=0)
-    bounder = wb.fit(wb.shapes.Box(lower, upper), "distance", method, device="cpu")
+    bounder = wb.fit(box_of(lower, upper), "distance", method, device="cpu")
     count = 3000
     p = np.clip(rng.normal(size=(count, 3)) * 2, lower, upper).astype(np.float32)
     axis, side = rng.integers(3, size=count), rng.integers(2, size=count)

@@ -17,6 +17,7 @@ from bounding_shapes import (
     report_of,
     shape,
 )
+from plain_shapes import box_of
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -158,7 +159,7 @@ def x(rng):
 
 @pytest.mark.parametrize("dtype", ["u1", "i8", ">i4"])
 def test_whole_numbers_that_float32_holds_exactly(dtype):
-    solid = wb.shapes.Box([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
+    solid = box_of([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
     bounder, whole = wb.fit(solid, method="aabb", device="cpu"), np.indices((4, 4, 4)).reshape(3, -1).T
     expected = bounder.query(whole.astype(np.float32)).numpy()
     assert set(expected) == {0, 1}

@@ -6,16 +6,16 @@ import time
 
 import numpy as np
 import pytest
+from plain_shapes import ball_at, box_of
 
 import warp_bounding as wb
 from warp_bounding import choice as module
 from warp_bounding.choice import cost_plot
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.shapes import Box, Sphere
 
 DISK = np.linalg.norm(np.indices((12, 12)) - 5.5, axis=0) < 5  # of cells: fitted in no time
-BALL = Sphere([0.0, 0.0, 0.0], 1.0).to_grid(resolution=12)
+BALL = ball_at([0.0, 0.0, 0.0], 1.0).to_grid(resolution=12)
 QUIET = {"device": "cpu", "progress": False}
 SMALL = {**QUIET, "budget": 240.0, "methods": ("aabb", "obb", "bvh")}
 
@@ -152,7 +152,7 @@ def test_bad_input_is_refused_in_one_line(given, error, words):
 
 # --- the budget: fits are boxes that let the clock go on, so that no machine is too slow for what is asserted --------
 
-BLOCK = Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
+BLOCK = box_of([0.0, 0.0, 0.0], [1.0, 1.0, 1.0])
 GIVEN = {"narrow_ns": 1e5, "workload": np.random.default_rng(5).uniform(-2, 2, (4000, 3)).astype(np.float32), **QUIET}
 SECONDS = {"aabb": 2.0, "sphere": 3.0, "kdop": 200.0, "voxels": 0.1}  # of a fit and its proof
 

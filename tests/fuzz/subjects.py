@@ -1,7 +1,7 @@
 """Honest bounders to be spoilt.
 
 Every method and kind of query on small grids in 2D, 3D and 4D (animated), and what ``load`` accepts besides: bounders
-of meshes, motions, functions, solids and arms, of either side, dilated, in parts, and of several parts.
+of meshes, motions, functions and arms, of either side, dilated, in parts, and of several parts.
 """
 
 from collections.abc import Callable
@@ -12,6 +12,7 @@ import numpy as np
 import trimesh
 from bounding_shapes import EARLY, HIDDEN, random_mlp
 from bounding_shapes import shape as grid_named
+from plain_shapes import balls_at
 from random_networks import random_monotone
 
 import warp_bounding as wb
@@ -97,7 +98,7 @@ OTHERS: dict[str, Callable] = {
     "mesh": _mesh,
     "motion": _motion,
     "function": lambda: wb.shapes.Function(None, [-1.0, -1.0], [1.0, 1.0], distance=_star),
-    "solid": lambda: wb.shapes.Sphere([0.0, 0.0, 0.0], 0.5) | wb.shapes.Box([0.2, 0.2, 0.2], [0.8, 0.9, 1.0]),
+    "balls": lambda: balls_at(([0.0, 0.0, 0.0], 0.5), ([0.5, 0.6, 0.6], 0.4)),
     "arm": _arm,
 }
 
@@ -186,7 +187,7 @@ def subjects() -> list[Subject]:
         for what in FITTED if name == "mesh" else [each for each in ALSO if each not in UNFIT.get(name, ())]:
             query, method, told = FITTED[what]
             found.append(Subject(f"{method} {query} {name}: {what}", name, partial(_fit, name, query, method, **told)))
-    for name in ("solid", "function"):
+    for name in ("balls", "function"):
         found.append(Subject(f"union point {name}: hierarchy of boxes", name, partial(_hierarchy, name)))
     for name in SHAPES:
         ndim = shape(name).ndim

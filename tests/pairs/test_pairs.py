@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from plain_shapes import ball_at
 from reading_order import ROOT
 from scipy.spatial.transform import Rotation
 
@@ -116,7 +117,7 @@ def test_what_may_touch_is_never_denied(mesh, pairs, scaled):
 def test_a_ball_is_never_told_farther_than_it_is(held):
     """One ball against a sphere, whose distances are known: what float32 makes of placements is taken off."""
     rng = np.random.default_rng(5)
-    solid = wb.shapes.Sphere([0.25, -0.5, 0.125], 0.75)
+    solid = ball_at([0.25, -0.5, 0.125], 0.75)
     far = wb.fit(solid, "distance", "sphere", device="cpu")
     center, radius = np.array([[0.3, 0.7, -0.2]], np.float32), np.array([0.1], np.float32)
     pair, count = Pair(far, Balls(center, radius, "")), 20000
@@ -263,7 +264,7 @@ def test_certify_finds_what_is_missing(mesh, held):
     )  # next to this ball the KD-tree cannot tell the others apart
     assert found.kind != "refuted"
     assert held.certify(mesh.dilated(0.1)).kind == "inapplicable"
-    assert held.certify(wb.shapes.Sphere([0, 0, 0], 1.0)).kind == "inapplicable"
+    assert held.certify(ball_at([0, 0, 0], 1.0)).kind == "inapplicable"
     assert held.certify(mesh, budget=0.0).kind == "undecided"
 
 

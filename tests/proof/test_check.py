@@ -18,6 +18,7 @@ from bounding_shapes import (
     random_mlp,
     shape,
 )
+from plain_shapes import ball_at, box_of
 from rewriting import rewrite
 
 import warp_bounding as wb
@@ -341,7 +342,7 @@ def thing(name: str):
     if name == "grid":
         return wb.shapes.Grid(CUBES)
     if name == "solid":
-        return wb.shapes.Box([-0.5, -0.6, -0.4], [0.5, 0.6, 0.4])
+        return box_of([-0.5, -0.6, -0.4], [0.5, 0.6, 0.4])
     if name == "function":
         return wb.shapes.Function(
             None, [-1, -1, -1], [1, 1, 1], distance=lambda x: 0.5 * (np.linalg.norm(x, axis=1) - 1)
@@ -469,7 +470,7 @@ def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
 def test_two_sides_are_of_one_object():
     """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of
     any object."""
-    flat = {"ball": wb.shapes.Sphere([0, 0], 1.0), "box": wb.shapes.Box([-2, -2], [2, 2])}
+    flat = {"ball": ball_at([0, 0], 1.0), "box": box_of([-2, -2], [2, 2])}
     told = {"side": "inside", "hidden": (8,), "steps": 20, "budget": 20.0, "device": "cpu", "progress": False}
     which = (("ball", 0.0), ("ball", 0.25), ("box", 0.0))
     inner = {(name, margin): wb.fit(flat[name], margin=margin, **told) for name, margin in which}
@@ -528,7 +529,7 @@ def test_files_of_older_digests_stay_true(tmp_path):
 
 def test_parts_in_boxes_do_not_hold_what_has_no_end(tmp_path):
     """A union from the inside whose part denies nearly everything outside of its box is no proof about that."""
-    ball, big = wb.shapes.Sphere([0, 0], 1.0), wb.shapes.Sphere([0, 0], 5.0)
+    ball, big = ball_at([0, 0], 1.0), ball_at([0, 0], 5.0)
     domain = Domain.of(wb.shapes.Complement(big))
     reach = float(domain.scale[0]) * 2
     tensors = {

@@ -105,7 +105,9 @@ def test_boxes_hold_all_that_devices_compute(name, rng):
 def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng):
     for name, value in (("MANY", many), ("TOO_MANY", too_many), ("CHUNK", 512)):
         monkeypatch.setattr(module, name, value)
-    own = wb.shapes.Sphere([0.0, 0.0, 0.0], 0.4) - wb.shapes.Sphere([0.0, 0.0, 0.0], 0.3)
+    own = wb.shapes.Function(
+        None, [-0.4] * 3, [0.4] * 3, distance=lambda x: np.abs(np.linalg.norm(x, axis=1) - 0.35) - 0.05
+    )
     bounder = random_mlp(own)
     x = rng.uniform(own.lower, own.upper, (100_000, 3))
     held = own.contains(x)

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from plain_shapes import ball_at, balls_at, box_of, torus_at
 from random_networks import random_network
 
 import warp_bounding as wb
@@ -34,13 +35,10 @@ def fit(shape, query="point", method="mlp", **told) -> wb.Bounder:
     return wb.fit(shape, query, method, device="cpu", progress=False, **told)
 
 
-def balls(ndim: int) -> wb.shapes.Function:
+def three(ndim: int) -> wb.shapes.Function:
     """Three overlapping balls."""
     rng = np.random.default_rng(ndim)
-    shape = wb.shapes.Sphere(rng.uniform(-0.4, 0.4, ndim), 0.3)
-    for _ in range(2):
-        shape = shape | wb.shapes.Sphere(rng.uniform(-0.4, 0.4, ndim), rng.uniform(0.2, 0.35))
-    return shape
+    return balls_at(*((rng.uniform(-0.4, 0.4, ndim), rng.uniform(0.2, 0.35)) for _ in range(3)))
 
 
 @cache
@@ -80,19 +78,19 @@ def check_proven(bounder: wb.Bounder, shape) -> None:
     ],
 )
 def test_functions_are_proven(method, ndim):
-    check_proven(fit(balls(ndim), method=method, **({"steps": 100} if method == "mlp" else {})), balls(ndim))
+    check_proven(fit(three(ndim), method=method, **({"steps": 100} if method == "mlp" else {})), three(ndim))
 
 
 @pytest.mark.parametrize(("method", "hidden"), [("mlp-early", (6, 5)), ("aabb+mlp", (8,))])
 def test_other_learned_methods(method, hidden):
-    shape = wb.shapes.Torus([0, 0, 0], 0.7, 0.2)
+    shape = torus_at([0, 0, 0], 0.7, 0.2)
     check_proven(wb.fit(shape, method=method, steps=50, device="cpu", progress=False, hidden=hidden), shape)
 
 
 def test_certify_refutes_what_is_too_tight():
-    shape = balls(2)
+    shape = three(2)
     bounder = fit(shape, method="sphere")
-    assert wb.certify(bounder, wb.shapes.Sphere([0.9, 0.0], 0.6)).kind in ("refuted", "undecided")
+    assert wb.certify(bounder, ball_at([0.9, 0.0], 0.6)).kind in ("refuted", "undecided")
     bounder.freeze(float(bounder.threshold) + 0.02, bounder.certificate)
     certificate = wb.certify(bounder, shape)
     assert certificate.kind == "refuted"
@@ -127,7 +125,7 @@ def test_cells_are_laid_where_they_are_asked_for():
         rates = wb.evaluate(bounder, shape, 20_000)
         assert rates.fn == 0
         assert rates.fp_rate_cells <= rates.fp_rate
-    assert fit(wb.shapes.Sphere([0, 0], 1.0), "plane", "aabb").info["resolution"] is not None
+    assert fit(ball_at([0, 0], 1.0), "plane", "aabb").info["resolution"] is not None
 
 
 def test_a_function_that_certifies_nothing_is_attested_and_a_false_one_is_an_error():
@@ -147,7 +145,7 @@ def test_a_function_that_certifies_nothing_is_attested_and_a_false_one_is_an_err
 
 
 def test_vacant_boxes_hold_nothing():
-    shape = balls(2)
+    shape = three(2)
     bounder = fit(shape, method="aabb")
     positives, rng = ShapePositives(bounder, shape), np.random.default_rng(0)
     lower = rng.uniform(-1, 1, (20_000, 2))
@@ -168,7 +166,7 @@ def test_open_surfaces_and_what_fills_its_box_are_bounded():
         x = np.concatenate([sheet.points(100_000, np.random.default_rng(0)).astype(np.float32), sheet.vertices])
         held = sheet.dilated(margin).decide(x) == IN
         assert not (held & (bounder.query(x).numpy() == 0)).any()
-    box = wb.shapes.Box([0, 0, 0], [1, 2, 3])
+    box = box_of([0, 0, 0], [1, 2, 3])
     assert wb.evaluate(fit(box, method="aabb"), box, 100_000).fp_rate < 0.1
     assert fit(box, steps=50).certificate.proven
 
@@ -193,7 +191,7 @@ def test_the_hull_of_a_mesh_holds_it_with_its_margin():
     bounder, low, high = fit(mesh(), method="kdop"), mesh().lower, mesh().upper
     assert bounder.exact_on_hull(mesh())
     for other in (
-        wb.shapes.Sphere([0, 0, 0], 1.0),
+        ball_at([0, 0, 0], 1.0),
         wb.shapes.Complement(mesh()),
         Clipped(mesh(), low, (low + high) / 2),
     ):
@@ -329,7 +327,7 @@ def test_what_needs_cells_and_what_is_undecided():
     with pytest.raises(BounderError, match="give a resolution"):
         prove(bounder, mesh())
     with pytest.raises(QueryError, match="give a resolution"):
-        QUERIES["plane"].decide(wb.shapes.Sphere([0, 0], 1.0), np.ones((1, 4), np.float32))
+        QUERIES["plane"].decide(ball_at([0, 0], 1.0), np.ones((1, 4), np.float32))
     edge = np.array([[0.0, 0.0, 1.0, 3.0, -2.0, mesh().upper[2]]], np.float32)  # touches the mesh at its top vertex
     told = QUERIES["plane"].decide(mesh(), edge)[0]
     assert QUERIES["plane"].oracle(mesh())(edge)[0] == (told != OUT)

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from bounding_shapes import random_mlp, shape
+from plain_shapes import ball_at
 
 import warp_bounding as wb
 from warp_bounding import activations
@@ -281,7 +282,7 @@ def test_a_bounder_of_a_faulty_search_is_not_proven(fault, monkeypatch, anew):
 
 def test_a_delta_without_a_term_is_refused(monkeypatch):
     """Far from its origin what a point's coordinates round is most of delta."""
-    solid = wb.shapes.Sphere([3000.0, 0.0], 1.0)
+    solid = ball_at([3000.0, 0.0], 1.0)
     assert wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid).proven
     monkeypatch.setattr(domain, "input_rounding", lambda center, scale, extent, *_: domain.rounding_of_map(extent))
     monkeypatch.setattr(domain, "DELTA_SHARE", 0.0)

@@ -1,11 +1,16 @@
 """Functions as shapes: what they certify is true if what is claimed of them is, and false claims are found."""
 
+import math
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import warp_bounding as wb
+from warp_bounding.shapes.function import _above, _below, _length, _widened
 from warp_bounding.shapes.shape import IN, OUT
 
 DIMENSIONS = (1, 2, 3, 5)
@@ -206,13 +211,55 @@ def test_objects_that_answer_are_shapes():
 
 def test_time_is_what_the_shape_says():
     still = ball(3)
-    moving = wb.shapes.Extrusion(wb.shapes.Sphere([0, 0], 1), [0, 1], np.zeros((2, 2)))
     timed = ball(3, time=True)
-    for shape in (moving, timed):
-        assert wb.load_shape(shape, time=True) is shape
-        with pytest.raises(wb.ShapeError, match=r"coordinate 0 of this \w+ is time, got time=False"):
-            wb.load_shape(shape, time=False)
+    assert wb.load_shape(timed, time=True) is timed
+    with pytest.raises(wb.ShapeError, match="coordinate 0 of this Function is time, got time=False"):
+        wb.load_shape(timed, time=False)
     with pytest.raises(wb.ShapeError, match="this Function has no time coordinate, got time=True"):
         wb.load_shape(still, time=True)
     with pytest.raises(wb.ShapeError, match="a function of time cannot be dilated in space"):
         timed.dilated(0.1)
+
+
+NUMBERS = st.one_of(
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.floats(-4, 4),
+    st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1e-200, 1e200, 1.7976931348623157e308, 2.0**-1022, 1.0, 0.1]),
+)
+
+
+@given(NUMBERS, NUMBERS)
+def test_sums_and_lengths_are_rounded_outwards(x, y):
+    with np.errstate(over="ignore"):
+        total = np.array([x]) + y
+        low, high = float(_below(total)[0]), float(_above(total)[0])
+        length, one = (float(_length(np.abs([sides]))[0]) for sides in ([x, y], [x]))
+    exact = Fraction(x) + Fraction(y)
+    assert low == -math.inf or Fraction(low) <= exact
+    assert high == math.inf or exact <= Fraction(high)
+    assert math.isinf(total[0]) or exact or low == high == 0, "the sign of a difference is exact"
+    assert length == math.inf or Fraction(x) ** 2 + Fraction(y) ** 2 <= Fraction(length) ** 2
+    assert one == abs(x)
+
+
+@given(NUMBERS, st.floats(0, 1e300), st.sampled_from([-1, 1]))
+def test_corners_move_outwards(corner, step, sign):
+    found = float(_widened(np.array([corner]), step, sign)[0])
+    exact = Fraction(corner) + sign * Fraction(step)
+    if math.isfinite(found):
+        assert sign * (Fraction(found) - exact) >= 0
+        if Fraction(float(exact) if abs(exact) < 2**1023 else 0) == exact:
+            assert found == exact, "what float64 holds is kept"
+
+
+@given(st.lists(st.floats(-2, 2), min_size=3, max_size=3), st.floats(0, 1), st.floats(0, 1))
+def test_bounds_of_boxes_are_those_of_the_nearest_and_the_farthest_point(center, side, margin):
+    """Of a distance that is a coordinate: its range over a box is known exactly, but for what it may be off."""
+    shape = wb.shapes.Function(None, [-9] * 3, [9] * 3, distance=lambda x: 2 * x[:, 0], lipschitz=2.0).dilated(margin)
+    lower, upper = np.array([center]), np.array([[center[0] + side, *center[1:]]])
+    least, most = Fraction(float(lower[0, 0])) - Fraction(margin), Fraction(float(upper[0, 0])) - Fraction(margin)
+    assert Fraction(float(shape.clearance(lower, upper)[0])) <= max(least, 0)
+    assert not shape.empty(lower, upper)[0] or least > 0
+    assert not shape.inside(lower, upper)[0] or most <= 0
+    assert shape.empty(lower, upper)[0] or least < 1e-9
+    assert shape.inside(lower, upper)[0] or most > -1e-9

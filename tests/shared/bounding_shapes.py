@@ -212,6 +212,6 @@ def without_proof(monkeypatch) -> Mlp:
     return bounder
 
 
-def fitted_ball(ball: wb.shapes.Sphere) -> wb.Bounder:
+def fitted_ball(ball: wb.shapes.Function) -> wb.Bounder:
     """The box of a ball."""
     return wb.fit(ball, method="aabb", device="cpu", progress=False)

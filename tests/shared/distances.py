@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 from bounding_shapes import shape
+from plain_shapes import torus_at
 
 import warp_bounding as wb
-from warp_bounding import shapes as solids
 from warp_bounding.bounders import DISTANCES
 
 TOLD = {
@@ -29,7 +29,7 @@ def thing(name: str):
         )
         return wb.shapes.Mesh(np.array(vertices) * 3 + 7, faces)
     if name == "torus":
-        return solids.Torus([0.5, 0, 1], 1.0, 0.3)
+        return torus_at([0.5, 0, 1], 1.0, 0.3)
     return shape(name)
 
 

@@ -12,7 +12,7 @@ from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
 from warp_bounding.shapes.parts import Clipped
 from warp_bounding.shapes.recentred import Frame, Recentred
 
-S, MARGIN = wb.shapes, 0.0625
+MARGIN = 0.0625
 TORUS, BALL, BOX = (
     trimesh.creation.torus(1, 0.3),
     trimesh.creation.icosphere(subdivisions=2),
@@ -47,13 +47,6 @@ def distance(x):
     return np.linalg.norm(x, axis=1) - 1.0
 
 
-def rotated(angle):
-    return [[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]]
-
-
-CORNER = S.Intersection(
-    S.Box([0, 0], [4, 1]), S.Transform(S.Box([0, 0], [4, 1]), rotated(0.1))
-)  # a spike: its gap is far less than the distance
 KINDS = {
     "grid": lambda: grid("blob"),
     "grid 2D": lambda: grid("c"),
@@ -82,18 +75,6 @@ KINDS = {
         None, [-1] * 5, [1] * 5, distance=lambda x: 4 * distance(x), lipschitz=4.0
     ),
     "short function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * distance(x)),
-    "spike": lambda: CORNER,
-    "cells and a spike": lambda: S.Union(
-        wb.shapes.Grid(np.eye(5, dtype=bool)), S.Transform(CORNER, rotated(np.pi / 4), [1, 2], 0.5)
-    ),
-    "less a dilation": lambda: S.Difference(S.Box([-9, -9], [9, 9]), S.Dilation(CORNER, 0.5)),
-    "bitten mesh": lambda: mesh(BOX) - S.Sphere([0.5, 1, 0], 0.5),
-    "solids": lambda: (S.Sphere([0, 0, 0], 0.7) | S.Capsule([1, 0, 0], [0, 1, 0], 0.3)) - S.Torus([0, 0, 0], 0.8, 0.3),
-    "common to solids": lambda: (
-        S.Sphere([0, 0, 0], 0.7) & (S.Box([0, 0, 0], [1, 1, 1]) | S.HalfSpace([1, 1, 0], -0.2, [-1] * 3, [1] * 3))
-    ),
-    "turned mesh": lambda: S.Transform(mesh(BOX), np.eye(3)[[1, 0, 2]], scale=1.5),
-    "extrusion": lambda: S.Extrusion(S.Torus([0, 0, 0], 0.6, 0.2), [0, 1, 3], [[0, 0, 0], [1, 0, 0], [1, 1, 1]]),
     "outside": lambda: wb.shapes.Complement(mesh(TORUS)),
     "part": lambda: Clipped(mesh(TORUS), [0, -9, -9], [9, 9, 9]),
     "far away": lambda: Recentred(grid("blob"), Frame((500000.13, 4649776.37, 12.7), (1e-4, 0.0, 0.0))),

@@ -4,6 +4,7 @@ caller asks."""
 import numpy as np
 import pytest
 from bounding_shapes import shape
+from plain_shapes import ball_at
 
 import warp_bounding as wb
 from sims.arm.robots import CELLS
@@ -11,7 +12,6 @@ from warp_bounding.bounders.mlp import MonotoneMlp
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle, sample
-from warp_bounding.shapes import Sphere
 from warp_bounding.training.recipes.early import COST
 
 STEPS = {"point": 200, "plane": 300}
@@ -55,7 +55,7 @@ def test_a_network_of_waves_is_proven():
     assert wb.evaluate(bounder, shape, samples=20_000).fn == 0
 
 
-BALL = Sphere([0.0, 0.0, 0.0], 1.0)
+BALL = ball_at([0.0, 0.0, 0.0], 1.0)
 
 
 def above(rng, count: int) -> np.ndarray:

@@ -20,7 +20,6 @@ from warp_bounding.networks.network import Network as ExactNetwork
 from warp_bounding.rounding import UNIT64
 from warp_bounding.shapes.formula import Formula
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, HalfSpaces, checked_corners, checked_number
-from warp_bounding.shapes.solids import Combinable
 
 # The modules of a trained network as layers that bounds are known for, without importing the library it was made with.
 #
@@ -162,7 +161,7 @@ TRIES = 64  # points at which a network must give its own values
 TOLERANCE = 16.0
 
 
-class Network(Combinable, Formula):
+class Network(Formula):
     """The points of a box where a network's value is at least ``level``.
 
     The object is that of the exact network with the given weights: what float32 rounds in your own evaluation is not a

@@ -621,9 +621,10 @@ def proven_share(
         BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
 
     Example:
-        >>> solid = wb.shapes.Sphere([0, 0, 0], 1.0)
-        >>> box = wb.fit(solid, method="aabb", device="cpu")
-        >>> wb.proof.proven_share(box, solid).volume
+        >>> def distance(x):
+        ...     return np.linalg.norm(x, axis=1) - 1.0
+        >>> disk = wb.shapes.Function(None, [-1, -1], [1, 1], distance=distance)
+        >>> wb.proof.proven_share(wb.fit(disk, method="aabb", device="cpu"), disk).volume
         1.0
     """
     bounder, shape = in_local(bounder, shape)

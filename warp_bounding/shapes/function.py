@@ -16,9 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.formula import Formula, Interval, columns, norm, widened
-from warp_bounding.shapes.shape import IN, OUT, Shape, checked_corners, checked_number
-from warp_bounding.shapes.solids import Combinable
+from warp_bounding.shapes.formula import Formula
+from warp_bounding.shapes.shape import IN, OUT, checked_corners, checked_number
 
 # --- A user's function ------------------------------------------------------------------------------------------------
 #
@@ -144,29 +143,11 @@ class Counterexample(NamedTuple):
     points: np.ndarray
 
 
-class Distance(NamedTuple):
-    """What is said of a distance.
-
-    Attributes:
-        value: Of ``(N, n)`` finite points, ``(N,)``.
-        lipschitz: L.
-        allowance: Of ``(N,)`` largest absolute coordinates: by how much the values may be off.
-    """
-
-    value: Callable[[np.ndarray], np.ndarray]
-    lipschitz: float
-    allowance: Callable[[np.ndarray], np.ndarray]
-
-
-def refute(shape: Shape, distance: Distance | None, count: int, seed: int) -> Counterexample | None:
-    """What contradicts an undilated shape, or the distance that its answers rest on; ``None`` proves nothing."""
-    with np.errstate(invalid="ignore", over="ignore"):  # infinite distances
-        return _Search(shape, distance, count, np.random.default_rng(seed)).run()
-
-
 class _Search:
-    def __init__(self, shape: Shape, distance: Distance | None, count: int, rng: np.random.Generator):
-        self.shape, self.distance, self.count, self.rng = shape, distance, count, rng
+    """Looks for what contradicts an undilated function."""
+
+    def __init__(self, shape: "Function", count: int, seed: int):
+        self.shape, self.count, self.rng = shape, count, np.random.default_rng(seed)
         self.n, self.longest = shape.ndim, float(shape.extent.max())
 
     def run(self) -> Counterexample | None:
@@ -185,7 +166,7 @@ class _Search:
             for boxes in (self._boxes_around(inside), self._boxes_at_random()):
                 if (found := self._in_empty_box(*boxes)) is not None:
                     return found
-        return None if self.distance is None else self._wrong_distance(x, inside)
+        return None if shape._distance is None else self._wrong_distance(x, inside)
 
     # --- points and boxes --------------------------------------------------------------------------------------------
 
@@ -258,7 +239,7 @@ class _Search:
         return Counterexample("empty", message, found)
 
     def _wrong_distance(self, x: np.ndarray, inside: np.ndarray) -> Counterexample | None:
-        value, lipschitz = self.distance.value, self.distance.lipschitz
+        value, lipschitz = self.shape._distance, self.shape.lipschitz
         above = value(inside) > self._allowed(inside)
         if above.any():
             at = inside[above][0]
@@ -283,13 +264,13 @@ class _Search:
         return None
 
     def _allowed(self, x: np.ndarray) -> np.ndarray:
-        return self.distance.allowance(np.abs(x).max(axis=1, initial=0.0))
+        return self.shape._allowance(np.abs(x).max(axis=1, initial=0.0))
 
     def _steps(self, x: np.ndarray, steepest: bool = False) -> np.ndarray:
         """Steps of all sizes, in random directions or along the slope."""
         direction = self.rng.normal(size=x.shape)
         if steepest:
-            value, step = self.distance.value, SLOPE_STEPS * self._sizes(len(x))
+            value, step = self.shape._distance, SLOPE_STEPS * self._sizes(len(x))
             at = value(x)
             slope = np.stack([value(x + step * axis) - at for axis in np.eye(self.n)], axis=1)
             known = np.isfinite(slope).all(axis=1) & slope.any(axis=1)
@@ -305,6 +286,42 @@ def _nearest(points: np.ndarray, x: np.ndarray) -> np.ndarray:
     return points[cKDTree(points).query(x)[1]]
 
 
+# --- Rounding ---------------------------------------------------------------------------------------------------------
+#
+# IEEE 754 rounds sums, products, quotients and square roots correctly, so the exact result lies strictly between the
+# neighbours of the computed one. A sum that is computed as 0 is exactly 0, because float64 keeps subnormal numbers.
+
+
+def _below(total: np.ndarray) -> np.ndarray:
+    """A lower bound of what was rounded to a sum."""
+    return np.where(total == 0, total, np.nextafter(total, -np.inf))
+
+
+def _above(total: np.ndarray) -> np.ndarray:
+    """An upper bound of what was rounded to a sum, or to the root of a number."""
+    return np.where(total == 0, total, np.nextafter(total, np.inf))
+
+
+def _length(sides: np.ndarray) -> np.ndarray:
+    """``(N,)``, upper bounds of the lengths of vectors ``(N, n)`` of numbers of at least 0."""
+    first, *others = np.where(sides == 0, 0.0, np.nextafter(sides * sides, np.inf)).T
+    if not others:
+        return sides[:, 0]
+    for square in others:
+        first = _above(first + square)
+    return _above(np.sqrt(first))
+
+
+def _widened(corner: np.ndarray, step: float, sign: int) -> np.ndarray:
+    """``corner + sign * step``, exactly where float64 holds it, else the neighbour on the far side."""
+    step = sign * step
+    with np.errstate(over="ignore", invalid="ignore"):
+        moved = corner + step
+        back = moved - corner
+        lost = (corner - (moved - back)) + (step - back)  # what rounding took off, exactly (Knuth's two-sum)
+        return np.where(lost == 0, moved, np.nextafter(moved, sign * np.inf))
+
+
 # --- The shape --------------------------------------------------------------------------------------------------------
 
 # By how much the distance that a function computes may be off, in units of L times the largest absolute coordinate of
@@ -314,7 +331,7 @@ TRIES = 64  # points that are queried twice when a shape is made
 LATTICE = 4096  # points, about, whose answers enter the digest
 
 
-class Function(Combinable, Formula):
+class Function(Formula):
     """A function of any number of coordinates as a shape; all functions take and return arrays of NumPy.
 
     The object is where ``contains`` is True; without ``contains``, where ``distance`` is at most 0. The functions are
@@ -407,11 +424,11 @@ class Function(Combinable, Formula):
 
     @property
     def lower(self) -> np.ndarray:
-        return widened(self._bounds[0], self.margin, -1)
+        return _widened(self._bounds[0], self.margin, -1)
 
     @property
     def upper(self) -> np.ndarray:
-        return widened(self._bounds[1], self.margin, 1)
+        return _widened(self._bounds[1], self.margin, 1)
 
     @cached_property
     def geometry(self) -> str:
@@ -466,9 +483,10 @@ class Function(Combinable, Formula):
         center, reach, allowed = self._balls(lower, upper)
         value = self._distance(center)
         with np.errstate(all="ignore"):
-            gap = Interval(value) + allowed + reach * self.lipschitz
+            way = np.where(reach == 0, 0.0, np.nextafter(reach * self.lipschitz, np.inf))
+            high = _above(_above(value + allowed) + way)
         within = not self.margin or ((lower >= self.lower) & (upper <= self.upper)).all(axis=1)
-        return (gap.high <= self._level) & real & within
+        return (high <= self._level) & real & within
 
     def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
         if self._distance is None:
@@ -481,15 +499,17 @@ class Function(Combinable, Formula):
         center, reach, allowed = self._balls(lower, upper)
         value = self._distance(center)
         with np.errstate(all="ignore"):
-            return ((Interval(value) - allowed - self._level) / self.lipschitz - reach).low
+            low = _below(_below(value - allowed) - self._level)
+            low = np.where(low == 0, 0.0, np.nextafter(low / self.lipschitz, -np.inf))
+            return _below(low - reach)
 
-    def _balls(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, Interval, np.ndarray]:
+    def _balls(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Centres, bounds of the half-diagonals, and what the distances at the centres may be off, doubled."""
         with np.errstate(all="ignore"):
             center = lower / 2 + upper / 2
-            reach = norm((x - c).magnitude() for x, c in zip(columns(lower, upper), center.T, strict=True))
+            reach = _length(np.maximum(_above(upper - center), _above(center - lower)))
         size = np.maximum(np.abs(lower), np.abs(upper)).max(axis=1)
-        return center, Interval(reach.high), 2 * self._allowance(size)
+        return center, reach, 2 * self._allowance(size)
 
     def _allowance(self, size: np.ndarray) -> np.ndarray:
         """By how much a distance may be off where the largest absolute coordinate is ``size``."""
@@ -542,10 +562,8 @@ class Function(Combinable, Formula):
         """
         undilated = copy(self)
         undilated.margin = undilated._level = 0.0
-        reported = None
-        if self._distance is not None:
-            reported = Distance(self._distance, self.lipschitz, self._allowance)
-        return refute(undilated, reported, count, seed)
+        with np.errstate(invalid="ignore", over="ignore"):  # infinite distances
+            return _Search(undilated, count, seed).run()
 
     def check(self) -> None:
         found = self.refute()

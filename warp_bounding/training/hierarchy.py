@@ -111,7 +111,9 @@ def hierarchy(
             nothing.
 
     Example:
-        >>> disk = wb.shapes.Sphere((0.0, 0.0), 1.0)
+        >>> def distance(x):
+        ...     return np.linalg.norm(x, axis=1) - 1.0
+        >>> disk = wb.shapes.Function(None, [-1, -1], [1, 1], distance=distance)
         >>> tree = wb.hierarchy(disk, method="kdop", levels=1, device="cpu", progress=False)
         >>> tree.certificate.proven, len(tree.parts)
         (True, 2)
