@@ -815,7 +815,6 @@ def show(
         int | None, number_option("Cells along the longest side (80), or pixels in 2D (640).", count)
     ] = None,
     samples: Annotated[int, number_option("Random points to ask, for each radius or time.", count)] = 10**5,
-    seed: Annotated[int, number_option("Random seed of these points.")] = 1,
     device: Device = "cpu",
     **reading: Text,
 ) -> tuple:
@@ -850,7 +849,7 @@ def show(
         needed("plotly")
     bounder, loaded = load_both(file, shape, device, reading)
     with bar("show") as update:
-        options = {"resolution": resolution, "samples": samples, "seed": seed, "progress": update}
+        options = {"resolution": resolution, "samples": samples, "progress": update}
         view = view_of(bounder, loaded, radii=radii, times=times, held=held, **options)
     if "Another shape" in view.facts:
         warn(view.facts["Another shape"])

@@ -24,7 +24,7 @@ def main(path: Path) -> None:
     quiet_warp()
     shape = dilated("bunny")
     bounder = bounders_of("cloth-bunny", shape, {"mlp": SPECS["mlp"]}, device="cpu")["mlp"]
-    view = view_of(bounder, shape, resolution=72)
+    view = view_of(bounder, shape, resolution=50)
     path.write_text(page(view, "The bunny in a proven network of 1.5 kB", "y", LIBRARY), encoding="utf-8")
     print(f"written to {path}, {path.stat().st_size / 1e6:.2f} MB")
 

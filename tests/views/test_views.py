@@ -1,11 +1,8 @@
 """What is seen of a bounder is its own answers and the shape's own truth, and pictures, windows and pages show that."""
 
-import base64
 import io
 import itertools
-import json
 import re
-import zlib
 
 import numpy as np
 import pytest
@@ -169,21 +166,17 @@ def test_a_plane_stands_as_the_image_does():
 # --- pages -----------------------------------------------------------------------------------------------------------
 
 
-def test_a_page_is_whole_in_itself_and_its_surfaces_come_back_as_they_were():
+def test_a_page_is_whole_in_itself_and_has_a_step_for_each_radius():
     view = view_of(box("star", "distance"), shape("star"), radii=RADII, **FEW)
     view.facts["Bounder"] = "</script><b>"
     text = page(view, "<i>&", "y")
-    markup = re.sub(r"<script>.*?</script>", "", text, flags=re.S)
+    markup = re.sub(r"<script.*?</script>", "", text, flags=re.S)
     assert re.findall(r'(?:src|href)="(?!data:)[^"]+"', markup) == []
     assert "<title>&lt;i&gt;&amp;</title>" in text
     assert "<dd>&lt;/script&gt;&lt;b&gt;</dd>" in text
     assert all(f"<dt>{fact}</dt>" in text for fact in view.facts)
-    told = json.loads(re.search(r'<script type="application/json" id="view">(.*?)</script>', text, re.S)[1])
-    assert len({state["object"] for state in told["states"]}) == 1  # it is stored once
-    step = (view.upper - view.lower) / 65535
-    for state, seen in zip(told["states"], view.states, strict=True):
-        packed = {key: zlib.decompress(base64.b64decode(v)) for key, v in told["surfaces"][state["bound"]].items()}
-        axes = np.frombuffer(packed["vertices"], "<u2").reshape(3, -1) * step[:, None] + view.lower[:, None]
-        bounds = np.stack([axes.min(axis=1), axes.max(axis=1)], axis=1).reshape(-1)
-        np.testing.assert_allclose(bounds, seen.bound.bounds, atol=step.max())
-        assert len(np.frombuffer(packed["faces"], "<u4")) == 3 * seen.bound.n_cells
+    assert all(state.rates in text for state in view.states)
+    assert '"prefix":"radius "' in text
+    plane = page(view_of(box("c"), shape("c"), resolution=16, samples=500), "c", "y", "plotly.min.js")
+    assert 'src="plotly.min.js"' in plane
+    assert len(plane) < 100_000

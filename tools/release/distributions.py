@@ -21,7 +21,7 @@ __all__ = ["build", "contents", "metadata_of", "problems"]
 
 LARGEST = 2_000_000  # bytes of a wheel
 PACKAGE = "warp_bounding/"  # what a wheel installs
-SUFFIXES = (".py", ".h", "/py.typed", "/views/page.html")  # of the files in it
+SUFFIXES = (".py", ".h", "/py.typed")  # of the files in it
 SDIST = {"pyproject.toml", "README.md", "LICENSE", "CHANGELOG.md", "CITATION.cff", "constraints.txt", "PKG-INFO"}
 LINK = re.compile(r"""(?:href|src)=["']([^"']*)""")
 

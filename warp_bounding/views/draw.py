@@ -1,20 +1,14 @@
 """How a view is shown: a picture drawn off-screen, or one self-contained web page."""
 
-import base64
-import io
-import json
 import os
 import pickle
-import re
 import subprocess
 import sys
 import tempfile
 import textwrap
-import zlib
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +18,8 @@ from warp_bounding.views.view import State, View, needed
 __all__ = ["UPS", "Drawn", "draw", "draw_with", "page", "picture", "with_palette"]
 
 STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
-UPS = {"x": 0, "y": 1, "z": 2}  # the axis that is up in pictures
+PIXEL_COLOURS = ("#ffffff", BOUND, STONE, MISSED)  # by ``State.pixels``
+UPS = "xyz"  # the axis that is up in pictures
 VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
 
 # --- drawing in a process of its own ---------------------------------------------------------------------------------
@@ -121,11 +116,14 @@ def _reason(done: subprocess.CompletedProcess) -> str:
 # --- a picture -------------------------------------------------------------------------------------------------------
 
 OPACITY, OPENED = 0.3, 0.9  # of the bound, whole and cut open
-SMOOTH = {"smooth_shading": True, "ambient": 0.3}  # of surfaces
 EDGE = 30.0  # degrees between two triangles from which they meet in an edge, and are no parts of one curved surface
-ANGLE, NEAR = 28.0, 0.86  # degrees, of the view; the camera's distance, of that from which a ball fills the picture
-LIGHTS = (((-3, -5, 6), 0.75), ((5, -3, 2), 0.3), ((0, 4, 5), 0.3))  # where, in radii of that ball; how strong
 PANEL, MOST_COLUMNS, LETTERS = 760, 3, 72  # pixels of a panel's sides; panels side by side; letters of a line in one
+
+
+def eye_of(up: str) -> np.ndarray:
+    """The direction from the middle of what is seen to the camera."""
+    right, into, high = VIEW
+    return np.array({"x": (high, right, into), "y": (right, high, -into), "z": (right, into, high)}[up])
 
 
 def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
@@ -159,14 +157,11 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     rows = -(-len(view.states) // columns)
     size = (PANEL * columns, PANEL * rows)
     plotter = pyvista.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
-    for number in range(rows * columns):
+    plotter.set_background("white", all_renderers=True)
+    for number, state in enumerate(view.states):
         plotter.subplot(number // columns, number % columns)
-        plotter.set_background("white")
-        if number >= len(view.states):
-            continue
-        state = view.states[number]
         if view.solid:
-            _draw_solid(plotter, view, state, UPS[up], cut)
+            _draw_solid(plotter, view, state, up, cut)
         else:
             _draw_plane(plotter, view, state)
         plotter.enable_anti_aliasing("ssaa")
@@ -178,161 +173,147 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     plotter.close()
 
 
-def _draw_solid(plotter, view: View, state: State, up: int, cut: str | None) -> None:
+def _draw_solid(plotter, view: View, state: State, up: str, cut: str | None) -> None:
     """Object, bound and wrong points of one state in space, seen from the front."""
-    import pyvista
-
-    def place(points: np.ndarray) -> np.ndarray:  # turned so that ``up`` is z
-        x, y, z = np.asarray(points, dtype=np.float64).T
-        return np.stack(((y, z, x), (x, -z, y), (x, y, z))[up], axis=1)
-
-    def surface(of):
-        found = of.copy()
-        found.points = place(of.points)
-        return _with_edges(found)
-
-    def add(mesh, **options) -> None:
-        if mesh.n_points:
-            plotter.add_mesh(mesh, reset_camera=False, **options)
-
-    corners = place(np.stack([view.lower, view.upper]))
-    middle, radius = corners.mean(axis=0), np.linalg.norm(corners[1] - corners[0]) / 2
-    bound, opacity = surface(state.bound), OPACITY
+    bound, opacity, eye = state.bound, OPACITY, eye_of(up)
     if cut is not None and bound.n_cells:
-        normal = place(np.eye(3)[[UPS[cut]]])[0]
-        normal = normal if normal @ VIEW > 0 else -normal  # the side of the camera is cut away
-        bound, opacity = bound.clip(tuple(normal), origin=tuple(middle)), OPENED
+        normal = np.eye(3)[UPS.index(cut)]
+        normal *= np.sign(normal @ eye)  # the side of the camera is cut away
+        bound, opacity = bound.clip(tuple(normal), origin=tuple((view.lower + view.upper) / 2)), OPENED
+    smooth = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": EDGE, "ambient": 0.3}
     plotter.enable_depth_peeling(8)
-    add(surface(state.object), color=STONE, **SMOOTH | {"ambient": 0.25, "specular": 0.1})
-    add(bound, color=BOUND, opacity=opacity, specular=0.4, specular_power=30, **SMOOTH)
-    for group in (group for group in view.groups if group.shown):
-        dots = {"point_size": 6.0, "render_points_as_spheres": True, "lighting": False}
-        add(pyvista.PolyData(place(state.points[group.name])), color=group.colour, **dots)
-    plotter.remove_all_lights()
-    for source, strength in LIGHTS:
-        light = {"focal_point": tuple(middle), "intensity": strength, "light_type": "scene light"}
-        plotter.add_light(pyvista.Light(position=tuple(middle + radius * np.array(source)), **light))
-    away = np.array(VIEW) / np.linalg.norm(VIEW) * radius / np.sin(np.radians(ANGLE) / 2) * NEAR
-    camera = plotter.camera
-    camera.focal_point, camera.position = tuple(middle), tuple(middle + away)
-    camera.up, camera.view_angle = (0, 0, 1), ANGLE
+    for surface, options in ((state.object, {"color": STONE}), (bound, {"color": BOUND, "opacity": opacity})):
+        if surface.n_points:
+            plotter.add_mesh(surface, specular=0.2, **options, **smooth)
+    for group in view.groups:
+        if group.shown and len(state.points[group.name]):
+            plotter.add_points(state.points[group.name], color=group.colour, point_size=6.0, lighting=False)
+    bounds = np.stack([view.lower, view.upper], axis=1).ravel()  # all panels at the same scale
+    plotter.view_vector(tuple(eye), viewup=tuple(np.eye(3)[UPS.index(up)]), bounds=tuple(bounds))
+    plotter.camera.zoom(1.2)
 
 
 def _draw_plane(plotter, view: View, state: State) -> None:
     """Pixels of one state in a plane, as an image of coloured cells."""
     import pyvista
 
-    layers = [(state.bound, BOUND), (state.object, STONE)][:: -1 if view.within else 1]
-    colours = np.full((*state.bound.shape, 3), 255, dtype=np.uint8)
-    for mask, colour in (*layers, (state.missed(view.within), MISSED)):
-        colours[mask] = _rgb(colour)
-    size = (view.upper - view.lower) * view.stretch
+    colours = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in PIXEL_COLOURS], np.uint8)
+    pixels, size = colours[state.pixels(view.within)], (view.upper - view.lower) * view.stretch
     if view.down:
-        colours, size = colours.transpose(1, 0, 2)[:, ::-1], size[::-1]
-    count = np.array(colours.shape[:2])
+        pixels, size = pixels.transpose(1, 0, 2)[:, ::-1], size[::-1]
+    count = np.array(pixels.shape[:2])
     image = pyvista.ImageData(dimensions=(*(count + 1), 1), spacing=(*(size / count), 1.0))
-    image.cell_data["colour"] = colours.reshape(-1, 3, order="F")
+    image.cell_data["colour"] = pixels.reshape(-1, 3, order="F")
     plotter.add_mesh(image, scalars="colour", rgb=True, lighting=False)
     plotter.view_xy()
     plotter.camera.parallel_projection = True
     plotter.camera.parallel_scale = size.max() / 2 * 1.12
 
 
-def _rgb(colour: str) -> list[int]:
-    return [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
-
-
-def _with_edges(surface):
-    """A ``pyvista.PolyData`` whose vertices at sharp edges are split, so that these look sharp."""
-    if not surface.n_cells:
-        return surface
-    options = {"consistent_normals": False, "auto_orient_normals": False}
-    return surface.compute_normals(split_vertices=True, feature_angle=EDGE, **options)
-
-
 # --- a web page ------------------------------------------------------------------------------------------------------
-#
-# It turns with the mouse and needs no network: plotly.js comes from the installed plotly. Surfaces are stored as 16-bit
-# numbers between the corners of what is seen, compressed; pictures of a plane as PNG.
 
-MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified
-CUTS = (2, 2, 1)  # by the axis that is up: the axis along which the camera looks the most
-DISTANCE = 1.7  # of the camera from the middle, in plotly's units: about the sides of what is seen
+MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified, so that a browser turns it smoothly
+PAGE = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
+<title>{title}</title><style>
+body {{ font: 15px/1.5 system-ui, sans-serif; margin: 1rem; color: {ink} }} h1 {{ font-size: 1.15rem; margin: 0 }}
+dt {{ font-weight: 600 }} dd {{ margin: 0 0 .5rem; overflow-wrap: anywhere }}
+</style></head><body><h1>{title}</h1>
+{plot}
+<dl>
+{facts}
+</dl></body></html>
+"""
 
 
 def page(view: View, title: str, up: str, library: str | None = None) -> str:
-    """A page of a view.
+    """A page of a view, which turns with the mouse; its legend hides and shows what is seen.
 
     Args:
         view: What is seen.
         title: Its heading.
         up: The axis that is up, a name in ``UPS``; of a view in space.
-        library: Address of plotly.js, for a page that does not hold it.
+        library: Address of plotly.js (``.js``), for a page that does not hold it; else the page needs no network.
 
     Raises:
         BoundingError: If a package is missing.
     """
-    surfaces: dict[int, int] = {}  # numbers of surfaces, which several states can share, by identity
-    packed: list[dict[str, str]] = []
-
-    def number_of(surface) -> int:
-        if id(surface) not in surfaces:
-            surfaces[id(surface)] = len(packed)
-            packed.append(_packed(view, surface))
-        return surfaces[id(surface)]
-
-    def about(state: State) -> dict[str, Any]:
-        reported = {"label": state.label, "rates": state.rates, "fn": state.fn}
-        reported["points"] = {name: _places(view, points) for name, points in state.points.items()}
-        reported["counts"] = {name: len(points) for name, points in state.points.items()}
+    figure, shared = needed("plotly.graph_objects").Figure(), {id(state.object) for state in view.states}
+    if view.solid and len(shared) == 1:  # one object at all radii is drawn once
+        _add_surface(figure, view.states[0].object, "the object", STONE, 1.0)
+    first, shown = len(figure.data), []
+    for number, state in enumerate(view.states):
+        before = len(figure.data)
         if view.solid:
-            return reported | {"object": number_of(state.object), "bound": number_of(state.bound)}
-        layers = {"object": (state.object, STONE), "bound": (state.bound, BOUND)}
-        layers["missed"] = (state.missed(view.within), MISSED)
-        return reported | {"pictures": {name: _png(view, mask, colour) for name, (mask, colour) in layers.items()}}
-
-    names = ("names", "solid", "asked", "within", "down", "stretch")
-    right, into, high = np.array(VIEW) / np.linalg.norm(VIEW) * DISTANCE
-    eye = ((high, right, into), (right, high, -into), (right, into, high))[UPS[up]]  # the camera, as in pictures
-    reported = {name: getattr(view, name) for name in names} | {"up": UPS[up], "cut": CUTS[UPS[up]]}
-    reported |= {"lower": view.lower.tolist(), "upper": view.upper.tolist(), "eye": dict(zip("xyz", eye, strict=True))}
-    reported |= {"colours": {"object": STONE, "bound": BOUND}, "groups": [group._asdict() for group in view.groups]}
-    reported |= {"states": [about(state) for state in view.states], "surfaces": packed}
-    facts = "\n".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in view.facts.items())
-    parts = {"title": escape(title), "facts": facts, "library": ""}
-    if library is None:
-        parts["library"] = f"<script>\n{needed('plotly.offline').get_plotlyjs()}\n</script>"
+            if not first:
+                _add_surface(figure, state.object, "the object", STONE, 1.0)
+            _add_surface(figure, state.bound, view.bounds, BOUND, OPACITY)
+        else:
+            _add_pixels(figure, view, state)
+        for group in view.groups:
+            axes = dict(zip("xyz", state.points[group.name].T[:: -1 if view.down else 1], strict=False))
+            marker = {"color": group.colour, "size": 2.5 if view.solid else 5}
+            options = {"mode": "markers", "name": group.text, "marker": marker}
+            options["visible"] = True if group.shown else "legendonly"
+            (figure.add_scatter3d if view.solid else figure.add_scatter)(**axes, **options)
+        shown.append([trace.visible for trace in figure.data[before:]])
+        if number:
+            for trace in figure.data[before:]:
+                trace.visible = False
+    count = [len(each) for each in shown]
+    steps = [
+        {
+            "label": state.label,
+            "method": "update",
+            "args": [
+                {
+                    "visible": [True] * first
+                    + [of if k == number else False for k, n in enumerate(count) for of in shown[k]]
+                },
+                {"title.text": state.rates},
+            ],
+        }
+        for number, state in enumerate(view.states)
+    ]
+    if len(steps) > 1:
+        figure.update_layout(sliders=[{"steps": steps, "currentvalue": {"prefix": f"{view.asked} "}}])
+    figure.update_layout(title={"text": view.states[0].rates, "font": {"size": 14}}, margin={"t": 40}, height=700)
+    names, eye = view.names, dict(zip("xyz", (1.7 * eye_of(up) / np.linalg.norm(VIEW)).tolist(), strict=True))
+    if view.solid:
+        axes = {f"{axis}axis_title": name for axis, name in zip("xyz", names, strict=True)}
+        camera = {"up": dict(zip("xyz", np.eye(3)[UPS.index(up)].tolist(), strict=True)), "eye": eye}
+        figure.update_layout(scene={**axes, "aspectmode": "data", "camera": camera})
     else:
-        parts["library"] = f'<script src="{escape(library)}"></script>'
-    parts["view"] = json.dumps(reported, allow_nan=False).replace("</", "<\\/")
-    template = (files("warp_bounding.views") / "page.html").read_text(encoding="utf-8")
-    return re.sub(r"@(title|facts|library|view)@", lambda found: parts[found[1]], template)
+        right, high = (1, 0) if view.down else (0, 1)
+        figure.update_xaxes(title=names[right])
+        figure.update_yaxes(title=names[high], scaleanchor="x", scaleratio=view.stretch[high] / view.stretch[right])
+        figure.update_yaxes(autorange="reversed" if view.down else True)
+    facts = "\n".join(f"<dt>{escape(name)}</dt><dd>{escape(text)}</dd>" for name, text in view.facts.items())
+    plot = figure.to_html(full_html=False, include_plotlyjs=library or True, config={"displaylogo": False})
+    return PAGE.format(title=escape(title), ink=INK, plot=plot, facts=facts)
 
 
-def _packed(view: View, surface) -> dict[str, str]:
+def _add_surface(figure, surface, name: str, colour: str, opacity: float) -> None:
     """A surface with sharp edges, and no more triangles than a browser turns smoothly."""
-    found = _with_edges(surface)
-    if found.n_cells > MOST_TRIANGLES:
-        whole = found.clean().triangulate()
-        found = _with_edges(whole.decimate(1 - MOST_TRIANGLES / whole.n_cells))
-    faces = found.regular_faces.astype("<u4") if found.n_cells else np.empty((0, 3), "<u4")
-    return {"vertices": _places(view, np.asarray(found.points)), "faces": _deflated(faces.T)}
+    if surface.n_cells > MOST_TRIANGLES:
+        surface = surface.clean().triangulate()
+        surface = surface.decimate(1 - MOST_TRIANGLES / surface.n_cells)
+    if surface.n_cells:
+        surface = surface.compute_normals(split_vertices=True, feature_angle=EDGE, consistent_normals=False)
+    corners = surface.regular_faces.astype(np.int32) if surface.n_cells else np.empty((0, 3), np.int32)
+    axes = dict(zip("xyzijk", (*np.asarray(surface.points, np.float32).T, *corners.T), strict=True))
+    figure.add_mesh3d(**axes, name=name, color=colour, opacity=opacity, showlegend=True, hoverinfo="skip")
 
 
-def _places(view: View, points: np.ndarray) -> str:
-    """Points ``(N, k)`` as 16-bit numbers between the corners of what is seen, axis by axis."""
-    shares = (points - view.lower) / (view.upper - view.lower)
-    return _deflated(np.rint(np.clip(shares, 0, 1) * 65535).astype("<u2").T)
-
-
-def _deflated(values: np.ndarray) -> str:
-    return base64.b64encode(zlib.compress(values.tobytes(), 9)).decode()
-
-
-def _png(view: View, mask: np.ndarray, colour: str) -> str:
-    """A plane's mask as a picture, clear where it is false."""
-    rows = np.ascontiguousarray(mask if view.down else np.rot90(mask)).astype(np.uint8)
-    image, content = needed("PIL.Image").fromarray(rows, mode="P"), io.BytesIO()
-    image.putpalette([0, 0, 0, *_rgb(colour)])
-    image.save(content, "png", transparency=0, optimize=True)
-    return "data:image/png;base64," + base64.b64encode(content.getvalue()).decode()
+def _add_pixels(figure, view: View, state: State) -> None:
+    """Pixels of one state in a plane."""
+    pixels = state.pixels(view.within)
+    middles = [
+        low + (np.arange(n) + 0.5) * (high - low) / n
+        for low, high, n in zip(view.lower, view.upper, pixels.shape, strict=True)
+    ]
+    x, y = middles[::-1] if view.down else middles
+    last = len(PIXEL_COLOURS) - 1
+    scale = [[k / (last + 1), colour] for n, colour in enumerate(PIXEL_COLOURS) for k in (n, n + 1)]
+    options = {"zmin": -0.5, "zmax": last + 0.5, "colorscale": scale, "showscale": False, "hoverinfo": "skip"}
+    figure.add_heatmap(x=x, y=y, z=pixels if view.down else pixels.T, visible=True, **options)

@@ -32,8 +32,8 @@ HALVINGS = 12  # of a grid's edge: to 1/4096 of a cell
 BEYOND = 0.08  # of the longest side that is seen: room around what is bounded
 DRAWN = 1500  # points of each group that are drawn
 LEVELS = 6  # radii or times that are shown where none are given
+SEED = 1  # of the points that are asked
 FARTHEST = 0.25  # of the object's longest side: the largest of these radii
-MOST_CELLS = 1024  # along the longest side, that may be asked for
 PLANE, SPACE = 2, 3  # coordinates that are seen
 Test = Callable[[np.ndarray], np.ndarray]  # of points (N, k): (N,)
 # How a bounder of each kind is asked points (N, n) float32: one of boxes, boxes without a size; a distance, whether it
@@ -173,6 +173,11 @@ class State:
         """The wrong pixels ``(X, Y)`` of a plane: the object's that are denied, or, from the inside, others held."""
         return self.bound & ~self.object if within else self.object & ~self.bound
 
+    def pixels(self, within: bool) -> np.ndarray:
+        """What the pixels ``(X, Y)`` of a plane show: 0 nothing, 1 the bound, 2 the object, 3 what is wrong."""
+        seen = np.where(self.bound, 1, 2 * self.object) if within else np.where(self.object, 2, self.bound)
+        return np.where(self.missed(within), 3, seen)
+
     @property
     def rates(self) -> str:
         """The rates in words."""
@@ -203,6 +208,11 @@ class View:
         return len(self.names) == SPACE
 
     @property
+    def bounds(self) -> str:
+        """What the bound says of the places that it holds."""
+        return "certainly inside" if self.within else "the bound: maybe"
+
+    @property
     def brief(self) -> str:
         """The first facts in one line: what the bounder is, and the first sentence of its certificate."""
         return ". ".join(text.partition(". ")[0].rstrip(".") for text in list(self.facts.values())[:2])
@@ -228,7 +238,6 @@ def view_of(
     held: Mapping[int, float] | None = None,
     resolution: int | None = None,
     samples: int = 100_000,
-    seed: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> View:
     """Compute what is seen of a bounder.
@@ -241,7 +250,6 @@ def view_of(
         held: Values of other coordinates that are held, by their numbers.
         resolution: Cells (pixels, in a plane) along the longest side; ``CELLS`` or ``PIXELS`` if ``None``.
         samples: Points to ask for each radius or time.
-        seed: Of the samples.
         progress: Called with steps done and steps in all.
 
     Raises:
@@ -250,15 +258,13 @@ def view_of(
     held = dict(held or {})
     radii, times = list(radii) or _radii(bounder, times), list(times) or _times(shape, radii)
     _check(bounder, shape, radii, times, held)
-    if resolution is not None and not 2 <= resolution <= MOST_CELLS:
-        raise QueryError(f"resolution must be from 2 to {MOST_CELLS}, got {resolution}")
     pairs = [(radius, time) for time in (times or [None]) for radius in radii]
     axes, within = _running(shape.ndim, held | ({0: 0.0} if shape.time else {})), bool(bounder.domain.unbounded)
     asked = {radius: _queried(bounder, shape, radius) for radius in radii}
     _, _, around, fitted = asked[radii[0]]
     room = max(radii) + BEYOND * (around.upper - around.lower)[axes].max()
     lower, upper, solid = around.lower[axes] - room, around.upper[axes] + room, len(axes) == SPACE
-    cells, rng = resolution or (CELLS if solid else PIXELS), np.random.default_rng(seed)
+    cells, rng = resolution or (CELLS if solid else PIXELS), np.random.default_rng(SEED)
     level_set = level_surface if solid else _pixels
     by_radius = bounder.of_distances and (len(radii) > 1 or not times)
     objects, states = {}, []
