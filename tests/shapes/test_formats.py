@@ -2,7 +2,6 @@
 asked for."""
 
 import contextlib
-import re
 import signal
 import sys
 import zlib
@@ -12,8 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
-from grid_cases import GRID_CASES, npy, ros
-from mesh_cases import MESH_CASES
+from format_cases import READ, REFUSED, cubes, npy, obj, ros, usd, usd_mesh, written
 from PIL import Image
 
 import warp_bounding as wb
@@ -21,10 +19,8 @@ from warp_bounding.errors import ShapeError
 from warp_bounding.shapes import Grid, load_shape
 from warp_bounding.shapes.formats.load import READERS
 
-PAGE = Path(__file__).with_name("formats.md")
-ROW = re.compile(r"^\| `([a-z0-9]+/[a-z0-9-]+)` \|.*\| \*\*(read|noted|refused)\*\*")
 LONGEST = 400  # characters of an error
-CASES = MESH_CASES | GRID_CASES
+READ_ROWS = [(kind, *row) for kind, rows in READ.items() for row in rows]
 
 
 def refused(source, *words, **options):
@@ -33,63 +29,77 @@ def refused(source, *words, **options):
         load_shape(source, **options)
     message = str(caught.value)
     assert "\n" not in message
-    assert len(message) < 400
+    assert len(message) < LONGEST
     for word in words:
         assert word in message, message
 
 
-def rows() -> list[tuple[str, str]]:
-    """Keys and outcomes of all rows."""
-    return [row.groups() for line in PAGE.read_text("utf-8").splitlines() if (row := ROW.match(line))]
+def id_of(value) -> str | None:
+    return value if isinstance(value, str) and len(value) < 30 else ""
 
 
-def test_rows_and_cases_are_the_same():
-    keys = [key for key, _ in rows()]
-    assert len(keys) == len(set(keys))
-    assert set(keys) == set(CASES)
+@pytest.mark.parametrize(("kind", "name", "content", "options", "check", "words"), READ_ROWS, ids=id_of)
+def test_what_is_read(tmp_path, kind, name, content, options, check, words):
+    if kind == "usd":
+        pytest.importorskip("pxr", reason="usd-core is not installed")
+    shape = load_shape(written(tmp_path, name, content), **options)
+    message = f"{shape.restriction}{getattr(shape, 'remark', '')}"
+    assert words in message
+    assert bool(message) == (words != "")
+    check(shape)
+
+
+@pytest.mark.parametrize(("name", "content", "options", "words"), REFUSED, ids=id_of)
+def test_what_is_refused(tmp_path, name, content, options, words):
+    if name == "a.usda":
+        pytest.importorskip("pxr", reason="usd-core is not installed")
+    refused(written(tmp_path, name, content), name[-4:], words, **options)
+
+
+# formats that say how much they hold
+COUNTED = ("stl", "ply", "off", "gltf", "dae", "png", "pgm", "map", "binvox", "npy")
+CUTS = 6
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "options"), [row[1:4] for row in READ_ROWS if row[0] in COUNTED], ids=id_of
+)
+def test_what_is_cut_off_is_refused_or_whole(tmp_path, name, content, options):
+    """Files end early, at places that differ from row to row."""
+    path = written(tmp_path, name, content)
+    whole, content = load_shape(path, **options), path.read_bytes()
+    rng = np.random.default_rng(zlib.crc32(content))
+    for end in rng.integers(1, len(content), CUTS):
+        path.write_bytes(content[:end])
+        with contextlib.suppress(ShapeError):
+            assert load_shape(path, **options).digest == whole.digest
+
+
+def test_a_package_of_usd(tmp_path):
+    pytest.importorskip("pxr", reason="usd-core is not installed")
+    from pxr import Sdf, UsdUtils
+
+    path = written(tmp_path, "a.usda", usd(usd_mesh()))
+    assert UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(path)), str(tmp_path / "b.usdz"))
+    cubes()(load_shape(tmp_path / "b.usdz"))
+
+
+def test_a_fan_holds_a_polygon_that_is_not_convex(tmp_path, rng):
+    """A prism over a U: what is in it is in the shape, although a triangle lies across the opening."""
+    ring = np.array([[0, 0], [3, 0], [3, 3], [2, 3], [2, 1], [1, 1], [1, 3], [0, 3]], float)
+    points = np.array([[x, y, z] for z in (0, 1) for x, y in ring])
+    walls = [(k, (k + 1) % 8, (k + 1) % 8 + 8, k + 8) for k in range(8)]
+    shape = load_shape(
+        written(tmp_path, "u.obj", obj((tuple(range(7, -1, -1)), tuple(range(8, 16)), *walls), points=points))
+    )
+    x = rng.uniform([0, 0, 0], [3, 3, 1], (2000, 3))
+    inside = (x[:, 1] < 1) | (np.abs(x[:, 0] - 1.5) > 0.5)
+    assert shape.contains(x)[inside].all()
 
 
 def test_the_guide_names_every_format():
     page = (Path(__file__).parents[2] / "docs/guide/formats.md").read_text("utf-8")
     assert [suffix for suffix in READERS if f"`{suffix}`" not in page] == []
-
-
-@pytest.mark.parametrize(("key", "outcome"), rows())
-def test_row(tmp_path, key, outcome):
-    case = CASES[key]
-    path = case.write(tmp_path)
-    if outcome == "refused":
-        with pytest.raises(ShapeError) as caught:
-            case.load(path)
-        message = str(caught.value).replace(str(tmp_path), "")
-        assert case.words
-        assert case.words in message
-        assert "\n" not in message
-        assert len(message) < LONGEST
-        return
-    shape = case.load(path)
-    assert (case.words != "") == (outcome == "noted")
-    message = f"{shape.restriction}{getattr(shape, 'remark', '')}"
-    assert case.words in message
-    assert bool(message) == (outcome == "noted")
-    case.check(shape)
-
-
-UNCOUNTED = ("obj", "usd", "urdf", "ros", "place")  # texts that do not say how much they hold; URDF has rows of its own
-CUTS = 6
-
-
-@pytest.mark.parametrize(
-    "key", [k for k, outcome in rows() if outcome != "refused" and k.split("/")[0] not in UNCOUNTED]
-)
-def test_what_is_cut_off_is_refused_or_whole(tmp_path, key):
-    """Files end early, at places that differ from row to row."""
-    path = CASES[key].write(tmp_path)
-    whole, content, rng = CASES[key].load(path), path.read_bytes(), np.random.default_rng(zlib.crc32(key.encode()))
-    for end in rng.integers(1, len(content), CUTS):
-        path.write_bytes(content[:end])
-        with contextlib.suppress(ShapeError):
-            assert CASES[key].load(path).digest == whole.digest
 
 
 BOX = trimesh.creation.box(extents=(1, 2, 3))
@@ -191,7 +201,7 @@ def corners(shape: tuple[int, int], resolution: float, origin: tuple[float, floa
 def test_no_wall_of_a_map_is_denied_wherever_it_lies(tmp_path, origin, resolution):
     values = np.full((30, 50), 254, np.uint8)
     values[4:9, 10:31] = values[20:, 40:] = 0
-    shape = load_shape(ros(values, origin=f"[{origin[0]!r}, {origin[1]!r}, 0]", resolution=resolution)(tmp_path))
+    shape = load_shape(written(tmp_path, "m.yaml", ros(values, origin=[*origin, 0], resolution=resolution)))
     bounder = wb.fit(shape, method="aabb", device="cpu")
     assert bounder.certificate.proven
     row, column, corner = corners(values.shape, resolution, origin)
@@ -210,7 +220,7 @@ def test_no_wall_of_a_map_is_denied_wherever_it_lies(tmp_path, origin, resolutio
 def test_regions_of_a_map_at_any_origin(tmp_path, query):
     values = np.full((12, 16), 254, np.uint8)
     values[3:6, 5:9] = 0
-    shape = load_shape(ros(values, origin="[500000.13, 4649776.37, 0]")(tmp_path))
+    shape = load_shape(written(tmp_path, "m.yaml", ros(values, origin=[500000.13, 4649776.37, 0])))
     bounder = wb.fit(shape, query, "kdop", device="cpu")
     middle = shape.origin + 0.05 * np.array([7.0, 12 - 4.5])
     x = {"ray": [middle - [0.3, 0], [1, 0]], "plane": [[1, 0], middle], "box": [middle, middle]}[query]

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from format_cases import V, binary_stl, dae, glb
+from format_cases import written as stored
 
 import warp_bounding as wb
 from warp_bounding.arms.urdf import hull_of
@@ -214,3 +216,84 @@ def test_an_srdf_of_another_robot_is_refused(tmp_path):
     (tmp_path / "arm.srdf").write_text("<sdf/>")
     with pytest.raises(ShapeError, match="expected an SRDF file of a robot, got sdf"):
         wb.arms.load_urdf(file, srdf=tmp_path / "arm.srdf")
+
+
+def robot(
+    geometry="<mesh filename='a.stl'/>",
+    more="",
+    more_collision="",
+    start="<robot name='r'>",
+    end="</robot>",
+    more_joint="",
+    origin="xyz='1 0 0'",
+    own=("", "", ""),
+    **files: bytes | str,
+) -> dict[str, str | bytes]:
+    """An arm of one joint, whose link is a cube of a file."""
+    collision = f"<origin {origin}/><geometry>{geometry}</geometry>{more_collision}"
+    moved = f"<link name='bar'{own[0]}><collision{own[1]}>{collision}</collision></link>"
+    turning = f"<joint name='j' type='revolute'{own[2]}><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/>"
+    turning += f"<limit lower='-1' upper='1' effort='1' velocity='1'/>{more_joint}</joint>"
+    whole = f"{start}<link name='base'/>{moved}{turning}{more}{end}"
+    return {"a.urdf": whole, "a.stl": binary_stl()} | files  # fmt: skip
+
+
+PACKAGE = "<mesh filename='package://robot/meshes/a.stl'/>"
+VISUAL = (
+    "<link name='extra'><visual><geometry><box size='1 1 1'/></geometry></visual></link>"
+    "<joint name='k' type='fixed'><parent link='bar'/><child link='extra'/></joint>"
+)
+CENTIMETRES = dae(points=100 * V, asset='<unit meter="0.01"/><up_axis>Z_UP</up_axis>')
+NAMED = "<package><name>robot</name></package>"
+
+
+@pytest.mark.parametrize(
+    ("files", "note", "half"),
+    [
+        (robot(), "", (1, 1, 1)),
+        (robot("<!-- a cube --><mesh filename='a.stl' scale='1 -2 3'/>"), "", (1, 2, 3)),
+        (robot(PACKAGE, **{"robot/meshes/a.stl": binary_stl()}), "", (1, 1, 1)),
+        (robot(PACKAGE, **{"package.xml": NAMED, "meshes/a.stl": binary_stl()}), "", (1, 1, 1)),
+        (robot("<mesh filename='a.dae'/>", **{"a.dae": CENTIMETRES}), "", (1, 1, 1)),
+        (robot("<mesh filename='a.glb'/>", **{"a.glb": glb()}), "taken as it stands", (1, 1, 1)),
+        (robot("<mesh filename='a.dae'/>", **{"a.dae": dae(asset="")}), "a.dae: no up_axis", (1, 1, 1)),
+        (robot(more=VISUAL), "so not bounded: extra", (1, 1, 1)),
+        (robot(own=(" drake_ignore='0'", " margin='0.1'", " color='red'")), "color of joint, drake_ignore", (1, 1, 1)),
+        (robot(more="<drake/>", more_joint="<foo/>", more_collision="<verbose/>"), "drake, foo, verbose", (1, 1, 1)),
+    ],
+)
+def test_meshes_of_links(tmp_path, files, note, half):
+    arm = wb.arms.load_urdf(stored(tmp_path, "a.urdf", files))
+    (body,) = arm.bodies
+    assert sorted(body.points.tolist()) == pytest.approx(np.array(sorted((V * half + [1, 0, 0]).tolist())))
+    assert note in arm.note
+    assert bool(arm.note) == bool(note)
+
+
+@pytest.mark.parametrize(
+    ("files", "words"),
+    [
+        (robot("<mesh filename='a.stl' scale='1 2'/>"), "scale of 1 or 3 finite numbers"),
+        (robot(PACKAGE, **{"meshes/a.stl": binary_stl()}), "is missing"),
+        (robot("<mesh filename='gone.stl'/>"), "is missing"),
+        (robot("<mesh filename='a.3ds'/>", **{"a.3ds": b"3ds"}), "expected a mesh file"),
+        (robot(**{"a.stl": binary_stl()[:-1]}), "a.stl"),
+        (robot("<sphere radius='1'/><box size='1 1 1'/>"), "one geometry of one shape"),
+        (robot(more_collision="<geometry><sphere radius='1'/></geometry>"), "one geometry of one shape"),
+        (robot(more_joint="<origin/><origin xyz='5 0 0'/>"), "joint j: expected one origin, got 2"),
+        (robot("<cylinder radius='1'/>"), "cylinder: expected length"),
+        (robot(origin="xyz='1 0 0' quat_xyzw='0 0 1 0'"), "got quat_xyzw"),
+        (robot("<cylinder radius='-1' length='1'/>"), "radius of 1 finite number from 0, got '-1'"),
+        (robot(origin="xyz='1 0 0 7'"), "xyz of 3 finite numbers"),
+        (robot("<sphere radius='1_0'/>"), "radius of 1 finite number from 0, got '1_0'"),
+        (robot("<cone radius='1' length='1'/>"), "cone"),
+        (robot(more="<link name='base'/>"), "two of base"),
+        (robot(start="<robot name='r' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='b'/>"), "macro"),
+        (robot(end=""), "no URDF that can be read"),
+    ],
+)
+def test_files_that_are_refused(tmp_path, files, words):
+    with pytest.raises(ShapeError) as caught:
+        wb.arms.load_urdf(stored(tmp_path, "a.urdf", files))
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -12,7 +12,20 @@ import warp as wp
 
 import warp_bounding as wb
 
-EXTRAS = ("torch", "trimesh", "matplotlib", "PIL", "pxr", "pyvista", "newton", "coal", "yourdfpy", "sklearn", "pytest")
+EXTRAS = (
+    "torch",
+    "trimesh",
+    "matplotlib",
+    "PIL",
+    "yaml",
+    "pxr",
+    "pyvista",
+    "newton",
+    "coal",
+    "yourdfpy",
+    "sklearn",
+    "pytest",
+)
 assert [name for name in EXTRAS if find_spec(name)] == []  # else this would show nothing
 
 bounders = {path.name: wb.load(path, device="cpu") for path in Path("bounders").glob("*.safetensors")}

@@ -33,8 +33,8 @@ from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress, quiet_warp, reported
 from warp_bounding.runtime.whole_file import BOUNDER_FILE, PAGE_FILE, FileKind, check_writable, write_whole
 from warp_bounding.shapes import load_shape
-from warp_bounding.shapes.formats.gltf import referred_buffers
 from warp_bounding.shapes.formats.load import READERS
+from warp_bounding.shapes.formats.meshes import referred_buffers
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES
 from warp_bounding.version import __version__
 

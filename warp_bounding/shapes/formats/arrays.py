@@ -152,7 +152,6 @@ class Cells(NamedTuple):
         remark: See ``Shape``.
         placement: Of the cells, where the file tells it; nothing else places them then.
         spacing: Of the cells, where nobody tells another.
-        elsewhere: A remark on where the file places the cells, for callers that do not place them themselves.
     """
 
     values: np.ndarray
@@ -160,7 +159,6 @@ class Cells(NamedTuple):
     remark: str = ""
     placement: Placement | None = None
     spacing: float | None = None
-    elsewhere: str = ""
 
 
 def grid_of(

@@ -10,7 +10,7 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.formats.reading import import_optional, reading
 
-__all__ = ["WHICH", "alpha_of", "image_from", "opened", "read_png"]
+__all__ = ["WHICH", "image_from", "opened", "read_png"]
 
 OPAQUE = 0.5  # alpha from here on is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
@@ -55,29 +55,22 @@ def read_png(path: Path, *, grey: bool) -> np.ndarray:
         return _pixels(image, path, grey=grey)
 
 
-def alpha_of(image, name) -> np.ndarray | None:
+def _alpha(image, name) -> np.ndarray | None:
     """0 to 255, 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparency.
 
-    A PNG file may name one colour that is transparent, in its own bits. PIL keeps that number as it stands, and gives
-    grey of 2 and 4 bits and colours of 16 as 8 bits. How many bits the file has PIL knows before pixels are loaded.
+    A PNG file may name one colour that is transparent, in its own bits, of which PIL keeps other ones: it is refused.
     """
-    bits = str(image.tile[0][3]) if getattr(image, "tile", None) else ""
     image.load()
-    clear = image.info.get("transparency")
-    if image.mode in ALPHA_MODES or (image.mode == "P" and (clear is not None or image.palette.mode == "RGBA")):
+    clear = "transparency" in image.info
+    if image.mode in ALPHA_MODES or (image.mode == "P" and (clear or image.palette.mode == "RGBA")):
         return np.asarray(image.convert("RGBA"))[..., 3]
-    if clear is None:
-        return None
-    if image.mode == "RGB" and ";16" not in bits and max(clear) < 256:
-        return np.asarray(image.convert("RGBA"))[..., 3]
-    if image.mode not in GREY_MODES and image.mode != "1":
-        raise ShapeError(f"{name}: a transparent colour of 16 bits is not read; give the picture an alpha channel")
-    grey = np.asarray(image.convert("L") if image.mode == "1" else image)
-    return np.where(grey == clear * {"L;2": 85, "L;4": 17}.get(bits, 1), 0, 255).astype(np.uint8)
+    if clear:
+        raise ShapeError(f"{name}: a transparent colour is not read; give the picture an alpha channel")
+    return None
 
 
 def _pixels(image, name, *, grey: bool) -> np.ndarray:
-    alpha = alpha_of(image, name)
+    alpha = _alpha(image, name)
     if alpha is None and not grey:
         raise ShapeError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
     if grey and alpha is not None and alpha.min() < 255:

@@ -19,17 +19,13 @@ import numpy as np
 
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
+from warp_bounding.shapes.formats import meshes
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Level, Placement, Wanted, grid_of
 from warp_bounding.shapes.formats.binvox import read_binvox
 from warp_bounding.shapes.formats.collada import read_collada
-from warp_bounding.shapes.formats.gltf import read_gltf
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
 from warp_bounding.shapes.formats.maps import read_movingai, read_pgm, read_ros_map
-from warp_bounding.shapes.formats.obj import read_obj
-from warp_bounding.shapes.formats.off import read_off
-from warp_bounding.shapes.formats.ply import read_ply
 from warp_bounding.shapes.formats.reading import MeshData, reading
-from warp_bounding.shapes.formats.stl import read_stl
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
 from warp_bounding.shapes.function import Function
 from warp_bounding.shapes.grid import Grid
@@ -43,12 +39,7 @@ from warp_bounding.shapes.shape import HOLLOW
 # Mesh files, each by the reader of its format: whatever a file holds is read, noted, or the file is refused.
 
 MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
-    ".obj": read_obj,
-    ".ply": read_ply,
-    ".stl": read_stl,
-    ".glb": read_gltf,
-    ".gltf": read_gltf,
-    ".off": read_off,
+    **meshes.MESH_READERS,
     ".dae": read_collada,
 }
 
@@ -58,7 +49,8 @@ def read_mesh_data(path: Path) -> MeshData:
     suffix = path.suffix.lower()
     if suffix not in MESH_READERS:
         raise ShapeError(f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}")
-    with reading(path, f"a {suffix} mesh"), np.errstate(all="ignore"):  # vertices that are not finite are refused
+    expected = f"a {suffix} mesh{', in binary with faces of one size only' if suffix == '.ply' else ''}"
+    with reading(path, expected), np.errstate(all="ignore"):  # vertices that are not finite are refused
         return MESH_READERS[suffix](path)
 
 
@@ -321,9 +313,7 @@ def load_shape(
         place = found.placement or Placement(found.spacing if spacing is None else spacing, origin)
         # where it has a place of its own, its reader asked what is occupied
         own = wanted if found.placement is None else Wanted()
-        placed = spacing is not None and origin is not None
-        remark = "; ".join(filter(None, [found.remark, "" if placed else found.elsewhere]))
-        found = grid_of(found.values, found.name, time, own, place, remark)
+        found = grid_of(found.values, found.name, time, own, place, found.remark)
     else:
         given = {"level": level, "spacing": spacing, "origin": origin, "unknown": unknown}
         for option in (key for key, value in given.items() if value is not None):
@@ -422,7 +412,7 @@ def _read_npz(path: Path) -> Cells:
 def _read_pgm(path: Path, wanted: Wanted) -> Cells:
     if wanted.level is None:
         raise ShapeError(f"{path}: expected a level for its grey values; {WHICH}")
-    return Cells(read_pgm(path)[0], path.name)
+    return Cells(read_pgm(path), path.name)
 
 
 # By extension: each is given a path and what the caller says of values, and makes ``Cells`` or a ``ShapeLike``.

@@ -31,7 +31,7 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
         reason = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, ValueError) and reason.startswith("expected"):  # by a reader of ours
             raise ShapeError(f"{path}: {reason}") from error
-        reason = f"{reason} is missing" if isinstance(error, KeyError) else reason
+        reason = f"{reason} is missing" if isinstance(error, KeyError | FileNotFoundError) else reason
         reason = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
         raise ShapeError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
 
@@ -66,10 +66,8 @@ def import_optional(module: str, package: str, path: str | os.PathLike) -> Modul
 #
 # What every reader of a mesh file makes: vertices, triangles, and notes of what a user should know.
 #
-# Polygons become fans of triangles around their first corner. Where a triangle of the fan would lie beside the
-# polygon, it is cut along its ears instead;
-# one that crosses itself stays a fan, which holds it. Polygons that are not flat are cut likewise; other programs may
-# cut them into other triangles.
+# Polygons become fans of triangles around their first corner. The fan holds the polygon. Of one that is not convex it
+# may hold more: triangles that lie beside it.
 
 
 class MeshData(NamedTuple):
@@ -88,8 +86,6 @@ class MeshData(NamedTuple):
 
 def as_numbers(words: Sequence[bytes]) -> np.ndarray:
     """Decimal numbers of a text, ``(N,)`` float64; raises ``ValueError`` for a word that is none."""
-    if b"_" in b"".join(words):  # Python takes 1_000 for a thousand
-        raise ValueError(f"expected a number, got {next(w for w in words if b'_' in w)[:40].decode('latin-1')!r}")
     return np.fromiter(map(float, words), np.float64, len(words))
 
 
@@ -120,70 +116,25 @@ def joined(parts: Iterable[tuple[np.ndarray, np.ndarray]], notes: Iterable[str] 
     return MeshData(vertices, np.concatenate([f + s for (_, f), s in zip(parts, starts, strict=False)]), notes)
 
 
-def triangulated(vertices: np.ndarray, counts: np.ndarray, indices: np.ndarray, *, fans: bool = False) -> np.ndarray:
-    """Cut polygons ``(P,)`` of so many corners, whose vertices come one after another, into triangles ``(T, 3)`` int64.
+def placed(vertices: np.ndarray, faces: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices where a matrix ``(4, 4)`` puts them, and their faces, turned where it mirrors."""
+    if (matrix == np.eye(4)).all():
+        return vertices, faces
+    moved = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces
 
-    With ``fans`` all polygons become fans, also where these reach beside them. Raises ``ValueError`` for polygons of
-    fewer than three corners, or of vertices that are not there.
+
+def triangulated(counts: np.ndarray, indices: np.ndarray, vertices: int) -> np.ndarray:
+    """Cut polygons ``(P,)`` of so many corners, whose indices come one after another, into fans ``(F, 3)`` int64.
+
+    Raises ``ValueError`` for polygons of fewer than three corners, or of vertices that are not there.
     """
     counts = np.asarray(counts, np.int64)
     if counts.size and counts.min() < 3:
         raise ValueError(f"expected polygons of at least 3 vertices, got {counts.min()}")
     if counts.sum() != np.size(indices):
         raise ValueError(f"expected {counts.sum()} indices for {counts.size} polygons, got {np.size(indices)}")
-    indices = as_faces(indices, len(vertices))
-    sizes = counts - 2
-    starts, first_face = np.cumsum(counts) - counts, np.cumsum(sizes) - sizes
-    first = np.repeat(starts, sizes)
-    second = first + np.arange(sizes.sum()) - np.repeat(first_face, sizes) + 1
-    faces = np.stack([indices[first], indices[second], indices[second + 1]], axis=1)
-    if fans or not (counts > 3).any():
-        return faces
-    for number in _folded(vertices, faces, np.repeat(np.arange(len(counts)), sizes)):
-        polygon = indices[starts[number] : starts[number] + counts[number]]
-        ears = _ears(vertices[polygon])
-        if ears is not None:
-            faces[first_face[number] : first_face[number] + sizes[number]] = polygon[ears]
-    return faces
-
-
-def _folded(vertices: np.ndarray, faces: np.ndarray, polygon: np.ndarray) -> np.ndarray:
-    """Numbers of polygons with a triangle that is turned against the others; ``polygon`` ``(F,)`` maps triangles."""
-    a, b, c = vertices[faces].transpose(1, 0, 2)
-    normals = np.cross(b - a, c - a)
-    sums = np.stack([np.bincount(polygon, column) for column in normals.T], axis=1)
-    return np.unique(polygon[(normals * sums[polygon]).sum(axis=1) < 0])
-
-
-def _ears(corners: np.ndarray) -> np.ndarray | None:
-    """Triangles ``(n - 2, 3)`` of a polygon ``(n, 3)``, cut off one by one; ``None`` if it crosses itself.
-
-    Whatever is cut off, triangle and rest have the signed area of the whole: so the triangles hold the polygon, also
-    where an ear is none.
-    """
-    around = np.roll(corners, -1, axis=0) - corners[0]
-    normal = np.cross(corners - corners[0], around).sum(axis=0)
-    axis = int(np.abs(normal).argmax())
-    flat = np.delete(corners, axis, axis=1) * ((-1) ** axis * (1 if normal[axis] > 0 else -1), 1)
-
-    def side(a, b, points):
-        return (b[0] - a[0]) * (points[..., 1] - a[1]) - (b[1] - a[1]) * (points[..., 0] - a[0])
-
-    left, found, tried, k = list(range(len(corners))), [], 0, 0
-    while len(left) > 3:
-        if tried == len(left):
-            return None
-        k %= len(left)
-        trio = [left[k - 1], left[k], left[(k + 1) % len(left)]]
-        a, b, c = flat[trio]
-        others = flat[[other for other in left if other not in trio]]
-        others = others[(others[:, None] != flat[trio]).any(axis=2).all(axis=1)]  # a slit's two sides share their ends
-        within = (side(a, b, others) >= 0) & (side(b, c, others) >= 0) & (side(c, a, others) >= 0)
-        turn = side(a, b, c)
-        if (turn > 0 and not within.any()) or turn == 0:
-            found.append(trio)
-            del left[k]
-            tried, k = 0, k - 1
-        else:
-            tried, k = tried + 1, k + 1
-    return np.array([*found, left])
+    indices, sizes = as_faces(indices, vertices), counts - 2
+    first = np.repeat(np.cumsum(counts) - counts, sizes)
+    second = first + np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes) + 1
+    return np.stack([indices[first], indices[second], indices[second + 1]], axis=1)
