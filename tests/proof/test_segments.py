@@ -10,7 +10,6 @@ from bounding_shapes import fitted as hardly_fitted
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof import prove
-from warp_bounding.proof import segments as segments_module
 from warp_bounding.shapes import Grid
 
 CASES = [("mlp", "c"), *((m, "blob") for m in ("mlp", "mlp-early", "local", "mlp-early|mlp&local", "kdop", "bvh"))]
@@ -44,11 +43,17 @@ def segments(grid: Grid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
 def test_cleared_segments_meet_no_point_of_the_object(method, name, rng):
     bounder, grid = fitted(method, name), shape(name)
     starts, ends = segments(grid, 20_000, rng)
-    clear = wb.proof.clear_segments(bounder, starts, ends)
+    clear, until = wb.proof.clear_segments(bounder, starts, ends, first=True)
+    quick = wb.proof.clear_segments(bounder, starts, ends)
+    first = starts.astype(np.float64)
     for t in np.linspace(0, 1, 101):
-        assert not (grid.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear])).any()
-    assert clear.any()
-    assert not clear.all()
+        for rows, share in ((quick, t), (until > 0, t * until[until > 0, None] * (1 - 1e-9))):
+            assert not grid.contains(first[rows] + share * (ends - first)[rows]).any()
+    assert (until[clear] == 1).all()
+    assert ((until >= 0) & (until <= 1)).all()
+    assert 0 < quick.sum() < len(quick)
+    assert (until[~clear] > 0).any()
+    assert (quick != clear).mean() < 1e-2  # an end so near to the object that float32 does not deny it
 
 
 def test_segments_that_end_in_the_object_are_never_cleared(rng):
@@ -84,21 +89,20 @@ def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
 
 @pytest.mark.parametrize(("activation", "octaves"), [("relu", 0), ("sin", 2)])
 def test_bounds_along_segments_hold(activation, octaves, rng):
-    """Of -f, over pieces of segments, against dense values in float64: no slack."""
+    """Up to where a walk has come f stays under threshold + E, in float64: no slack."""
     grid = shape("blob")
     bounder = random_mlp(grid, (9, 7), activation, octaves)
-    bounder.freeze(0.0, None)
-    a, w = rng.uniform(-1, 1, (400, 3)), rng.normal(size=(400, 3)) * 10.0 ** rng.uniform(-3, 0, (400, 1))
-    t = np.sort(rng.random((400, 2)), axis=1)
-    w /= np.maximum(1.0, np.abs(a + w).max(axis=1, keepdims=True) / bounder.domain.limit.min())  # ends in the domain
-    w = np.where(np.abs(a + w) > bounder.domain.limit, 0.0, w)
-    part = segments_module._Part(bounder, bounder.ndim)
-    low, high = (np.concatenate([a, w, t[:, [k]]], axis=1) for k in (0, 1))
-    lower = segments_module.bound_boxes(part.shape, part.weights, part.padding, low, high).lower
-    for share in np.linspace(0, 1, 101):
-        points = a + (t[:, [0]] + share * (t[:, [1]] - t[:, [0]])) * w
-        assert (-bounder.reference(points) >= lower).all()
-    assert (lower > -np.inf).all()
+    starts, ends = segments(grid, 2000, rng)
+    middle = bounder.reference(bounder.domain.to_local((starts + ends) / 2))
+    bounder.freeze(float(np.float32(np.quantile(middle, 0.7))), None)
+    target = float(bounder.threshold) + bounder.rounding_bound()
+    until = wb.proof.clear_segments(bounder, starts, ends, first=True)[1]
+    first = starts.astype(np.float64)
+    for share in np.linspace(0, 1 - 1e-9, 101):
+        v = bounder.domain.to_local(first + share * until[:, None] * (ends - first))
+        within = (np.abs(v) <= bounder.domain.limit).all(axis=1) & (until > 0)
+        assert (bounder.reference(v[within]) < target).all()
+    assert ((until > 0) & (until < 1)).any()
 
 
 def test_bad_input():

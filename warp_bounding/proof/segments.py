@@ -18,8 +18,14 @@ one (``joints.WIDER``), so that it does not matter what the place of a cut round
 cleared.
 """
 
-import numpy as np
+from functools import cache
+from typing import ClassVar
+from weakref import WeakKeyDictionary
 
+import numpy as np
+import warp as wp
+
+from warp_bounding.activations import constant, constants
 from warp_bounding.bounders.batch import Framed
 from warp_bounding.bounders.bounder import DISTANCES, Bounder
 from warp_bounding.bounders.cascade import Cascade
@@ -28,28 +34,33 @@ from warp_bounding.bounders.mlp import Local, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.networks.bounds import bound_boxes
+from warp_bounding.networks.bounds import NetworkShape, body, double_array, lanes_text
 from warp_bounding.networks.parametrizations import SegmentParametrization
-from warp_bounding.proof.search import halve
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.rounding import round_down
+from warp_bounding.runtime.launch import launch_blocks
+from warp_bounding.runtime.native import named, native_text, unique_name
 from warp_bounding.shapes.joints import Joints
 
 __all__ = ["clear_segments"]
 
 MOST_DEPTH = 30  # of a march: its steps are 2^30 at most
 DEPTH = 8  # a piece is halved at most this often
-AROUND = (
-    2.0**-28
-)  # local units: more than a point of a piece may be off, where it is asked which part of a domain it lies in
+# local units: more than a point of a piece may be off, where it is asked which part of a domain it lies in
+AROUND = 2.0**-28
 INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
 PIECE = 2.0**-45  # of the largest coordinate of a segment: above what a dozen operations on an end of a piece round
 MOST_PIECES = 64  # of a segment, by turns of joints; one that has more is not cleared
 LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
+EARLIER = 1.0 - 2.0**-48  # makes a time that was computed no later than it is
+BLOCK = 64  # segments of a thread
+ROUNDS = 16  # of several networks: how often each may go on where the others have stopped
 
 
-def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, depth: int = DEPTH) -> np.ndarray:
-    """Which segments are proven to meet the object nowhere.
+def clear_segments(
+    bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, depth: int = DEPTH, first: bool = False
+) -> np.ndarray | tuple[np.ndarray, np.ndarray]:
+    """Which segments are proven to meet the object nowhere, and how far each is proven to be clear.
 
     Args:
         bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them in a
@@ -60,11 +71,13 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
         ends: ``(N, n)``, object space.
         depth: How often a piece is halved at most, or the logarithm of the steps of a march; a larger depth clears more
             segments that pass close to the object.
+        first: Also tell how far, which takes longer where segments are not clear.
 
     Returns:
         ``(N,)`` bool: True if no point of the closed segment lies in the object, of one that moves at the point's time.
         False says nothing; it is the answer for NaN, infinity, segments that are a million domains away, and those that
-        go beyond a joint's limits.
+        go beyond a joint's limits. With ``first`` also ``(N,)`` float64, a share of the way: before it the segment is
+        proven to be clear, and 1 where all of it is.
 
     Raises:
         BounderError: For another kind of bounder.
@@ -78,20 +91,33 @@ def clear_segments(bounder: Bounder, starts: np.ndarray, ends: np.ndarray, *, de
     """
     if isinstance(bounder, Framed):
         bounder.expect_local("clear_segments")
-    joints = getattr(getattr(bounder, "domain", None), "joints", None)
-    if joints is not None:
-        starts, ends = _checked(bounder.ndim, starts, ends, depth)
-        cleared, owner, *pieces = _in_one_turn(joints, starts, ends)
-        if len(owner):
-            cleared[owner[~_cleared(bounder, *pieces, depth)]] = False
-        return cleared
-    return _cleared(bounder, starts, ends, depth)
+    far = _with_distance(bounder)
+    if far is None and not (
+        isinstance(bounder, Bounder)
+        and _of_networks(bounder)
+        and bounder.domain is bounder.domain.base
+        and not (bounder.domain.time or bounder.domain.unbounded)
+    ):
+        raise BounderError(f"segments need a network or a volume of points at rest, or a distance, got {bounder!r}")
+    starts, ends = _checked(bounder.ndim, starts, ends, depth)
+    joints = getattr(bounder.domain, "joints", None)
+    if joints is None:
+        until = _until(bounder, far, starts, ends, depth, first)
+    else:
+        inside, owner, begin, end, low, high = _in_one_turn(joints, starts, ends)
+        until, found = np.where(inside, np.inf, 0.0), _until(bounder, far, low, high, depth, first)
+        np.minimum.at(until, owner, np.where(found < np.inf, (begin + found * (end - begin)) * EARLIER, np.inf))
+    cleared = until == np.inf
+    return (cleared, np.minimum(until, 1.0)) if first else cleared
 
 
 def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Which segments ``(N,)`` lie within the limits, and their pieces: segment numbers, and ends, turned back."""
+    """Which segments ``(N,)`` lie within the limits, and of their pieces the segment, times, and ends, turned back."""
     period = np.array(joints.period)
     inside = joints.within(starts) & joints.within(ends)
+    if not period.any():
+        owner = np.flatnonzero(inside)
+        return inside, owner, np.zeros(len(owner)), np.ones(len(owner)), starts[owner], ends[owner]
     with np.errstate(divide="ignore", invalid="ignore"):
         seams = [
             np.where(period > 0, np.floor(end / period + 0.5), 0.0) for end in (starts, ends)
@@ -112,28 +138,20 @@ def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[
     high = np.where((times[row, number + 1] == 1)[:, None], b, high)
     middle = (low + high) / 2
     by = joints.turned_back(middle) - middle
-    return inside, owner, low + by, high + by
+    return inside, owner, times[row, number], times[row, number + 1], low + by, high + by
 
 
-def _cleared(bounder, starts: np.ndarray, ends: np.ndarray, depth: int) -> np.ndarray:
-    """``clear_segments`` of what lies in one turn."""
-    far = _with_distance(bounder)
+def _until(
+    bounder: Bounder, far: DistanceBounder | None, starts: np.ndarray, ends: np.ndarray, depth: int, first: bool
+) -> np.ndarray:
+    """Up to which share of each segment it is clear; infinity where all of it is. Of joints, within one turn."""
     if far is not None and not far.domain.time:
-        starts, ends = _checked(far.ndim, starts, ends, depth)
         joints, off = bounder.domain.joints, 0.0
         if joints is not None and any(joints.period):
             off = PIECE * max(map(abs, (*joints.lower, *joints.upper))) * np.sqrt(far.ndim) * (1 + INSIDE)
         with np.errstate(over="ignore", invalid="ignore"):
-            return far.segments(starts, ends, off, 2 ** min(depth, MOST_DEPTH))[0].numpy() == 0
-    if far is None and (
-        not isinstance(bounder, Bounder)
-        or bounder.domain is not bounder.domain.base
-        or not _of_networks(bounder)
-        or bounder.domain.time
-        or bounder.domain.unbounded
-    ):
-        raise BounderError(f"segments need a network or a volume of points at rest, or a distance, got {bounder!r}")
-    starts, ends = _checked(bounder.ndim, starts, ends, depth)
+            maybe, time = (each.numpy() for each in far.segments(starts, ends, off, 2 ** min(depth, MOST_DEPTH)))
+        return np.where(maybe == 0, np.inf, time)
     with np.errstate(over="ignore", invalid="ignore"):
         a = bounder.domain.to_local(starts)
         w = bounder.domain.to_local(ends) - a
@@ -141,30 +159,16 @@ def _cleared(bounder, starts: np.ndarray, ends: np.ndarray, depth: int) -> np.nd
     if bounder.domain.time:  # beyond its range nothing is known
         within = [bounder.domain.lower[0], bounder.domain.upper[0]]
         known &= np.logical_and.reduce([(x[:, 0] >= within[0]) & (x[:, 0] <= within[1]) for x in (starts, ends)])
-    segments = np.flatnonzero(known)
-    a, w = a[segments], w[segments]
-    limit = bounder.domain.limit.astype(np.float64)
-    first, last, inside = _within(a, w, limit if far is None else limit + 2 * AROUND)  # a distance's has no delta
-    a, w, owner = a[inside], w[inside], segments[inside]
-    low = np.concatenate([a, w, first[inside, None]], axis=1)
-    high = np.concatenate([a, w, last[inside, None]], axis=1)
-    whole = _queried(bounder, bounder.ndim)
-    along = 2 * bounder.ndim
-    failed = ~known
-    for level in range(depth + 1):
-        cleared = whole.clears(low, high)
-        low, high, owner = low[~cleared], high[~cleared], owner[~cleared]
-        middle = (low[:, along:] + high[:, along:]) / 2
-        points = low[:, : bounder.ndim] + middle * low[:, bounder.ndim : along]
-        failed[owner[whole.lets_through(points)]] = True  # no half that holds such a point will be cleared
-        left = ~failed[owner]
-        low, high, owner = low[left], high[left], owner[left]
-        if level == depth or not len(owner):
-            break
-        low, high = halve(low, high, np.full(len(low), along))
-        owner = np.tile(owner, 2)
-    failed[owner] = True  # their last pieces were not cleared
-    return ~failed
+    if far is None and not first and len(starts) > BLOCK:  # where an end is not denied, no walk is needed
+        for x in (starts, ends):
+            known[known] = bounder.query(x[known].astype(np.float32)).numpy() == 0
+    until, limit = np.where(known, np.inf, 0.0), bounder.domain.limit.astype(np.float64)
+    rows = np.flatnonzero(known)
+    # a distance's domain has no delta
+    begin, end, inside = _within(a[rows], w[rows], limit if far is None else limit + 2 * AROUND)
+    rows = rows[inside]
+    until[rows] = _walked(bounder, a[rows], w[rows], begin[inside], end[inside], min(depth, MOST_DEPTH), first)
+    return until
 
 
 def _checked(ndim: int, starts: np.ndarray, ends: np.ndarray, depth: int) -> tuple[np.ndarray, np.ndarray]:
@@ -197,121 +201,113 @@ def _of_networks(bounder: Bounder) -> bool:
     return isinstance(bounder, Mlp | Local)
 
 
-def _queried(bounder: Bounder, ndim: int) -> "_Part | _Parts":
-    """What is asked about pieces."""
-    if isinstance(bounder, Union):
-        return _Parts([_queried(part, ndim) for part in bounder.members], False)
-    if isinstance(bounder, MlpDistance):
-        return _MovingDistance(bounder, ndim)
-    if isinstance(bounder, Local):
-        return _LocalPart(bounder, ndim)
-    if len(bounder.parts) > 1:
-        return _Parts([_queried(part, ndim) for part in bounder.parts], True)
-    return _Part(bounder.parts[0], ndim)
+def _walked(
+    bounder: Bounder, a: np.ndarray, w: np.ndarray, begin: np.ndarray, end: np.ndarray, depth: int, first: bool
+) -> np.ndarray:
+    """Up to which t from ``begin`` to ``end`` each segment ``a + t w`` is clear; infinity where all of it is."""
+    if isinstance(bounder, Union):  # each of them must clear it
+        until = np.full(len(a), np.inf)
+        for part in bounder.members:
+            rows = np.flatnonzero(until == np.inf) if not first else np.arange(len(a))
+            found = _walked(part, a[rows], w[rows], begin[rows], end[rows], depth, first)
+            until[rows] = np.minimum(until[rows], found)
+        return until
+    if isinstance(bounder, Local | MlpDistance) or len(bounder.parts) == 1:
+        return _Walk.of(bounder)(bounder, a, w, begin, end, depth, first)
+    until, rows = begin.copy(), np.arange(len(a))
+    for _ in range(ROUNDS):  # each of them goes on where the one before has stopped
+        before = until.copy()
+        for part in bounder.parts:
+            until[rows] = _walked(part, a[rows], w[rows], until[rows], end[rows], depth, True)
+            rows = rows[until[rows] < np.inf]
+        rows = rows[until[rows] > before[rows]]
+    return until
 
 
-class _Parts:
-    """Several: a piece is cleared where one clears it, if all must say *maybe*, else where all do."""
+class _Walk:
+    """One network along segments: the native walk (``native/segments.h``) with its numbers.
 
-    def __init__(self, parts: list, all_must: bool):
-        self.parts, self.all_must = parts, all_must
-
-    def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        return self._reported(
-            [lambda rows, part=part: part.clears(low[rows], high[rows]) for part in self.parts], len(low), self.all_must
-        )
-
-    def lets_through(self, points: np.ndarray) -> np.ndarray:
-        asked = [lambda rows, part=part: part.lets_through(points[rows]) for part in self.parts]
-        return self._reported(asked, len(points), not self.all_must)
-
-    @staticmethod
-    def _reported(asked: list, count: int, any_will_do: bool) -> np.ndarray:
-        """``(count,)`` bool; each is asked only about the rows that those before it have left open."""
-        found = np.full(count, not any_will_do)
-        for ask in asked:
-            rows = np.flatnonzero(found != any_will_do)
-            found[rows] = ask(rows)
-        return found
-
-
-class _Part:
-    """One network: it clears the pieces on which its f is under its threshold.
-
-    Args:
-        part: Of points, of the first coordinates of the whole.
-        ndim: How many coordinates the whole has.
+    Of points it bounds -f, which must lie above -(threshold + E); of thresholds of parts that of the parts counts. Of a
+    distance to a shape that moves it bounds F, which must lie above 0 all along. It is not enough that no face touches
+    the point on its way, which a march would tell: a hole may close around it.
     """
 
-    def __init__(self, part: Mlp, ndim: int):
-        self._bound(part, ndim)
-        self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
+    _known: ClassVar[WeakKeyDictionary] = WeakKeyDictionary()
 
-    def _bound(self, part: Mlp | MlpDistance, ndim: int, sign: float = 1.0) -> None:
-        """Keep what bounds of -f along a piece need, or of f for the sign -1."""
-        network, own = part.network, np.arange(part.ndim)
-        self.shape, self.part = network.kernel_shape(SegmentParametrization(part.ndim)), part
-        self.columns = [*own, *(own + ndim), 2 * ndim]
-        self.weights = network.packed.copy()
-        self.weights[-1 - network.output.weight.shape[1] :] *= -sign  # the output layer's, so that -f is bounded
-        limit = part.domain.limit.astype(np.float64) + (4 * AROUND if sign < 0 else 0.0)
-        self.padding = network.padding_for(limit * (1 + 2 * INSIDE))
+    @classmethod
+    def of(cls, bounder: Bounder) -> "_Walk":
+        """That of a bounder, kept as long as it is."""
+        if bounder not in cls._known:
+            cls._known[bounder] = cls(bounder)
+        return cls._known[bounder]
 
-    def lowest(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of -f on pieces."""
-        corners = (np.ascontiguousarray(each[:, self.columns]) for each in (low, high))
-        return bound_boxes(self.shape, self.weights, self.padding, *corners).lower
+    def __init__(self, bounder: Bounder):
+        member = bounder.member if isinstance(bounder, Local) else bounder
+        network, moving, self.size = member.network, isinstance(bounder, MlpDistance), member.ndim
+        self.kernel = _kernel(network.kernel_shape(SegmentParametrization(member.ndim)))
+        weights = network.packed.copy()
+        if not moving:  # the output layer's, so that -f is bounded
+            weights[-1 - network.output.weight.shape[1] :] *= -1.0
+        limit = member.domain.limit.astype(np.float64) + (4 * AROUND if moving else 0.0)
+        lattice = getattr(bounder, "lattice", None)
+        edges = [] if lattice is None else lattice.edges
+        values = np.zeros(1) if lattice is None else (bounder.relief if moving else bounder.thresholds)
+        self.edges = sum(map(len, edges))
+        counts = np.ones(member.ndim, np.int32) if lattice is None else np.array(lattice.shape, np.int32)
+        held = [weights, network.padding_for(limit * (1 + 2 * INSIDE)), np.concatenate([*edges, values])]
+        self._held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
+        self.numbers = [double_array(each, bounder.device) for each in self._held]
+        self.numbers.append(wp.array(counts, dtype=wp.int32, device=bounder.device))
 
-    def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: pieces on which f is proven to stay under threshold + E."""
-        return self.lowest(low, high) > self.target
-
-    def lets_through(self, points: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: points ``v`` at which f is not under threshold + E."""
-        return ~(-self.part.reference(points[:, : self.part.ndim]) > self.target)
-
-
-class _LocalPart(_Part):
-    """A network at thresholds of the domain's parts: the least threshold of its parts clears a piece."""
-
-    def __init__(self, part: Local, ndim: int):
-        self._bound(part.member, ndim)
-        self.whole = part
-        self.target = np.nextafter(-(float(part.threshold) + part.rounding_bound()), np.inf)
-
-    def clears(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        n = self.whole.ndim
-        at, way, times = np.split(low[:, self.columns], [n, 2 * n], axis=1)
-        ends = [at + time * way for time in (times, high[:, self.columns[-1:]])]
-        least, _, _ = self.whole.thresholds_in(np.minimum(*ends) - AROUND, np.maximum(*ends) + AROUND)
-        return self.lowest(low, high) > np.nextafter(self.target - least, np.inf)
-
-    def lets_through(self, points: np.ndarray) -> np.ndarray:
-        return ~(-self.whole.reference(points[:, : self.whole.ndim]) > self.target)
+    def __call__(self, bounder: Bounder, a, w, begin, end, depth: int, first: bool) -> np.ndarray:
+        """See ``_walked``."""
+        if isinstance(bounder, MlpDistance):  # for what a point of a piece may be off
+            base = -float(bounder.threshold) + bounder.steepness * AROUND
+        else:
+            base = np.nextafter(-(float(bounder.threshold) + bounder.rounding_bound()), np.inf)
+        rows = np.concatenate([a[:, : self.size], w[:, : self.size], begin[:, None], end[:, None]], axis=1)
+        until = wp.empty(len(a), dtype=wp.float64, device=bounder.device)
+        inputs = [double_array(rows, bounder.device), len(a), 0, depth, int(not first), float(base), self.edges]
+        if len(a):
+            launch_blocks(
+                self.kernel, len(a), [*inputs, *self.numbers], [until], bounder.device, first_index=2, block=BLOCK
+            )
+        return until.numpy()
 
 
-class _MovingDistance(_Part):
-    """A network's distance to a shape that moves: pieces are cleared where it is proven to be above 0 all along.
+@cache
+def _kernel(shape: NetworkShape) -> wp.Kernel:
+    names = "const double* w = weights.data; const double* padding = paddings.data;\n"
+    names += (
+        constants(K=shape.ndim, BOX=shape.parametrization.size, BLOCK=BLOCK)
+        + f" constexpr double AROUND = {constant(AROUND)};"
+    )
+    names += " auto absolute_of = [](double x) { return x < 0.0 ? -x : x; };"
+    walk = native_text("segments.h").WALK.replace("BODY", body(shape))
+    cpu, cuda = lanes_text(shape, names)
+    ends = (
+        "const int BEGIN = block * BLOCK, END = BEGIN + BLOCK < count ? BEGIN + BLOCK : count;",
+        "const int BEGIN = block, END = block + 1;",
+    )
+    text = f"#if !defined(__CUDA_ARCH__)\n{cpu}{ends[0]}\n{walk}\n#else\n{cuda}{ends[1]}\n{walk}\n#endif\n#undef LANE\n"
 
-    It is not enough that no face touches the point on its way, which a march would tell: a hole may close around it.
-    """
+    @named(unique_name(shape, "walk")).block_kernel(text)
+    def walk_all(
+        segments: wp.array(dtype=wp.float64),
+        count: int,
+        block: int,
+        depth: int,
+        quick: int,
+        base: wp.float64,
+        edges: int,
+        weights: wp.array(dtype=wp.float64),
+        paddings: wp.array(dtype=wp.float64),
+        lattice: wp.array(dtype=wp.float64),
+        counts: wp.array(dtype=wp.int32),
+        until: wp.array(dtype=wp.float64),
+    ): ...
 
-    def __init__(self, part: MlpDistance, ndim: int):
-        self._bound(part, ndim, -1.0)
-        self.target = -float(part.threshold) + part.steepness * AROUND  # for what a point of a piece may be off
-
-    def lowest(self, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-        found = super().lowest(low, high)
-        if self.part.lattice is None:
-            return found
-        n = self.part.ndim
-        at, way, times = np.split(low[:, self.columns], [n, 2 * n], axis=1)
-        ends = [at + time * way for time in (times, high[:, self.columns[-1:]])]
-        corners = np.minimum(*ends) - AROUND, np.maximum(*ends) + AROUND
-        return np.nextafter(found + self.part.lattice.extremes(self.part.relief, *corners)[0], -np.inf)
-
-    def lets_through(self, points: np.ndarray) -> np.ndarray:
-        return ~(self.part.reference(points) > self.target)
+    return walk_all
 
 
 def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
