@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from paper.data import Object, grid_of, objects_in, select_objects
-from paper.results import Folder, heed, say, versions
+from paper.results import Folder, finished, say, versions
 from paper.table import DISTANCE, MADE, SPACES, VARIANTS, Column, Variant, budget_of, select_columns, select_methods
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
@@ -158,8 +158,8 @@ def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
             options["last"] = found
     options |= {name: value for name, value in reported.items() if name in known and value is not None}
     options |= {"budget": budget_of(settings, cell.column, variant), "seed": settings["seed"], "device": device}
-    bounder = getattr(training, made.by if made else "fit")(cell.grid, **options, **(made.options if made else {}))
-    heed()
+    make = getattr(training, made.by if made else "fit")
+    bounder = finished(make(cell.grid, **options, **(made.options if made else {})))
     path.parent.mkdir(exist_ok=True)
     save(bounder, path)
     return bounder

@@ -70,9 +70,7 @@ class Work:
         from warp_bounding.training import fit
 
         about = {"query": query, "budget": seconds * self.settings["effort"], "seed": self.settings["seed"]}
-        bounder = fit(shape, device="cpu", **about, **options)
-        results.heed()
-        return bounder
+        return results.finished(fit(shape, device="cpu", **about, **options))
 
     def measured(self, label: str, seconds: float, pixels: int = 0, frame: int | None = None, **options: Any) -> dict:
         """A part: ``rates`` of a ``fit`` with these options, and what it answers on a raster, as ``"maybe"``."""
@@ -86,7 +84,6 @@ class Work:
         from warp_bounding.evaluation import evaluate
 
         found = evaluate(bounder, shape, self.settings["samples"], seed=self.settings["seed"] + 1)
-        results.heed()
         return {
             "fp": round(float(found.fp_rate), 4),
             "fn": int(found.fn),
@@ -105,22 +102,21 @@ def run(name, output="out/figures", data=None, quick=False, effort=None, samples
     if name != "all" and name not in FIGURES:
         raise BounderError(f"figure must be one of {', '.join(FIGURES)}, or all, got {name!r}")
     given = {"quick": quick or None, "effort": effort, "samples": samples, "seed": seed}
-    files = [f"{figure}.{ending}" for figure in FIGURES for ending in ("json", "png", "svg")]
     options = {"data": data, "out": output, "effort": effort, "samples": samples, "seed": seed, "quick": quick}
     broken: list[str] = []
-    with results.opened(Path(output), NAME, (), DEFAULTS, given, owned=files) as folder:
-        work = Work(folder.settings, None if data is None else Path(data))
-        folder.remember(results.command_line(f"{NAME} {name}", **options))
+    folder = results.opened(Path(output), NAME, (), DEFAULTS, given)
+    work = Work(folder.settings, None if data is None else Path(data))
+    folder.remember(results.command_line(f"{NAME} {name}", **options))
 
-        def measure(name: str) -> str:
-            parts = computed(folder, name, work)
-            for ending, content in FIGURES[name].draw(parts).items():
-                folder.write(f"{name}.{ending}", content)
-            broken.extend(f"{name}, {part}: {missed:,} missed" for part, missed in missed_of(parts))
-            return "drawn"
+    def measure(name: str) -> str:
+        parts = computed(folder, name, work)
+        for ending, content in FIGURES[name].draw(parts).items():
+            folder.write(f"{name}.{ending}", content)
+        broken.extend(f"{name}, {part}: {missed:,} missed" for part, missed in missed_of(parts))
+        return "drawn"
 
-        done = results.work(folder, list(FIGURES) if name == "all" else [name], measure, str)
-        folder.write(results.PAGE, page(folder))
+    done = results.work(folder, list(FIGURES) if name == "all" else [name], measure, str)
+    folder.write(results.PAGE, page(folder))
     for line in broken:
         results.say(f"promise broken: {line}")
     print(f"the figures are shown in {Path(output) / results.PAGE}")
@@ -138,7 +134,6 @@ def computed(folder: results.Folder, name: str, work: Work) -> dict[str, Any]:
     for part in left:
         results.say(f"{name} {list(parts).index(part) + 1}/{len(parts)}: {part}")
         started, value = time.perf_counter(), parts[part]()
-        results.heed()
         found["parts"][part] = {**value, "seconds": round(time.perf_counter() - started, 2)}
         found["objects"] |= digests
         found["versions"] = sorted({*found["versions"], results.versions()})

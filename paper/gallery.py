@@ -16,7 +16,7 @@ import numpy as np
 
 from paper import drawing as d
 from paper.drawing import TINTS, Panel, layer, numbered, packed, raster, scene, unpack
-from paper.results import heed
+from paper.results import finished
 from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import BoundingError
 from warp_bounding.shapes import Grid
@@ -242,7 +242,7 @@ def convergence_parts(work, labels):
         hidden, steps = TRAINED[label[0]]
         steps = max(8, round(work.choose(*steps) * work.settings["effort"]))
         sizes = {"steps": steps, "stage": steps // 8, "every": max(1, steps // 64), "batch": work.choose(4096, 2048)}
-        own = {"common": loss == "common", "seed": work.settings["seed"], "note": lambda text: heed()}
+        own = {"common": loss == "common", "seed": work.settings["seed"], "note": lambda text: None}
         return {**record(work.shape(label), hidden, DEFAULT.name, **sizes, **own), "stage": sizes["stage"]}
 
     return {f"{label} {loss}": partial(trained, label, loss) for label in labels for loss in LOSSES}
@@ -358,8 +358,7 @@ def hierarchy_parts(work, labels):
         grid, steps = Grid(cells, name="school"), max(1, round(work.choose(4000, 500) * work.settings["effort"]))
         own, bounders = {"method": "mlp", "steps": steps, "seed": work.settings["seed"], "device": "cpu"}, {}
         for depth, (level, (hidden, _)) in enumerate(LEVELS.items()):
-            bounders[level] = (partial(hierarchy, levels=depth) if depth else fit)(grid, hidden=hidden, **own)
-            heed()
+            bounders[level] = finished((partial(hierarchy, levels=depth) if depth else fit)(grid, hidden=hidden, **own))
         bounders["together"] = cascade(bounders["root"], bounders["leaves"])
         points = raster(grid, 400)
         found = {name: {**work.rates(b, grid), "maybe": packed(b, points)} for name, b in bounders.items()}
@@ -495,7 +494,6 @@ def run_demo(name: str, file: str, quick: bool, width: int | None = None) -> dic
     with tempfile.TemporaryDirectory() as folder:
         demo = import_module(f"sims.{name}")
         reported = demo.run(Path(folder), quick=quick, seed=0, device="cpu", console=output(stderr=True))
-        heed()
         path = Path(folder) / file
         if not path.is_file():
             raise BoundingError(f"the demo {name} drew nothing: off-screen drawing needs OpenGL (libEGL or libOSMesa)")

@@ -44,26 +44,24 @@ def run(
     chosen = {"columns": columns, "methods": methods, "objects": objects}
     line = results.command_line(NAME, data=data, table=table, out=output, **chosen, **given)
     cells = select(data, columns, methods, objects, METHODS)
-    with results.opened(Path(output), NAME, CSV, DEFAULTS, given | {"table": fits}) as folder:
-        left = [cell for cell, _ in missing(cells, folder)]
-        if left:
-            folder.remember(line)
+    folder = results.opened(Path(output), NAME, CSV, DEFAULTS, given | {"table": fits})
+    left = [cell for cell, _ in missing(cells, folder)]
+    if left:
+        folder.remember(line)
 
-        def measure(cell: Cell) -> str:
-            bounder, where = load(Path(table) / results.BOUNDERS / f"{cell.file}.safetensors", cell, fits), "table"
-            if bounder is None:
-                bounder, where = fitted(folder, cell, fits), "here"
-            row = (
-                about(cell, bounder, fits) | measured(bounder, cell, folder.settings, fits["seed"]) | {"fitted": where}
-            )
-            folder.append(row)
-            folder.write(results.PAGE, page(folder))
-            rates = f"{row['fp_sampled']:.3f} -> {row['fp_proven']:.3f} % false positives"
-            missed = f"a false negative by the {row['found_by']}" if row["missed_sampled"] else "none found"
-            return f"proof {row['search']} in {row['proof_seconds']:.1f} s, {rates}; at the sampled minimum: {missed}"
-
-        done = results.work(folder, left, measure, lambda cell: cell.title)
+    def measure(cell: Cell) -> str:
+        bounder, where = load(Path(table) / results.BOUNDERS / f"{cell.file}.safetensors", cell, fits), "table"
+        if bounder is None:
+            bounder, where = fitted(folder, cell, fits), "here"
+        row = about(cell, bounder, fits) | measured(bounder, cell, folder.settings, fits["seed"]) | {"fitted": where}
+        folder.append(row)
         folder.write(results.PAGE, page(folder))
+        rates = f"{row['fp_sampled']:.3f} -> {row['fp_proven']:.3f} % false positives"
+        missed = f"a false negative by the {row['found_by']}" if row["missed_sampled"] else "none found"
+        return f"proof {row['search']} in {row['proof_seconds']:.1f} s, {rates}; at the sampled minimum: {missed}"
+
+    done = results.work(folder, left, measure, lambda cell: cell.title)
+    folder.write(results.PAGE, page(folder))
     print(told(folder.rows))
     print(f"{len(folder.rows)} networks; the tables are {folder.path / results.PAGE}")
     return int(not done or any(r["fn_proven"] for r in folder.rows))
@@ -114,7 +112,6 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     if certificate is not None and certificate.proven and search.upper_bound < certificate.lower_bound:
         shown = f"f >= {certificate.lower_bound:.6g}, the prover found a positive with f = {search.upper_bound:.6g}"
         raise BounderError(f"the certificate says {shown}")
-    results.heed()
     walk = Walk(copy, grid, seed)
     start = walk.around(queries_at(copy, grid, search.worst))[0] if len(search.worst) else lowest[:0]
     found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}

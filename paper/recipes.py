@@ -40,19 +40,19 @@ def run(data, table, columns=None, objects=None, ways=None, seconds=None, sample
         raise QueryError(
             "columns must be of points, rays or boxes: networks of planes have neither recipe nor encoding"
         )
-    with results.opened(Path(table) / NAME, NAME, CSV, DEFAULTS, given) as folder:
-        left = missing(cells, folder, "way", chosen)
-        if left:
-            folder.remember(line)
+    folder = results.opened(Path(table) / NAME, NAME, CSV, DEFAULTS, given)
+    left = missing(cells, folder, "way", chosen)
+    if left:
+        folder.remember(line)
 
-        def measure(work: tuple[Cell, str]) -> str:
-            folder.append(row := _measured(*work, folder.settings))
-            return f"{row['steps']:,} steps in {row['fit_seconds']:.0f} s, {row['fp_rate']:.2f} % false positives"
+    def measure(work: tuple[Cell, str]) -> str:
+        folder.append(row := _measured(*work, folder.settings))
+        return f"{row['steps']:,} steps in {row['fit_seconds']:.0f} s, {row['fp_rate']:.2f} % false positives"
 
-        done = results.work(folder, left, measure, lambda work: f"{work[0].title} ({work[1]})")
-        folder.write(results.PAGE, folder.page(NAME, section=section(Path(table))))
-    with results.opened(Path(table), table1.NAME, table1.CSV, table1.DEFAULTS, {}, create=False) as whole:
-        whole.write(results.PAGE, table1.page(whole))
+    done = results.work(folder, left, measure, lambda work: f"{work[0].title} ({work[1]})")
+    folder.write(results.PAGE, folder.page(NAME, section=section(Path(table))))
+    whole = results.opened(Path(table), table1.NAME, table1.CSV, table1.DEFAULTS, {}, create=False)
+    whole.write(results.PAGE, table1.page(whole))
     print(f"{len(folder.rows)} networks; the rows are in {Path(table) / results.PAGE}")
     return int(not done)
 
@@ -71,8 +71,7 @@ def _measured(cell: Cell, way: str, s: dict[str, Any]) -> dict[str, Any]:
     query, (recipe, octaves) = cell.column.kind, WAYS[way]
     options = {"length": s["length"]} if query.has_length else {}
     options |= {"hidden": cell.column.hidden, "recipe": recipe, "octaves": octaves, "device": "cpu"}
-    bounder = fit(cell.grid, query.name, Mlp.method, budget=s["seconds"], seed=s["seed"], **options)
-    results.heed()
+    bounder = results.finished(fit(cell.grid, query.name, Mlp.method, budget=s["seconds"], seed=s["seed"], **options))
     record = bounder.info["training"]
     if not record["steps"]:
         raise BounderError(f"not a single step in {s['seconds']:g} s; give it more")
@@ -97,7 +96,7 @@ def _measured(cell: Cell, way: str, s: dict[str, Any]) -> dict[str, Any]:
 def section(table: Path) -> list[str]:
     """What pages say of the rows in a folder of ``table1``, in Markdown; nothing where there are none."""
     file = table / NAME / f"{NAME}.csv"
-    rows = results.read_rows(file, CSV, {})
+    rows = results.read_rows(file, CSV)
     if not rows:
         return []
     order = list(WAYS)

@@ -13,12 +13,9 @@ import json
 import math
 import platform
 import shlex
-import signal
 import subprocess
 import sys
-import threading
-import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -33,7 +30,6 @@ TEXT = """object query method space protocol certificate hidden activation devic
     counterexample way device_name reference fitted""".split()  # columns of text; all others are numbers, or empty
 LEAST = {"samples": 1, "queries": 1, "rounds": 1, "positives": 1, "seed": 0}  # settings that are whole numbers
 POSITIVE = ("budget", "seconds", "length", "effort")
-SAME = ("samples", "queries", "rounds", "seed", "length", "seconds")  # columns that are settings
 Rows = Sequence[Mapping[str, Any]]
 
 
@@ -44,7 +40,7 @@ class Folder:
         self.path, self.settings, self.commands, self.columns = path, settings, commands, tuple(columns)
         self.failed: list[str] = []  # a line for each cell that failed in this run
         self._table = path / f"{name}.csv"
-        self.rows = read_rows(self._table, columns, settings) if columns else []
+        self.rows = read_rows(self._table, columns) if columns else []
         if columns:  # its header, if it is new; without a line that an interruption tore
             self._table.touch()
             whole = self._table.read_bytes()
@@ -91,9 +87,14 @@ class Folder:
         return text
 
 
-@contextlib.contextmanager
-def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, Any], given: Mapping[str, Any],
-           *, create: bool = True, owned: Sequence[str] = ()) -> Iterator[Folder]:  # fmt: skip
+def opened(
+    path: Path,
+    name: str,
+    columns: Sequence[str],
+    defaults: dict[str, Any],
+    given: Mapping[str, Any],
+    create: bool = True,
+) -> Folder:
     """Read a folder's settings and rows, or begin it.
 
     Args:
@@ -103,7 +104,6 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
         defaults: All settings, with the values that they have where nothing is said.
         given: Settings that were requested; the others (``None``) are those of the folder, or the defaults.
         create: Whether to begin a folder where there is none.
-        owned: Names of further files that the command writes.
 
     Raises:
         BoundingError: If it is not such a folder, damaged, of other settings, or cannot be written to.
@@ -111,22 +111,17 @@ def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, An
     given = {key: value for key, value in given.items() if value is not None}
     wanted = checked(defaults | given)
     if not (path / SETTINGS).exists():
-        strangers = [own for own in (f"{name}.csv", PAGE, BOUNDERS, *owned) if (path / own).exists()]
         if not create:
             raise FileFormatError(f"{path}: no tables there yet; --data DIR is needed to make them")
-        if strangers:
-            reported = f"holds {', '.join(strangers)} but no {SETTINGS}"
-            raise FileFormatError(f"{path}: {reported}; choose another folder for --output")
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileFormatError(f"{path}: cannot be written to ({error.strerror or error})") from error
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise FileFormatError(f"{path}: holds other files; choose another folder for --output")
+        path.mkdir(parents=True, exist_ok=True)
         _write_settings(path, wanted | {"library": __version__}, [])
     stored, commands = read_settings(path)
     reported = [(key, stored.get(key, defaults[key]), value) for key, value in given.items()]
     if other := "; ".join(f"{key} {old} there, {new} now" for key, old, new in reported if old != new):
         raise FileFormatError(f"{path}: made with other settings: {other}. Use those, or another folder")
-    yield Folder(path, name, columns, defaults | stored, commands)
+    return Folder(path, name, columns, defaults | stored, commands)
 
 
 def checked(settings: dict[str, Any]) -> dict[str, Any]:
@@ -157,40 +152,28 @@ def _write_settings(path: Path, settings: dict[str, Any], commands: list[str]) -
     write_whole(path / SETTINGS, (json.dumps(document, indent=1) + "\n").encode())
 
 
-def read_rows(table: Path, columns: Sequence[str], settings: Mapping[str, Any]) -> list[dict[str, Any]]:
+def read_rows(table: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     """The rows of a CSV, without one at its end that an interruption tore; none where there is no file.
 
     Raises:
         FileFormatError: If it is not such a table, or damaged.
     """
-    header, text = ",".join(columns), table.read_text() if table.exists() else ""
-    lines = text.split("\n")
-    if lines[0] != header and (len(lines) > 1 or not header.startswith(lines[0])):
-        raise FileFormatError(f"{table}: not a table of this version: its first line is not {header[:30]}...")
-    rows = []
-    for number, line in enumerate(lines[1:-1], start=2):
-        try:
-            (cells,) = csv.reader([line], strict=True)
-            rows.append(_row(dict(zip(columns, cells, strict=True)), settings))
-        except (ValueError, csv.Error) as error:
-            damage = f"line {number} is damaged ({error}); delete it and it is measured again"
-            raise FileFormatError(f"{table}: {damage}") from None
-    return rows
+    text = table.read_text() if table.exists() else ""
+    rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
+    if rows.fieldnames not in (None, list(columns)):
+        raise FileFormatError(f"{table}: not a table of this version: its columns are others")
+    try:
+        return [{name: row[name] if name in TEXT else _number(row[name]) for name in columns} for row in rows]
+    except ValueError as error:
+        raise FileFormatError(
+            f"{table}: line {rows.line_num} is damaged; delete it and it is measured again"
+        ) from error
 
 
-def _row(row: dict[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """A line of a CSV; ``ValueError`` with what is wrong with it."""
-    for name in row.keys() - TEXT:
-        text = row[name]
-        row[name] = None if not text else int(text) if text.lstrip("-").isdecimal() else float(text)
-        if isinstance(row[name], float) and not math.isfinite(row[name]):
-            raise ValueError(f"{name} is {text}")
-    for name in SAME:
-        if name in row and row[name] != settings.get(name, row[name]):
-            raise ValueError(f"it was measured with another {name}")
-    if not 0 <= (row.get("fp_rate") or 0) <= 100:
-        raise ValueError(f"fp_rate must be from 0 to 100 per cent, got {row['fp_rate']}")
-    return row
+def _number(text: str | None) -> float | int | None:
+    if text is None:
+        raise ValueError("the line is too short")
+    return None if not text else int(text) if text.lstrip("-").isdecimal() else float(text)
 
 
 def markdown(heads: Sequence[str | None], lines: Iterable[Sequence[str | None]], left: int = 1) -> list[str]:
@@ -202,13 +185,12 @@ def markdown(heads: Sequence[str | None], lines: Iterable[Sequence[str | None]],
 
 # --- runs -------------------------------------------------------------------------------------------------------------
 
-_STOPPED = threading.Event()
 
-
-def heed() -> None:
-    """End the run if it was interrupted: a callee, as ``fit``, may have swallowed that and returned early."""
-    if _STOPPED.is_set():
+def finished(bounder: Any) -> Any:
+    """A fitted bounder; ``KeyboardInterrupt`` where Ctrl-C ended its fit early: that is no result."""
+    if (bounder.info.get("training") or {}).get("interrupted"):
         raise KeyboardInterrupt
+    return bounder
 
 
 def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], title: Callable[[Any], str]) -> bool:
@@ -226,16 +208,6 @@ def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], ti
     Raises:
         FileFormatError: If a result cannot be written: it is no use going on then.
     """
-
-    def stop(*_) -> None:
-        _STOPPED.set()
-        raise KeyboardInterrupt
-
-    _STOPPED.clear()
-    before = signal.getsignal(signal.SIGINT)
-    heard = before != signal.SIG_IGN and threading.current_thread() is threading.main_thread()
-    if heard:  # unlike in a shell's background jobs
-        signal.signal(signal.SIGINT, stop)
     try:
         for number, cell in enumerate(cells, start=1):
             try:
@@ -243,28 +215,19 @@ def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], ti
             except FileFormatError:
                 raise
             except Exception as error:  # whatever ends one cell of a long run is reported, and the others go on
-                folder.failed.append(f"{title(cell)}: {_reason(error)}")
+                reason = " ".join(str(error).split())
+                reason = reason if isinstance(error, BoundingError) else f"{type(error).__name__}: {reason}"
+                folder.failed.append(f"{title(cell)}: {reason}")
                 say(f"failed: {folder.failed[-1]}")
     except KeyboardInterrupt:
         say(f"interrupted: {number - 1} of {len(cells)} are done; the same command goes on from there")
         return False
-    finally:
-        if heard:
-            signal.signal(signal.SIGINT, before)
     return not folder.failed
 
 
 def say(text: str) -> None:
     """Print a line for people."""
     print(text, file=sys.stderr, flush=True)
-
-
-def _reason(error: BaseException) -> str:
-    """A failure in one line; of what is no error of ours, also its type and where it was raised."""
-    reason = " ".join(str(error).split()) or type(error).__name__
-    frame = traceback.extract_tb(error.__traceback__)[-1]
-    where = f"{type(error).__name__}: {reason} ({Path(frame.filename).name}, line {frame.lineno})"
-    return reason if isinstance(error, BoundingError) else where
 
 
 def command_line(command: str, **options: Any) -> str:

@@ -25,7 +25,7 @@ from paper.table import COLUMNS, MADE, PAPER, VARIANTS, Column, Variant, budget_
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 
-NAME, OWNED = "speed", ("early_out.png", "early_out.svg")
+NAME = "speed"
 CSV = """dimension object query method space leaves device device_name ns ratio ratio_low ratio_high reference
     fp_rate fn positives certificate nbytes fit_seconds budget queries rounds samples seed length threads
     indicator versions""".split()
@@ -59,25 +59,25 @@ def run(output, data, quick=False, columns=None, methods=None, objects=None, dev
         return usual(there) if objects is None else there
 
     kinds, cells = devices_named(devices), select(source, columns, methods, objects, raced)
-    with results.opened(Path(output), NAME, CSV, DEFAULTS, given, owned=OWNED) as folder:
-        groups: dict[tuple, list[Cell]] = {}
-        for cell, device in missing(cells, folder, "device", kinds):
-            groups.setdefault((COLUMNS.index(cell.column), cell.thing, device), []).append(cell)
-        if groups:
-            folder.remember(line)
+    folder = results.opened(Path(output), NAME, CSV, DEFAULTS, given)
+    groups: dict[tuple, list[Cell]] = {}
+    for cell, device in missing(cells, folder, "device", kinds):
+        groups.setdefault((COLUMNS.index(cell.column), cell.thing, device), []).append(cell)
+    if groups:
+        folder.remember(line)
 
-        def measure(key: tuple) -> str:
-            rows = _raced(folder, groups[key], key[2])
-            for row in rows:
-                folder.append(row)
-            folder.write(results.PAGE, page(folder))
-            return ", ".join(f"{variant_of(r).label} {r['ns']:.3g} ns ({r['ratio']:.3f})" for r in rows)
-
-        title = lambda key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}"  # noqa: E731
-        done = results.work(folder, sorted(groups), measure, title)
-        for kind, content in early_plot(devices_of([*folder.rows, *_rows_of_gpu(folder.path)])).items():
-            folder.write(f"early_out.{kind}", content)
+    def measure(key: tuple) -> str:
+        rows = _raced(folder, groups[key], key[2])
+        for row in rows:
+            folder.append(row)
         folder.write(results.PAGE, page(folder))
+        return ", ".join(f"{variant_of(r).label} {r['ns']:.3g} ns ({r['ratio']:.3f})" for r in rows)
+
+    title = lambda key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}"  # noqa: E731
+    done = results.work(folder, sorted(groups), measure, title)
+    for kind, content in early_plot(devices_of([*folder.rows, *_rows_of_gpu(folder.path)])).items():
+        folder.write(f"early_out.{kind}", content)
+    folder.write(results.PAGE, page(folder))
     missed = sum(r["fn"] for r in folder.rows if variant_of(r).conservative)
     if missed:
         results.say(f"promise broken: {missed:,} false negatives of methods that promise none")
@@ -88,7 +88,7 @@ def run(output, data, quick=False, columns=None, methods=None, objects=None, dev
 def _rows_of_gpu(path: Path) -> Rows:
     """Rows of a run on a GPU, from the folder ``cuda`` in this one if there is one; the chart shows both runs."""
     table = path / "cuda" / f"{NAME}.csv"
-    return results.read_rows(table, CSV, results.read_settings(table.parent)[0]) if table.is_file() else []
+    return results.read_rows(table, CSV)
 
 
 def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[dict[str, Any]]:
@@ -105,7 +105,6 @@ def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[d
     rows = []
     for cell in cells:
         ratios, rates = times[cell] / times[reference], evaluate(bounders[cell], grid, s["samples"], seed=s["seed"] + 1)
-        results.heed()
         row = about(cell, bounders[cell], s) | {"reference": REFERENCE.method}
         row |= {"device": device, "device_name": device_name(device)}
         row |= {"ns": float(np.median(times[cell])) / s["queries"] * 1e9, "ratio": float(np.median(ratios))}
@@ -126,7 +125,6 @@ def race(bounders: Mapping[Any, Any], queries: Any, rounds: int) -> dict[Any, np
     for number in range(rounds):
         first = number % len(names)
         for name in (*names[first:], *names[:first]):
-            results.heed()
             wp.synchronize_device(queries.device)
             start = time.perf_counter()
             prepared[name].launch()

@@ -140,8 +140,13 @@ class Variant(NamedTuple):
 
     @property
     def conservative(self) -> bool:
-        """Whether it promises to have no false negative."""
+        """Whether its method promises to have no false negative; a volume around parameters does not (``promises``)."""
         return all(cls.conservative for cls in classes_of(self.method))
+
+    @property
+    def promises(self) -> bool:
+        """Whether a false negative of it is a defect."""
+        return self.conservative and not self.parametric
 
     def space_in(self, column: Column) -> str | None:
         """This row's space in a column, ``None`` where there is no such bounder; points have the geometric one."""

@@ -21,7 +21,7 @@ from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import QueryError
 from warp_bounding.runtime.launch import device_of
 
-NAME, OWNED = "table1", ("rank.png", "rank.svg")
+NAME = "table1"
 CSV = """dimension object query method space leaves protocol fp_rate fn positives certificate fit_seconds
     proof_seconds nbytes hidden activation budget samples seed length device threads indicator versions""".split()
 DEFAULTS = {"budget": 60.0, "budgets": "", "samples": 1_000_000, "seed": 0, "length": 1.0, "activation": DEFAULT.name}
@@ -60,30 +60,30 @@ def run(output, data=None, protocol=None, preset=None, budget=None, columns=None
     device_of(device or DEFAULTS["device"])
     kinds = t.PROTOCOLS if protocol == "both" else (protocol or t.PROTOCOLS[0],)
     cells = select(data, columns, methods, objects) if data is not None else []
-    with results.opened(Path(output), NAME, CSV, DEFAULTS, given, create=data is not None, owned=OWNED) as folder:
-        work: dict[Cell, list[str]] = {}
-        for cell, kind in missing(cells, folder, "protocol", kinds):
-            work.setdefault(cell, []).append(kind)
-        if work:
-            folder.remember(line)
-        written = [time.monotonic()]
+    folder = results.opened(Path(output), NAME, CSV, DEFAULTS, given, create=data is not None)
+    work: dict[Cell, list[str]] = {}
+    for cell, kind in missing(cells, folder, "protocol", kinds):
+        work.setdefault(cell, []).append(kind)
+    if work:
+        folder.remember(line)
+    written = [time.monotonic()]
 
-        def measure(cell: Cell) -> str:
-            reported = []
-            for row in list(_measured(folder.settings, cell, work[cell], folder)):
-                folder.append(row)
-                reported.append(f"{row['protocol']} FP {row['fp_rate']:.3f} %, FN {row['fn']}")
-            if time.monotonic() - written[0] > PAGE_SECONDS:
-                folder.write(results.PAGE, page(folder))
-                written[0] = time.monotonic()
-            return f"{'; '.join(reported)}; {row['certificate'] or 'no certificate'}"
+    def measure(cell: Cell) -> str:
+        reported = []
+        for row in list(_measured(folder.settings, cell, work[cell], folder)):
+            folder.append(row)
+            reported.append(f"{row['protocol']} FP {row['fp_rate']:.3f} %, FN {row['fn']}")
+        if time.monotonic() - written[0] > PAGE_SECONDS:
+            folder.write(results.PAGE, page(folder))
+            written[0] = time.monotonic()
+        return f"{'; '.join(reported)}; {row['certificate'] or 'no certificate'}"
 
-        done = results.work(folder, list(work), measure, lambda cell: cell.title)
-        drawn = not work and data is not None and (folder.path / "rank.png").exists()
-        for kind, content in () if drawn else rank_plot(folder.rows).items():
-            folder.write(f"rank.{kind}", content)
-        folder.write(results.PAGE, page(folder))
-    broken = [r for r in folder.rows if r["fn"] and variant_of(r).conservative]
+    done = results.work(folder, list(work), measure, lambda cell: cell.title)
+    drawn = not work and data is not None and (folder.path / "rank.png").exists()
+    for kind, content in () if drawn else rank_plot(folder.rows).items():
+        folder.write(f"rank.{kind}", content)
+    folder.write(results.PAGE, page(folder))
+    broken = [r for r in folder.rows if r["fn"] and variant_of(r).promises]
     for r in broken:
         reported = f"{column_of(r).name} {r['object']}: {variant_of(r).label}: {r['fn']} false negatives"
         results.say(f"promise broken: {reported}")
@@ -109,7 +109,6 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
     rates = parametric.rates if variant.parametric else evaluate
     for protocol in kinds:
         found = rates(bounder, cell.grid, s["samples"], protocol, seed=s["seed"] + 1, **queried)
-        results.heed()
         counts = {"fp_rate": float(found.fp_rate), "fn": int(found.fn), "positives": float(found.positives)}
         yield about(cell, bounder, s) | spent | {"protocol": protocol} | counts
 
@@ -195,7 +194,7 @@ class Means:
             for variant in variants:
                 own = [r for r in self.rows if variant_of(r) == variant]
                 missed, samples = sum(r["fn"] for r in own), sum(r["samples"] for r in own)
-                broken = ", **promise broken**" if missed and variant.conservative else ""
+                broken = ", **promise broken**" if missed and variant.promises else ""
                 reported = f"{missed:,} of {samples:,}{broken}"
                 held = " / ".join(_size([r for r in own if r["dimension"] == n]) for n in dimensions)
                 lines.append([variant.label, *(self.cell(variant, c) for c in columns), reported, held])

@@ -10,7 +10,6 @@ import functools
 import inspect
 import io
 import json as json_text
-import math
 import os
 import sys
 import tempfile
@@ -25,7 +24,7 @@ from typing import Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, QueryError, ShapeError
+from warp_bounding.errors import BoundingError, BoundingWarning, QueryError, ShapeError
 from warp_bounding.runtime import VERBOSE, whole_file
 from warp_bounding.runtime.whole_file import check_writable, write_whole
 from warp_bounding.version import __version__
@@ -34,9 +33,6 @@ __all__ = ["app_of", "main"]
 
 INTERRUPTED = 130
 ABOUT = "Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."
-RENAMED = {"soak": "evaluate --stress", "stress": "evaluate --stress", "--queries": "--workload"}
-RENAMED |= {"--threshold": "--level", "--thresholds": "--parts", "--certificate": "--statistical"}
-RENAMED |= {"--resume": "--checkpoint", "--folder": "--checkpoint"}
 
 # --- the process -----------------------------------------------------------------------------------------------------
 
@@ -92,9 +88,7 @@ def _run(app: typer.Typer, arguments: list[str], program: str) -> int:
         context = getattr(error, "ctx", None)
         where = context.command_path if context else program
         message = error.format_message().rstrip(".").replace("Value error, ", "")
-        words = message.split("'") + message.split()
-        now = next((f"; it is {new} now" for old, new in RENAMED.items() if old in words), "")
-        raise BoundingError(f"{message}{now} (see '{where} --help')") from error
+        raise BoundingError(f"{message} (see '{where} --help')") from error
     except typer.Exit as error:
         return error.exit_code
     except typer.Abort:
@@ -291,14 +285,13 @@ def reported_warnings() -> Iterator[None]:
     """Print each of the library's own warnings by ``warn``, once; all others are shown as before."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", BoundingWarning)
-        others, seen = warnings.showwarning, set()
+        others, told = warnings.showwarning, functools.cache(warn)
 
         def show(message, category, *where, **more) -> None:
-            if not issubclass(category, BoundingWarning):
+            if issubclass(category, BoundingWarning):
+                told(f"warp-bounding: {message}")
+            else:
                 others(message, category, *where, **more)
-            elif str(message) not in seen:
-                seen.add(str(message))
-                warn(f"warp-bounding: {message}")
 
         warnings.showwarning = show
         yield
@@ -334,14 +327,6 @@ def about(bounder, path: Path | str, certificate=None, shape: Path | None = None
     return found
 
 
-def holds_balls(file: Path) -> bool:
-    """Whether a file is one of ``pairs.Balls``."""
-    from warp_bounding.bounders.file_format import read
-    from warp_bounding.bounders.load import BALLS
-
-    return read(file)[1].get("method") == BALLS
-
-
 def other_shape(found: Mapping[str, Any], given: str) -> str:
     """What to print first where a shape is not that of the fit, by ``about``; empty where it is."""
     name, fitted = found["shape"], found["fitted_indicator"] or "unknown"
@@ -374,7 +359,7 @@ def fit(
 
     The proof of an mlp's rays or boxes can take longer than the budget leaves for it (3D rays: some minutes); the
     certificate is then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and
-    saved. Exit status 1: a distance whose offset is larger than the object; it is saved all the same.
+    saved.
 
     Example: warp-bounding fit bunny.obj --method mlp --hidden 24,24 --margin 0.03 -o bunny.safetensors
     """
@@ -393,49 +378,40 @@ def fit(
     seconds = clock.perf_counter() - started
     save(bounder, output)
     rates, training = measure(bounder, loaded, samples=samples), bounder.info["training"]
-    useless = bounder.query_kind == "distance" and bounder.slack >= bounder.size
     box, quick = bounder.info["rates"]["fp_rate_aabb"], bounder.info["rates"]["fp_rate"]
-    warning = None
-    if useless:
-        warning = f"the offset, {bounder.slack:.3g}, is larger than the object, {bounder.size:.3g}: this says nothing "
-        warning += "near it; a longer budget, or fewer neurons, helps"
-    elif quick > box:
-        warning = f"looser than a box: {quick:.1f} % false positives, method aabb {box:.1f} %"
-        warning += "; a longer budget makes it tighter" if "steps" in training else ""
+    if quick > box:
+        longer = "; a longer budget makes it tighter" if "steps" in training else ""
+        warn(f"looser than a box: {quick:.1f} % false positives, method aabb {box:.1f} %{longer}")
     found = about(bounder, output) | {name: getattr(rates, name) for name in ("fp_rate", "fn", "samples", "positives")}
     found |= {"fit_seconds": round(seconds, 3), "training": training, "note": bounder.info.get("note")}
     rate = f"{rates.fp_rate:.2f} % false positives, {rates.fn} false negatives in {rates.samples:,} samples"
-    if warning:
-        warn(warning)
     return (
-        1 if useless else 0,
-        found | {"truth": rates.truth, "conservative": bounder.conservative, "warning": warning},
+        0,
+        found | {"truth": rates.truth, "conservative": bounder.conservative},
         f"{bounder.method}: {rate}, {rates.reported_truth}",
         bounder.certificate.message if bounder.certificate else NOT_CONSERVATIVE,
         f"{seconds:.1f} s, {training['compile_seconds']:.1f} of them for compiling kernels; written to {output}",
     )
 
 
-def _options_by_method() -> dict[str, list]:
-    """The options of each method, those of its distance included, which the command line does not distinguish."""
+def _takers() -> dict[str, dict[str, Any]]:
+    """The options of methods by name, each by the methods that take it, for points or for distances."""
     from warp_bounding.bounders import DISTANCES, METHODS
 
-    found: dict[str, dict] = {}
-    for name, cls in (*METHODS.items(), *DISTANCES.items()):
-        own = found.setdefault(name, {})
+    found: dict[str, dict[str, Any]] = {}
+    for method, cls in (*METHODS.items(), *DISTANCES.items()):
         for option in cls.options:
-            own.setdefault(option.name, option)
-    return {name: list(options.values()) for name, options in found.items()}
+            found.setdefault(option.name, {}).setdefault(method, option)
+    return found
 
 
 def _method_options() -> list[inspect.Parameter]:
     """The method, and a parameter for each option of a method, in a panel of those that take it."""
-    known, takers = _options_by_method(), {}
-    for method, options in known.items():
-        for option in options:
-            takers.setdefault(option.name, {})[method] = option
+    from warp_bounding.bounders import DISTANCES, METHODS
+
+    known, takers = list(METHODS | DISTANCES), _takers()
     which = f"{', '.join(known)}; or several, asked one after the other, as in learned-kdop+mlp."
-    method = Annotated[str, Option(help=which, autocompletion=lambda: list(known))]
+    method = Annotated[str, Option(help=which, autocompletion=lambda: known)]
     found = [inspect.Parameter("method", KEYWORD, default="mlp", annotation=method)]
     for name, own in takers.items():
         whose = "distances" if len(own) > len(known) / 2 else "networks" if "mlp" in own else ", ".join(own)
@@ -459,20 +435,9 @@ NOT_PASSED = {"samples", "workload", "checkpoint", "jobs", "scheduler", *READING
 def arguments_of(given: Mapping[str, Any]) -> dict[str, Any]:
     """The values of options as keyword arguments of ``fit`` or ``choose``; ``BounderError`` for a text that is none."""
     found = {name: value for name, value in given.items() if value is not None and name not in NOT_PASSED}
-    parsers = {option.name: option.parse for options in _options_by_method().values() for option in options}
-    parsers |= {"memory": _bytes, "methods": lambda text: [w.strip() for w in text.split(",")]}
+    parsers = {name: next(iter(own.values())).parse for name, own in _takers().items()}
+    parsers["methods"] = lambda text: [word.strip() for word in text.split(",")]
     return {name: parsers[name](value) if name in parsers else value for name, value in found.items()}
-
-
-def _bytes(text: str) -> int:
-    """A number of bytes such as 16k, of which k is 1,000; ``BounderError`` for other texts."""
-    word, value = text.strip().lower().removesuffix("b"), 0.0
-    unit = {"k": 1000, "m": 1000**2}.get(word[-1:], 1)
-    with contextlib.suppress(ValueError):
-        value = float(word[:-1] if unit > 1 else word) * unit
-    if not 1 <= value < 2**40:
-        raise BounderError(f"memory must be a number of bytes such as 16k or 4000, got {text!r}")
-    return int(value)
 
 
 # --- certify, evaluate, info, query ----------------------------------------------------------------------------------
@@ -499,15 +464,12 @@ def certify(
 
     Example: warp-bounding certify bunny.safetensors bunny.obj --margin 0.03
     """
+    from warp_bounding.bounders.file_format import read
+    from warp_bounding.bounders.load import BALLS
     from warp_bounding.proof import certify as prove
 
-    if not budget > 0:
-        raise BoundingError(f"budget must be a positive number of seconds, got {budget}")
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
-    for name, least in (("margin", 0.0), ("length", math.ulp(0.0)), ("resolution", 1)):
-        if expected[name] is not None and not least <= expected[name] < math.inf:
-            raise BoundingError(f"{name} must be one that a bounder can have, got {expected[name]}")
-    if holds_balls(file):
+    if read(file)[1].get("method") == BALLS:
         from warp_bounding.pairs import Balls
 
         found = Balls.load(file).certify(read_shape(shape, reading), budget)
@@ -671,7 +633,7 @@ def choose(
     narrow_ns: Annotated[float, Option(help="What your exact test takes for one query, nanoseconds.")],
     query: Annotated[Kind, Option(help="Kind of query, but distance.")] = "point",
     workload: Workload = None,
-    memory: Annotated[Text, Option(help="Most bytes that a query may read, such as 16k (16,000) or 4000.")] = None,
+    memory: Annotated[int | None, number_option("Most bytes that a query may read, such as 16e3.", count)] = None,
     margin: Margin = 0.0,
     length: Length = None,
     overhead_ns: Annotated[float, Option(help="What your step takes besides for a query, nanoseconds.")] = 0.0,
@@ -690,7 +652,7 @@ def choose(
     the narrow phase's price is written next to the output (.png). What the budget has no room for is listed.
     Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
 
-    Example: warp-bounding choose bunny.obj --narrow-ns 600 --memory 16k --workload points.npy -o chosen.safetensors
+    Example: warp-bounding choose bunny.obj --narrow-ns 600 --memory 16e3 --workload points.npy -o chosen.safetensors
     """
     from warp_bounding.choice import choose as take
     from warp_bounding.choice import cost_plot, duration
@@ -842,7 +804,6 @@ def show(
             check_writable(path, file, shape, kind=kind)
     opened = html is None and screenshot is None
     if opened:
-        _check_browser()
         html = os.path.join(tempfile.mkdtemp(), f"{file.stem}{whole_file.PAGE_FILE.suffix}")
     needed("pyvista")
     if html is not None:
@@ -857,10 +818,10 @@ def show(
         write_whole(html, page(view, view.title, up).encode(), whole_file.PAGE_FILE)
     if screenshot is not None:
         write_whole(screenshot, picture(view, view.title, up, cut), whole_file.PICTURE_FILE)
-    if opened:
-        webbrowser.open(Path(html).as_uri())
+    if opened and not webbrowser.open(Path(html).as_uri()):
+        warn("there is no browser here that could open the page")
     names = ("label", "fp_rate", "fn", "samples", "undecided")
-    found = about(bounder, file, None, shape, view.indicator) | {"asked": view.asked or None}
+    found = about(bounder, file, None, shape, view.indicator)
     found |= {"states": [{name: getattr(state, name) for name in names} for state in view.states]}
     rates = [(f"{view.asked} {state.label}: " if state.label else "") + state.rates for state in view.states]
     return (
@@ -869,14 +830,6 @@ def show(
         *(f"{bounder.method}: {text}" for text in rates),
         *(f"written to {path}" for path in filter(None, (html, screenshot))),
     )
-
-
-def _check_browser() -> None:
-    """Raises ``BoundingError`` where no browser can be opened, with what works without one."""
-    try:
-        webbrowser.get()
-    except webbrowser.Error:
-        raise BoundingError("there is no browser here: expected --screenshot FILE.png or --html FILE.html") from None
 
 
 def _held(text: str | None) -> dict[int, float]:

@@ -72,7 +72,7 @@ def test_a_folder_is_baked_once(folder, capsys):
     ("options", "words"),
     [
         (["--method", "nothing"], "method must be one of"),
-        (["--memory", "16k"], "takes no option 'memory'"),
+        (["--memory", 16000], "takes no option 'memory'"),
         (["--narrow-ns", 5, "--method", "kdop"], "unexpected keyword argument 'method'"),
         (["--workload", "nope.npy"], "file 'nope.npy' does not exist"),
     ],
