@@ -2,7 +2,6 @@
 all."""
 
 from collections import Counter
-from functools import reduce
 from itertools import combinations
 
 import numpy as np
@@ -288,30 +287,6 @@ def test_faces_must_be_turned_alike_for_empty_hollows():
         load_shape((joined.vertices, faces), hollow="empty")
     assert "turned alike" in load_shape((joined.vertices, faces)).remark
     assert load_shape((box(1).vertices, box(1).faces)).remark == ""
-
-
-@pytest.mark.parametrize("time", [False, True])
-def test_hollows_of_cells(time):
-    rng = np.random.default_rng(3)
-    array = rng.random((9, 10, 11)) < 0.75
-    plain, filled, kept = (load_shape(array, time=time, hollow=hollow) for hollow in (None, "filled", "empty"))
-    np.testing.assert_array_equal(plain.occupancy, array)
-    np.testing.assert_array_equal(kept.occupancy, array)
-    reached = np.zeros(np.array(array.shape) + 2, bool)
-    reached[0] = True
-    if time:
-        reached[:, 0] = True
-    air = ~np.pad(array, 1)
-    axes = range(1, 3) if time else range(3)
-    while True:  # a flood from outside, from face to face
-        wider = (
-            reduce(np.logical_or, [np.roll(reached, step, axis) for axis in axes for step in (-1, 1)], reached) & air
-        )
-        if (wider | reached == reached).all():
-            break
-        reached |= wider
-    np.testing.assert_array_equal(filled.occupancy, ~reached[1:-1, 1:-1, 1:-1])
-    assert "closed hollow" in filled.remark
 
 
 TRIANGLE = [[0, 0, 0], [1, 0, 0], [0, 1, 0]]

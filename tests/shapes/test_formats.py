@@ -2,7 +2,6 @@
 asked for."""
 
 import contextlib
-import signal
 import sys
 import zlib
 from pathlib import Path
@@ -261,29 +260,6 @@ def test_missing_package_names_what_to_install(tmp_path, monkeypatch, name, modu
     (tmp_path / name).write_bytes(b"content")
     monkeypatch.setitem(sys.modules, module, None)  # makes the import fail
     refused(tmp_path / name, name, package, "pip install 'warp-bounding[train]'")
-
-
-def test_ctrl_c_is_not_lost_in_an_import(tmp_path, monkeypatch):
-    """Some packages look for their optional parts with ``except BaseException``."""
-    seen = []
-
-    def swallows(module):
-        try:
-            signal.raise_signal(signal.SIGINT)
-        except BaseException as error:
-            seen.append(error)
-        return sys.modules[module]
-
-    Image.new("RGBA", (8, 8)).save(tmp_path / "a.png")
-    monkeypatch.setattr("importlib.import_module", swallows)
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a process in the background may ignore it
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            load_shape(tmp_path / "a.png")
-        assert not seen
-        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 BAD_FILES = {

@@ -2,7 +2,6 @@
 
 import math
 from fractions import Fraction
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -191,22 +190,6 @@ def test_nothing_and_everything_are_refused_when_asked():
         everything.check_contents()
     speck = wb.shapes.Function(None, [-9] * 3, [9] * 3, distance=lambda x: np.linalg.norm(x - [1, 2, 3], axis=1) - 1e-3)
     speck.check_contents()
-
-
-def test_objects_that_answer_are_shapes():
-    own = SimpleNamespace(ndim=2, lower=[-1.0, -1.0], upper=[1.0, 1.0], name="own", contains=in_ball, empty=ball_empty)
-    found = wb.load_shape(own)
-    assert isinstance(found, wb.shapes.Function)
-    assert (found.name, found.ndim, found.certified) == ("own", 2, True)
-    assert found.contains(np.zeros((1, 2))).all()
-    assert wb.load_shape(found) is found
-    own.ndim = 3
-    for wrong, message in (
-        (own, "own: expected corners of ndim=3 numbers, got 2"),
-        (SimpleNamespace, "expected a path"),
-    ):
-        with pytest.raises(wb.ShapeError, match=message):
-            wb.load_shape(wrong)
 
 
 def test_time_is_what_the_shape_says():

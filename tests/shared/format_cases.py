@@ -260,7 +260,7 @@ MESHES_READ = {
         ("a.gltf", gltf(nodes({"mesh": 0}, {"mesh": 0, "translation": [7, 0, 0]}, scene=1,
             scenes=[{"nodes": [0]}, {"nodes": [1]}])), cubes((7, 0, 0)), "scenes that the file does not show"),
         ("a.gltf", gltf(lambda made: made["meshes"][0]["primitives"].append({"attributes": {"POSITION": 0},
-            "mode": 0})), cubes(), "points and lines"),
+            "mode": 0})), cubes(), "PointCloud"),
     ],
     "dae": [
         ("a.dae", dae(points=100 * V, asset='<unit meter="0.01"/><up_axis>Z_UP</up_axis>'), cubes(), ""),
@@ -527,7 +527,6 @@ CELLS_READ = {
         ("a.obj", hollow(CUBES_APART[:1], 4649776.37, 0.3), {}, at([4649776.07] * 3, [4649776.67] * 3), ""),
         ("a.obj", hollow(CUBES_APART[:2]), {}, hollowness(True), "1 closed hollow filled"),
         ("a.obj", hollow(CUBES_APART[:2]), {"hollow": "empty"}, hollowness(False), "1 closed hollow empty"),
-        ("a.npy", npy(~BITS), {"hollow": "filled"}, cells(np.pad(np.ones_like(BITS), 1)), "1 closed hollow filled"),
     ],
 }  # fmt: skip
 CELLS_REFUSED = [
@@ -567,6 +566,7 @@ CELLS_REFUSED = [
     ("a.npy", npy(SIGNED), {"level": ">0", "unknown": "occupied"}, "unknown is for maps"),
     ("a.npy", npy(np.where(BITS, np.nan, 1.0)), {"level": ">0"}, "NaN in 4 of 24"),
     ("a.npy", npy(V), {}, "(vertices, faces)"),
+    ("a.npy", npy(~BITS), {"hollow": "filled"}, "binary_fill_holes"),
     ("a.npy", npy(np.array([{}], object), allow_pickle=True), {}, "cannot be read"),
     ("a.npy", npy(np.eye(3, dtype=complex)), {}, "bool or real numbers"),
     ("a.npy", npy(BITS) + b"x", {}, "got more data"),

@@ -19,7 +19,7 @@ import numpy as np
 
 from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic, hull_of
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.formats.load import read_mesh_data
+from warp_bounding.shapes.formats.meshes import read_mesh_data
 
 SIDES = 16  # of a prism around a cylinder
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)

@@ -19,86 +19,18 @@ import numpy as np
 
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.whole_file import BOUNDER_FILE
-from warp_bounding.shapes.formats import meshes
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Level, Placement, Wanted, grid_of
 from warp_bounding.shapes.formats.binvox import read_binvox
-from warp_bounding.shapes.formats.collada import read_collada
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
 from warp_bounding.shapes.formats.maps import read_movingai, read_pgm, read_ros_map
-from warp_bounding.shapes.formats.reading import MeshData, reading
+from warp_bounding.shapes.formats.meshes import MESH_READERS, parts_of, read_mesh
+from warp_bounding.shapes.formats.reading import joined, reading
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
-from warp_bounding.shapes.function import Function
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.mesh import Mesh, check_faces, mesh_of
+from warp_bounding.shapes.mesh import Mesh, mesh_of
 from warp_bounding.shapes.motion import MovingMesh
 from warp_bounding.shapes.recentred import Recentred
 from warp_bounding.shapes.shape import HOLLOW
-
-# --- Mesh files -------------------------------------------------------------------------------------------------------
-#
-# Mesh files, each by the reader of its format: whatever a file holds is read, noted, or the file is refused.
-
-MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
-    **meshes.MESH_READERS,
-    ".dae": read_collada,
-}
-
-
-def read_mesh_data(path: Path) -> MeshData:
-    """Read the vertices and faces of a mesh file; ``ShapeError`` for one that is damaged or not read."""
-    suffix = path.suffix.lower()
-    if suffix not in MESH_READERS:
-        raise ShapeError(f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}")
-    expected = f"a {suffix} mesh{', in binary with faces of one size only' if suffix == '.ply' else ''}"
-    with reading(path, expected), np.errstate(all="ignore"):  # vertices that are not finite are refused
-        return MESH_READERS[suffix](path)
-
-
-def read_mesh(path: Path) -> Mesh | Recentred:
-    """Read a mesh file as ``read_mesh_data`` does; ``ShapeError`` also for what ``Mesh`` refuses."""
-    vertices, faces, notes = read_mesh_data(path)
-    return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))
-
-
-# --- Hollows ----------------------------------------------------------------------------------------------------------
-#
-# Air that an object encloses: whether it counts as inside, one word for meshes and grids.
-#
-# A hollow is a part of space that nothing leads out of, and that no surface goes around: the air of a tank, of a room
-# without a door. Cells that touch in an edge or a corner only are closed there, as they are closed sets.
-
-
-def with_hollow(shape, hollow: str):
-    """A grid or a mesh whose hollows are filled or empty; ``ShapeError`` where that cannot be told."""
-    if isinstance(shape, Recentred):
-        return Recentred(with_hollow(shape.local, hollow), shape.coordinates)
-    if isinstance(shape, Mesh):
-        return replace(shape, hollow=hollow)
-    if not isinstance(shape, Grid):
-        raise ShapeError(
-            f"{shape.name}: hollow is for grids and for meshes at rest, got hollow={hollow!r} for "
-            f"{type(shape).__name__}"
-        )
-    return shape if hollow == HOLLOW[1] else _filled(shape)
-
-
-def _filled(grid: Grid) -> Grid:
-    """A grid whose enclosed cells are occupied; where coordinate 0 is time, those that are enclosed at their time."""
-    from scipy import ndimage
-
-    occupancy, offset, count = grid.occupancy.copy(), grid.offset, 0
-    for part in occupancy if grid.time else occupancy[None]:
-        padded = np.pad(part, 1)
-        label, regions = ndimage.label(~padded)
-        enclosed = (~padded & (label != label[(0,) * part.ndim]))[(slice(1, -1),) * part.ndim]
-        part |= enclosed
-        count += regions - 1
-    if occupancy.all():  # a wall all around: a border that can be left out
-        occupancy = np.pad(occupancy, [(int(k > 0 or not grid.time),) * 2 for k in range(grid.ndim)])
-        offset = offset - [float(k > 0 or not grid.time) for k in range(grid.ndim)]
-    remark = f"{count:,} closed hollow{'s' * (count != 1)} filled"
-    return replace(grid, occupancy=occupancy, offset=offset, remark="; ".join(filter(None, [grid.remark, remark])))
-
 
 # --- Objects of other libraries ---------------------------------------------------------------------------------------
 #
@@ -117,22 +49,11 @@ class _Kind(NamedTuple):
 
 def _from_trimesh(source: Any) -> Mesh | Recentred:
     """One mesh of all meshes of a scene, transforms applied; raises ``ShapeError`` for a scene without a mesh."""
-    trimesh, name = sys.modules["trimesh"], "trimesh"
-    with reading(name, "a scene of meshes"):
-        parts = [source] if isinstance(source, trimesh.Trimesh) else source.dump()
-    meshes = [part for part in parts if isinstance(part, trimesh.Trimesh) and len(part.faces)]
-    others = sorted({type(part).__name__ for part in parts if not isinstance(part, trimesh.Trimesh)})
-    if not meshes:
-        raise ShapeError(f"{name}: expected a mesh with faces, got {', '.join(others) or 'none'}")
-    starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
-    for mesh in meshes:  # before the parts are joined: an index out of range would then point into another part
-        check_faces(np.asarray(mesh.faces), len(mesh.vertices), name)
-    return mesh_of(
-        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
-        faces=np.concatenate([np.asarray(mesh.faces) + start for mesh, start in zip(meshes, starts, strict=False)]),
-        name=name,
-        note=f"not read, as they are not meshes: {', '.join(others)}" if others else "",
-    )
+    if isinstance(source, sys.modules["trimesh"].Trimesh):
+        return mesh_of(np.asarray(source.vertices), np.asarray(source.faces), name="trimesh")
+    with reading("trimesh", "a scene of meshes"):
+        vertices, faces, notes = joined(*parts_of(source))
+    return mesh_of(vertices, faces, name="trimesh", note="; ".join(notes))
 
 
 def _from_newton(source: Any) -> Mesh:
@@ -170,10 +91,8 @@ _ARRAYS = (
     _Kind("torch", ("Tensor",), _from_torch),
     _Kind("warp", ("array",), lambda source: source.numpy()),
 )
-_QUESTIONS = ("ndim", "lower", "upper", "contains", "empty")  # what is asked of a shape of one's own
 ACCEPTED = (
-    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or an "
-    "indicator"
+    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or a shape"
 )
 
 
@@ -187,22 +106,6 @@ def mesh_from(source: object) -> Mesh | Recentred | None:
 def array_from(source: object) -> np.ndarray | None:
     """Another library's array as NumPy's; ``None`` for anything else."""
     return _converted(source, _ARRAYS)
-
-
-def function_from(source: object) -> Function | None:
-    """The shape of an object that answers as a shape does; ``None`` for anything else.
-
-    It has ``ndim``, ``lower``, ``upper``, ``contains`` and ``empty`` as in ``Shape``, and perhaps ``name``, ``note``,
-    ``time``.
-    """
-    if isinstance(source, type) or not all(hasattr(source, name) for name in _QUESTIONS):
-        return None
-    about = {name: getattr(source, name) for name in ("name", "note", "time") if hasattr(source, name)}
-    about = {"name": type(source).__name__} | about
-    found = Function(source.contains, source.lower, source.upper, empty=source.empty, **about)
-    if found.ndim != source.ndim:
-        raise ShapeError(f"{found.name}: expected corners of ndim={source.ndim} numbers, got {found.ndim}")
-    return found
 
 
 def _from_pair(source: tuple) -> Mesh | Recentred:
@@ -268,8 +171,7 @@ def load_shape(
             n-D array of NumPy, torch or Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices,
             faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an
             ``Grid``, ``Mesh`` or ``MovingMesh``, or whatever else has their ``name``, ``extent``
-            and ``to_grid``, which is returned as it is; or an object with ``ndim``, ``lower``, ``upper``, ``contains``
-            and ``empty``, which becomes a ``Function``.
+            and ``to_grid``, which is returned as it is.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
         level: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
             ``"<=0"``, ``">0.5"``, or a number, from which on they are.
@@ -279,9 +181,9 @@ def load_shape(
         origin: Of an array, voxel file or image: where the centre of the first cell is, object units; 0 on every axis
             by default. Where cells do not lie at multiples of half a cell the result is ``Recentred``.
         unknown: Of a map, what cells are that nobody has seen: ``"occupied"``, the default, or ``"free"``.
-        hollow: What air is that an object encloses, as in a tank: ``"filled"``, inside, or ``"empty"``. By default that
-            of a mesh is filled, and cells are as they are given. Of a mesh air is where surfaces go around a point as
-            often one way as the other (winding number 0), so faces must be turned alike.
+        hollow: What air is that a mesh encloses, as a tank does: ``"filled"``, inside, the default, or ``"empty"``. Air
+            is where surfaces go around a point as often one way as the other (winding number 0), so faces must be
+            turned alike.
 
     Returns:
         A ``Grid`` for images, voxels and arrays, a ``Mesh`` for meshes, a ``MovingMesh`` for
@@ -321,7 +223,14 @@ def load_shape(
             raise ShapeError(
                 f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
             )
-    found = found if hollow is None else with_hollow(found, hollow)
+    if hollow is not None:
+        local = getattr(found, "local", found)
+        if not isinstance(local, Mesh):
+            raise ShapeError(
+                f"{found.name}: hollow is for meshes at rest; fill cells by scipy.ndimage.binary_fill_holes"
+            )
+        local = replace(local, hollow=hollow)
+        found = Recentred(local, found.coordinates) if isinstance(found, Recentred) else local
     if not isinstance(found, Grid):
         moves = isinstance(found, MovingMesh) or getattr(found, "time", False) is True
         if moves and time is False:
@@ -339,8 +248,6 @@ def load_shape(
 def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
     if isinstance(source, ShapeLike):
         return source
-    if (function := function_from(source)) is not None:
-        return function
     if isinstance(source, str | os.PathLike):
         return _load_file(Path(os.fsdecode(source)), wanted)
     array = image_from(source, grey=wanted.level is not None)

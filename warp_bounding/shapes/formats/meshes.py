@@ -17,6 +17,8 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.formats.collada import read_collada
 from warp_bounding.shapes.formats.reading import (
     MeshData,
     as_faces,
@@ -24,10 +26,13 @@ from warp_bounding.shapes.formats.reading import (
     import_optional,
     joined,
     placed,
+    reading,
     triangulated,
 )
+from warp_bounding.shapes.mesh import Mesh, mesh_of
+from warp_bounding.shapes.recentred import Recentred
 
-__all__ = ["MESH_READERS", "referred_buffers"]
+__all__ = ["MESH_READERS", "parts_of", "read_mesh", "read_mesh_data", "referred_buffers"]
 
 
 def _read_by_trimesh(path: Path) -> MeshData:
@@ -41,18 +46,26 @@ def _read_by_trimesh(path: Path) -> MeshData:
     with warnings.catch_warnings():  # of NumPy before 2.3, which leaves out what follows a word that is no number
         warnings.filterwarnings("error", message="string or file could not be read to its end")
         scene = trimesh.load_scene(path, resolver=beside, process=False, **OPTIONS[suffix])
-    parts = []
-    for node in scene.graph.nodes_geometry:
-        matrix, name = scene.graph[node]
-        part = scene.geometry[name]
-        if isinstance(part, trimesh.Trimesh):
-            vertices = np.asarray(part.vertices, np.float64)
-            parts.append(placed(vertices, as_faces(part.faces, len(vertices)), matrix))
+    parts, others = parts_of(scene)
     if suffix == ".stl":
         _check_stl(content, sum(len(faces) for _, faces in parts))
     elif suffix == ".ply":
         notes += [note for part in scene.geometry.values() for note in _check_ply(content, part.metadata["_ply_raw"])]
-    return joined(parts, notes)
+    return joined(parts, others + notes)
+
+
+def parts_of(scene: Any) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[str]]:
+    """Vertices and faces of all meshes of trimesh's scene, where it places them, and a note of what else it has."""
+    parts, others = [], set()
+    for node in scene.graph.nodes_geometry:
+        matrix, name = scene.graph[node]
+        part = scene.geometry[name]
+        if hasattr(part, "faces"):
+            vertices = np.asarray(part.vertices, np.float64)
+            parts.append(placed(vertices, as_faces(part.faces, len(vertices)), matrix))
+        else:
+            others.add(type(part).__name__)
+    return parts, [f"not read, as they are not meshes: {', '.join(sorted(others))}"] if others else []
 
 
 GLTF = (".glb", ".gltf")
@@ -165,7 +178,6 @@ def _check_gltf(content: bytes) -> list[str]:
         f"extensions {', '.join(unknown)}": unknown,
         "animations": document.get("animations"),
         "morph targets": any(primitive.get("targets") for primitive in primitives),
-        "points and lines": any(primitive.get("mode", TRIANGLES) < TRIANGLES for primitive in primitives),
         "scenes that the file does not show": len(scenes) > 1,
     }
     left_out = ", ".join(what for what, there in found.items() if there)
@@ -231,8 +243,27 @@ def _read_off(path: Path) -> MeshData:
     return joined([(vertices, triangulated(counts, indices, count))])
 
 
+# --- All formats ------------------------------------------------------------------------------------------------------
+
 MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
     ".obj": _read_obj,
     ".off": _read_off,
+    ".dae": read_collada,
     **dict.fromkeys(OPTIONS, _read_by_trimesh),
 }
+
+
+def read_mesh_data(path: Path) -> MeshData:
+    """Read the vertices and faces of a mesh file; ``ShapeError`` for one that is damaged or not read."""
+    suffix = path.suffix.lower()
+    if suffix not in MESH_READERS:
+        raise ShapeError(f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}")
+    expected = f"a {suffix} mesh{', in binary with faces of one size only' if suffix == '.ply' else ''}"
+    with reading(path, expected), np.errstate(all="ignore"):  # vertices that are not finite are refused
+        return MESH_READERS[suffix](path)
+
+
+def read_mesh(path: Path) -> Mesh | Recentred:
+    """Read a mesh file as ``read_mesh_data`` does; ``ShapeError`` also for what ``Mesh`` refuses."""
+    vertices, faces, notes = read_mesh_data(path)
+    return mesh_of(vertices, faces, name=path.name, note="; ".join(notes))

@@ -3,8 +3,6 @@
 import contextlib
 import importlib
 import os
-import signal
-import threading
 from collections.abc import Iterable, Iterator, Sequence
 from types import ModuleType
 from typing import NamedTuple
@@ -36,27 +34,10 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
         raise ShapeError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
 
 
-@contextlib.contextmanager
-def _interrupts_held() -> Iterator[None]:
-    """Delay Ctrl-C until the end: packages that look for optional parts swallow whatever is raised meanwhile."""
-    handler, held = signal.getsignal(signal.SIGINT), []
-    if threading.current_thread() is not threading.main_thread() or not callable(handler):
-        yield
-        return
-    signal.signal(signal.SIGINT, lambda *caught: held.append(caught))
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, handler)
-    if held:
-        handler(*held[0])
-
-
 def import_optional(module: str, package: str, path: str | os.PathLike) -> ModuleType:
     """Import a module of an optional dependency; ``ShapeError`` with the command that installs it if missing."""
     try:
-        with _interrupts_held():
-            return importlib.import_module(module)
+        return importlib.import_module(module)
     except ImportError as error:
         hint = "pip install 'warp-bounding[train]'"
         raise ShapeError(f"{path}: reading it needs {package}, which is not installed; run {hint}") from error
