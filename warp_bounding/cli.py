@@ -25,8 +25,7 @@ import typer
 from typer import Argument, Option
 
 from warp_bounding.errors import BoundingError, BoundingWarning, QueryError, ShapeError
-from warp_bounding.runtime import VERBOSE, whole_file
-from warp_bounding.runtime.whole_file import check_writable, write_whole
+from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
 from warp_bounding.version import __version__
 
 __all__ = ["app_of", "main"]
@@ -50,9 +49,7 @@ def main(
         make_app: Makes the command line; this package's own if ``None``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
-    if "--verbose" in arguments:
-        os.environ[VERBOSE] = "1"  # workers of a bake are told, too
-    arguments = ["--output" if word == "--out" else word for word in arguments if word != "--verbose"]
+    arguments = ["--output" if word == "--out" else word for word in arguments]
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who started this, as in ``>&-``
             setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 (until the process ends)
@@ -121,10 +118,9 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
             raise typer.Exit
 
     version = Option("--version", callback=tell, is_eager=True, help="Print the version and end.")
-    loud = Option("--verbose", help="Print Warp's own messages, too; may stand behind a command.")
 
     @app.callback(help=ABOUT)
-    def common(version: Annotated[bool, version] = False, verbose: Annotated[bool, loud] = False) -> None:
+    def common(version: Annotated[bool, version] = False) -> None:
         pass
 
     return app
@@ -316,7 +312,10 @@ def load_both(file: Path, shape: Path, device: str, options: Mapping[str, Any]) 
 
 
 def about(bounder, path: Path | str, certificate=None, shape: Path | None = None, given: str = "") -> dict[str, Any]:
-    """What ``--json`` says of a bounder, with its certificate or another one, and of a shape, ``given`` its SHA-256."""
+    """What ``--json`` says of a bounder, with its certificate or another one, and of a shape, ``given`` its SHA-256.
+
+    Warns where the shape is not that of the fit.
+    """
     certificate = certificate or bounder.certificate
     summary = certificate and certificate.to_dict() | {"proven": certificate.proven, "method": bounder.method}
     found = {"path": path, "method": bounder.method, "query": bounder.query_kind, "bytes": bounder.nbytes}
@@ -324,15 +323,10 @@ def about(bounder, path: Path | str, certificate=None, shape: Path | None = None
     if shape is not None:
         fitted = bounder.info.get("indicator")
         found |= {"shape": shape, "same_indicator": given == fitted, "fitted_indicator": fitted}
+        if given != fitted:
+            digests = f"its SHA-256 is {given[:16]}, that of the fit {str(fitted)[:16]}"
+            warn(f"{shape.name} is not the shape that the bounder was fitted to: {digests}")
     return found
-
-
-def other_shape(found: Mapping[str, Any], given: str) -> str:
-    """What to print first where a shape is not that of the fit, by ``about``; empty where it is."""
-    name, fitted = found["shape"], found["fitted_indicator"] or "unknown"
-    digests = f"its SHA-256 is {given[:16]}, that of the fit {fitted[:16]}"
-    text = f"{name} is not the shape that the bounder was fitted to: {digests}. What follows is about {name}."
-    return "" if found["same_indicator"] else text
 
 
 # --- fit -------------------------------------------------------------------------------------------------------------
@@ -371,10 +365,9 @@ def fit(
     quiet_warp(device)
     given = {"query": query, "length": length, "margin": margin, "force": force, "resolution": resolution, "side": side}
     arguments = arguments_of(rest | given | {"budget": budget, "seed": seed, "device": device})
-    check_writable(output, shape, *([workload] if workload else []), kind=whole_file.BOUNDER_FILE)
+    check_writable(output, shape, *([workload] if workload else []), suffix=BOUNDER)
     own, loaded, started = read_queries(workload), read_shape(shape, rest), clock.perf_counter()
-    with bar("fit") as update:
-        bounder = train(loaded, workload=own, progress=update, **arguments)
+    bounder = train(loaded, workload=own, **arguments)
     seconds = clock.perf_counter() - started
     save(bounder, output)
     rates, training = measure(bounder, loaded, samples=samples), bounder.info["training"]
@@ -484,7 +477,6 @@ def certify(
     return (
         0 if found.proven else 1,
         of_both | {"proven": found.proven},
-        other_shape(of_both, found.indicator),
         f"{found.kind}: {found.message}",
         f"counterexample: {found.counterexample}" if found.counterexample else "",
         f"{found.boxes:,} boxes, {found.seconds:.2f} s",
@@ -529,7 +521,6 @@ def evaluate(
     return (
         0 if rates.fn == 0 else 1,
         of_both | rates.to_dict(),
-        other_shape(of_both, rates.indicator),
         f"{text}, {rates.positives:.3f} % positives in {where}",
     )
 
@@ -550,7 +541,6 @@ def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | N
     return (
         0 if found.missed is None else 1,
         of_both | found.to_dict(),
-        other_shape(of_both, found.indicator),
         f"{verdict}; {asked}; --seed {found.seed}; {found.seconds:.1f} s",
     )
 
@@ -603,7 +593,7 @@ def query(
     from warp_bounding.bounders import load
 
     quiet_warp(device)
-    check_writable(output, file, points, kind=whole_file.ARRAY_FILE)
+    check_writable(output, file, points, suffix=".npy")
     bounder, queries = load(file, device=device), read_queries(points)
     started = clock.perf_counter()
     try:
@@ -612,7 +602,7 @@ def query(
         raise QueryError(f"{points}: {error}") from error
     seconds, content, maybe = clock.perf_counter() - started, io.BytesIO(), int(mask.sum())
     np.save(content, mask)
-    write_whole(output, content.getvalue(), whole_file.ARRAY_FILE)
+    write_whole(output, content.getvalue(), ".npy")
     found = about(bounder, file) | {"points": points, "output": output}
     share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""
     asked = f"{len(mask):,} {bounder.query_kind} queries"
@@ -661,16 +651,15 @@ def choose(
     given = {"query": query, "narrow_ns": narrow_ns, "length": length, "overhead_ns": overhead_ns, "margin": margin}
     given |= {"memory": memory, "budget": budget, "seed": seed, "device": device, "statistical": statistical}
     arguments = arguments_of(given | {"methods": methods})
-    picture = str(Path(output).with_suffix(whole_file.PICTURE_FILE.suffix))
-    for path, kind in ((output, whole_file.BOUNDER_FILE), (picture, whole_file.PICTURE_FILE)):
-        check_writable(path, shape, *([workload] if workload else []), kind=kind)
+    picture = str(Path(output).with_suffix(".png"))
+    for path, suffix in ((output, BOUNDER), (picture, ".png")):
+        check_writable(path, shape, *([workload] if workload else []), suffix=suffix)
     own, loaded = read_queries(workload), read_shape(shape, reading)
     kept = Path(output).with_suffix(".choice") if checkpoint is None else Path(checkpoint)
-    with bar("choose") as update:
-        choice = take(loaded, workload=own, checkpoint=kept, progress=update, **arguments)
+    choice = take(loaded, workload=own, checkpoint=kept, **arguments)
     if choice.bounder is not None:
         choice.bounder.save(output)
-    write_whole(picture, cost_plot(choice), whole_file.PICTURE_FILE)
+    write_whole(picture, cost_plot(choice), ".png")
     status = 1 if choice.about["interrupted"] else 0
     found = choice.to_dict() | {"path": output if choice.bounder is not None else None, "plot": picture}
     found["rows"] = [{k: None if v != v else v for k, v in row.items()} for row in found["rows"]]  # JSON has no NaN
@@ -729,8 +718,7 @@ def bake(
     own, options = inspect.signature(choose if choosing else fit).parameters, _bake_options()
     passed = {name: value for name, value in given.items() if name in own or value != options[name].default}
     passed = arguments_of(passed) | {"reading": reading_of(given), "workload": queries, "samples": given["samples"]}
-    with bar("bake") as update:
-        done = bake_all(folder, output, jobs=jobs, scheduler=scheduler, progress=update, **passed)
+    done = bake_all(folder, output, jobs=jobs, scheduler=scheduler, **passed)
     for record in (record for record in done.records if record.error):
         warn(f"{record.source}: {record.error}")
     proven = sum(record.certificate == "proven" for record in done.records)
@@ -797,14 +785,14 @@ def show(
     held = _held(slice_)
     if cut is not None and screenshot is None:
         raise QueryError("--cut is for --screenshot; pages have a plane that cuts")
-    for path, kind in ((screenshot, whole_file.PICTURE_FILE), (html, whole_file.PAGE_FILE)):
-        if path is not None and Path(path).suffix.lower() != kind.suffix:
-            raise BoundingError(f"{path}: expected a name that ends with {kind.suffix}")
+    for path, suffix in ((screenshot, ".png"), (html, ".html")):
+        if path is not None and Path(path).suffix.lower() != suffix:
+            raise BoundingError(f"{path}: expected a name that ends with {suffix}")
         if path is not None:
-            check_writable(path, file, shape, kind=kind)
+            check_writable(path, file, shape)
     opened = html is None and screenshot is None
     if opened:
-        html = os.path.join(tempfile.mkdtemp(), f"{file.stem}{whole_file.PAGE_FILE.suffix}")
+        html = os.path.join(tempfile.mkdtemp(), f"{file.stem}.html")
     needed("pyvista")
     if html is not None:
         needed("plotly")
@@ -812,12 +800,10 @@ def show(
     with bar("show") as update:
         options = {"resolution": resolution, "samples": samples, "progress": update}
         view = view_of(bounder, loaded, radii=radii, times=times, held=held, **options)
-    if "Another shape" in view.facts:
-        warn(view.facts["Another shape"])
     if html is not None:
-        write_whole(html, page(view, view.title, up).encode(), whole_file.PAGE_FILE)
+        write_whole(html, page(view, view.title, up).encode(), ".html")
     if screenshot is not None:
-        write_whole(screenshot, picture(view, view.title, up, cut), whole_file.PICTURE_FILE)
+        write_whole(screenshot, picture(view, view.title, up, cut), ".png")
     if opened and not webbrowser.open(Path(html).as_uri()):
         warn("there is no browser here that could open the page")
     names = ("label", "fp_rate", "fn", "samples", "undecided")

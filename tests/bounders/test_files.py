@@ -189,10 +189,9 @@ def test_places_that_cannot_be_written(saved, tmp_path):
 
 
 def test_only_what_was_a_bounder_is_replaced(saved, tmp_path):
-    """A slip of the hand keeps its shape: by name or content, an existing file must have been a bounder."""
-    unnamed, notes, empty, link = (tmp_path / name for name in ("unnamed", "mesh.obj", "empty", "link.safetensors"))
-    for path in (unnamed, saved, unnamed, saved):
-        fitted("aabb", "c").save(path)
+    """A slip of the hand keeps its shape: by its name, an existing file must have been a bounder."""
+    notes, empty, link = (tmp_path / name for name in ("mesh.obj", "empty", "link.safetensors"))
+    fitted("aabb", "c").save(saved)
     notes.write_text("v 0 0 0")
     with pytest.raises(FileFormatError, match=r"mesh\.obj: exists and is no \.safetensors file, so it is kept"):
         fitted("aabb", "c").save(notes)

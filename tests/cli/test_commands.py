@@ -74,12 +74,9 @@ def test_certify_tells_another_shape_and_never_proves_a_wrong_one(files, capsys)
     part[2:4] = False
     np.save(files / "part.npy", part)
     for words in (("certify",), ("evaluate", "--stress", 1000)):
-        status, out, _ = run(capsys, words[0], path, files / "part.npy", *words[1:])
+        status, _, err = run(capsys, words[0], path, files / "part.npy", *words[1:])
         assert status == 0
-        assert "part.npy is not the shape that the bounder was fitted to" in out.splitlines()[0]
-    status, out, _ = run(capsys, "evaluate", path, files / "other.npy", *FEW)
-    assert status == 1
-    assert "other.npy is not the shape that the bounder was fitted to" in out
+        assert err.startswith("part.npy is not the shape that the bounder was fitted to")
     assert as_json(capsys, "evaluate", path, files / "other.npy", *FEW, status=1)["same_indicator"] is False
 
 

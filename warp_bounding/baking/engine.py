@@ -31,7 +31,7 @@ from warp_bounding.baking.library import HASH_DIGITS, MANIFEST, RECORDS, Record
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, QueryError, ShapeError
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress, quiet_warp, reported
-from warp_bounding.runtime.whole_file import BOUNDER_FILE, PAGE_FILE, FileKind, check_writable, write_whole
+from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
 from warp_bounding.shapes import load_shape
 from warp_bounding.shapes.formats.load import READERS
 from warp_bounding.shapes.formats.meshes import referred_buffers
@@ -47,7 +47,6 @@ CONNECT_SECONDS = 15
 THREADS = ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 ONE_THREAD = dict.fromkeys(THREADS, "1")
 SHEET = "contact-sheet.html"  # in the folder of a bake
-RECORD_FILE, MANIFEST_FILE = FileKind(".json", 0, b"{"), FileKind(".csv", 0, b"name")
 
 
 # --- settings and jobs -----------------------------------------------------------------------------------------------
@@ -107,7 +106,7 @@ class Job(NamedTuple):
 
     def end(self, record: Record) -> Record:
         """Write its record, whole or not at all; raises ``FileFormatError`` if it cannot be written."""
-        write_whole(self.out / RECORDS / f"{self.key}.json", json.dumps(asdict(record), indent=1).encode(), RECORD_FILE)
+        write_whole(self.out / RECORDS / f"{self.key}.json", json.dumps(asdict(record), indent=1).encode())
         return record
 
 
@@ -176,7 +175,7 @@ def bake_shape(job: Job) -> Record:
         quiet_warp()
         bounder, record = _made(job)
         if bounder is not None:
-            record = replace(record, file=f"{job.key}{BOUNDER_FILE.suffix}")
+            record = replace(record, file=f"{job.key}{BOUNDER}")
             bounder.save(job.out / record.file)
         record = job.end(replace(record, seconds=round(time.perf_counter() - started, 3)))
     return replace(record, picture="")
@@ -250,7 +249,7 @@ def write_manifest(out: Path, records: list[Record]) -> None:
     writer = csv.DictWriter(text, Record("", "", "", "").row)
     writer.writeheader()
     writer.writerows(record.row for record in records)
-    write_whole(out / MANIFEST, text.getvalue().encode(), MANIFEST_FILE)
+    write_whole(out / MANIFEST, text.getvalue().encode())
 
 
 PAGE = """<!DOCTYPE html>
@@ -276,7 +275,7 @@ def write_sheet(out: Path, records: list[Record]) -> None:
     head = f"{len(records)} shapes, {len(baked)} with a bounder, {proven} of them proven; {failed} failed"
     cards = "\n".join(_card(record) for record in sorted(records, key=lambda r: not r.error))
     colours = {name: f"rgb{COLOURS[name]}" for name in ("object", "maybe")}
-    write_whole(out / SHEET, PAGE.format(head=head, cards=cards, **colours).encode(), PAGE_FILE)
+    write_whole(out / SHEET, PAGE.format(head=head, cards=cards, **colours).encode())
 
 
 def _card(record: Record) -> str:

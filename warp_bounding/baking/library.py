@@ -25,7 +25,7 @@ from warp_bounding.kernels.source import Source
 from warp_bounding.runtime.arrays import Picklable, flat_queries, new_output
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, unique_name, vector_type
-from warp_bounding.runtime.whole_file import BOUNDER_FILE, file_path
+from warp_bounding.runtime.whole_file import BOUNDER, file_path
 
 __all__ = ["HASH_DIGITS", "MANIFEST", "RECORDS", "BounderGroup", "BounderLibrary", "BounderStack", "Record"]
 
@@ -102,9 +102,7 @@ class BounderLibrary(Picklable, Mapping):
             is_what = "a file, expected a folder of bounders" if self.folder.exists() else "no such folder"
             raise FileFormatError(f"{self.folder}: {is_what}")
         self.device = device
-        keys = sorted(
-            file.stem for file in self.folder.glob(f"*{BOUNDER_FILE.suffix}") if not file.name.startswith(".")
-        )
+        keys = sorted(file.stem for file in self.folder.glob(f"*{BOUNDER}") if not file.name.startswith("."))
         names = {key: found[1] if (found := KEY.fullmatch(key)) else key for key in keys}
         count = Counter(names.values())
         self._keys = {key if count[name] > 1 else name: key for key, name in names.items()}
@@ -129,7 +127,7 @@ class BounderLibrary(Picklable, Mapping):
             >>> wb.baking.BounderLibrary("bounders").path("ball").name
             'ball.safetensors'
         """
-        return self.folder / f"{self._keys[name]}{BOUNDER_FILE.suffix}"
+        return self.folder / f"{self._keys[name]}{BOUNDER}"
 
     def __getitem__(self, name: str) -> Bounder:
         if name not in self._loaded:

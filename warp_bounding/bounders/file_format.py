@@ -18,7 +18,7 @@ import safetensors.numpy
 from warp_bounding.certificates import Subject
 from warp_bounding.errors import FileFormatError
 from warp_bounding.queries.region_domain import SPACE
-from warp_bounding.runtime.whole_file import BOUNDER_FILE, write_whole
+from warp_bounding.runtime.whole_file import BOUNDER, write_whole
 from warp_bounding.version import __version__
 
 FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
@@ -62,7 +62,7 @@ def save(bounder: Subject, path: str | os.PathLike) -> None:
 def write(path: str | os.PathLike, tensors: dict[str, np.ndarray], document: dict[str, Any]) -> None:
     """Write tensors and a document with their digest."""
     text = json.dumps({"sha256": digest_of(tensors, document), "bounder": document}, allow_nan=False)
-    write_whole(path, safetensors.numpy.save(tensors, metadata={KEY: text}), BOUNDER_FILE)
+    write_whole(path, safetensors.numpy.save(tensors, metadata={KEY: text}), BOUNDER)
 
 
 def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:

@@ -25,7 +25,7 @@ from warp_bounding.errors import BounderError, FileFormatError
 from warp_bounding.proof.search import halve
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.runtime.whole_file import BOUNDER_FILE, check_writable, file_path, write_whole
+from warp_bounding.runtime.whole_file import check_writable, file_path, write_whole
 from warp_bounding.shapes.shape import Shape
 from warp_bounding.version import __version__
 
@@ -156,7 +156,7 @@ class Checkpoint:
         about["distances"] = hashlib.sha256(np.asarray(shape.distances(queried)).tobytes()).hexdigest()
         self._claim = digest_of(bounder.tensors, about)
         self._ndim = shape.ndim
-        check_writable(self.path, kind=BOUNDER_FILE)
+        check_writable(self.path)
         self._left = self._read() if self.path.exists() else None
 
     def load(self, count: int) -> Left | None:
@@ -190,7 +190,7 @@ class Checkpoint:
         document = {"claim": self._claim, "boxes": left.boxes, "seconds": left.seconds}
         document["levels"] = [boxes.level for boxes in left.waiting]
         text = json.dumps({"sha256": digest_of(tensors, document), "left": document})
-        write_whole(self.path, safetensors.numpy.save(tensors, metadata={KEY: text}), BOUNDER_FILE)
+        write_whole(self.path, safetensors.numpy.save(tensors, metadata={KEY: text}))
         self._written = working_seconds()
 
     def remove(self) -> None:

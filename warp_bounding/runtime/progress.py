@@ -3,50 +3,32 @@
 import contextlib
 import os
 import sys
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import warp as wp
 
 from warp_bounding.errors import BounderError
-from warp_bounding.runtime import VERBOSE
 
 Progress = Callable[[float, float, str], None]  # called with done and total, in any unit, and a note
 
 
-LINE_SECONDS = 30.0  # between two lines of progress, where standard error is no terminal
-
-
 @contextlib.contextmanager
 def bar(description: str) -> Iterator[Any]:
-    """Progress on standard error: a bar where that is a terminal, elsewhere a line every half minute.
+    """A bar on standard error, where that is a terminal.
 
     Yields ``update(done, total, note="")``, with done in any unit.
     """
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+    from rich.progress import Progress, TextColumn
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=28),
-        TextColumn("{task.percentage:>3.0f} %"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
-    )
-    err, last = Console(stderr=True), time.monotonic()
-    quiet = not err.is_terminal  # no blank lines in logs
-    with Progress(*columns, console=err, transient=True, disable=quiet) as progress:
+    columns = (*Progress.get_default_columns(), TextColumn("{task.fields[note]}"))
+    err = Console(stderr=True)
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as progress:
         task = progress.add_task(description, total=1.0, note="")
 
         def update(done: float, total: float = 1.0, note: str = "") -> None:
-            nonlocal last
-            share = done / total if total else 0
-            progress.update(task, completed=share, note=note)
-            if quiet and time.monotonic() - last > LINE_SECONDS:
-                last = time.monotonic()
-                print(" ".join(f"{description}: {100 * share:.0f} % {note}".split()), file=sys.stderr, flush=True)
+            progress.update(task, completed=done / total if total else 0, note=note)
 
         yield update
 
@@ -72,21 +54,9 @@ def reported(progress: Progress | bool | None, description: str) -> Iterator[Pro
 # Warp without its own messages: they would stand between a command's own, or in what a program reads.
 
 
-class _Messages:
-    """Warp's messages, on standard error."""
-
-    def debug(self, message: str, *_: Any, **__: Any) -> None:
-        print(message, file=sys.stderr, flush=True)
-
-    info = warning = error = debug
-
-
 def quiet_warp() -> None:
-    """Start Warp once, and divert its messages: to standard error where ``VERBOSE`` is set, elsewhere to nowhere."""
-    if os.environ.get(VERBOSE):
-        wp.set_logger(_Messages())
-    else:
-        wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
+    """Start Warp once, without its messages."""
+    wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
     with _silent_errors():  # a machine without a GPU is no news
         wp.init()
 

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.runtime.whole_file import BOUNDER_FILE
+from warp_bounding.runtime.whole_file import BOUNDER
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Level, Placement, Wanted, grid_of
 from warp_bounding.shapes.formats.binvox import read_binvox
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
@@ -272,7 +272,7 @@ def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
             raise ShapeError(f"{path}: no such file")
         if not path.is_file():
             raise ShapeError(f"{path}: expected a file, got {'a directory' if path.is_dir() else 'something else'}")
-        if suffix == BOUNDER_FILE.suffix:
+        if suffix == BOUNDER:
             raise ShapeError(f"{path}: expected a shape, got a bounder's file; load (or info) reads it")
         if suffix not in READERS:
             raise ShapeError(f"{path}: expected one of {' '.join(READERS)}, got {suffix or 'no extension'!r}")
