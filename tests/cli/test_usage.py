@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 from commands import ROOT, check_bad, command, fit, run
-from format_cases import ply, stl, written
+from format_cases import STL, ply, written
 
 import warp_bounding as wb
 from warp_bounding import cli
@@ -81,7 +81,7 @@ def test_names_that_no_file_can_have(files, capsys, output):
 
 
 @pytest.mark.parametrize("name", ["fit", "certify", "evaluate", "show"])
-@pytest.mark.parametrize("cut", [{"a.stl": stl(end="")}, {"a.ply": ply("binary_little_endian")[:-1]}])
+@pytest.mark.parametrize("cut", [{"a.stl": STL.replace("endsolid", "")}, {"a.ply": ply("binary_little_endian")[:-1]}])
 def test_a_shape_that_cannot_be_read(tmp_path, capsys, name, cut):
     shape, bounder = written(tmp_path, *cut, cut), tmp_path / "b.safetensors"
     wb.fit(np.eye(4, dtype=bool), method="aabb", device="cpu").save(bounder)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from format_cases import V, binary_stl, dae, glb
+from format_cases import BINARY_STL, CENTIMETRES, GLB, V, dae
 from format_cases import written as stored
 
 import warp_bounding as wb
@@ -226,16 +226,15 @@ def robot(
     end="</robot>",
     more_joint="",
     origin="xyz='1 0 0'",
-    own=("", "", ""),
     **files: bytes | str,
 ) -> dict[str, str | bytes]:
     """An arm of one joint, whose link is a cube of a file."""
     collision = f"<origin {origin}/><geometry>{geometry}</geometry>{more_collision}"
-    moved = f"<link name='bar'{own[0]}><collision{own[1]}>{collision}</collision></link>"
-    turning = f"<joint name='j' type='revolute'{own[2]}><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/>"
+    moved = f"<link name='bar'><collision>{collision}</collision></link>"
+    turning = "<joint name='j' type='revolute'><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/>"
     turning += f"<limit lower='-1' upper='1' effort='1' velocity='1'/>{more_joint}</joint>"
     whole = f"{start}<link name='base'/>{moved}{turning}{more}{end}"
-    return {"a.urdf": whole, "a.stl": binary_stl()} | files  # fmt: skip
+    return {"a.urdf": whole, "a.stl": BINARY_STL} | files  # fmt: skip
 
 
 PACKAGE = "<mesh filename='package://robot/meshes/a.stl'/>"
@@ -243,7 +242,6 @@ VISUAL = (
     "<link name='extra'><visual><geometry><box size='1 1 1'/></geometry></visual></link>"
     "<joint name='k' type='fixed'><parent link='bar'/><child link='extra'/></joint>"
 )
-CENTIMETRES = dae(points=100 * V, asset='<unit meter="0.01"/><up_axis>Z_UP</up_axis>')
 NAMED = "<package><name>robot</name></package>"
 
 
@@ -252,14 +250,12 @@ NAMED = "<package><name>robot</name></package>"
     [
         (robot(), "", (1, 1, 1)),
         (robot("<!-- a cube --><mesh filename='a.stl' scale='1 -2 3'/>"), "", (1, 2, 3)),
-        (robot(PACKAGE, **{"robot/meshes/a.stl": binary_stl()}), "", (1, 1, 1)),
-        (robot(PACKAGE, **{"package.xml": NAMED, "meshes/a.stl": binary_stl()}), "", (1, 1, 1)),
+        (robot(PACKAGE, **{"robot/meshes/a.stl": BINARY_STL}), "", (1, 1, 1)),
+        (robot(PACKAGE, **{"package.xml": NAMED, "meshes/a.stl": BINARY_STL}), "", (1, 1, 1)),
         (robot("<mesh filename='a.dae'/>", **{"a.dae": CENTIMETRES}), "", (1, 1, 1)),
-        (robot("<mesh filename='a.glb'/>", **{"a.glb": glb()}), "taken as it stands", (1, 1, 1)),
+        (robot("<mesh filename='a.glb'/>", **{"a.glb": GLB}), "taken as it stands", (1, 1, 1)),
         (robot("<mesh filename='a.dae'/>", **{"a.dae": dae(asset="")}), "a.dae: no up_axis", (1, 1, 1)),
         (robot(more=VISUAL), "so not bounded: extra", (1, 1, 1)),
-        (robot(own=(" drake_ignore='0'", " margin='0.1'", " color='red'")), "color of joint, drake_ignore", (1, 1, 1)),
-        (robot(more="<drake/>", more_joint="<foo/>", more_collision="<verbose/>"), "drake, foo, verbose", (1, 1, 1)),
     ],
 )
 def test_meshes_of_links(tmp_path, files, note, half):
@@ -274,10 +270,10 @@ def test_meshes_of_links(tmp_path, files, note, half):
     ("files", "words"),
     [
         (robot("<mesh filename='a.stl' scale='1 2'/>"), "scale of 1 or 3 finite numbers"),
-        (robot(PACKAGE, **{"meshes/a.stl": binary_stl()}), "is missing"),
+        (robot(PACKAGE, **{"meshes/a.stl": BINARY_STL}), "is missing"),
         (robot("<mesh filename='gone.stl'/>"), "is missing"),
         (robot("<mesh filename='a.3ds'/>", **{"a.3ds": b"3ds"}), "expected a mesh file"),
-        (robot(**{"a.stl": binary_stl()[:-1]}), "a.stl"),
+        (robot(**{"a.stl": BINARY_STL[:-1]}), "a.stl"),
         (robot("<sphere radius='1'/><box size='1 1 1'/>"), "one geometry of one shape"),
         (robot(more_collision="<geometry><sphere radius='1'/></geometry>"), "one geometry of one shape"),
         (robot(more_joint="<origin/><origin xyz='5 0 0'/>"), "joint j: expected one origin, got 2"),

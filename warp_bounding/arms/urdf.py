@@ -24,10 +24,7 @@ from warp_bounding.shapes.formats.meshes import read_mesh_data
 SIDES = 16  # of a prism around a cylinder
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
 OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
-IN_ROBOT = {"link", "joint", "material", "transmission", "gazebo", "ros2_control", "sensor"}
-IN_LINK = {"inertial", "visual", "collision", "sensor", "contact", "self_collision_checking"}
 ONCE = {"joint": ("parent", "child", "origin", "axis", "limit", "mimic"), "collision": ("geometry", "origin")}
-IN_JOINT = {*ONCE["joint"], "dynamics", "calibration", "safety_controller"}
 # Of elements that tell geometry the attributes that are known, and of how many numbers each is; of none where it is
 # text or not read. What begins with + has to be there.
 ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
@@ -45,11 +42,6 @@ ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "capsule": {"+radius": (1,), "+length": (1,)},
     "mesh": {"+filename": (), "scale": (1, 3)},
 }  # fmt: skip
-OWN = {
-    "link": {"name"},
-    "joint": {"name", "type"},
-    "collision": {"name"},
-}  # attributes of elements that hold others; more are noted
 CAPSULE = "capsule of "  # what stands for a capsule in the file name of a mesh: yourdfpy knows none
 SIZES = ("size", "radius", "length")  # attributes that are 0 or more
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -218,10 +210,7 @@ def _read(path: Path) -> tuple[Any, list[str]]:
 
 
 def _looked_through(robot: ElementTree.Element) -> list[str]:
-    """Notes of what a file holds besides the arm.
-
-    Raises ``ValueError`` for what is ambiguous, such as two links of one name.
-    """
+    """A note of links without collision geometry; raises ``ValueError`` for what is ambiguous or not known."""
     if macros := [element.tag for element in robot.iter() if "xacro" in element.tag]:
         raise ValueError(f"expected a URDF file, got the macro {macros[0].rpartition('}')[2]}; let xacro write one")
     if robot.tag != "robot":
@@ -230,9 +219,8 @@ def _looked_through(robot: ElementTree.Element) -> list[str]:
         names = [element.get("name") for element in robot.findall(kind)]
         if twice := {name for name in names if names.count(name) > 1}:
             raise ValueError(f"expected each {kind} once, got two of {', '.join(map(str, sorted(twice, key=str)))}")
-    notes, bare, others = [], [], {element.tag for element in robot} - IN_ROBOT
     for joint in robot.findall("joint"):
-        others |= _checked(joint, f"joint {joint.get('name')}", ("parent", "child"))
+        _check(joint, f"joint {joint.get('name')}", ("parent", "child"))
     for link in robot.findall("link"):
         for part in link.findall("collision"):
             shapes = [len(geometry) for geometry in part.findall("geometry")]
@@ -240,22 +228,14 @@ def _looked_through(robot: ElementTree.Element) -> list[str]:
                 raise ValueError(
                     f"link {link.get('name')}: expected one geometry of one shape in a collision, got {shapes}"
                 )
-            others |= _checked(part, f"link {link.get('name')}")
-        if link.find("visual") is not None and link.find("collision") is None:
-            bare.append(str(link.get("name")))
-    notes += [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
-    held = (element for tag in OWN for element in robot.iter(tag))
-    strange = {f"{name} of {element.tag}" for element in held for name in set(element.attrib) - OWN[element.tag]}
-    notes += [f"not read: attributes {', '.join(sorted(strange))}"] * bool(strange)
-    others |= {element.tag for link in robot.findall("link") for element in link} - IN_LINK
-    return notes + [f"not read: elements {', '.join(sorted(others))}"] * bool(others)
+            _check(part, f"link {link.get('name')}")
+    links = [link for link in robot.findall("link") if link.find("collision") is None]
+    bare = [str(link.get("name")) for link in links if link.find("visual") is not None]
+    return [f"without collision geometry, so not bounded: {', '.join(bare)}"] if bare else []
 
 
-def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = ()) -> set[str]:
-    """Other elements of a joint or a collision.
-
-    Raises ``ValueError`` for an element that is doubled or lacks, and for attributes that are not in ``ATTRIBUTES``.
-    """
+def _check(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = ()) -> None:
+    """Raise ``ValueError`` for elements of a joint or collision that are doubled or lack, or have other attributes."""
     for tag in ONCE[whole.tag]:
         if (count := len(whole.findall(tag))) > 1 or (tag in needed and not count):
             raise ValueError(f"{where}: expected one {tag}, got {count or 'none'}")
@@ -277,7 +257,6 @@ def _checked(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = (
                 many = "1 finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} finite numbers"
                 least = " from 0" * (name in SIZES)
                 raise ValueError(f"{where}: {element.tag}: expected {name} of {many}{least}, got {element.get(name)!r}")
-    return {element.tag for element in whole.iter()} - {whole.tag, *(IN_JOINT if whole.tag == "joint" else ATTRIBUTES)}
 
 
 def _value(value, joint, path) -> float:

@@ -151,14 +151,12 @@ class Cells(NamedTuple):
         name: For messages.
         remark: See ``Shape``.
         placement: Of the cells, where the file tells it; nothing else places them then.
-        spacing: Of the cells, where nobody tells another.
     """
 
     values: np.ndarray
     name: str
     remark: str = ""
     placement: Placement | None = None
-    spacing: float | None = None
 
 
 def grid_of(

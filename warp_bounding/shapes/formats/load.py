@@ -22,7 +22,7 @@ from warp_bounding.runtime.whole_file import BOUNDER
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Level, Placement, Wanted, grid_of
 from warp_bounding.shapes.formats.binvox import read_binvox
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
-from warp_bounding.shapes.formats.maps import read_movingai, read_pgm, read_ros_map
+from warp_bounding.shapes.formats.maps import read_pgm, read_ros_map
 from warp_bounding.shapes.formats.meshes import MESH_READERS, parts_of, read_mesh
 from warp_bounding.shapes.formats.reading import joined, reading
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
@@ -165,8 +165,8 @@ def load_shape(
 
     Args:
         source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
-            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image or Moving
-            AI's ``.map``, of which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``,
+            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image, of
+            which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``,
             ``.stl``, ``.glb``, ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an
             n-D array of NumPy, torch or Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices,
             faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an
@@ -212,7 +212,7 @@ def load_shape(
             raise ShapeError(
                 f"{found.name}: its own resolution and origin place it, got spacing={spacing}, origin={origin}"
             )
-        place = found.placement or Placement(found.spacing if spacing is None else spacing, origin)
+        place = found.placement or Placement(spacing, origin)
         # where it has a place of its own, its reader asked what is occupied
         own = wanted if found.placement is None else Wanted()
         found = grid_of(found.values, found.name, time, own, place, found.remark)
@@ -328,7 +328,6 @@ READERS: dict[str, Callable[[Path, Wanted], Cells | ShapeLike]] = {
     ".pgm": _read_pgm,
     ".yaml": read_ros_map,
     ".yml": read_ros_map,
-    ".map": lambda path, _: read_movingai(path),
     ".binvox": lambda path, _: read_binvox(path),
     ".npy": lambda path, _: _read_npy(path),
     ".npz": lambda path, _: _read_npz(path),

@@ -1,12 +1,11 @@
-"""Maps: ROS's ``.yaml`` and its picture, ``.pgm``, and the grids of Moving AI's benchmarks (``.map``).
+"""Maps: ROS's ``.yaml`` and its picture, often ``.pgm``.
 
 A map's coordinates are x, to the right, and y, up: the first row of a file is at the top. Of a ROS map a cell is free
 only where all versions of its map server agree that it is: ``occ < free_thresh``, as ROS 1 and most of ROS 2 have it;
 from ``occ >= occupied_thresh`` on, as the newest of ROS 2 has it, a cell is occupied. What is between is unknown.
 Pictures are opaque.
 
-Sources: https://wiki.ros.org/map_server, nav2_map_server, https://movingai.com/benchmarks/formats.html, the netpbm
-    manual of pgm.
+Sources: https://wiki.ros.org/map_server, nav2_map_server, the netpbm manual of pgm.
 """
 
 import math
@@ -20,10 +19,8 @@ from warp_bounding.shapes.formats.arrays import Cells, Placement, Wanted
 from warp_bounding.shapes.formats.images import opened
 from warp_bounding.shapes.formats.reading import import_optional, reading
 
-__all__ = ["read_movingai", "read_pgm", "read_ros_map"]
+__all__ = ["read_pgm", "read_ros_map"]
 
-PASSABLE, BLOCKED = ".GS", "@OTW"  # characters of .map: W, water, cannot be entered from the ground
-TILES = ("octile", "tile", "octile_unicost")
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 MODES = ("trinary", "scale")
 _BLANK = rb"(?:\s|#[^\n]*\n)+"
@@ -96,31 +93,6 @@ def _shades(path: Path) -> np.ndarray:
         if deep or image.mode not in ("1", "L", "P", "RGB") or "transparency" in image.info:
             raise ValueError(f"expected an opaque picture of 8 bits in grey or colours, got mode {image.mode}")
         return np.asarray(image.convert("RGB")).astype(np.float64).mean(axis=2) / 255
-
-
-def read_movingai(path: Path) -> Cells:
-    """A map of Moving AI's benchmarks: cells of size 1, their centres on whole numbers."""
-    lines = path.read_bytes().decode("ascii").replace("\r\n", "\n").rstrip("\n").split("\n")
-    head = dict(words for line in lines[:3] if len(words := line.split()) == 2)
-    tiles, sizes = head.get("type"), [head.get(key, "") for key in ("width", "height")]
-    if lines[3:4] != ["map"] or tiles not in TILES or not all(size.isdigit() and int(size) > 0 for size in sizes):
-        raise ValueError(f"expected the lines 'type octile', 'height', 'width' and 'map', got {lines[:4]}")
-    width, height = map(int, sizes)
-    rows = lines[4:]
-    lengths = sorted({len(row) for row in rows})
-    if len(rows) != height or lengths != [width]:
-        raise ValueError(f"expected {height} rows of {width} characters, got {len(rows)} of {lengths}")
-    letters = np.frombuffer("".join(rows).encode(), dtype="S1").reshape(height, width)
-    found = {letter.decode() for letter in np.unique(letters)}
-    if unknown := found - {*PASSABLE, *BLOCKED}:
-        raise ValueError(f"expected characters {PASSABLE} and {BLOCKED}, got {''.join(sorted(unknown))!r}")
-    reported = {"S": "S, swamp, counts as free", "W": "W, water, counts as occupied"}
-    words = [
-        "x to the right, y up, the file's first row at the top",
-        *(reported[letter] for letter in sorted(found & set(reported))),
-    ]
-    cells = np.isin(letters, [letter.encode() for letter in BLOCKED])[::-1].T
-    return Cells(cells, path.name, "; ".join(words), spacing=1.0)
 
 
 def _number(key: str, word: object) -> float:
