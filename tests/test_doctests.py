@@ -32,7 +32,7 @@ METHODS = {
     wb.pairs.Balls: ("certify", "load", "of", "save"),
     wb.pairs.Pair: ("contact_time", "distance", "func", "query"),
     wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),
-    wb.shapes.Function: ("refute",),
+    wb.shapes.Function: ("check",),
     wb.shapes.Grid: ("cell_coordinate", "contains", "position", "to_grid"),
     wb.shapes.Mesh: ("to_grid",),
     wb.shapes.MovingMesh: ("to_grid", "vertices_at"),

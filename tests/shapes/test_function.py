@@ -1,6 +1,7 @@
 """Functions as shapes: what they certify is true if what is claimed of them is, and false claims are found."""
 
 import math
+from contextlib import suppress
 from fractions import Fraction
 
 import numpy as np
@@ -119,14 +120,14 @@ def test_answers_that_change_later_are_noticed():
 
 @pytest.mark.parametrize("n", DIMENSIONS)
 def test_the_truth_is_not_refuted(n):
-    assert ball(n).refute() is None
-    assert ball(n).dilated(0.1).refute() is None
     ball(n).check()
+    ball(n).dilated(0.1).check()
     ball(n).check_contents()
     honest = wb.shapes.Function(lambda x: ball_distance(x) <= 0, [-1] * n, [1] * n, empty=ball_empty)
-    assert honest.refute(seed=1) is None
+    honest.check(seed=1)
     infinite = ball(n, distance=lambda x: np.where(ball_distance(x) > 3, np.inf, ball_distance(x)), lipschitz=1e9)
-    infinite.refute()
+    with suppress(wb.ShapeError):  # it jumps, which may be found
+        infinite.check()
 
 
 def claiming(empty):
@@ -146,6 +147,12 @@ def too_steep_in_a_corner(x):
     return ball_distance(x) + 0.5 * np.maximum(x.min(axis=1) - 0.9, 0)
 
 
+SAID = {
+    "bounds": "the point .* not between lower and upper",
+    "empty": "the point .* called empty",
+    "sign": "the point .* above 0",
+    "lipschitz": "the distance changes",
+}
 CLAIMS = {
     "bounds": (lambda n: ball(n, distance=lambda x: np.linalg.norm(x, axis=1) - 1.05), {"bounds"}),
     "empty": (claiming(too_full), {"empty"}),
@@ -165,20 +172,8 @@ def test_false_claims_are_found(claim, n):
     if claim == "corner" and n > 3:
         pytest.skip("so small a part of space is rarely sampled")
     make, broken = CLAIMS[claim]
-    shape = make(n)
-    found = shape.refute(seed=n)
-    assert found is not None
-    assert found.broken in broken
-    x = found.points
-    if found.broken == "empty":
-        assert shape.contains(x[:1]).all()
-        assert shape.empty(x[1:2], x[2:3]).all()
-        assert ((x[0] >= x[1]) & (x[0] <= x[2])).all()
-    elif found.broken == "bounds":
-        assert shape.contains(x).all()
-        assert ((x < shape.lower) | (x > shape.upper)).any()
-    with pytest.raises(wb.ShapeError, match=r"the point|the distance changes"):
-        shape.check()
+    with pytest.raises(wb.ShapeError, match="|".join(SAID[word] for word in broken)):
+        make(n).check(seed=n)
 
 
 def test_nothing_and_everything_are_refused_when_asked():

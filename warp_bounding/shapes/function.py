@@ -2,7 +2,7 @@
 
 What certifies boxes is either the author's own ``empty``, such as interval arithmetic, or a distance with a Lipschitz
 constant L: over a box with centre c no point is farther from c than the half-diagonal r, so the distance stays above 0
-where ``distance(c) > L r``. A shape cannot look into a function; ``refute`` looks for points that contradict what its
+where ``distance(c) > L r``. A shape cannot look into a function; ``check`` looks for points that contradict what its
 author says.
 """
 
@@ -11,7 +11,6 @@ import pickle
 from collections.abc import Callable
 from copy import copy, deepcopy
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 
@@ -128,39 +127,21 @@ SLOPE_STEPS = 0.1  # of other steps: those from which the steepest direction is 
 BEYOND = 1.0  # longest sides: how far outside of the box that holds the object points of it are looked for
 
 
-class Counterexample(NamedTuple):
-    """What contradicts a function.
-
-    Attributes:
-        broken: What does not hold: ``"bounds"``, ``"empty"``, ``"sign"`` (of the distance) or ``"lipschitz"``.
-        message: One sentence with the points.
-        points: ``(P, n)`` float64: a point; for ``"empty"`` a point and the box's two corners; for ``"lipschitz"`` two
-            points.
-    """
-
-    broken: str
-    message: str
-    points: np.ndarray
-
-
 class _Search:
-    """Looks for what contradicts an undilated function."""
+    """Looks for what contradicts an undilated function, and tells it in a sentence with the points."""
 
     def __init__(self, shape: "Function", count: int, seed: int):
         self.shape, self.count, self.rng = shape, count, np.random.default_rng(seed)
         self.n, self.longest = shape.ndim, float(shape.extent.max())
 
-    def run(self) -> Counterexample | None:
+    def run(self) -> str | None:
         shape, lower, upper = self.shape, self.shape.lower, self.shape.upper
         within, around = self._uniform(lower, upper), self._uniform(shape.sample_lower, shape.sample_upper)
         x = np.concatenate([within, around, self._outside(), self._shell()])
         held = shape.contains(x)
         beyond = held & ((x < lower) | (x > upper)).any(axis=1)
         if beyond.any():
-            at = x[beyond][0]
-            return Counterexample(
-                "bounds", f"the point {shown(at)} is in the object, but not between lower and upper", at[None]
-            )
+            return f"the point {shown(x[beyond][0])} is in the object, but not between lower and upper"
         inside = np.concatenate([x[held][: self.count], self._border(x[held], x[~held])])
         if shape.certified:
             for boxes in (self._boxes_around(inside), self._boxes_at_random()):
@@ -228,23 +209,20 @@ class _Search:
 
     # --- contradictions ----------------------------------------------------------------------------------------------
 
-    def _in_empty_box(self, points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> Counterexample | None:
+    def _in_empty_box(self, points: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> str | None:
         """Of points of the object, one that lies in a box that is certified empty."""
         wrong = self.shape.empty(lower, upper) if len(points) else np.zeros(0, dtype=bool)
         if not wrong.any():
             return None
-        found = np.stack([points, lower, upper], axis=1)[wrong][0]
-        x, a, b = map(shown, found)
-        message = f"the point {x} is in the object, but the box from {a} to {b}, which holds it, is called empty"
-        return Counterexample("empty", message, found)
+        x, a, b = (shown(each[wrong][0]) for each in (points, lower, upper))
+        return f"the point {x} is in the object, but the box from {a} to {b}, which holds it, is called empty"
 
-    def _wrong_distance(self, x: np.ndarray, inside: np.ndarray) -> Counterexample | None:
+    def _wrong_distance(self, x: np.ndarray, inside: np.ndarray) -> str | None:
         value, lipschitz = self.shape._distance, self.shape.lipschitz
         above = value(inside) > self._allowed(inside)
         if above.any():
             at = inside[above][0]
-            message = f"the point {shown(at)} is in the object, but its distance is {value(at[None])[0]:g}, above 0"
-            return Counterexample("sign", message, at[None])
+            return f"the point {shown(at)} is in the object, but its distance is {value(at[None])[0]:g}, above 0"
         others = x[self.rng.permutation(len(x))]
         pairs = [(x, others), (x, x + self._steps(x)), (x, x + self._steps(x, steepest=True))]
         if len(inside):
@@ -256,11 +234,10 @@ class _Search:
             steep = change > lipschitz * apart + self._allowed(a) + self._allowed(b)
             if steep.any():
                 row = int(np.argmax(np.where(steep, change / np.maximum(apart, 1e-300), 0.0)))
-                message = (
+                return (
                     f"the distance changes by {change[row]:g} between {shown(a[row])} and {shown(b[row])}, which are "
                     f"{apart[row]:g} apart, so lipschitz={lipschitz:g} is too little"
                 )
-                return Counterexample("lipschitz", message, np.stack([a[row], b[row]]))
         return None
 
     def _allowed(self, x: np.ndarray) -> np.ndarray:
@@ -539,36 +516,32 @@ class Function(Formula):
 
     # --- whether it is what its author says --------------------------------------------------------------------------
 
-    def refute(self, *, count: int = 4096, seed: int = 0) -> Counterexample | None:
-        """Look for points that contradict what the author says of this function.
+    def check(self, *, count: int = 4096, seed: int = 0) -> None:
+        """Look for points that contradict what the author says of this function; finding none proves nothing.
 
         Args:
             count: Random points of each kind; the time that it takes is proportional to it.
             seed: Of the random numbers.
 
-        Returns:
-            What contradicts, or ``None``, which proves nothing.
-
         Raises:
-            ShapeError: If the answers of a function cannot be relied on.
+            ShapeError: With a point that contradicts, or if the answers of a function cannot be relied on.
 
         Example:
             >>> def twice(x):
             ...     return 2 * (np.linalg.norm(x, axis=1) - 1.0)
-            >>> wrong = wb.shapes.Function(None, [-1, -1], [1, 1], distance=twice)
-            >>> wrong.refute().broken
-            'empty'
-            >>> wb.shapes.Function(None, [-1, -1], [1, 1], distance=twice, lipschitz=2.0).refute()
+            >>> wb.shapes.Function(None, [-1, -1], [1, 1], distance=twice, lipschitz=2.0).check()
+            >>> try:
+            ...     wb.shapes.Function(None, [-1, -1], [1, 1], distance=twice).check()
+            ... except wb.ShapeError as error:
+            ...     print("called empty" in str(error))
+            True
         """
         undilated = copy(self)
         undilated.margin = undilated._level = 0.0
         with np.errstate(invalid="ignore", over="ignore"):  # infinite distances
-            return _Search(undilated, count, seed).run()
-
-    def check(self) -> None:
-        found = self.refute()
+            found = _Search(undilated, count, seed).run()
         if found is not None:
-            raise ShapeError(f"{self.name}: {found.message}")
+            raise ShapeError(f"{self.name}: {found}")
 
 
 def _finite_boxes(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
