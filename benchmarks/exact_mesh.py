@@ -44,7 +44,6 @@ def measure(shape: Shape) -> dict[str, dict]:
         "empty": (low, high),
         "inside": (low, high),
         "distance": (low,),
-        "clearance": (low, high),
         "decide_boxes": (np.minimum(x, y), np.maximum(x, y)),
         "decide_segments": (x, y),
         "decide_planes": (y - x, x),

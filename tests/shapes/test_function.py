@@ -236,7 +236,7 @@ def test_bounds_of_boxes_are_those_of_the_nearest_and_the_farthest_point(center,
     shape = wb.shapes.Function(None, [-9] * 3, [9] * 3, distance=lambda x: 2 * x[:, 0], lipschitz=2.0).dilated(margin)
     lower, upper = np.array([center]), np.array([[center[0] + side, *center[1:]]])
     least, most = Fraction(float(lower[0, 0])) - Fraction(margin), Fraction(float(upper[0, 0])) - Fraction(margin)
-    assert Fraction(float(shape.clearance(lower, upper)[0])) <= max(least, 0)
+    assert Fraction(float(shape.distance(lower)[0])) <= max(least, 0)
     assert not shape.empty(lower, upper)[0] or least > 0
     assert not shape.inside(lower, upper)[0] or most <= 0
     assert shape.empty(lower, upper)[0] or least < 1e-9

@@ -322,14 +322,6 @@ class ArmConfigurations(Formula):
             slope = np.where(away[:, None], 0.0, slope)
         return HalfSpaces(apart | (answers == FREE), center, level, slope, axis, loss)
 
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Lower bounds ``(N,)`` of the distance from boxes to a colliding configuration, in the shape's coordinates."""
-        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
-        with np.errstate(all="ignore"):
-            half = np.linalg.norm((upper - lower) / 2, axis=1) * OUTWARD + BLUR * np.abs(lower + upper).max(axis=1)
-            found = (self.distance(lower / 2 + upper / 2) - half) * (1 / OUTWARD)
-        return np.where((lower <= upper).all(axis=1) & (found > 0), found, 0.0)
-
     def _query_boxes(self, lower: np.ndarray, upper: np.ndarray, asked: int) -> tuple[np.ndarray, ...]:
         count = len(lower)
         size = count if asked == HALVES else 0

@@ -465,11 +465,11 @@ class Function(Formula):
         within = not self.margin or ((lower >= self.lower) & (upper <= self.upper)).all(axis=1)
         return (high <= self._level) & real & within
 
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
+    def distance(self, x: np.ndarray) -> np.ndarray | None:
         if self._distance is None:
             return None
-        lower, upper, real = _finite_boxes(lower, upper)
-        return np.where(real, np.maximum(self._apart(lower, upper), 0.0), 0.0)
+        x, _, real = _finite_boxes(x, x)
+        return np.where(real, np.maximum(self._apart(x, x), 0.0), 0.0)
 
     def _apart(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Lower bounds of the distance from boxes to the dilated object, under 0 where none is known."""

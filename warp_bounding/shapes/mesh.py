@@ -269,9 +269,6 @@ class Mesh(Faces):
     def _dilated_solid(self) -> "DilatedSolid":
         return self._solid.dilated(self.lower, self.upper, self.margin)
 
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self._dilated_solid.clearance(lower, upper)
-
     def depth(self, x: np.ndarray) -> np.ndarray:
         return self._solid.depth(x, *self.bounds, self.margin)
 

@@ -66,9 +66,6 @@ class Clipped(Derived):
     def distance(self, x: np.ndarray) -> np.ndarray | None:
         return self.whole.distance(x)
 
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
-        return self.whole.clearance(lower, upper)
-
     def landmarks(self) -> np.ndarray:
         return self._held(self.whole.landmarks())
 

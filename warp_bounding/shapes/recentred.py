@@ -146,9 +146,6 @@ class Recentred(Derived):
         low = np.maximum(found[:, 0] - away, 0.0) / OUTWARD
         return np.stack([low, np.where(self.decide(x) == IN, 0.0, (found[:, 1] + away) * OUTWARD)], axis=1)
 
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
-        return self.local.clearance(*self._around(lower, upper))
-
     def landmarks(self) -> np.ndarray:
         return self.local.landmarks() + self.origin
 

@@ -482,8 +482,7 @@ class Shape(Picklable, ABC):
 
         Where coordinate 0 is time, the distance is in space, to the object at the point's time; 0 out of its time.
         """
-        x = np.asarray(x, dtype=np.float64)
-        return self.clearance(x, x)
+        return None
 
     def distances(self, x: np.ndarray) -> np.ndarray | None:
         """``(N, 2)`` float64, certified lower and upper bounds of the distance from points; ``None`` if unknown.
@@ -494,10 +493,6 @@ class Shape(Picklable, ABC):
         if low is None:
             return None
         return np.stack([low, np.where(self.decide(x) == IN, 0.0, np.inf)], axis=1)
-
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | None:
-        """Lower bounds ``(N,)`` of the distance from boxes to the object; ``None`` where none is known."""
-        return None
 
     def depth(self, x: np.ndarray) -> np.ndarray:
         """About how deep points ``(N, n)`` lie in the object, ``(N,)``; 0 outside, and where it is not known.

@@ -6,12 +6,9 @@ from warp_bounding.runtime.native import module_options
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, Sides, side_of
 from warp_bounding.shapes.triangles.hierarchy import (
-    FAR,
-    NEAR,
     PROJECTIONS,
     ROUNDING,
     SMALLEST,
-    UNSURE,
     Triangle,
     Triangles,
     Ways,
@@ -25,7 +22,6 @@ from warp_bounding.shapes.triangles.hierarchy import (
     floats_below,
     holds,
     largest,
-    nearness,
     next_leaf,
     range_along,
     rounding_margin,
@@ -118,27 +114,8 @@ def half_of(lower: wp.vec3d, upper: wp.vec3d, centre: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def _point(m: Mesh, x: wp.vec3d) -> int:
-    """Is a point in the object?"""
-    for k in range(3):
-        if not (x[k] >= m.lower[k] and x[k] <= m.upper[k]):  # NaN is nowhere
-            return _OUT
-    if not largest(x) < _LIMIT:
-        return _UNDECIDED
-    near = nearness(m.faces, x, m.margin)
-    if near == NEAR:
-        return _IN
-    side = side_of(m.closed, m.sides, x)
-    if side == _ENCLOSED:
-        return _IN
-    if side == _OUTSIDE and near == FAR:
-        return _OUT
-    return _UNDECIDED
-
-
-@wp.func
 def _point(m: Motion, x: wp.vec4d) -> int:
-    """Is it at its time?"""
+    """Is a point in the object at its time?"""
     for k in range(4):
         if not (x[k] >= m.lower[k] and x[k] <= m.upper[k]):  # NaN is nowhere
             return _OUT
@@ -277,18 +254,18 @@ def kernel_of(answer: wp.Function, mesh: type, point: type, module: str, dtype: 
     return wp.kernel(kernel, enable_backward=False, module=module)
 
 
-def _kernels(mesh: type, point: type, module: str) -> tuple[wp.Kernel, wp.Kernel, wp.Kernel]:
-    """For ``decide``, ``empty`` and ``inside``."""
-    points = kernel_of(_point, mesh, point, module, rows=1)
-    return points, kernel_of(is_empty, mesh, point, module), kernel_of(_inside, mesh, point, module)
-
-
-AT_REST, MOVING = _kernels(Mesh, wp.vec3d, MODULE), _kernels(Motion, wp.vec4d, f"{MODULE}.moving")
+AT_REST = tuple(kernel_of(answer, Mesh, wp.vec3d, MODULE) for answer in (is_empty, _inside))
+MOVING = tuple(kernel_of(answer, Motion, wp.vec4d, f"{MODULE}.moving") for answer in (is_empty, _inside))
+decide_then = kernel_of(_point, Motion, wp.vec4d, f"{MODULE}.moving", rows=1)
 
 
 # --- Boxes that meet the object ---------------------------------------------------------------------------------------
 #
-# Do closed boxes meet a dilated mesh? For certain, or undecided where rounding could have made the difference.
+# Do closed boxes, and points, which are boxes of no size, meet a dilated mesh? For certain, or undecided where rounding
+# could have made the difference.
+
+# Of a triangle: beyond the margin, within it, or not certainly either.
+FAR, NEAR, UNSURE = wp.constant(0), wp.constant(1), wp.constant(2)
 
 # Of an axis that is computed from rounded corners, relative to the largest coordinate M: with u = 2^-53, the product of
 # an edge and a side of the box errs by less than 3 u M, the triangle's normal by less than 36 u M^2, so all products

@@ -13,15 +13,12 @@ from warp_bounding.shapes.triangles.hierarchy import (
     Triangles,
     Ways,
     box_is_free,
-    closest_on_triangle,
     distance_along,
     during,
     floats_above,
     floats_below,
     gap,
     largest,
-    near_leaf,
-    next_leaf,
     slack_of,
     span_between,
     squared_reach,
@@ -30,95 +27,11 @@ from warp_bounding.shapes.triangles.hierarchy import (
 )
 from warp_bounding.shapes.triangles.moving import outside_in, side_in
 
-for _name in ("clearances", "distances"):  # the others are slower with less inlining
-    wp.set_module_options(module_options(), wp.get_module(f"{MODULE}.{_name}"))
+# The others are slower with less inlining.
+wp.set_module_options(module_options(), wp.get_module(f"{MODULE}.distances"))
 
 _HALF = wp.constant(wp.float64(0.5))
 _ENCLOSED, _OUTSIDE = wp.constant(ENCLOSED), wp.constant(OUTSIDE)
-
-# --- Distances of boxes -----------------------------------------------------------------------------------------------
-#
-# How far are points and closed boxes from a dilated mesh? Lower bounds, within a few roundings for points.
-#
-# The closest points of a box and a triangle are found by alternating projections, up to rounding; the bound is what
-# their direction proves, whatever they are. A walk leaves out what is farther than the nearest triangle so far.
-
-MOST_PROJECTIONS = 24  # alternating projections at most
-CLOSE = 1.0 - 2.0**-40  # a bound that is this share of the distance found is good enough
-SHORTER = 1.0 - 2.0**-50  # outweighs the rounding of a difference
-
-_MOST_PROJECTIONS = wp.constant(MOST_PROJECTIONS)
-_CLOSE = wp.constant(wp.float64(CLOSE))
-_SHORTER = wp.constant(wp.float64(SHORTER))
-_INFINITY = wp.constant(wp.float64(float("inf")))
-
-
-@wp.func
-def _across(d: wp.vec3d, edge: wp.vec3d) -> wp.vec3d:
-    """The part of a direction that is perpendicular to an edge, up to rounding."""
-    return d - edge * (wp.dot(d, edge) / wp.dot(edge, edge))
-
-
-@wp.func
-def _leaf_distances(t: Triangles, leaf: int, centre: wp.vec3d, half: wp.vec3d, known: wp.vec2d) -> wp.vec2d:
-    """The least lower bound and the least distance that was found: the known ones, or those of a leaf's triangles."""
-    least, found = known[0], known[1]
-    link = t.links[leaf]
-    for i in range(link[0], link[1]):
-        face = triangle_at(t, i, centre)
-        a, b, c = face.a, face.b, face.c
-        slack = slack_of(face, half, wp.float64(0.0))
-        bound, distance, p = wp.float64(0.0), wp.float64(0.0), wp.vec3d()
-        q = closest_on_triangle(wp.vec3d(), a, b, c)
-        for _ in range(_MOST_PROJECTIONS):
-            p = wp.min(wp.max(q, -half), half)
-            distance = wp.length(q - p)
-            found = wp.min(found, distance)
-            bound = wp.max(bound, distance_along(q - p, face, half, slack))
-            if bound >= distance * _CLOSE or bound > least:
-                break
-            q = closest_on_triangle(p, a, b, c)
-        if bound < distance * _CLOSE and bound < least:  # close to the triangle a direction between points is inexact
-            bound = wp.max(bound, distance_along(wp.cross(b - a, c - a), face, half, slack))
-            bound = wp.max(bound, distance_along(_across(q - p, b - a), face, half, slack))
-            bound = wp.max(bound, distance_along(_across(q - p, c - b), face, half, slack))
-            bound = wp.max(bound, distance_along(_across(q - p, a - c), face, half, slack))
-        least = wp.min(least, bound)
-    return wp.vec2d(least, found)
-
-
-@wp.func
-def _walk(t: Triangles, centre: wp.vec3d, half: wp.vec3d) -> wp.float64:
-    """Lower bound of the distance from a box to all triangles."""
-    lower, upper = floats_below(centre - half), floats_above(centre + half)
-    known = _leaf_distances(t, near_leaf(t, lower, upper), centre, half, wp.vec2d(_INFINITY, _INFINITY))
-    leaf = next_leaf(t, 0, lower, upper, squared_reach(known[1]))
-    while leaf < t.count:
-        known = _leaf_distances(t, leaf, centre, half, known)
-        leaf = next_leaf(t, leaf + 1, lower, upper, squared_reach(known[1]))
-    return wp.min(known[0], known[1])  # what was left out is farther than the distance that was found
-
-
-@wp.func
-def _clearance(m: Mesh, low: wp.vec3d, high: wp.vec3d) -> wp.float64:
-    """Lower bound of the distance from a closed box to the object; 0 where the box is not known to be outside."""
-    answer = wp.float64(0.0)
-    if is_box(low, high):
-        centre = low * _HALF + high * _HALF
-        if side_of(m.closed, m.sides, centre) == _OUTSIDE:
-            answer = _walk(m.faces, centre, half_of(low, high, centre))
-            answer = wp.max(answer * _SHORTER - m.margin, wp.float64(0.0)) * _SHORTER
-    else:  # too far to be computed with, or no box
-        for k in range(3):
-            answer = wp.max(answer, wp.max(m.lower[k] - high[k], low[k] - m.upper[k]) * _SHORTER)
-        for k in range(3):
-            if not low[k] <= high[k]:
-                answer = wp.float64(0.0)
-    return answer
-
-
-find_clearances = kernel_of(_clearance, Mesh, wp.vec3d, f"{MODULE}.clearances", wp.float64)
-
 
 # --- Distances of points ----------------------------------------------------------------------------------------------
 #
@@ -131,24 +44,30 @@ find_clearances = kernel_of(_clearance, Mesh, wp.vec3d, f"{MODULE}.clearances", 
 # farther than that, box or triangle, is left out. At a single time a triangle that moves stands still; its vertices may
 # be elsewhere by the motion's rounding, which widens what is known of them.
 
-LONGER = 1.0 + 2.0**-50  # outweighs the rounding of a length and of a sum
+SHORTER, LONGER = 1.0 - 2.0**-50, 1.0 + 2.0**-50  # outweigh the rounding of a length and of a sum
 GOOD = 1.0 - 2.0**-40  # a bound that is this share of the distance found is good enough
 DEEPEST = 32  # levels of a hierarchy: there are never more than 2^31 triangles
-_LONGER = wp.constant(wp.float64(LONGER))
+_SHORTER, _LONGER = wp.constant(wp.float64(SHORTER)), wp.constant(wp.float64(LONGER))
+_INFINITY = wp.constant(wp.float64(float("inf")))
 _GOOD = wp.constant(wp.float64(GOOD))
 Stack = wp.types.vector(length=DEEPEST, dtype=wp.int32)
 
 
 @wp.func
+def _across(d: wp.vec3d, edge: wp.vec3d) -> wp.vec3d:
+    """The part of a direction that is perpendicular to an edge, up to rounding."""
+    return d - edge * (wp.dot(d, edge) / wp.dot(edge, edge))
+
+
+@wp.func
 def _proven_distance(q: wp.vec3d, distance: wp.float64, t: Any, slack: wp.float64) -> wp.float64:
     """Lower bound of the distance from 0 to a triangle whose nearest point is q, up to rounding."""
-    zero = wp.vec3d()
-    bound = distance_along(q, t, zero, slack)
+    bound = distance_along(q, t, slack)
     if bound < distance * _GOOD:  # close to the triangle a direction between points is inexact
-        bound = wp.max(bound, distance_along(wp.cross(t.b - t.a, t.c - t.a), t, zero, slack))
-        bound = wp.max(bound, distance_along(_across(q, t.b - t.a), t, zero, slack))
-        bound = wp.max(bound, distance_along(_across(q, t.c - t.b), t, zero, slack))
-        bound = wp.max(bound, distance_along(_across(q, t.a - t.c), t, zero, slack))
+        bound = wp.max(bound, distance_along(wp.cross(t.b - t.a, t.c - t.a), t, slack))
+        bound = wp.max(bound, distance_along(_across(q, t.b - t.a), t, slack))
+        bound = wp.max(bound, distance_along(_across(q, t.c - t.b), t, slack))
+        bound = wp.max(bound, distance_along(_across(q, t.a - t.c), t, slack))
     return bound
 
 

@@ -314,14 +314,13 @@ def segment_free(t: Any, s: wp.vec3d, margin: wp.float64, slack: wp.float64) -> 
 
 
 @wp.func
-def distance_along(d: wp.vec3d, t: Any, half: wp.vec3d, slack: wp.float64) -> wp.float64:
-    """Lower bound of the distance from the box |x_k| <= half_k to the triangle by axis d; 0 where it cannot tell."""
+def distance_along(d: wp.vec3d, t: Any, slack: wp.float64) -> wp.float64:
+    """Lower bound of the distance from 0 to the triangle by axis d; 0 where it cannot tell."""
     size = wp.abs(d[0]) + wp.abs(d[1]) + wp.abs(d[2])
     if not size > _SHORTEST:
         return wp.float64(0.0)
     found = range_along(d, t)
-    gap = wp.max(found[0], -found[1])
-    gap -= wp.dot(half, wp.abs(d)) + slack * size
+    gap = wp.max(found[0], -found[1]) - slack * size
     return wp.max(gap / wp.length(d) * _SHORTER, wp.float64(0.0))
 
 
@@ -696,8 +695,6 @@ def nodes_of(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray,
 
 # --- Walks ------------------------------------------------------------------------------------------------------------
 
-FAR, NEAR, UNSURE = wp.constant(0), wp.constant(1), wp.constant(2)  # answers of ``nearness``
-
 
 @wp.func
 def _leaf_is_free(t: Any, leaf: int, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) -> bool:
@@ -769,42 +766,6 @@ def holds(t: Any, centre: wp.vec3d, radius: wp.float64, margin: wp.float64) -> b
             return True
         leaf = next_leaf(t, leaf + 1, lower, upper, reach)
     return False
-
-
-@wp.func
-def _leaf_nearness(t: Triangles, leaf: int, x: wp.vec3d, margin: wp.float64) -> int:
-    zero = wp.vec3d()
-    answer = wp.int32(FAR)
-    link = t.links[leaf]
-    for i in range(link[0], link[1]):
-        face = triangle_at(t, i, x)
-        slack = slack_of(face, zero, margin)
-        d = closest_on_triangle(zero, face.a, face.b, face.c)
-        if not separated(d, face, zero, margin, slack):
-            if wp.length(d) + slack <= margin:
-                return NEAR
-            if not free(face, zero, margin, slack):
-                answer = UNSURE
-    return answer
-
-
-@wp.func
-def nearness(t: Triangles, x: wp.vec3d, margin: wp.float64) -> int:
-    """Is a triangle certainly within the margin of x (NEAR), is each one certainly beyond (FAR), or neither?"""
-    lower, upper, reach = floats_below(x), floats_above(x), squared_reach(margin)
-    answer = wp.int32(FAR)
-    leaf = next_leaf(t, 0, lower, upper, reach)
-    if leaf < t.count and margin > wp.float64(0.0):
-        near = _leaf_nearness(t, near_leaf(t, lower, upper), x, margin)
-        if near == NEAR:
-            return NEAR
-    while leaf < t.count:
-        reported = _leaf_nearness(t, leaf, x, margin)
-        if reported == NEAR:
-            return NEAR
-        answer = wp.max(answer, reported)
-        leaf = next_leaf(t, leaf + 1, lower, upper, reach)
-    return answer
 
 
 # --- Rays -------------------------------------------------------------------------------------------------------------

@@ -21,12 +21,12 @@ from warp_bounding.shapes.triangles.answers import (
     decide_boxes,
     decide_planes,
     decide_segments,
+    decide_then,
 )
 from warp_bounding.shapes.triangles.cells import SidesGrid, build_sides
 from warp_bounding.shapes.triangles.distances import (
     Corners,
     CornersThen,
-    find_clearances,
     find_distances,
     find_distances_then,
     find_excesses,
@@ -42,24 +42,19 @@ class Dilated:
 
     point: ClassVar[type]  # Warp's type of one
     corners: ClassVar[type]  # and of a function's numbers at the corners of a box
-    kernels: ClassVar[
-        tuple[wp.Kernel, ...]
-    ]  # for ``decide``, ``empty``, ``inside``, ``distances`` and ``overestimate``
+    kernels: ClassVar[tuple[wp.Kernel, ...]]  # for ``empty``, ``inside``, ``distances`` and ``overestimate``
 
     def __init__(self, struct: Any):
         self._struct = struct
 
-    def decide(self, x: np.ndarray) -> np.ndarray:
-        return self._answer(self.kernels[0], x)
-
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self._answer(self.kernels[1], lower, upper).view(bool)
+        return self._answer(self.kernels[0], lower, upper).view(bool)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self._answer(self.kernels[2], lower, upper).view(bool)
+        return self._answer(self.kernels[1], lower, upper).view(bool)
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        return self._answer(self.kernels[3], x, dtype=wp.vec2d)
+        return self._answer(self.kernels[2], x, dtype=wp.vec2d)
 
     def overestimate(
         self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
@@ -71,7 +66,7 @@ class Dilated:
             wp.float64(least),
             wp.array(bars, dtype=wp.float64, device="cpu"),
         ]
-        return self._answer(self.kernels[4], lower, upper, dtype=wp.float64, more=more)
+        return self._answer(self.kernels[3], lower, upper, dtype=wp.float64, more=more)
 
     def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8, more: Sequence = ()):
         """``(N,)``, a kernel's answers to queries ``(N, n)``, and ``more`` inputs; of a type of vectors, ``(N, k)``."""
@@ -148,8 +143,8 @@ class DilatedSolid(Dilated):
     point, corners = wp.vec3d, Corners
     kernels = (*AT_REST, find_distances, find_excesses)
 
-    def clearance(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return self._answer(find_clearances, lower, upper, dtype=wp.float64)
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        return self.decide_boxes(x, x)
 
     def decide_boxes(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return self._answer(decide_boxes, lower, upper)
@@ -208,6 +203,9 @@ class DilatedMovingSolid(Dilated):
         motion.speed = wp.float64(speed)
         motion.faces, motion.closed, motion.pieces = solid.all.ways, solid.closed.ways, solid.sides.pieces
         super().__init__(motion)
+
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        return self._answer(decide_then, x)
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
         rows = [np.ascontiguousarray(side, dtype=np.float64) for side in (lower, upper)]
