@@ -754,12 +754,10 @@ def _bake_options() -> dict[str, inspect.Parameter]:
 def show(
     file: BounderFile,
     shape: ShapeFile,
-    screenshot: Annotated[Text, Option(metavar="FILE.png", help="Write a picture.")] = None,
     html: Annotated[Text, Option(metavar="FILE.html", help="Write the web page there, and open no browser.")] = None,
     radius: Annotated[Text, Option(help="Of a distance: radii such as 0,0.05,0.1; object units.")] = None,
     time: Annotated[Text, Option(help="Of a shape that moves: a time, or several such as 0,0.5,1.")] = None,
     slice_: Annotated[Text, Option("--slice", metavar="K=VALUE,...", help="Hold coordinates, from 0 on.")] = None,
-    cut: Annotated[Axis | None, Option(help="Cut the bound of a picture open along an axis.")] = None,
     up: Annotated[Axis, Option(help="The axis that is up.")] = "y",
     resolution: Annotated[
         int | None, number_option("Cells along the longest side (80), or pixels in 2D (640).", count)
@@ -770,40 +768,31 @@ def show(
 ) -> tuple:
     """Show where FILE says maybe around SHAPE, and where its answers to random points are wrong.
 
-    Without --screenshot or --html a web page opens in the browser. A distance is shown at several radii, a shape that
+    Without --html the web page opens in the browser. A distance is shown at several radii, a shape that
     moves at several times; more than three coordinates need --slice.
 
     Example: warp-bounding show bunny.safetensors bunny.obj --html bunny.html
     """
-    from warp_bounding.views.draw import page, picture
+    from warp_bounding.views.draw import page
     from warp_bounding.views.view import needed, view_of
 
     radii, times = (
         _numbers(name, text, QueryError, "a number, or several such as 0,0.05,0.1")
         for name, text in (("radius", radius), ("time", time))
     )
-    held = _held(slice_)
-    if cut is not None and screenshot is None:
-        raise QueryError("--cut is for --screenshot; pages have a plane that cuts")
-    for path, suffix in ((screenshot, ".png"), (html, ".html")):
-        if path is not None and Path(path).suffix.lower() != suffix:
-            raise BoundingError(f"{path}: expected a name that ends with {suffix}")
-        if path is not None:
-            check_writable(path, file, shape)
-    opened = html is None and screenshot is None
-    if opened:
+    held, opened = _held(slice_), html is None
+    if html is None:
         html = os.path.join(tempfile.mkdtemp(), f"{file.stem}.html")
-    needed("pyvista")
-    if html is not None:
-        needed("plotly")
+    elif Path(html).suffix.lower() != ".html":
+        raise BoundingError(f"{html}: expected a name that ends with .html")
+    check_writable(html, file, shape)
+    for package in ("pyvista", "plotly"):
+        needed(package)
     bounder, loaded = load_both(file, shape, device, reading)
     with bar("show") as update:
         options = {"resolution": resolution, "samples": samples, "progress": update}
         view = view_of(bounder, loaded, radii=radii, times=times, held=held, **options)
-    if html is not None:
-        write_whole(html, page(view, view.title, up).encode(), ".html")
-    if screenshot is not None:
-        write_whole(screenshot, picture(view, view.title, up, cut), ".png")
+    write_whole(html, page(view, view.title, up).encode(), ".html")
     if opened and not webbrowser.open(Path(html).as_uri()):
         warn("there is no browser here that could open the page")
     names = ("label", "fp_rate", "fn", "samples", "undecided")
@@ -812,9 +801,9 @@ def show(
     rates = [(f"{view.asked} {state.label}: " if state.label else "") + state.rates for state in view.states]
     return (
         0,
-        found | {"screenshot": screenshot, "html": html},
+        found | {"html": html},
         *(f"{bounder.method}: {text}" for text in rates),
-        *(f"written to {path}" for path in filter(None, (html, screenshot))),
+        f"written to {html}",
     )
 
 

@@ -1,6 +1,5 @@
 """What is seen of a bounder is its own answers and the shape's own truth, and pictures, windows and pages show that."""
 
-import io
 import itertools
 import re
 
@@ -9,14 +8,13 @@ import pytest
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.errors import BoundingError, QueryError
+from warp_bounding.errors import QueryError
 from warp_bounding.views import view_of
-from warp_bounding.views.draw import BOUND, STONE, page, picture
+from warp_bounding.views.draw import page
 from warp_bounding.views.view import level_surface, object_surface
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")
-Image = pytest.importorskip("PIL.Image")
 FEW = {"resolution": 12, "samples": 4000}
 RADII = [0.0, 0.1, 0.3]
 
@@ -135,32 +133,6 @@ def test_from_the_inside_what_is_held_is_in_the_object():
 def test_what_cannot_be_seen_is_refused(name, query, options, told):
     with pytest.raises(QueryError, match=told):
         view_of(box(name, query), shape(name), **options)
-
-
-# --- pictures and windows, skipped where nothing can be drawn --------------------------------------------------------
-
-
-def drawn(view, **options) -> np.ndarray:
-    """The pixels of a picture."""
-    try:
-        png = picture(view, "a test", "y", **options)
-    except BoundingError as error:
-        if "OpenGL" not in str(error):
-            raise
-        pytest.skip(str(error))
-    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB")).astype(int)
-
-
-def test_a_plane_stands_as_the_image_does():
-    """The shape c is open towards the last columns, which are to the right."""
-    pixels = drawn(view_of(box("c"), shape("c"), resolution=16, samples=500))[60:680]  # without the text
-    stone, bound = (np.abs(pixels - list(bytes.fromhex(c[1:]))).max(axis=-1) < 24 for c in (STONE, BOUND))
-    low, high = np.argwhere(stone).min(axis=0), np.argwhere(stone).max(axis=0)
-    middle = (low + high) // 2
-    row = stone[middle[0], low[1] : high[1] + 1]
-    assert row[: len(row) // 6].all()
-    assert not row[len(row) // 2 :].any()
-    assert bound[middle[0], middle[1] + (high[1] - middle[1]) // 2]
 
 
 # --- pages -----------------------------------------------------------------------------------------------------------

@@ -1,8 +1,7 @@
 """Pictures of a bound: level sets of its answers around the object, queried points, and how they are shown.
 
-``view_of`` computes what is seen, with nothing but the bounder's own answers and the shape's own truth.
-``draw.picture`` draws it off-screen, ``draw.Window`` opens it, and ``draw.page`` writes it as one self-contained web
-page. Importing this package needs neither pyvista nor plotly.
+``view_of`` computes what is seen, with nothing but the bounder's own answers and the shape's own truth. ``draw.page``
+writes it as one self-contained web page. Importing this package needs neither pyvista nor plotly.
 """
 
 from warp_bounding.views.draw import Drawn, draw_with, with_palette

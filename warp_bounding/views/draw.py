@@ -1,26 +1,22 @@
-"""How a view is shown: a picture drawn off-screen, or one self-contained web page."""
+"""How a view is shown: one self-contained web page. Also how others draw off-screen, in a process of its own."""
 
 import os
-import pickle
 import subprocess
 import sys
 import tempfile
-import textwrap
 from html import escape
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.errors import BoundingError
 from warp_bounding.views.view import State, View, needed
 
-__all__ = ["UPS", "Drawn", "draw", "draw_with", "page", "picture", "with_palette"]
+__all__ = ["Drawn", "draw_with", "page", "with_palette"]
 
 STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
 PIXEL_COLOURS = ("#ffffff", BOUND, STONE, MISSED)  # by ``State.pixels``
-UPS = "xyz"  # the axis that is up in pictures
-VIEW = (-0.45, -1.0, 0.4)  # towards the camera: to the right, into the picture, up
+VIEW = (-0.65, -1.45, 0.6)  # towards the camera: to the right, into the picture, up
 
 # --- drawing in a process of its own ---------------------------------------------------------------------------------
 #
@@ -113,105 +109,10 @@ def _reason(done: subprocess.CompletedProcess) -> str:
     return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
 
 
-# --- a picture -------------------------------------------------------------------------------------------------------
-
-OPACITY, OPENED = 0.3, 0.9  # of the bound, whole and cut open
-EDGE = 30.0  # degrees between two triangles from which they meet in an edge, and are no parts of one curved surface
-PANEL, MOST_COLUMNS, LETTERS = 760, 3, 72  # pixels of a panel's sides; panels side by side; letters of a line in one
-
-
-def eye_of(up: str) -> np.ndarray:
-    """The direction from the middle of what is seen to the camera."""
-    right, into, high = VIEW
-    return np.array({"x": (high, right, into), "y": (right, high, -into), "z": (right, into, high)}[up])
-
-
-def picture(view: View, title: str, up: str, cut: str | None = None) -> bytes:
-    """A PNG of a view: a panel for each of its states, drawn in a process of its own.
-
-    Args:
-        view: What is seen.
-        title: Its heading.
-        up: The axis that is up, a name in ``UPS``; of a view in space.
-        cut: The axis at right angles to which the bound is cut open in the middle, or ``None``.
-
-    Raises:
-        BoundingError: If a package is missing, or this machine cannot draw.
-    """
-    needed("pyvista")
-    needed("PIL")
-    with tempfile.TemporaryDirectory() as folder:
-        data = {"view": np.frombuffer(pickle.dumps((view, title, up, cut)), np.uint8)}
-        drawn = draw_with(__spec__.name, Path(folder), data)
-        if not drawn.paths:
-            raise BoundingError(f"no picture: {drawn.problem}; --html needs no OpenGL here")
-        return drawn.paths[0].read_bytes()
-
-
-def draw(data: dict[str, np.ndarray], folder: Path) -> None:
-    """Draw what ``picture`` sends, as ``view.png`` into a folder."""
-    import pyvista
-
-    view, title, up, cut = pickle.loads(data["view"].tobytes())
-    columns = min(len(view.states), MOST_COLUMNS)
-    rows = -(-len(view.states) // columns)
-    size = (PANEL * columns, PANEL * rows)
-    plotter = pyvista.Plotter(off_screen=True, shape=(rows, columns), window_size=size, border=False)
-    plotter.set_background("white", all_renderers=True)
-    for number, state in enumerate(view.states):
-        plotter.subplot(number // columns, number % columns)
-        if view.solid:
-            _draw_solid(plotter, view, state, up, cut)
-        else:
-            _draw_plane(plotter, view, state)
-        plotter.enable_anti_aliasing("ssaa")
-        at = f", {view.asked} {state.label}" if state.label else ""
-        below = "\n".join(line for text in (state.rates, view.brief) for line in textwrap.wrap(text, LETTERS))
-        plotter.add_text(title + at, position=(0.03, 0.945), viewport=True, font_size=13, color=INK)
-        plotter.add_text(below, position=(0.03, 0.015), viewport=True, font_size=10, color=INK)
-    plotter.screenshot(str(folder / "view.png"))
-    plotter.close()
-
-
-def _draw_solid(plotter, view: View, state: State, up: str, cut: str | None) -> None:
-    """Object, bound and wrong points of one state in space, seen from the front."""
-    bound, opacity, eye = state.bound, OPACITY, eye_of(up)
-    if cut is not None and bound.n_cells:
-        normal = np.eye(3)[UPS.index(cut)]
-        normal *= np.sign(normal @ eye)  # the side of the camera is cut away
-        bound, opacity = bound.clip(tuple(normal), origin=tuple((view.lower + view.upper) / 2)), OPENED
-    smooth = {"smooth_shading": True, "split_sharp_edges": True, "feature_angle": EDGE, "ambient": 0.3}
-    plotter.enable_depth_peeling(8)
-    for surface, options in ((state.object, {"color": STONE}), (bound, {"color": BOUND, "opacity": opacity})):
-        if surface.n_points:
-            plotter.add_mesh(surface, specular=0.2, **options, **smooth)
-    for group in view.groups:
-        if group.shown and len(state.points[group.name]):
-            plotter.add_points(state.points[group.name], color=group.colour, point_size=6.0, lighting=False)
-    bounds = np.stack([view.lower, view.upper], axis=1).ravel()  # all panels at the same scale
-    plotter.view_vector(tuple(eye), viewup=tuple(np.eye(3)[UPS.index(up)]), bounds=tuple(bounds))
-    plotter.camera.zoom(1.2)
-
-
-def _draw_plane(plotter, view: View, state: State) -> None:
-    """Pixels of one state in a plane, as an image of coloured cells."""
-    import pyvista
-
-    colours = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in PIXEL_COLOURS], np.uint8)
-    pixels, size = colours[state.pixels(view.within)], (view.upper - view.lower) * view.stretch
-    if view.down:
-        pixels, size = pixels.transpose(1, 0, 2)[:, ::-1], size[::-1]
-    count = np.array(pixels.shape[:2])
-    image = pyvista.ImageData(dimensions=(*(count + 1), 1), spacing=(*(size / count), 1.0))
-    image.cell_data["colour"] = pixels.reshape(-1, 3, order="F")
-    plotter.add_mesh(image, scalars="colour", rgb=True, lighting=False)
-    plotter.view_xy()
-    plotter.camera.parallel_projection = True
-    plotter.camera.parallel_scale = size.max() / 2 * 1.12
-
-
 # --- a web page ------------------------------------------------------------------------------------------------------
 
+OPACITY = 0.3  # of the bound
+EDGE = 30.0  # degrees between two triangles from which they meet in an edge, and are no parts of one curved surface
 MOST_TRIANGLES = 60_000  # of a surface; one with more is simplified, so that a browser turns it smoothly
 PAGE = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
@@ -232,7 +133,7 @@ def page(view: View, title: str, up: str, library: str | None = None) -> str:
     Args:
         view: What is seen.
         title: Its heading.
-        up: The axis that is up, a name in ``UPS``; of a view in space.
+        up: The axis that is up, ``"x"``, ``"y"`` or ``"z"``; of a view in space.
         library: Address of plotly.js (``.js``), for a page that does not hold it; else the page needs no network.
 
     Raises:
@@ -278,10 +179,11 @@ def page(view: View, title: str, up: str, library: str | None = None) -> str:
     if len(steps) > 1:
         figure.update_layout(sliders=[{"steps": steps, "currentvalue": {"prefix": f"{view.asked} "}}])
     figure.update_layout(title={"text": view.states[0].rates, "font": {"size": 14}}, margin={"t": 40}, height=700)
-    names, eye = view.names, dict(zip("xyz", (1.7 * eye_of(up) / np.linalg.norm(VIEW)).tolist(), strict=True))
+    names, (right, into, high) = view.names, VIEW
     if view.solid:
+        eye = {"x": (high, right, into), "y": (right, high, -into), "z": (right, into, high)}[up]
         axes = {f"{axis}axis_title": name for axis, name in zip("xyz", names, strict=True)}
-        camera = {"up": dict(zip("xyz", np.eye(3)[UPS.index(up)].tolist(), strict=True)), "eye": eye}
+        camera = {"up": {axis: int(axis == up) for axis in "xyz"}, "eye": dict(zip("xyz", eye, strict=True))}
         figure.update_layout(scene={**axes, "aspectmode": "data", "camera": camera})
     else:
         right, high = (1, 0) if view.down else (0, 1)

@@ -213,11 +213,6 @@ class View:
         return "certainly inside" if self.within else "the bound: maybe"
 
     @property
-    def brief(self) -> str:
-        """The first facts in one line: what the bounder is, and the first sentence of its certificate."""
-        return ". ".join(text.partition(". ")[0].rstrip(".") for text in list(self.facts.values())[:2])
-
-    @property
     def groups(self) -> tuple[Group, ...]:
         """Groups of points, in the order in which they are listed."""
         there, elsewhere = ("not in", "in") if self.within else ("in", "not in")
