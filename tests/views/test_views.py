@@ -123,7 +123,6 @@ def test_from_the_inside_what_is_held_is_in_the_object():
     [
         ("star", "point", {"radii": [0.1]}, "a radius is for distances, got one for point queries"),
         ("star", "point", {"times": [0.1]}, "a time is for shapes that move"),
-        ("star", "point", {"held": {3: 0.0}}, "expected coordinates 0 to 2, got 3"),
         ("star", "point", {"held": {0: 0.0, 1: 0.0}}, "at least 2 coordinates must run, got 1 of the bounder's 3"),
         ("animated", "point", {"times": [np.nan]}, "where the shape moves, got nan"),
         ("animated", "point", {"times": [0.5], "held": {0: 0.5}}, "coordinate 0 is time: expected --time"),
@@ -133,9 +132,6 @@ def test_from_the_inside_what_is_held_is_in_the_object():
 def test_what_cannot_be_seen_is_refused(name, query, options, told):
     with pytest.raises(QueryError, match=told):
         view_of(box(name, query), shape(name), **options)
-
-
-# --- pages -----------------------------------------------------------------------------------------------------------
 
 
 def test_a_page_is_whole_in_itself_and_has_a_step_for_each_radius():
