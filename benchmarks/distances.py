@@ -26,8 +26,6 @@ RADII = (0.0, 0.02, 0.05, 0.1, 0.2)
 WORDS = {"resolution": "cells"}  # of options, for people
 METHODS = (
     ("aabb", {}),
-    ("sphere", {}),
-    ("ellipsoid", {}),
     ("kdop", {}),
     ("learned-kdop", {"budget": 10}),
     ("bvh", {"leaves": 64, "resolution": 192}),

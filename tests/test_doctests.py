@@ -64,7 +64,7 @@ def made() -> dict:
     mesh = wb.shapes.Mesh(vertices, faces)
     motion = wb.shapes.MovingMesh([mesh.vertices, mesh.vertices + 0.5], mesh.faces, times=[0.0, 2.0])
     points = np.random.default_rng(0).random((100, 3), dtype=np.float32)
-    far = wb.fit(ball, "distance", "sphere", device="cpu")
+    far = wb.fit(ball, "distance", "kdop", device="cpu")
     ball_distances = grid.distances(points)[:, 1]
     balls = wb.pairs.Balls.of(mesh, 16)
     names = {"far": far, "ball_distances": ball_distances, "balls": balls, "pair": wb.pairs.Pair(far, balls)}

@@ -37,18 +37,7 @@ FEW = {"hidden": (8,), "steps": 3}
 LEARNED = {"mlp": FEW, "mlp-early": {"hidden": (6, 5), "steps": 3}, "monotone-mlp": FEW, "occupancy": FEW}
 LEARNED |= {"learned-kdop": {"steps": 3}, "relu-field": {"steps": 3}}
 MOST = {"voxels": ("point",), "relu-field": ("point",), "monotone-mlp": ("box",), "learned-kdop": ("point", "ray")}
-DISTANCES = (
-    "aabb",
-    "obb",
-    "sphere",
-    "ellipsoid",
-    "oriented-ellipsoid",
-    "kdop",
-    "bvh",
-    "learned-kdop",
-    "distance-grid",
-    "mlp",
-)
+DISTANCES = ("aabb", "obb", "kdop", "bvh", "learned-kdop", "distance-grid", "mlp")
 CASCADES = (("point", "aabb+kdop+mlp"), ("point", "learned-kdop+mlp-early"), ("ray", "aabb+mlp"))
 
 kept_only = False

@@ -94,4 +94,4 @@ def test_what_is_no_stack_is_refused():
     with pytest.raises(QueryError, match="of one kind, dimension and device"):
         wb.baking.BounderStack([fitted("aabb", "blob"), fitted("aabb", "c")])
     with pytest.raises(QueryError, match="a distance"):
-        wb.baking.BounderStack([wb.fit(shape("star"), "distance", "sphere", device="cpu")])
+        wb.baking.BounderStack([wb.fit(shape("star"), "distance", "aabb", device="cpu")])

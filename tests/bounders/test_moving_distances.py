@@ -182,7 +182,7 @@ def test_what_there_is_not():
     with pytest.raises(QueryError, match="at rest"):
         bounder.rays(np.zeros((1, 8), np.float32), length=1.0)
     with pytest.raises(BounderError, match="moves"):
-        wb.fit(moving("solid"), "distance", "sphere", device="cpu")
+        wb.fit(moving("solid"), "distance", "aabb", device="cpu")
     grid = wb.shapes.Grid(np.eye(4, dtype=bool)[None].repeat(3, 0), time=True)
     with pytest.raises((BounderError, ShapeError), match=r"moves|time"):
         wb.fit(grid, "distance", "mlp", steps=1, device="cpu")

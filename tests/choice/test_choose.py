@@ -90,7 +90,7 @@ def test_bounders_of_ones_own_are_measured_and_wrong_ones_not_chosen(points, kep
 
 
 def test_distances_answer_in_the_place_of_bounders(rng):
-    far = wb.fit(BALL, "distance", "sphere", device="cpu")
+    far = wb.fit(BALL, "distance", "kdop", device="cpu")
     x = np.concatenate([rng.uniform(-2, 2, (4000, 3)), rng.normal(size=(4000, 3))], axis=1).astype(np.float32)
     given = {**SMALL, "methods": (), "bounders": {"far": far}}
     choice = wb.choose(BALL, "ray", narrow_ns=1e7, workload=x, length=0.7, **given)

@@ -157,7 +157,7 @@ def test_a_map_in_metres_from_fit_to_stress(capsys, tmp_path):
 # --- distances -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("method", "own"), [("sphere", ()), ("distance-grid", ("--nodes", 6, "--storage", "uint8"))])
+@pytest.mark.parametrize(("method", "own"), [("kdop", ()), ("distance-grid", ("--nodes", 6, "--storage", "uint8"))])
 def test_a_distance_from_fit_to_stress(method, own, files, capsys):
     source, options = files / "c.npy", ("--query", "distance", *own)
     path, (status, out, _) = fit(capsys, files, *options, "--json", method=method)

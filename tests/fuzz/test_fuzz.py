@@ -24,7 +24,7 @@ from warp_bounding.queries.region_domain import RegionDomain, domain_of
 
 SUBJECTS = {subject.name: subject for subject in subjects()}
 FILES, POSITIVES = 3, 256
-OTHER = ("obb", "kdop", "learned-kdop", "sphere", "ellipsoid", "oriented-ellipsoid")  # distances with six kernels each
+OTHER = ("obb", "kdop", "learned-kdop")  # distances with six kernels each
 LEFT = ("mlp-early box c", *(name for name in SUBJECTS if " distance " in name and name.startswith(OTHER)))
 FLAT = [n for n in SUBJECTS if ":" not in n and n not in LEFT and not n.endswith(("blob", "animated"))]  # in 2D
 FEW = ("bvh point blob", "aabb box blob", "mlp point animated", "kdop point mesh: half-spaces, dilated")

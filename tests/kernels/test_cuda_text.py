@@ -63,7 +63,7 @@ def test_searches(parametrization, tmp_path):
 def test_distances(method, tmp_path):
     source = far(method, "blob").source
     kernels = [batch_kernel(source, True, False)]
-    if method == "oriented-ellipsoid":
+    if method == "kdop":
         kernels += [
             batch_kernel(source, False, True),
             lanes_kernel(source),

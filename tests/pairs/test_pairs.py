@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from plain_shapes import ball_at
+from plain_shapes import box_of
 from reading_order import ROOT
 from scipy.spatial.transform import Rotation
 
@@ -115,10 +115,10 @@ def test_what_may_touch_is_never_denied(mesh, pairs, scaled):
 
 
 def test_a_ball_is_never_told_farther_than_it_is(held):
-    """One ball against a sphere, whose distances are known: what float32 makes of placements is taken off."""
+    """One ball against a box, whose distances are known: what float32 makes of placements is taken off."""
     rng = np.random.default_rng(5)
-    solid = ball_at([0.25, -0.5, 0.125], 0.75)
-    far = wb.fit(solid, "distance", "sphere", device="cpu")
+    middle, half = np.array([[0.25, -0.5, 0.125]], np.float32), np.array([0.75, 0.5, 0.25], np.float32)
+    far = wb.fit(box_of((middle - half)[0], (middle + half)[0]), "distance", "aabb", device="cpu")
     center, radius = np.array([[0.3, 0.7, -0.2]], np.float32), np.array([0.1], np.float32)
     pair, count = Pair(far, Balls(center, radius, "")), 20000
     for size, spread in ((1.0, 3.0), (1.0, 1e4), (1e5, 1.0), (1e-5, 1.0)):
@@ -128,9 +128,11 @@ def test_a_ball_is_never_told_farther_than_it_is(held):
         of = np.exp2(rng.uniform(-1, 1, (count, 1))) * size * rng.choice([-1, 1], (count, 3))
         scale = of.astype(np.float32)
         one = np.ones(3) * np.abs(scale[:, :1])
-        at_a = placed(np.array([[0.25, -0.5, 0.125]]), a, scale)[:, 0]
-        at_b = placed(center, b, scale)[:, 0]
-        true = np.linalg.norm(at_a - at_b, axis=1) - one[:, 0].astype(np.float64) * (0.75 + float(radius[0]))
+        at_a, ends = placed(middle, a, scale), placed(middle + np.eye(3), a, scale)
+        at_b, axes = placed(center, b, scale), ends - at_a
+        along = np.abs(((at_b - at_a) * axes).sum(axis=2)) / np.linalg.norm(axes, axis=2)
+        beside = np.linalg.norm(np.maximum(along - half * one, 0), axis=1)
+        true = beside - one[:, 0].astype(np.float64) * float(radius[0])
         low = pair.distance(a, b, scale_a=scale, scale_b=scale).numpy()
         assert (low <= np.maximum(true, 0)).all()
         assert (low[true > size] > 0).mean() > 0.9

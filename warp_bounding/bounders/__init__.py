@@ -4,18 +4,9 @@ from warp_bounding.bounders.batch import Prepared
 from warp_bounding.bounders.bounder import DISTANCES, METHODS, Bounder, method_class, register, supports, unregister
 from warp_bounding.bounders.bvh import Bvh, BvhDistance
 from warp_bounding.bounders.cascade import Cascade, cascade
-from warp_bounding.bounders.distance import (
-    DistanceBounder,
-)
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.distance_grid import DistanceGrid
-from warp_bounding.bounders.ellipsoids import (
-    Ellipsoid,
-    EllipsoidDistance,
-    OrientedEllipsoid,
-    OrientedEllipsoidDistance,
-    Sphere,
-    SphereDistance,
-)
+from warp_bounding.bounders.ellipsoids import Ellipsoid, OrientedEllipsoid, Sphere
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.learned_kdop import LearnedKdop, LearnedKdopDistance
 from warp_bounding.bounders.load import bounder_of, load
@@ -57,7 +48,6 @@ __all__ = [
 for _method in (
     *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
     *(ReluField, Mlp, MlpEarly, MonotoneMlp, Occupancy),
-    *(AabbDistance, ObbDistance, SphereDistance, EllipsoidDistance, OrientedEllipsoidDistance),
-    *(KdopDistance, BvhDistance, LearnedKdopDistance, DistanceGrid, MlpDistance),
+    *(AabbDistance, ObbDistance, KdopDistance, BvhDistance, LearnedKdopDistance, DistanceGrid, MlpDistance),
 ):
     register(_method)

@@ -248,7 +248,7 @@ class Bounder(Asking):
     def check_domain(cls, domain: Any) -> None:
         """Refuse a domain that the method has no bounders in, with ``BounderError``."""
         if not cls.supports(domain.query, domain.space_ndim):
-            raise BounderError(f"{cls.method} does not bound {domain.query} queries of {domain.space_ndim}D objects")
+            raise BounderError(unsupported(cls.method, domain.query, domain.space_ndim))
 
     @classmethod
     def tensor_types(cls, name: str) -> tuple[type, ...]:
@@ -646,8 +646,14 @@ def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bound
             raise BounderError(f"method {method} has no distance of {ndim}D objects")
         return DISTANCES[method]
     if not known_method(method).supports(query, ndim):
-        raise BounderError(f"method {method} does not bound {query} queries of {ndim}D objects")
+        raise BounderError(f"method {unsupported(method, query, ndim)}")
     return METHODS[method]
+
+
+def unsupported(method: str, query: str, ndim: int) -> str:
+    """What to say of a method that cannot bound a kind of query of n-dimensional objects: which ones can."""
+    others = [name for name, kind in METHODS.items() if kind.conservative and kind.supports(query, ndim)]
+    return f"{method} does not bound {query} queries of {ndim}D objects; {', '.join(others) or 'none'} can"
 
 
 def supports(method: str, query: str, ndim: int) -> bool:

@@ -148,7 +148,7 @@ class DistanceBounder(Bounder):
         device: The Warp device that queries run on.
 
     Example:
-        >>> far = wb.fit(ball, "distance", "sphere", device="cpu")
+        >>> far = wb.fit(ball, "distance", "kdop", device="cpu")
         >>> far.certificate.proven
         True
         >>> bool((far.distance(points).numpy() <= ball_distances).all())
