@@ -29,7 +29,7 @@ CSV = """dimension object query method search fp_zero fn_zero hard_fn_zero misse
     upper_bound gap rounding_bound boxes proof_seconds counterexample counterexample_f shipped certificate
     fp_shipped fit_seconds samples hard_positives seconds budget fitted seed threads indicator versions""".split()
 DEFAULTS = {"positives": 1_000_000, "samples": 400_000, "seconds": 60.0, "table": None}
-METHODS = [Variant("mlp"), Variant("monotone-mlp")]
+METHODS = [Variant("mlp")]
 DISTANCES = ("plane",)  # queries whose networks learn distances, and no output between 0 and 1
 LOWEST = 2048  # of the hard positives: where searches begin
 PROOF_COST, SMALLEST_GAP = 1e-4, 1e-6  # share of all queries that a proof's gap may cost; its least, in units of f

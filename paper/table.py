@@ -92,7 +92,6 @@ EXACT = ("voxels",)  # on its own grid, at the price of its memory
 NETWORKS = (
     "mlp",
     "mlp-early",
-    "monotone-mlp",
     LOCAL,
     TREE,
     "learned-kdop+mlp",

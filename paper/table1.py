@@ -30,7 +30,7 @@ PRESETS = {  # budgets, and random queries
     "full": (
         "16,2d=12,2d-ray=24,2d-box=14,3d-point=20,3d-ray=50,3d-box=40,4d-point=40,4d-ray=60,4d-box=60,learned-kdop=5,"
         "relu-field=12,occupancy=6,2d-ray:mlp=60,2d-box:mlp=24,3d-box:mlp=90,3d-ray:mlp=120,4d-point:mlp=150,"
-        "4d-ray:mlp=180,4d-box:mlp=120,4d-box:monotone-mlp=180,2d:distance=20,3d:distance=90,4d:distance=420",
+        "4d-ray:mlp=180,4d-box:mlp=120,2d:distance=20,3d:distance=90,4d:distance=420",
         400_000,
     ),
     "hour": ("4,3d=6,4d=12,3d-ray=13,4d-ray=16,learned-kdop=2,relu-field=4,occupancy=2", 100_000),
@@ -255,7 +255,7 @@ def page(folder: results.Folder) -> str:
 # --- the rank plot ----------------------------------------------------------------------------------------------------
 
 HIGHLIGHTED = {"mlp": "#d1420ao", "learned-kdop+mlp": "#7a2f00*", "kdop": "#00846b^", "bvh": "#4aa3dfv"}
-GREYS = ("mlp-early", "monotone-mlp", "mlp-local", "hierarchy", "distance", "relu-field", "learned-kdop", "aabb", "obb",
+GREYS = ("mlp-early", "mlp-local", "hierarchy", "distance", "relu-field", "learned-kdop", "aabb", "obb",
     "sphere", "ellipsoid", "oriented-ellipsoid")  # fmt: skip
 STYLES = dict.fromkeys(GREYS, "#c3c8cc,") | HIGHLIGHTED  # colour and marker; the highlighted ones are drawn last
 CAPTIONS = dict(

@@ -34,9 +34,9 @@ PARTS = ("answers", "bundled", "certify", "demos")
 QUERIES = ("point", "ray", "plane", "box")
 SLOW = ("arm-planar-4-", "digits-10-", "shadows-", "cloth-")  # files whose proofs take longest
 FEW = {"hidden": (8,), "steps": 3}
-LEARNED = {"mlp": FEW, "mlp-early": {"hidden": (6, 5), "steps": 3}, "monotone-mlp": FEW, "occupancy": FEW}
+LEARNED = {"mlp": FEW, "mlp-early": {"hidden": (6, 5), "steps": 3}, "occupancy": FEW}
 LEARNED |= {"learned-kdop": {"steps": 3}, "relu-field": {"steps": 3}}
-MOST = {"voxels": ("point",), "relu-field": ("point",), "monotone-mlp": ("box",), "learned-kdop": ("point", "ray")}
+MOST = {"voxels": ("point",), "relu-field": ("point",), "learned-kdop": ("point", "ray")}
 DISTANCES = ("aabb", "obb", "kdop", "bvh", "learned-kdop", "distance-grid", "mlp")
 CASCADES = (("point", "aabb+kdop+mlp"), ("point", "learned-kdop+mlp-early"), ("ray", "aabb+mlp"))
 

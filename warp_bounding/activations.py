@@ -34,9 +34,6 @@ class Activation(ABC):
             apart.
         support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
             trained: initial weights are uniform in +-gain / sqrt(inputs).
-        falling: Share of a monotone network's neurons that fall as the box grows: 0 for odd activations, to which
-            they would add nothing.
-        mean: About the mean output of a monotone network's first layer, in units of that layer's gain.
     """
 
     name: ClassVar[str]
@@ -46,13 +43,6 @@ class Activation(ABC):
     bends: ClassVar[bool] = False
     wave: ClassVar[bool] = False
     support_gains: ClassVar[tuple[float, float]] = (1.7, 1.7)
-    falling: ClassVar[float] = 0.0
-    mean: ClassVar[float] = 0.0
-
-    @property
-    def monotone(self) -> "Activation":
-        """The activation that stands in for this one in a monotone network; itself if it never falls."""
-        return self
 
     # --- inference, float32 ------------------------------------------------------------------------------------------
 
@@ -160,7 +150,6 @@ def _plain_relu(z: float):
 class _Relu(Activation):
     name = "relu"
     plain = _plain_relu
-    falling, mean = 0.5, 0.3  # half of a monotone network's neurons fall: those are concave, the others convex
 
     def statement(self, lanes: Lanes, target: str, z: str) -> str:
         if lanes.vector:
@@ -448,11 +437,6 @@ class _Sine(Activation):
     limit, largest = SINE_LIMIT, 1.0
     bends = True
     wave, support_gains = True, (3.0, 1.7)
-
-    @property
-    def monotone(self) -> Activation:
-        """A monotone network needs an activation that never falls, and has tanh in the sine's place."""
-        return TANH
 
     def statement(self, lanes: Lanes, target: str, z: str) -> str:
         s1, s2, s3 = (literal(c) for c in COEFFICIENTS)

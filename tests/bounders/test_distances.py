@@ -379,7 +379,7 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
     differ = (boxed != bounder.boxes(np.minimum(x, y), np.maximum(x, y)).numpy())[numbers]
     assert differ.mean() <= (0.0 if exact else 0.02)
     assert 0 < maybe[numbers].sum() < numbers.sum()
-    for other in (far("aabb", "blob").data, wb.Data()):  # of another source, or none: nothing is known
+    for other in (far("kdop", "blob").data, wb.Data()):  # of another source, or none: nothing is known
         d, maybe, t, hit, boxed = run(other)
         assert not d.any()
         assert maybe.all()

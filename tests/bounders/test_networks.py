@@ -1,5 +1,4 @@
-"""Networks: thresholds by parts, exits and grants, monotone networks of boxes; proven, the same on every path, and
-refused where they are wrong."""
+"""Networks: thresholds by parts, exits and grants; proven, the same on every path, and refused where they are wrong."""
 
 from functools import cache
 from itertools import product
@@ -9,22 +8,16 @@ import pytest
 import warp as wp
 from asking import ask, check_compiles
 from bounding_shapes import EARLY, domain_points, fitted, object_points, random_mlp, rounding_of_answers, shape
-from random_networks import random_monotone
-from region_cases import cases
-from rewriting import check_refused, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS, Cascade, Union
-from warp_bounding.bounders.mlp import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local, Mlp, MonotoneMlp, Occupancy
+from warp_bounding.bounders.mlp import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local, Mlp, Occupancy
 from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.kernels.source import DENIED, GRANTED
-from warp_bounding.proof import parametrized, prove
-from warp_bounding.proof.prove import corners, in_part, meeting
 from warp_bounding.queries import sample
-from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
 
@@ -87,22 +80,20 @@ def test_linear_bounds_lie_under_f_less_the_threshold_of_the_part(name, rng):
         assert (f >= bounds.level + way).all()
 
 
-@pytest.mark.parametrize("case", ["blob", "c", "ray"])
-def test_a_fit_is_proven_part_by_part_and_no_looser(case, tmp_path):
-    grid, bounder = shape("c" if case == "ray" else case), fit_regions(case) if case == "ray" else fit_points(case)
+@pytest.mark.parametrize("name", list(CLOSE))
+def test_a_fit_is_proven_part_by_part_and_no_looser(name, tmp_path):
+    grid, bounder = shape(name), fit_points(name)
     assert bounder.method == "local"
     assert bounder.certificate.proven
     assert 1 < bounder.lattice.count <= PARTS
     assert bounder.info["training"]["thresholds"] == bounder.lattice.count
-    met = met_by(bounder) if case == "ray" else object_points(grid, np.random.default_rng(0))
-    assert bounder.query(met).numpy().all()
+    assert bounder.query(object_points(grid, np.random.default_rng(0))).numpy().all()
     assert wb.evaluate(bounder, grid, samples=20_000).fn == 0
     finite = np.isfinite(bounder.thresholds)
     single = bounder.member.to("cpu").freeze(bounder.thresholds[finite].min() + float(bounder.threshold), None)
-    x = sample(bounder.query_kind, grid, 20_000, np.random.default_rng(3)).astype(np.float32)
+    x = sample("point", grid, 20_000, np.random.default_rng(3)).astype(np.float32)
     queried = finite[bounder.lattice.place(bounder.domain.to_local(x))]
     assert (bounder.query(x).numpy() <= single.query(x).numpy())[queried].all()
-    assert case != "ray" or bounder.query(x).numpy().sum() < single.query(x).numpy().sum()
     bounder.save(tmp_path / "local.safetensors")
     again = wb.load(tmp_path / "local.safetensors", device="cpu")
     assert again.certificate == bounder.certificate
@@ -170,25 +161,13 @@ def test_cuda_source_compiles(tmp_path):
     check_compiles(batch_kernel(Union.of(parts).source, False, False), tmp_path)
 
 
-REGIONS = {"ray": {"length": 0.6}, "box": {}}
-
-
-@cache
-def fit_regions(query: str) -> wb.Bounder:
-    options = {"hidden": (8,), "steps": 300, "parts": 16, "device": "cpu", "progress": False}
-    return wb.fit(shape("c"), query, method="mlp", **options, **REGIONS[query])
-
-
-def met_by(bounder: wb.Bounder, count: int = 30_000, seed: int = 7) -> np.ndarray:
-    grid, length = shape("c"), bounder.domain.oracle_length
-    return np.concatenate(list(draw_positives(bounder.query_kind, grid, count, seed, "cpu", length)))
-
-
-@pytest.mark.parametrize("query", ["point", *(pytest.param(query, marks=pytest.mark.slow) for query in REGIONS)])
-def test_a_part_that_denies_a_positive_is_found_out(query):
-    bounder, grid = fit_points("c") if query == "point" else fit_regions(query), shape("c")
+def test_a_part_that_denies_a_positive_is_found_out():
+    bounder, grid = fit_points("c"), shape("c")
     levels = bounder.tensors["levels"].view(np.uint8)[: bounder.lattice.count]
-    met, step = met_by(bounder), float(bounder.tensors["scale"][1])
+    met, step = (
+        np.concatenate(list(draw_positives("point", grid, 30_000, 7, "cpu"))),
+        float(bounder.tensors["scale"][1]),
+    )
     places = bounder.lattice.place(bounder.domain.to_local(met))
     count = np.bincount(places, minlength=len(levels))
     reported = (count > 0) & (levels < EVERYWHERE)  # parts with positives and a threshold
@@ -206,61 +185,18 @@ def test_a_part_that_denies_a_positive_is_found_out(query):
         assert not lying.query(met[places == part]).numpy().all()
         certificate = wb.certify(lying, grid)
         assert certificate.kind in (("refuted",) if wrong >= EVERYWHERE - 1 else ("refuted", "undecided"))
-        if query == "point" and certificate.kind == "refuted":
+        if certificate.kind == "refuted":
             assert grid.contains(np.float64([certificate.counterexample])).all()
 
 
 def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
-    for bounder, grid in ((fit_points("c"), shape("c")), (fit_regions("ray"), shape("c"))):
-        lying = relevelled(bounder, np.full(bounder.lattice.count, NOWHERE, np.uint8))
-        for threshold in (0.0, -(2.0**127.5), 2.0**127.5):
-            lying.freeze(threshold, None).info = bounder.info
-            assert wb.certify(lying, grid).kind == "refuted" or threshold < 0
-            assert not wb.certify(lying, grid).proven
+    bounder, grid = fit_points("c"), shape("c")
+    lying = relevelled(bounder, np.full(bounder.lattice.count, NOWHERE, np.uint8))
+    for threshold in (0.0, -(2.0**127.5), 2.0**127.5):
+        lying.freeze(threshold, None).info = bounder.info
+        assert wb.certify(lying, grid).kind == "refuted" or threshold < 0
+        assert not wb.certify(lying, grid).proven
     assert wb.certify(bounder, grid, budget=0).kind == "undecided"
-
-
-@pytest.mark.parametrize("name", ["c", "blob"])
-@pytest.mark.parametrize("query", REGIONS)
-def test_a_part_bounds_the_queries_in_it_and_no_others(query, name, rng):
-    member = random_mlp(shape(name), domain=domain_of(shape(name), query, **REGIONS[query]))
-    cover, limit = parametrized(member, shape(name)), member.domain.limit.astype(np.float64)
-    lattice = Lattice.of(-0.7 * limit, 0.6 * limit, (2,) * len(limit))
-    row = rng.integers(len(cover.lower), size=300)
-    share = np.sort(rng.random((2, 300, cover.lower.shape[1])), axis=0)
-    lower, upper = (cover.lower[row] + s * (cover.upper - cover.lower)[row] for s in share)
-    z = lower + rng.random((50, *lower.shape)) * (upper - lower)
-    v = np.stack([cover.coordinates(each) for each in z])
-    low, high = cover.parametrization.hull(lower, upper, cover.numbers)
-    assert ((low <= v) & (v <= high)).all()
-    f = np.stack([member.reference(each) for each in v])
-    plain = cover.bound(lower, upper)
-    # The parametrization leaves out what is no query of the domain, and boxes that do not meet the object.
-    held = ((np.abs(v) <= limit).all(axis=2) & np.isfinite(plain.lower)).T
-    held &= _positive(cover, query, z).T
-    tighter, place = 0, np.stack([lattice.place(each) for each in v]).T
-    for part, (first, last) in enumerate(zip(*corners(lattice), strict=True)):
-        bounds = in_part(cover, first, last).bound(lower, upper)
-        inside = held & (place == part)
-        some = inside.any(axis=1)
-        assert np.isfinite(bounds.lower[some]).all()
-        least = np.where(inside, f.T, np.inf).min(axis=1)
-        assert (bounds.lower[some] <= least[some]).all()
-        tighter += int((bounds.lower > plain.lower + 1e-6).sum())
-    assert tighter > 100
-    met = {part for part, _ in meeting(cover, lattice)}
-    assert set(np.unique(lattice.place(v.reshape(-1, v.shape[2])[held.T.reshape(-1)]))) <= met
-
-
-def _positive(cover, query: str, z: np.ndarray) -> np.ndarray:
-    """Which numbers are queries that meet the object: of rays all; of boxes those whose corners are in order and that
-    do."""
-    if query == "ray":
-        return np.ones(z.shape[:2], dtype=bool)
-    flat = z.reshape(-1, z.shape[2])
-    return np.isfinite(cover.bound(flat, flat).lower).reshape(z.shape[:2]) & (
-        z[..., : z.shape[2] // 2] <= z[..., z.shape[2] // 2 :]
-    ).all(axis=2)
 
 
 def test_what_a_fit_refuses():
@@ -269,7 +205,8 @@ def test_what_a_fit_refuses():
         ("point", "mlp", 1.5),
         ("point", "mlp", 1 << 20),
         ("plane", "mlp", 4),
-        ("box", "monotone-mlp", 4),
+        ("ray", "mlp", 4),
+        ("box", "mlp", 4),
     ):
         with pytest.raises(BounderError, match="parts"):
             wb.fit(shape("c"), query, method, parts=count, steps=1, device="cpu", progress=False)
@@ -452,94 +389,3 @@ def test_occupancy_never_holds_a_certificate(device, tmp_path):
         bounder.freeze(0.0, certificate)
     bounder.save(tmp_path / "o.safetensors")
     assert type(wb.load(tmp_path / "o.safetensors", device=device)) is Occupancy
-
-
-MONOTONE = ("tanh", "relu")
-GROWN = ("c", "blob")
-
-
-def spoilt(bounder, name, index, value) -> dict[str, np.ndarray]:
-    tensors = {k: t.copy() for k, t in bounder.tensors.items()}
-    tensors[name][index] = value
-    return tensors
-
-
-@pytest.mark.parametrize("activation", MONOTONE)
-def test_one_weight_of_the_wrong_sign_is_refused(activation):
-    bounder = random_monotone(shape("c"), (5, 4), activation, dense=True)
-    for name in (f"layers.{layer}.weight" for layer in range(3)):
-        for index in np.ndindex(bounder.tensors[name].shape):
-            tensors = spoilt(bounder, name, index, -bounder.tensors[name][index])
-            with pytest.raises(BounderError, match=r"layers\.\d\.weight has the wrong sign"):
-                MonotoneMlp(bounder.domain, tensors, bounder.sizes, "cpu")
-            MonotoneMlp(bounder.domain, spoilt(bounder, name, index, 0.0), bounder.sizes, "cpu")
-
-
-def test_other_kinds_are_refused():
-    bounder = random_monotone(shape("c"), (5,))
-    for sizes in ({"activation": "sin"}, {"octaves": 1}):
-        with pytest.raises(BounderError):
-            MonotoneMlp(bounder.domain, bounder.tensors, bounder.sizes | sizes, "cpu")
-    for domain in (Domain.of(shape("c")), domain_of(shape("c"), "ray")):
-        assert not MonotoneMlp.supports(domain.query, 2)
-    with pytest.raises(BounderError, match="does not bound ray queries"):
-        MonotoneMlp(domain_of(shape("c"), "ray"), bounder.tensors, bounder.sizes, "cpu")
-
-
-@pytest.mark.parametrize("activation", MONOTONE)
-@pytest.mark.parametrize("name", GROWN)
-def test_f_never_falls_as_a_box_grows(activation, name, rng):
-    for seed in range(2):
-        bounder = random_monotone(shape(name), activation=activation, falling=seed / 2, seed=seed)
-        n = bounder.ndim
-        limit = bounder.domain.limit.astype(np.float64)
-        v = rng.uniform(-limit, limit, (4000, 2 * n))
-        step = 10.0 ** rng.uniform(-9, 0, (4000, 1)) * rng.random(v.shape) * (rng.random(v.shape) < 0.5)
-        larger = v + step * np.repeat([-1.0, 1.0], n)
-        f, more = bounder.reference(v), bounder.reference(larger)
-        assert (more >= f - 1e-12 * (1 + np.abs(f))).all()  # float64
-        assert (more > f).any()
-
-
-@pytest.mark.parametrize("activation", MONOTONE)
-@pytest.mark.parametrize("name", GROWN)
-def test_the_point_network_is_below_every_box_that_holds_the_point(activation, name, rng):
-    """Every box that rounding can make of one that holds p: corners up to delta inside of it."""
-    for seed in range(2):
-        bounder = random_monotone(shape(name), activation=activation, seed=seed)
-        base, delta = bounder.domain.base, bounder.domain.base.delta
-        p = rng.uniform(-1, 1, (3000, base.ndim)) * (base.limit - delta)
-        reach = rng.random((2, *p.shape)) * rng.choice([0.0, 0.0, 1e-6, 1.0], size=(2, len(p), 1))
-        inside = rng.choice([0.0, 1.0], size=(2, *p.shape), p=[0.3, 0.7])
-        low, high = p - reach[0] + inside[0] * delta, p + reach[1] - inside[1] * delta
-        assert (bounder.reference(np.concatenate([low, high], axis=1)) >= bounder.point_network(p)).all()
-        # and it is no lower than it needs to be
-        tight = bounder.reference(np.concatenate([p + delta, p - delta], axis=1))
-        assert np.abs(tight - bounder.point_network(p)).max() < 1e-8
-
-
-@pytest.mark.parametrize("activation", MONOTONE)
-def test_devices_stay_within_the_rounding_bound(activation, device, rng):
-    grid = shape("blob")
-    bounder = random_monotone(grid, activation=activation).to(device)
-    low = rng.random((5000, 3)).astype(np.float32)
-    q = np.concatenate([low, low + (rng.random((5000, 3)) * (1 - low)).astype(np.float32)], axis=1)
-    base = bounder.domain.base
-    v = ((q.reshape(-1, 3) - base.center) * base.scale).reshape(-1, 6).astype(np.float64)
-    values = bounder.values(q).numpy()
-    assert np.abs(values - bounder.reference(v)).max() <= bounder.rounding_bound()
-    assert (bounder.freeze(0.3, None).query(q).numpy() == (values >= 0.3)).all()
-
-
-@pytest.mark.parametrize(("name", "activation"), [("c", "relu"), ("blob", "tanh")])
-def test_no_box_is_missed_and_a_wrong_sign_in_a_file_is_refused(name, activation, tmp_path, rng):
-    bounder, path = random_monotone(shape(name), activation=activation), tmp_path / "m.safetensors"
-    q, truth = cases("box", shape(name), rng)
-    prove(bounder, shape(name))
-    bounder.save(path)
-    again = wb.load(path, device="cpu")
-    assert again.certificate == bounder.certificate
-    assert again.query(q).numpy()[truth].all()
-    name, index = "layers.0.weight", tuple(np.argwhere(bounder.tensors["layers.0.weight"])[0])
-    rewrite(path, lambda document: None, spoilt(bounder, name, index, -bounder.tensors[name][index]))
-    check_refused(path, "wrong sign")

@@ -13,7 +13,6 @@ import trimesh
 from bounding_shapes import EARLY, HIDDEN, random_mlp
 from bounding_shapes import shape as grid_named
 from plain_shapes import balls_at
-from random_networks import random_monotone
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade
@@ -26,7 +25,7 @@ from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
 ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}
-CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+monotone-mlp", "ray": "kdop+mlp-early"}
+CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+mlp", "ray": "kdop+mlp-early"}
 DISTANT = {  # what distances are told, so that a fit takes no time to speak of
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
@@ -152,8 +151,6 @@ def network(name: str, query: str, hidden=HIDDEN) -> Mlp:
 def made(method: str, name: str, query: str) -> Bounder:
     """A bounder at its threshold."""
     grid, kind = shape(name), METHODS[method]
-    if method == "monotone-mlp":
-        return resolved(random_monotone(grid, HIDDEN), name)
     if method == "mlp-early":
         whole, first = network(name, query, EARLY), network(name, query, EARLY[:1])
         shared = {k: v for k, v in whole.tensors.items() if k.startswith("layers.0.")}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
-from plain_shapes import box_of
+from plain_shapes import ball_at, box_of
 from reading_order import ROOT
 from scipy.spatial.transform import Rotation
 

@@ -10,12 +10,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bounding_shapes import object_points, random_mlp, shape
-from random_networks import random_monotone, random_network, random_supports
+from bounding_shapes import random_mlp, shape
+from random_networks import random_network, random_supports
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.proof import certify, check, minimum, parametrized, prove
-from warp_bounding.proof.covers import LeastBox, SupportGap, of_points, single_cells
+from warp_bounding.proof.covers import SupportGap, single_cells
 from warp_bounding.proof.search import charted_minimum, prove_target
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import draw_positives
@@ -293,44 +293,14 @@ def test_bounds_hold_on_boxes_of_normals_and_what_is_proven_denies_no_plane(name
     assert raised.query(np.array([proof.counterexample], np.float32)).numpy()[0] == 0
 
 
-# --- boxes against a monotone network --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "activation"), [("c", "tanh"), ("blob", "relu")])
-def test_a_monotone_network_is_proven_over_points_and_refuted_by_a_box(name, activation, rng):
-    grid, bounder = shape(name), random_monotone(shape(name), activation=activation)
-    least, limit, n = LeastBox(bounder), bounder.domain.base.limit.astype(np.float64), bounder.ndim
-    assert isinstance(of_points(bounder), LeastBox)
-    plain = random_mlp(shape("c"))
-    assert of_points(plain) is plain
-    center = rng.uniform(-limit, limit, (300, n))
-    radius = 10.0 ** rng.uniform(-12, 0, (300, 1))
-    lower, upper = np.maximum(center - radius, -limit), np.minimum(center + radius, limit)
-    bounds = least.bound(lower, upper)
-    u = np.concatenate([rng.random((60, 300, n)), np.round(rng.random((60, 300, n)))])
-    p = np.clip(lower + u * (upper - lower), lower, upper)
-    assert (
-        bounder.reference(np.concatenate([p, p], axis=2).reshape(-1, 2 * n)).reshape(120, 300) >= bounds.lower
-    ).all()
-    search = prove(bounder, grid)
-    assert search.complete
-    assert float(bounder.threshold) <= search.lower_bound - bounder.rounding_bound()
-    x = object_points(grid, rng).astype(np.float64)
-    found = bounder.reference(bounder.domain.to_local(np.concatenate([x, x], axis=1))).min()
-    assert search.lower_bound <= found < search.lower_bound + 0.1
-    proof = certify(bounder, grid)
-    assert proof.proven, proof.message
-    assert proof.lower_bound - proof.rounding_bound >= float(bounder.threshold)
-    bounder.freeze(np.float32(bounder.threshold + 0.3), None)
-    proof = certify(bounder, grid)
-    assert proof.kind == "refuted"
-    q = np.float32([proof.counterexample])
-    assert oracle("box", grid, "cpu")(q)[0]
-    assert bounder.query(q).numpy()[0] == 0
-
-
-def test_a_threshold_raised_by_its_last_bits_is_not_proven():
-    grid, bounder = shape("blob"), random_monotone(shape("blob"))
-    search = prove(bounder, grid, eps=0.0)
-    bounder.freeze(np.float32(search.upper_bound - 0.5 * bounder.rounding_bound()), None)
-    assert not certify(bounder, grid).proven
+@pytest.mark.parametrize(("query", "name"), CASES)
+def test_the_hull_of_a_box_holds_its_queries(query, name, rng):
+    bounder = random_network(query, grid_of(name))
+    cover = parametrized(bounder, grid_of(name))
+    row = rng.integers(len(cover.lower), size=300)
+    share = np.sort(rng.random((2, 300, cover.lower.shape[1])), axis=0)
+    lower, upper = (cover.lower[row] + s * (cover.upper - cover.lower)[row] for s in share)
+    low, high = cover.parametrization.hull(lower, upper, cover.numbers)
+    for z in lower + rng.random((50, *lower.shape)) * (upper - lower):
+        v = cover.coordinates(z)
+        assert ((low <= v) & (v <= high)).all()

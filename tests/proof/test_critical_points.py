@@ -14,7 +14,7 @@ import pytest
 from asking import ask
 from bounding_shapes import random_mlp, shape
 from fused_activations import fused_sine, fused_tanh
-from random_networks import random_monotone, random_network, random_supports
+from random_networks import random_network, random_supports
 
 from warp_bounding.activations import activation_of
 from warp_bounding.bounders.mlp import Mlp
@@ -31,7 +31,6 @@ CASES = {  # shape, and a network with random weights
     "ray-sin": ("c", partial(random_network, "ray")),
     "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
     "box": ("c", partial(random_network, "box", activation="tanh")),
-    "monotone": ("c", random_monotone),
     "plane": ("blob", random_supports),
 }
 PARTS = {"point": "p", "ray": "pd", "plane": "np", "box": "pp"}  # place, direction, normal: how they move

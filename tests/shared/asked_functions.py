@@ -6,7 +6,6 @@ import numpy as np
 import warp as wp
 from asking import asking_kernel
 from bounding_shapes import EARLY, HIDDEN, random_mlp, shape
-from random_networks import random_monotone
 
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.cascade import Cascade
@@ -20,10 +19,7 @@ FAR = 1e3  # outside of every domain
 
 
 def network(kind: type[Mlp], query: str, device: str) -> Mlp:
-    """Random weights; a monotone network's have the signs that make it one."""
     early, domain = kind.method == "mlp-early", domain_of(shape("c"), query)
-    if kind.method == "monotone-mlp":
-        return random_monotone(shape("c"), HIDDEN).to(device)
     made = random_mlp(None, EARLY if early else HIDDEN, domain=domain)
     tensors, outputs = dict(made.tensors), made.head.outputs
     if early:

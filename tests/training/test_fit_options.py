@@ -59,7 +59,7 @@ TAKEN = {
     ("bvh", "point"): {"leaves", "hidden"},
     ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "parts", "steps"},
     ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("monotone-mlp", "box"): {"hidden", "activation", "steps"},
+    ("mlp", "box"): {"hidden", "activation", "octaves", "recipe", "steps"},
     ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "parts", "steps"},
 }
 

@@ -1,4 +1,4 @@
-"""Recipes: exits and grants, monotone networks, occupancies, first layers of waves, and fits to the queries that a
+"""Recipes: exits and grants, occupancies, first layers of waves, and fits to the queries that a
 caller asks."""
 
 import numpy as np
@@ -8,7 +8,6 @@ from plain_shapes import ball_at
 
 import warp_bounding as wb
 from sims.arm.robots import CELLS
-from warp_bounding.bounders.mlp import MonotoneMlp
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle, sample
@@ -33,18 +32,6 @@ def test_a_fit_grants_much_and_costs_little(query):
     allowed = COST * (before & ~truth).sum()
     assert (answers & ~before).sum() <= allowed + 5 * np.sqrt(allowed) + 10  # other queries than those it was chosen by
     assert never.certificate == bounder.certificate
-
-
-@pytest.mark.parametrize(("name", "activation"), [("c", "sin"), ("animated", "relu")])
-def test_monotone_fits_are_proven(name, activation):
-    grid = shape(name)
-    options = {"query": "box", "method": "monotone-mlp", "hidden": (8, 6), "steps": 20, "device": "cpu"}
-    bounder = wb.fit(grid, activation=activation, **options)
-    assert type(bounder) is MonotoneMlp
-    assert bounder.activation == ("relu" if activation == "relu" else "tanh")
-    assert bounder.certificate.proven
-    assert wb.certify(bounder, grid).proven
-    assert wb.evaluate(bounder, grid, samples=20_000).fn == 0
 
 
 def test_a_network_of_waves_is_proven():

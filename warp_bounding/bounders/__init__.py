@@ -10,7 +10,7 @@ from warp_bounding.bounders.ellipsoids import Ellipsoid, OrientedEllipsoid, Sphe
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.learned_kdop import LearnedKdop, LearnedKdopDistance
 from warp_bounding.bounders.load import bounder_of, load
-from warp_bounding.bounders.mlp import Mlp, MonotoneMlp, Occupancy
+from warp_bounding.bounders.mlp import Mlp, Occupancy
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.relu_field import ReluField
@@ -47,7 +47,7 @@ __all__ = [
 # In the order in which they are listed everywhere.
 for _method in (
     *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
-    *(ReluField, Mlp, MlpEarly, MonotoneMlp, Occupancy),
+    *(ReluField, Mlp, MlpEarly, Occupancy),
     *(AabbDistance, ObbDistance, KdopDistance, BvhDistance, LearnedKdopDistance, DistanceGrid, MlpDistance),
 ):
     register(_method)

@@ -23,9 +23,9 @@ from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import Network, head_of
 from warp_bounding.queries import QUERIES
-from warp_bounding.queries.box import BOX
-from warp_bounding.queries.domain import GROWTH, Domain
-from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma
+from warp_bounding.queries.domain import Domain
+from warp_bounding.queries.point import POINT
+from warp_bounding.rounding import TINY, UNIT32, gamma
 from warp_bounding.runtime.native import literal
 
 # --- networks --------------------------------------------------------------------------------------------------------
@@ -92,7 +92,7 @@ PARTS = Option(
     "parts of the domain, each with a threshold of its own",
     whole("parts", 1, MOST_PARTS),
     int,
-    _NOT_PLANES,
+    ("point",),
 )
 STATISTICAL = Option(
     "statistical",
@@ -210,8 +210,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 # The coordinates v are cut along each axis at *edges*, into a lattice of parts. Each part has a *level*, one byte: the
 # threshold that f must reach there; or that no positive lies in the part at all, or hardly anything else, and the
 # network is not even evaluated. f less the threshold of v's part is the f of this class; it jumps at the edges, and so
-# proofs cut their boxes there (``cut``); those of rays and boxes, whose boxes are not of v, search each part by itself
-# (``proof.prove``).
+# proofs cut their boxes there (``cut``).
 
 # --- lattice ---------------------------------------------------------------------------------------------------------
 #
@@ -424,7 +423,7 @@ class Local(Bounder):
 
     @classmethod
     def supports(cls, query: str, ndim: int) -> bool:
-        return Mlp.supports(query, ndim) and head_of(query).outputs == 1
+        return query == POINT.name
 
     @classmethod
     def of(cls, member: Mlp, lattice: Lattice, thresholds: np.ndarray, step: float) -> "Local":
@@ -511,104 +510,6 @@ class Local(Bounder):
         error = self.member.rounding_bound()
         size = network.largest + error + np.abs(some).max(initial=0.0)  # of f less a threshold, which rounds once
         return (error + gamma(2) * size + 2 * TINY) * (1 + 4 * UNIT32)
-
-
-# --- monotone networks of boxes --------------------------------------------------------------------------------------
-#
-# ``monotone-mlp``: a network for boxes whose f never falls as a box grows, so that points suffice to prove it.
-#
-# Positives are an up-set: a box that holds one that meets the object meets it too. The network knows that: with ``v =
-# (low, high)``, f is nonincreasing in low and nondecreasing in high, by the signs of its weights alone. Every positive
-# holds a point p of the object, ``low <= p <= high``, so ``f(low, high) >= f(p, p)``, and the least f over all
-# positives is the least over the points of the object: a proof in n dimensions instead of 2 n (``point_network``,
-# ``proof.covers``).
-#
-# Signs: a neuron rises or falls as the box grows, and a weight leads a rising neuron into another by a number that is
-# not negative, a falling one by one that is not positive; low falls, high rises, f rises. Any monotone activation will
-# do. For tanh, which is odd, falling neurons add nothing; a ReLU that falls, counted negatively, is concave (Runje and
-# Shankaranarayana, *Constrained Monotonic Neural Networks*, 2023). Networks of other signs do not load.
-#
-# Exact arithmetic is monotone and float32 need not be; but the computed f is within ``rounding_bound`` of the exact
-# one, for every box, and a threshold must leave room for that alone.
-
-
-def _monotone(activation) -> str:
-    """The name of the activation that a monotone network has in the place of this one, which may fall."""
-    return activation_of(activation).monotone.name
-
-
-def _help() -> str:
-    """The words of the option: activations that never fall, and what stands in for the others."""
-    never, falling = ([a for a in ACTIVATIONS.values() if (a.monotone is a) == own] for own in (True, False))
-    others = "".join(f"; {a.monotone.name} stands in for {a.name}" for a in falling)
-    return f"{' or '.join(a.name for a in reversed(never))}{others}"
-
-
-class MonotoneMlp(Mlp):
-    """A network of box queries whose f never falls as a box grows; see the module and ``Mlp``.
-
-    Tensors and sizes: those of ``Mlp``, no encoding.
-
-    Attributes:
-        signs: For each hidden layer ``(H,)``: 1 where a neuron rises with the box, -1 where it falls, 0 where it has no
-            say.
-    """
-
-    method = "monotone-mlp"
-    options = (HIDDEN, Option("activation", DEFAULT.monotone.name, _help(), _monotone), STEPS)
-
-    @classmethod
-    def supports(cls, query: str, ndim: int) -> bool:
-        return query == BOX.name and super().supports(query, ndim)
-
-    @classmethod
-    def takes_shapes(cls, query: str) -> bool:
-        return True  # it is proven over the object's points
-
-    def check_tensors(self) -> None:
-        """See ``Mlp``; refuses also tensors of which f would not be monotone."""
-        super().check_tensors()
-        if self.features or _monotone(self.activation) != self.activation:
-            raise BounderError(
-                f"{self.method} takes no octaves, and activations that never fall ({_help()}), got "
-                f"octaves={self.sizes.get('octaves', 0)} and {self.activation}"
-            )
-        self.signs = self._signs()
-
-    def _signs(self) -> list[np.ndarray]:
-        """Which way each neuron goes, found from the output down; raises ``BounderError`` where one goes both ways."""
-        sign, signs = np.ones(1), []
-        for index in range(len(self.hidden), -1, -1):
-            ways = sign[:, None] * np.sign(self.tensors[f"layers.{index}.weight"].astype(np.float64))
-            rises, falls = (ways > 0).any(axis=0), (ways < 0).any(axis=0)
-            if index == 0:  # the inputs' own ways are known
-                rises[self.ndim :], falls[: self.ndim] = False, False
-            if (rises & falls).any() or (index == 0 and (rises | falls).any()):
-                wrong = f"a weight in layers.{index}.weight has the wrong sign"
-                raise BounderError(f"{self.method}: {wrong}, f would not be monotone")
-            sign = rises.astype(np.float64) - falls
-            signs.insert(0, sign)
-        return signs[1:]
-
-    @cached_property
-    def point_network(self) -> Network:
-        """A network g of points, local space: ``g(p) <= f(low, high)`` for all that is computed of a box that holds p.
-
-        The input error moves a box's corners by delta at most, to ``low <= p + delta`` and ``high >= p - delta``, and
-        clipping to the domain, in which p lies, leaves it at that. So ``g(p) = f(p + delta, p - delta)``: a first
-        layer with the sum of both halves' weights, and a bias that is moved. The float64 rounding of these numbers,
-        and of p (as in ``Domain.widened``), moves it a little further.
-        """
-        base, n = self.domain.base, self.ndim
-        layers = [(w.astype(np.float64), b.astype(np.float64)) for w, b in self._layers()]
-        weight, bias = layers[0]
-        size = np.abs(weight[:, :n]) + np.abs(weight[:, n:])
-        delta = base.delta * GROWTH + 1e-15 * (1 + np.abs(base.to_local(base.lower)))
-        limit = base.limit.astype(np.float64)
-        rounding = gamma(8 * n + 16, UNIT64) * (np.abs(bias) + size @ (limit + delta))
-        moved = bias - self.signs[0] * (size @ delta + rounding)
-        layers[0] = (weight[:, :n] + weight[:, n:], moved)
-        return Network(layers, self.activation, None, limit)
 
 
 # --- occupancy networks ----------------------------------------------------------------------------------------------

@@ -18,14 +18,13 @@ from warp_bounding.bounders.batch import frame_fault
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.bounders.mlp import CERTAIN, Local
 from warp_bounding.certificates import Certificate, document, together
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim, outside
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.proof.covers import COVERS, LeastBox, of_points
+from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.distances import Checkpoint, overestimate_within
-from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, corners, in_part, parametrized
+from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized
 from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives, halve
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import taylor_bounds
@@ -184,8 +183,7 @@ def _certify(bounder: Bounder, grid: Grid, budget: float, progress, asked: Bound
     if reason := mismatch(bounder, grid):
         point = _denied_outside(asked, bounder, grid) if reason == OUTSIDE else None
         return result("refuted" if point is not None else "undecided", reason, threshold, 0, point)
-    f = of_points(bounder)  # of boxes and a monotone network too (``covers.monotone_box``)
-    if QUERIES[bounder.query_kind].is_region and f is bounder:
+    if QUERIES[bounder.query_kind].is_region:
         return _certify_regions(bounder, grid, target, budget, result, progress)
     if not grid.certified:
         return _attested(bounder, grid, budget, result)
@@ -195,9 +193,9 @@ def _certify(bounder: Bounder, grid: Grid, budget: float, progress, asked: Bound
             least, boxes = bounder.least(grid)
             if target <= least < np.inf:
                 return result("proven", _proven(bounder), least, boxes)
-        found = _check_shape(f, grid, target, started + budget, progress)
+        found = _check_shape(bounder, grid, target, started + budget, progress)
         return _conclusion(bounder, grid, found, budget, result, asked)
-    found = _checked(_cell_pieces(f, grid, target), started + budget, len(grid.occupied), progress)
+    found = _checked(_cell_pieces(bounder, grid, target), started + budget, len(grid.occupied), progress)
     return _conclusion(bounder, grid, found, budget, result, asked)
 
 
@@ -226,8 +224,6 @@ def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float,
     try:
         if bounder.exact_on_cells:
             least, boxes = bounder.least(grid)
-        elif isinstance(bounder, Local):
-            least, boxes, suspects, complete = _check_parts(bounder, grid, target, end, progress)
         elif not isinstance(grid, Grid) and kind.pieces:
             grid.check()
             cells = coarse_cells(grid, OTHER_CELLS)
@@ -315,7 +311,7 @@ class Everything:
     """Boxes all of whose points come from positives, as ``ShapePositives`` tells of a shape.
 
     Args:
-        f: What is bounded: a bounder, ``LeastBox``, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the
+        f: What is bounded: a bounder, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the
             boxes that the parametrization has cut.
     """
 
@@ -468,7 +464,7 @@ def uncovered(domain: Domain) -> str:
     return "the domain's delta does not cover what float32 rounds" if (np.maximum(*needed) > domain.delta).any() else ""
 
 
-def _cell_pieces(f: Bounder | LeastBox, grid: Grid, target: float) -> Iterator[Piece]:
+def _cell_pieces(f: Bounder, grid: Grid, target: float) -> Iterator[Piece]:
     """Every v that the pipeline can make of the points of the object's cells; suspects are points of the object."""
     for start in range(0, len(grid.occupied), CHUNK):
         cells = grid.occupied[start : start + CHUNK]
@@ -493,39 +489,6 @@ def _charted_pieces(bounder: Bounder, grid: Shape, target: float) -> Iterator[Pi
         return
     for lower, upper, done in kind.anew(bounder, grid, cover):
         yield Piece(Everything(cover), lower, upper, target, lambda z, _: cover.coordinates(z), done)
-
-
-def _check_parts(
-    bounder: Local, grid: Grid, target: float, end: float, progress: Callable[[int, int], None] | None
-) -> Checked:
-    """The positives of a network with a threshold for each part of its domain.
-
-    In each part ``f - threshold`` must reach the target.
-
-    Raises:
-        BounderError: If the network has no parametrization, or the target is beyond what a part without threshold
-            answers.
-    """
-    member, thresholds = bounder.member, bounder.thresholds
-    cover = parametrized(member, grid)
-    if cover is None or not target <= CERTAIN:
-        raise BounderError("there is no proof of such a network part by part")
-    corners_of_parts = list(zip(*corners(bounder.lattice), strict=True))
-
-    def pieces() -> Iterator[Piece]:
-        for lower, upper, done in COVERS[bounder.query_kind].anew(member, grid, cover):
-            low, high = cover.parametrization.hull(lower, upper, cover.numbers)
-            for part in np.flatnonzero(thresholds > -np.inf):  # others answer *maybe* to everything
-                first, last = corners_of_parts[part]
-                meets = ((low <= last) & (high >= first)).all(axis=1)
-                if meets.any():  # a part that is denied must hold no positive at all
-                    needed = float(np.nextafter(target + thresholds[part], np.inf))
-                    own = Everything(in_part(cover, first, last))
-                    yield Piece(own, lower[meets], upper[meets], needed, lambda z, _: cover.coordinates(z), done)
-
-    found = _checked(pieces(), end, len(grid.occupied), progress)
-    reached = found.complete and found.suspects is None
-    return found._replace(least=target if reached else -np.inf)
 
 
 # --- shapes without cells --------------------------------------------------------------------------------------------

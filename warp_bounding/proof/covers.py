@@ -4,13 +4,12 @@ A kind of query is a ``Cover``, found by its name in ``COVERS``.
 """
 
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.bounders.mlp import Mlp, MonotoneMlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import Hull, hull_of
 from warp_bounding.networks.bounds import BoxBounds, PlainParametrization
@@ -20,41 +19,6 @@ from warp_bounding.queries.region_domain import RegionDomain
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.shapes.grid import Grid, blocks_of, summed_area
 from warp_bounding.shapes.shape import Shape
-
-# --- boxes against a monotone network --------------------------------------------------------------------------------
-
-
-class LeastBox:
-    """``g(p)``, at most f of any box that holds p: the least f of positive boxes is a minimum over object points.
-
-    ``minimum`` and ``certify`` take it as a bounder of points; see ``bounders.mlp`` for why. The object's
-    cells are not widened: what the pipeline rounds is in the function.
-    """
-
-    exact_on_cells = False
-
-    def __init__(self, bounder: MonotoneMlp):
-        self.network = bounder.point_network
-        base = bounder.domain.base
-        self.domain = replace(base, delta=np.zeros_like(base.delta))  # `widened` then adds float64's rounding only
-
-    def reference(self, p: np.ndarray) -> np.ndarray:
-        """The values of g at points ``(N, n)`` float64, local space, ``(N,)`` float64."""
-        return self.network(p)
-
-    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See ``Bounder.cut``: g does not jump."""
-        return lower, upper, np.arange(len(lower))
-
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """Certified lower bounds over boxes of p."""
-        return self.network.bound(lower, upper)
-
-
-def of_points(bounder: Bounder) -> Bounder | LeastBox:
-    """The f that is bounded over points: of a monotone network its ``LeastBox``, else the bounder itself."""
-    return LeastBox(bounder) if isinstance(bounder, MonotoneMlp) else bounder
-
 
 # --- any kind --------------------------------------------------------------------------------------------------------
 
@@ -79,8 +43,7 @@ class Cover:
 
         An f with ``bound`` and ``reference``, and corners of boxes.
         """
-        f = of_points(bounder)
-        return f, *f.cut(*positive_boxes(f, grid))[:2]
+        return bounder, *bounder.cut(*positive_boxes(bounder, grid))[:2]
 
     # In how many boxes ``reach`` looks for the points of regions, fewest first; none where shapes need no cells.
     pieces: tuple[int, ...] = ()
@@ -127,7 +90,7 @@ class Cover:
         return v
 
 
-def positive_boxes(bounder: Bounder | LeastBox, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+def positive_boxes(bounder: Bounder, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
     """P_delta, the object widened by delta, as boxes of ``v``: one a cell for closed forms, else few large ones.
 
     Returns:
@@ -353,10 +316,6 @@ class BoxCover(Cover):
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         return np.concatenate([p, p], axis=1)
-
-    def coordinates(self, bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray:
-        # a monotone network is searched over points: each is the box that is no more than it
-        return np.concatenate([v, v], axis=1) if v.shape[1] == grid.ndim else super().coordinates(bounder, grid, v)
 
 
 # --- planes ----------------------------------------------------------------------------------------------------------

@@ -398,7 +398,7 @@ class ShapePositives:
     follows.
 
     Args:
-        bounder: Its f is bounded; it is tested as a point of the object's space, or a ``LeastBox``.
+        bounder: Its f is bounded; it is tested as a point of the object's space.
         shape: The object.
         narrowest: See ``NARROWEST``; ``certify`` takes less, so that no box decides there that the fit has halved.
     """

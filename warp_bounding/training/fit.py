@@ -21,7 +21,7 @@ from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import METRIC, REACH, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.mlp import PARTS, Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
@@ -94,8 +94,7 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for regions of an ``mlp`` with
-            ``parts``, 128 if ``None``; for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else ``None`` is the
+        resolution: Cells along a mesh's longest axis, where cells are laid: for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else ``None`` is the
             mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and
@@ -112,15 +111,14 @@ def fit(
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
             memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
-            K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp; a monotone-mlp takes tanh in place
-            of sin. ``octaves``: of an mlp's positional encoding; 0 for none, 4 as in the paper's supplement.
-            ``recipe``: of an mlp's training, ``"default"`` or ``"paper"``. ``parts``: of an mlp of points, rays or
-            boxes: about how many parts of the domain, each with a threshold. ``statistical``: of an mlp of points,
-            ``True`` for a threshold that samples attest, where a proof in many dimensions leaves nothing;
-            ``proven_share`` then reports how much of it is proven all the same. ``metric``: of a distance, where
-            coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
-            kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the
-            result is then repeatable to the bit on the same machine.
+            K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp. ``octaves``: of an mlp's
+            positional encoding; 0 for none, 4 as in the paper's supplement. ``recipe``: of an mlp's training,
+            ``"default"`` or ``"paper"``. ``parts``: of an mlp of points: about how many parts of the domain, each with
+            a threshold. ``statistical``: of an mlp of points, ``True`` for a threshold that samples attest, where a
+            proof in many dimensions leaves nothing; ``proven_share`` then reports how much of it is proven all the
+            same. ``metric``: of a distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more
+            coordinate. ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``:
+            training steps instead of seconds; the result is then repeatable to the bit on the same machine.
 
     Returns:
         The bounder, with ``certificate`` and ``info``. ``info["training"]`` reports how training went, with ``seconds``
@@ -165,7 +163,7 @@ def fit(
         return in_frame(found, frame)
     if side == SIDES[1]:
         shape = Complement(shape)
-    grid = _bounded(shape, query, method, resolution, margin, options.get(PARTS.name, 1))
+    grid = _bounded(shape, query, method, resolution, margin)
     classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
@@ -256,14 +254,13 @@ def reported_pieces(shape: Shape) -> dict[str, Any] | None:
     return None if own is None or own.all else own.to_dict()
 
 
-def _bounded(shape, query: str, method: str, resolution: int | None, margin: float, parts: int) -> Shape:
+def _bounded(shape, query: str, method: str, resolution: int | None, margin: float) -> Shape:
     """What is bounded: the dilated shape itself, or its cells where a resolution or a method requires them."""
     own = isinstance(shape, Grid)
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
     if isinstance(shape, Shape) and not own and resolution is None:
         kind = QUERIES[query]
-        # thresholds of the parts of a domain of regions are proven over cells
-        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None and parts == 1)
+        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None)
         if told and all(cls.takes_shapes(query) for cls in known):
             shape.check()
             shape = shape.dilated(margin)

@@ -1,36 +1,31 @@
 """Fitting networks: train, then set the threshold by a proof where there is one, else by a search and statistics.
 
 A network of points is trained with the prover in the loop: now and then branch and bound looks for the least f on the
-object, and the points that it finds become samples. The last part of the budget is the proof itself. A monotone
-network's boxes are decided by single points of the object (see ``monotone_mlp``), so it is trained and proven in the
-same way. Planes' supports need no labels, and their proof is short. Networks of rays and of other boxes are first
-searched by an adversary, and the prover then tries to show that nothing lies below what it found. Where there is no
-time for that, the adversary's value sets the threshold and fresh positives attest it. A network with exits is several
-networks that share layers; each gets a threshold of its own, in the same way.
+object, and the points that it finds become samples. The last part of the budget is the proof itself. Planes' supports
+need no labels, and their proof is short. Networks of rays and of boxes are first searched by an adversary, and the
+prover then tries to show that nothing lies below what it found. Where there is no time for that, the adversary's value
+sets the threshold and fresh positives attest it. A network with exits is several networks that share layers; each gets
+a threshold of its own, in the same way.
 """
 
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.mlp import RECIPES, Lattice, Local, Mlp, MonotoneMlp
+from warp_bounding.bounders.mlp import RECIPES, Lattice, Local, Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import head_of
-from warp_bounding.proof import Search, conjunction, least_value, parametrized, prove_or_test, settle, statistical_test
-from warp_bounding.proof.covers import of_points
-from warp_bounding.proof.prove import at_least, least_by_part, needless, prove_local, worthwhile
+from warp_bounding.proof import Search, conjunction, least_value, prove_or_test, settle, statistical_test
+from warp_bounding.proof.prove import prove_local
 from warp_bounding.proof.search import STEEPNESS
 from warp_bounding.queries import oracle
-from warp_bounding.queries.hard import draw_positives
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.training.engine import Adversary, Clock, adversarial_minimum, interrupts, single_threaded_torch
 from warp_bounding.training.recipes.default import LocalTrainer, NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, granted, train_exits
-from warp_bounding.training.recipes.monotone import MonotoneTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
 from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
@@ -151,16 +146,9 @@ class Costs:
 def lattice_of(problem: Problem, count: int) -> Lattice:
     """About so many parts, no more, of the domain.
 
-    Of points they are cubes, as nearly as whole counts along each axis allow; of rays and boxes each axis of v is cut
-    as often, or once more than others.
+    They are cubes, as nearly as whole counts along each axis allow.
     """
     shape, domain = problem.grid, problem.domain
-    if not domain.tested_as_point:
-        limit = domain.limit.astype(np.float64)
-        counts = np.ones(len(limit), dtype=int)
-        while counts.prod() // counts.min() * (counts.min() + 1) <= count:
-            counts[np.argmin(counts)] += 1
-        return Lattice.of(-limit, limit, tuple(int(c) for c in counts))
     lower, upper = shape.lower, shape.upper
     if isinstance(shape, Grid):
         cells = shape.occupied
@@ -186,50 +174,7 @@ def negatives_of(problem: Problem) -> np.ndarray:
 
 def tolerance(bounder: Mlp, problem: Problem, worst: np.ndarray) -> float:
     """How far below the least f of some positives ``(N, ndim)`` a threshold may lie; see ``Costs.cheap_gap``."""
-    return Costs(bounder, problem).cheap_gap(float(of_points(bounder).reference(worst).min()))
-
-
-def decide_parts(
-    member: Mlp,
-    lattice: Lattice,
-    problem: Problem,
-    found: np.ndarray,
-    limits: dict[str, float],
-    report=lambda note: None,
-) -> tuple[Local, dict]:
-    """A network of rays or boxes with a threshold for each part of its domain and its certificate, and a record.
-
-    Where the proof, within ``limits``, leaves thresholds that cost too much, those of the lowest positives that it has
-    found are taken, and fresh positives attest them all together. ``found`` ``(N, ndim)`` are the lowest positives
-    known, coordinates ``v``.
-    """
-    domain, grid, length = problem.domain, problem.grid, problem.domain.oracle_length
-    drawn = draw_positives(problem.query, grid, POSITIVES, problem.seed, "cpu", length, outside=False)
-    points = np.concatenate([found, *(domain.to_local(x) for x in drawn)])
-    points, negatives = points[(np.abs(points) <= domain.limit).all(axis=1)], negatives_of(problem)
-    report("proof of every part")
-    eps = Costs(member, problem).cheap_gap(float(member.reference(points).min()))
-    cover = parametrized(member, grid)
-    least, known, search = least_by_part(member, cover, lattice, negatives, points, eps=eps, **limits)
-    values, place = member.reference(negatives), lattice.place(negatives)
-    cost = float(((values >= least[place]) & (values < known[place])).sum()) / SAMPLES
-    record = {
-        "gap": eps,
-        "proof_cost": cost,
-        "proof_seconds": round(search.seconds, 3),
-        "complete": search.complete,
-        "thresholds": lattice.count,
-    }
-    if search.complete or cost <= LARGEST_COST:
-        bounder, proven = at_least(member, lattice, needless(least, values, place), values, place)
-        settle(bounder, grid, replace(search, lower_bound=proven))
-        return bounder, record
-    report("fresh positives")
-    room = worthwhile(lattice, known, values, place, eps)
-    known = np.maximum(known - room, known.min() - eps)  # no lower than one threshold would be
-    bounder, lowest = at_least(member, lattice, needless(known, values, place), values, place)
-    statistical_test(bounder, grid, least=lowest, room=0.0, seed=problem.seed, search=search)
-    return bounder, record
+    return Costs(bounder, problem).cheap_gap(float(bounder.reference(worst).min()))
 
 
 def decide(
@@ -266,7 +211,7 @@ def decide(
     return {"gap": gap} | {k: v for k, v in record.items() if k != "gap"}
 
 
-# By the recipe's name; exits, monotone networks, planes and occupancies have trainers of their own (``_trainer``).
+# By the recipe's name; exits, planes and occupancies have trainers of their own (``_trainer``).
 RECIPE_TRAINERS = dict(zip(RECIPES, (NetworkTrainer, PaperTrainer), strict=True))
 # Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, boxes and
 # rounds take the place of time, so that a fit is repeatable.
@@ -280,9 +225,6 @@ MINE_REGIONS_SHARE, MINE_REGIONS_BOXES = 0.02, 200_000
 # What the adversary may take each time, as a share, and as a number of rounds in every budget.
 ADVERSARY_SHARE, ADVERSARY_ROUNDS = 0.01, 2
 MOST_ADDED = 256  # most rays or boxes that the prover finds each time and that become samples
-# A monotone network is searched at every refresh from this used fraction on, to this gap of f, by at most so many
-# boxes; such a search takes a few hundred.
-MONOTONE_START, MONOTONE_EPS, MONOTONE_BOXES = 0.2, 0.1, 20_000
 
 # Share that is reserved for setting the threshold before a search has measured that: for points; for regions;
 # and for rays and boxes that are searched during training, where it is more, because it is easier to give time back.
@@ -314,7 +256,7 @@ def fit_network(
 class _Fit:
     """One fit.
 
-    ``as_points`` says that f is proven over the object's points, ``of_planes`` that the network is a plane's two
+    ``as_points`` says that queries are points, ``of_planes`` that the network is a plane's two
     supports (``Head``), ``proof_worthwhile`` of rays and boxes that a proof is expected to be worth its time.
     ``first_reserve`` is the share of the budget reserved for setting the threshold until a search has measured what
     that takes, and again where a proof is given up; the user's progress counts the rest as training.
@@ -323,8 +265,7 @@ class _Fit:
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
         self.method, self.problem, self.options = method, problem, options
         self.early = issubclass(method, MlpEarly)
-        self.monotone = issubclass(method, MonotoneMlp)
-        self.as_points = problem.domain.tested_as_point or self.monotone
+        self.as_points = problem.domain.tested_as_point
         self.of_planes = head_of(problem.query).outputs > 1
         self.lattice = lattice_of(problem, options.parts) if options.parts > 1 else None
         self.first_reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
@@ -348,10 +289,7 @@ class _Fit:
         waiting = list(MINE_POINTS_AT if self.as_points else MINE_REGIONS_AT)
 
         def mine(used: float) -> None:
-            if self.monotone:
-                if used >= MONOTONE_START:
-                    self._mine_points(trainer, used)
-            elif waiting and waiting[0] <= used < 1:
+            if waiting and waiting[0] <= used < 1:
                 waiting.pop(0)
                 (self._mine_points if self.as_points else self._mine_regions)(trainer, used)
 
@@ -378,11 +316,9 @@ class _Fit:
         # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to
         # make up for layers that are worse for it.
         exits_too = self.early and self.as_points
-        samples = samples_of(grid, domain, problem.seed, monotone=self.monotone)
+        samples = samples_of(grid, domain, problem.seed)
         samples.callers = problem.callers
-        if self.monotone:
-            return MonotoneTrainer(samples, *sizes)
-        if self.lattice is not None and self.as_points:
+        if self.lattice is not None:
             return LocalTrainer(samples, *sizes, options.octaves, lattice=self.lattice)
         return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
 
@@ -396,13 +332,10 @@ class _Fit:
         if not self.problem.grid.certified or self.options.statistical:
             return
         problem, clock, budget = self.problem, self.clock, self.options.budget
-        bounder = self._bounder(MonotoneMlp if self.monotone else Mlp, trainer.network.tensors())
+        bounder = self._bounder(Mlp, trainer.network.tensors())
         limit = {"budget": MINE_POINTS_SHARE * budget} if clock.timed else {"boxes": MINE_POINTS_BOXES}
         points = trainer.worst_points()
-        if self.monotone:  # often, and cheaply: where f is steep, samples alone make a network look better than it is
-            eps, limit = MONOTONE_EPS, {"boxes": MONOTONE_BOXES}
-        else:
-            eps = tolerance(bounder, problem, points)
+        eps = tolerance(bounder, problem, points)
         search = least_value(bounder, problem.grid, eps=eps, points=points, **limit)
         self.boxes += search.boxes
         trainer.add(search.worst)
@@ -456,14 +389,14 @@ class _Fit:
 
         The other parts are the exits as networks of their own, in order of depth.
         """
-        cls, sizes, depth = MonotoneMlp if self.monotone else Mlp, self.options.stored, len(self.options.hidden)
+        sizes, depth = self.options.stored, len(self.options.hidden)
         depths = range(depth - len(trainers) + 1, depth + 1)
         held = [part_of(tensors, sizes, depth) for depth in depths]
-        parts = [cls(self.problem.domain, *each, self.problem.device) for each in held]
+        parts = [Mlp(self.problem.domain, *each, self.problem.device) for each in held]
         if self.problem.target is not None:
             parts = [part.rebased(self.problem.target) for part in parts]
         if self.lattice is not None:
-            return (self._prove_local if self.as_points else self._decide_parts)(parts[0], trainers[0])
+            return self._prove_local(parts[0], trainers[0])
         for left, (part, trainer) in zip(range(len(parts), 0, -1), zip(parts, trainers, strict=True), strict=True):
             record = (self._prove if self.as_points or self.of_planes else self._decide)(part, trainer, left)
         if not self.early:
@@ -508,12 +441,6 @@ class _Fit:
             member, lattice, problem.grid, negatives, points=points, eps=eps, **self._limit(1)
         )
         return bounder, {"gap": eps, "thresholds": self.lattice.count, "complete": search.complete}
-
-    def _decide_parts(self, member: Mlp, trainer: LocalTrainer) -> tuple[Local, dict]:
-        (found, limits), tell = self._lowest(trainer, 1), partial(self.clock.tell, 1.0)
-        limits = limits or {"budget": LEAST_SHARE * self.options.budget}
-        bounder, record = decide_parts(member, self.lattice, self.problem, found.worst, limits, tell)
-        return bounder, record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
         """Let the adversary look for the least f, then the prover, if that is worth it or if the adversary ends early.

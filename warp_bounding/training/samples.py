@@ -859,55 +859,17 @@ class BoxSamples(RegionSamples):
         )
 
 
-# Samples of boxes for a network that is monotone in them: the positives that count are the points of the object.
-#
-# A point stands for the box ``low = high = p``, the least of all boxes that hold it (``bounders.mlp``).
-
-
-class LeastBoxes(LabelledRegions):
-    """Boxes of a grid, or of a shape without cells; a state is that of a point of the object.
-
-    Attributes:
-        points: Samples of points, the positives.
-    """
-
-    query = BoxSamples.query
-
-    def __init__(self, shape: Shape, domain: RegionDomain, generator: torch.Generator):
-        super().__init__(shape, domain, generator)
-        kind = PointSamples if isinstance(shape, Grid) else ShapePointSamples
-        self.points = kind(shape, domain.base, generator)
-        self.vertices, self.detail = self.points.vertices.repeat(2, 1), self.points.detail.repeat(2, 1)
-        self.positives, self.resolved, self.locate = self.points.positives, self.points.resolved, self.points.locate
-
-    def usual_negatives(self, count: int) -> torch.Tensor:
-        self.points.grow()
-        return super().usual_negatives(count)
-
-    def coordinates(self, state: torch.Tensor) -> torch.Tensor:
-        return self.points.coordinates(state).repeat(2, 1)
-
-    def move(self, state: torch.Tensor, slope: torch.Tensor, step: float | torch.Tensor) -> torch.Tensor:
-        low, high = slope.chunk(2)
-        return self.points.move(state, low + high, step)
-
-    def spread(self, state: torch.Tensor, most: int) -> torch.Tensor:
-        """Of states, lowest first, the first one in each cell, and no more than ``most``."""
-        return first_ones(state, self.points.cell(state), most)
-
-
 # of grids, and of shapes without cells
 SAMPLES: dict[str, type[Samples]] = {kind.query: kind for kind in (PointSamples, RaySamples, BoxSamples)}
 SHAPE_SAMPLES: dict[str, type[Samples]] = SAMPLES | {ShapePointSamples.query: ShapePointSamples}
 
 
-def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0, *, monotone: bool = False) -> Samples:
-    """The samples of a domain's kind of query, or for a monotone network; the seed is also that of its trainer."""
+def samples_of(shape: Shape, domain: Domain | RegionDomain, seed: int = 0) -> Samples:
+    """The samples of a domain's kind of query; the seed is also that of its trainer."""
     if domain.query not in SAMPLES:
         raise BounderError(f"training knows {', '.join(SAMPLES)}, got {domain.query}")
     kinds = SAMPLES if isinstance(shape, Grid) else SHAPE_SAMPLES
-    kind = LeastBoxes if monotone else kinds[domain.query]
-    return kind(shape, domain, torch.Generator().manual_seed(seed))
+    return kinds[domain.query](shape, domain, torch.Generator().manual_seed(seed))
 
 
 # What is given to every way of training: the object, its queries, and what the result may depend on.
