@@ -1,4 +1,4 @@
-"""``python -m paper table1|recipes|speed|proofs|figures``, in a clone of the repository.
+"""``python -m paper table1|speed|proofs|figures``, in a clone of the repository.
 
 Each command may be killed at any moment: the same one goes on where it stopped. Its exit status is 1 if something
 failed, a promise was found broken or the run was stopped, and 2 for bad input.
@@ -28,7 +28,6 @@ OPTIONS = {  # type and help; the type of a flag is bool
     "protocol": (str, "truth: exact, sampled as in the paper, or both"),
     "preset": (str, "budgets, samples, both protocols of the table: full, hour"),
     "budget": (str, "seconds of learned fits, as in 20,3d=40,3d-ray:mlp=90"),
-    "ways": (str, "among default,default+encoding,paper,paper+encoding (default: all)"),
     "device": (str, "Warp device (default: cpu)"),
     "devices": (str, "Warp devices, such as cpu,cuda:0 (default: all)"),
     "quick": (bool, "small forms: minutes"),
@@ -43,7 +42,6 @@ OPTIONS = {  # type and help; the type of a flag is bool
 }
 COMMANDS = {  # options that are required, in capitals, and others
     "table1": "OUTPUT data protocol preset budget columns methods objects seed samples length device",
-    "recipes": "DATA TABLE columns objects ways seconds samples seed",
     "speed": "OUTPUT DATA quick columns methods objects devices budget queries rounds samples seed",
     "proofs": "DATA TABLE OUTPUT columns methods objects positives samples seconds",
     "figures": "output quick data effort samples seed",

@@ -14,7 +14,6 @@ from paper import parametric, results
 from paper import table as t
 from paper.cells import Cell, about, fitted, missing, select
 from paper.drawing import INK, PALE, page_of
-from paper.recipes import section
 from paper.results import Rows, markdown
 from paper.table import Column, Variant, column_of, variant_of
 from warp_bounding.activations import DEFAULT
@@ -248,7 +247,7 @@ def page(folder: results.Folder) -> str:
     names = {n: {r["object"] for r in folder.rows if r["dimension"] == n} for n in t.HIDDEN}
     values = {"objects": ", ".join(f"{len(own)} in {n}D" for n, own in names.items() if own) or "none"}
     values |= {"sizes": ", ".join(f"{n}D {hidden}" for n, hidden in t.HIDDEN.items())}
-    values |= {"budget_text": t.budget_text(folder.settings), "recipes": section(folder.path), "compared": compared}
+    values |= {"budget_text": t.budget_text(folder.settings), "compared": compared}
     return folder.page(NAME, tables=tables or ["Nothing has been measured yet."], **values)
 
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from paper import proofs, recipes, results, speed, table1
+from paper import proofs, results, speed, table1
 from warp_bounding.errors import BoundingError
 
 ROOT = Path(__file__).parents[2]
-MODULES = (recipes, table1, proofs, speed)
+MODULES = (table1, proofs, speed)
 COLUMNS = ("object", "samples", "fp_rate", "certificate", "fit_seconds")
 DEFAULTS = {"samples": 100, "budget": 60.0, "seed": 0}
 ROW = {"object": 'a,"b"', "samples": 100, "fp_rate": 12.5, "certificate": "", "fit_seconds": None}
@@ -80,7 +80,7 @@ def test_failures_are_told_and_an_interruption_is_no_result(place, capsys):
     assert "interrupted: 2 of 4" in err
 
 
-@pytest.mark.parametrize("place", ["table1", "table1/recipes", "proofs", "speed", "speed/cuda"])
+@pytest.mark.parametrize("place", ["table1", "proofs", "speed", "speed/cuda"])
 def test_what_is_committed_is_read(place):
     name, module = next((m.__name__.rpartition(".")[2], m) for m in MODULES if m.__name__.rpartition(".")[2] in place)
     _, commands = results.read_settings(ROOT / "results" / place)

@@ -65,12 +65,9 @@ def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
     ):
         check_bad(*run(capsys, *words, "--out", tmp_path / "out"))
         assert not (tmp_path / "out").exists(), words
-    check_bad(*run(capsys, "recipes", "--data", data, "--table", tmp_path))
     assert run(capsys, *table, "--columns", "2d-point", "--methods", "aabb", "--samples", "100")[0] == 0
     before, pixels = contents(tmp_path / "out"), image.read_bytes()
     check_bad(*run(capsys, *table, "--samples", "200"))
-    for words in (("--ways", "magic"), ("--columns", "2d-plane"), ("--seconds", "0"), ("--objects", "cow")):
-        check_bad(*run(capsys, "recipes", "--data", data, "--table", tmp_path / "out", *words))
     assert contents(tmp_path / "out") == before
     assert image.read_bytes() == pixels
 

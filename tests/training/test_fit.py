@@ -1,7 +1,5 @@
 """``fit``: the loop runs, is repeatable, keeps its budget and survives Ctrl-C; cascades share their time."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from bounding_shapes import HIDDEN, few, object_points, report_of, shape
@@ -12,7 +10,6 @@ from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.queries.domain import Domain
 from warp_bounding.training import fit_network as networks
-from warp_bounding.training.recipes.paper import PaperTrainer
 
 
 @pytest.fixture(autouse=True)
@@ -26,13 +23,12 @@ def same(a, b) -> bool:
     return all(a.tensors[k].tobytes() == b.tensors[k].tobytes() for k in a.tensors) and a.threshold == b.threshold
 
 
-OPTIONS = [{"octaves": 2}, {"hidden": (13, 30, 5), "activation": "relu"}, {"recipe": "paper"}]
+OPTIONS = [{"octaves": 2}, {"hidden": (13, 30, 5), "activation": "relu"}]
 
 
-@pytest.mark.parametrize("options", OPTIONS, ids=("octaves", "three", "paper"))
-def test_it_runs(options, monkeypatch, rng):
+@pytest.mark.parametrize("options", OPTIONS, ids=("octaves", "three"))
+def test_it_runs(options, rng):
     """Others: ``tests/networks/test_activations.py``."""
-    monkeypatch.setattr(PaperTrainer, "paper", replace(PaperTrainer.paper, batch=2000, stage=2, stable=2))
     bounder, grid = few(**options), shape("blob")
     assert bounder.certificate.proven
     values = bounder.reference(bounder.domain.to_local(object_points(grid, rng, 1000)))
@@ -40,17 +36,14 @@ def test_it_runs(options, monkeypatch, rng):
     assert (queried >= bounder.threshold).all()
     record = bounder.info["training"]
     assert 1 <= record["steps"] <= 3
-    assert record["recipe"] == options.get("recipe", "default")
     assert bounder.info["indicator"] == grid.digest
     assert bounder.info["seed"] == 0
 
 
-@pytest.mark.parametrize("recipe", ["default", "paper"])
-def test_steps_are_repeatable_and_seeds_differ(recipe, monkeypatch):
-    monkeypatch.setattr(PaperTrainer, "paper", replace(PaperTrainer.paper, batch=2000, stage=2, stable=2))
-    first = few(recipe=recipe, steps=8, seed=4)
-    assert same(first, few(recipe=recipe, steps=8, seed=4))
-    assert not same(first, few(recipe=recipe, steps=8, seed=5))
+def test_steps_are_repeatable_and_seeds_differ():
+    first = few(steps=8, seed=4)
+    assert same(first, few(steps=8, seed=4))
+    assert not same(first, few(steps=8, seed=5))
 
 
 def test_the_budget_is_kept(ticking):
@@ -61,9 +54,7 @@ def test_the_budget_is_kept(ticking):
     assert bounder.info["training"]["steps"] > 10
 
 
-@pytest.mark.parametrize("recipe", ["default", "paper"])
-def test_an_interrupt_keeps_the_best_so_far(recipe, monkeypatch):
-    monkeypatch.setattr(PaperTrainer, "paper", replace(PaperTrainer.paper, batch=2000, note_every=1))
+def test_an_interrupt_keeps_the_best_so_far():
     calls = []
 
     def interrupt(done, total, note):
@@ -71,12 +62,12 @@ def test_an_interrupt_keeps_the_best_so_far(recipe, monkeypatch):
         if len(calls) == 2:
             raise KeyboardInterrupt
 
-    bounder = few(recipe=recipe, steps=10_000, progress=interrupt)
+    bounder = few(steps=10_000, progress=interrupt)
     assert bounder.certificate.proven
     assert bounder.info["training"]["interrupted"]
     assert bounder.info["training"]["steps"] < 10_000
     assert wb.certify(bounder, shape("blob")).proven
-    assert not same(bounder, few(recipe=recipe, steps=1))  # not the weights that it began with
+    assert not same(bounder, few(steps=1))  # not the weights that it began with
 
 
 def test_an_interrupt_before_the_first_step():

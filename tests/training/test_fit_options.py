@@ -24,7 +24,6 @@ WRONG = {
     "length": [0, -1, float("nan"), "long"],
     "octaves": [-1, 11, 1.5, True],
     "steps": [0, -1, 1.5, "many", True],
-    "recipe": ["soup", None],
     "device": ["cuda:99", "nowhere"],
     "resolution": [7, "fine"],
     "progress": [5, True],
@@ -46,7 +45,6 @@ TOLD = {
     "hidden": (8,),
     "activation": "relu",
     "octaves": 2,
-    "recipe": "paper",
     "k": 12,
     "leaves": 7,
     "steps": 3,
@@ -57,10 +55,10 @@ TAKEN = {
     ("kdop", "point"): {"k"},
     ("kdop", "ray"): {"k", "length"},
     ("bvh", "point"): {"leaves", "hidden"},
-    ("mlp", "point"): {"hidden", "activation", "octaves", "recipe", "parts", "steps"},
+    ("mlp", "point"): {"hidden", "activation", "octaves", "parts", "steps"},
     ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("mlp", "box"): {"hidden", "activation", "octaves", "recipe", "steps"},
-    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "recipe", "parts", "steps"},
+    ("mlp", "box"): {"hidden", "activation", "octaves", "steps"},
+    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "parts", "steps"},
 }
 
 

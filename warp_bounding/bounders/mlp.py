@@ -35,7 +35,6 @@ MOST_LAYERS = 8  # hidden layers
 # Neurons of all hidden layers: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D.
 MOST_NEURONS = 2048
 MOST_OCTAVES = 10  # octaves of the positional encoding
-RECIPES = ("default", "paper")  # names of the recipes of training
 
 
 def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
@@ -77,15 +76,12 @@ def _widths(text: str) -> tuple[int, ...]:
 
 check_octaves = whole("octaves", 0, MOST_OCTAVES)
 _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
-_NOT_PLANES = ("point", "ray", "box")  # networks of planes have neither an encoding nor the paper's recipe
+_NOT_PLANES = ("point", "ray", "box")  # networks of planes have no encoding
 MOST_PARTS = 65_536  # parts of a domain that have one each (``bounders.mlp``)
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
 OCTAVES = Option("octaves", 0, "of positional encoding, 0 for none", check_octaves, int, _NOT_PLANES)
-RECIPE = Option(
-    "recipe", RECIPES[0], "default, or paper for the paper's schedule", one_of("recipe", RECIPES), queries=_NOT_PLANES
-)
 PARTS = Option(
     "parts",
     1,
@@ -114,7 +110,7 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 
     method = "mlp"
     exact_on_cells = False
-    options = (HIDDEN, ACTIVATION, OCTAVES, RECIPE, PARTS, STATISTICAL, STEPS)
+    options = (HIDDEN, ACTIVATION, OCTAVES, PARTS, STATISTICAL, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod

@@ -21,12 +21,12 @@ network (``python -m paper speed`` measures it).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from warp_bounding.bounders.bounder import STEPS, Bounder
-from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, RECIPE, Mlp
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, GRANTED, Early, Lanes
 from warp_bounding.networks.bounds import BoxBounds
@@ -97,7 +97,7 @@ class MlpEarly(Mlp):
     """
 
     method = "mlp-early"
-    options = (HIDDEN, ACTIVATION, OCTAVES, replace(RECIPE, queries=("ray", "box")), STEPS)
+    options = (HIDDEN, ACTIVATION, OCTAVES, STEPS)
     source_kind = MlpEarlySource
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):

@@ -94,14 +94,14 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for ``bvh``, ``voxels`` and ``relu-field`` 64. For all else ``None`` is the
-            mesh itself. Grids bring their own.
+        resolution: Cells along a mesh's longest axis, where cells are laid: for ``bvh``, ``voxels`` and ``relu-field``
+            64. For all else ``None`` is the mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and
             *maybe* that it may not be; the bounder holds the shape's complement, and the proof is about that. For
             points, and of methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
         workload: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What
-            learns (networks by the default recipe, a ``learned-kdop``, a ``relu-field``) then has its false positives
+            learns (networks, a ``learned-kdop``, a ``relu-field``) then has its false positives
             elsewhere where it can; of planes their normals count. Every proof is about all queries all the same.
             Thousands of them should do; of more than a million some are taken.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
@@ -112,13 +112,13 @@ def fit(
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
             memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
             K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp. ``octaves``: of an mlp's
-            positional encoding; 0 for none, 4 as in the paper's supplement. ``recipe``: of an mlp's training,
-            ``"default"`` or ``"paper"``. ``parts``: of an mlp of points: about how many parts of the domain, each with
-            a threshold. ``statistical``: of an mlp of points, ``True`` for a threshold that samples attest, where a
-            proof in many dimensions leaves nothing; ``proven_share`` then reports how much of it is proven all the
-            same. ``metric``: of a distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more
-            coordinate. ``k``: half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``:
-            training steps instead of seconds; the result is then repeatable to the bit on the same machine.
+            positional encoding; 0 for none, 4 as in the paper's supplement. ``parts``: of an mlp of points: about how
+            many parts of the domain, each with a threshold. ``statistical``: of an mlp of points, ``True`` for a
+            threshold that samples attest, where a proof in many dimensions leaves nothing; ``proven_share`` then
+            reports how much of it is proven all the same. ``metric``: of a distance, where coordinate 0 of a grid is
+            time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a kdop or learned-kdop.
+            ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the result is then repeatable
+            to the bit on the same machine.
 
     Returns:
         The bounder, with ``certificate`` and ``info``. ``info["training"]`` reports how training went, with ``seconds``

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.mlp import RECIPES, Lattice, Local, Mlp
+from warp_bounding.bounders.mlp import Lattice, Local, Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import head_of
@@ -27,7 +27,6 @@ from warp_bounding.training.engine import Adversary, Clock, adversarial_minimum,
 from warp_bounding.training.recipes.default import LocalTrainer, NetworkTrainer
 from warp_bounding.training.recipes.early import EXIT_SHARE, EarlyTrainer, granted, train_exits
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
-from warp_bounding.training.recipes.paper import PaperTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
 from warp_bounding.training.samples import Problem, Trained, samples_of
 
@@ -43,7 +42,6 @@ class NetworkOptions:
     budget: float
     steps: int | None = None
     octaves: int = 0
-    recipe: str = RECIPES[0]
     parts: int = 1
     statistical: bool = False
 
@@ -211,8 +209,6 @@ def decide(
     return {"gap": gap} | {k: v for k, v in record.items() if k != "gap"}
 
 
-# By the recipe's name; exits, planes and occupancies have trainers of their own (``_trainer``).
-RECIPE_TRAINERS = dict(zip(RECIPES, (NetworkTrainer, PaperTrainer), strict=True))
 # Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, boxes and
 # rounds take the place of time, so that a fit is repeatable.
 
@@ -280,8 +276,7 @@ class _Fit:
         self.exit_seconds = EXIT_SHARE * exits * options.budget
         self.grant_seconds = min(GRANT_SECONDS * exits, EXIT_SHARE * options.budget)
         for_exits = self.exit_seconds + self.grant_seconds
-        mined = self.proof_worthwhile and RECIPE_TRAINERS[options.recipe].takes_positives
-        reserve = MINED_REGION_RESERVE if mined else self.first_reserve
+        reserve = MINED_REGION_RESERVE if self.proof_worthwhile else self.first_reserve
         clock.reserved = reserve * (1 + MORE_FOR_EXITS * self.early) * options.budget + for_exits
         if not self.method.conservative:
             clock.reserved = 0.0
@@ -303,7 +298,7 @@ class _Fit:
             bounder, record = self._settled(tensors | exits, [*exit_trainers, trainer])
         else:
             bounder, record = self._bounder(self.method, tensors).freeze(0.0, None), {}
-        own = {"recipe": options.recipe, "steps": clock.count, "interrupted": self.interrupted}
+        own = {"steps": clock.count, "interrupted": self.interrupted}
         return bounder, own | {"boxes_in_training": self.boxes} | record
 
     def _trainer(self) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
@@ -320,7 +315,7 @@ class _Fit:
         samples.callers = problem.callers
         if self.lattice is not None:
             return LocalTrainer(samples, *sizes, options.octaves, lattice=self.lattice)
-        return (EarlyTrainer if exits_too else RECIPE_TRAINERS[options.recipe])(samples, *sizes, options.octaves)
+        return (EarlyTrainer if exits_too else NetworkTrainer)(samples, *sizes, options.octaves)
 
     def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
         return method(self.problem.domain, tensors, self.options.stored, self.problem.device)

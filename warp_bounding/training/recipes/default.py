@@ -192,11 +192,8 @@ class NetworkTrainer:
     ``false_positives`` is the estimated share of all uniform samples, ``false_negatives`` that of the worst positives
     which the paper's threshold of 0 would deny, both of the last refresh; ``hard`` ``(S, K)`` are the states of the
     worst positives known. In each step the hidden layers' weights shrink by ``decay`` times the learning rate: smaller
-    weights bend f less, which shortens its proof. Where it ``takes_positives``, ``run`` heeds ``on_refresh``, and
-    ``fit_network`` reserves time for finding positives.
+    weights bend f less, which shortens its proof.
     """
-
-    takes_positives = True
 
     def __init__(
         self,
