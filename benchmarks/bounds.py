@@ -141,7 +141,7 @@ def problem(ndim: int, hidden: tuple[int, ...], activation: str, boxes: int) -> 
     rng = np.random.default_rng(0)
     center = rng.uniform(-0.9, 0.9, (boxes, ndim))
     radius = 10.0 ** rng.uniform(-2.5, -1, (boxes, 1)) * rng.uniform(0.3, 1.0, (boxes, ndim))
-    return Network(layers, activation, None, np.ones(ndim)), center - radius, center + radius
+    return Network(layers, activation, np.ones(ndim)), center - radius, center + radius
 
 
 def contest(network: Network, lower: np.ndarray, upper: np.ndarray) -> tuple[dict[str, Callable], float, float]:

@@ -59,7 +59,7 @@ def network(domain: Domain, activation: str, hidden: tuple[int, ...]):
     """A bounder with random weights of the usual size, and the same network as a torch module in object coordinates."""
     trained = TrainableNetwork(3, hidden, activation)
     trained.initialise(20.0 if activation == "sin" else 3.0, 3.0, torch.Generator().manual_seed(0))
-    sizes = {"hidden": list(hidden), "activation": activation, "octaves": 0}
+    sizes = {"hidden": list(hidden), "activation": activation}
     bounder = METHODS["mlp"](domain, trained.tensors(), sizes, "cpu").freeze(0.0, None)
     modules = []
     for index, layer in enumerate(trained.layers):

@@ -95,15 +95,14 @@ def teaser(parts):
 
 # --- progressive: one object, bounded by wider and wider networks
 
-SIZES = {"5-5": 10, "10-10": 15, "10-10-5": 20, "25-25-5": 30, "50-50": 40, "128-128-128 encoded": 120}  # seconds
+SIZES = {"5-5": 10, "10-10": 15, "10-10-5": 20, "25-25-5": 30, "50-50": 40, "128-128-128": 120}  # seconds
 QUICK_SIZES = {"5-5": 2, "10-10-5": 3, "25-25-5": 4, "50-50": 5}
 
 
 def progressive_parts(work, labels):
     parts = {"object": partial(work.shown, labels[0], 256)}
     for name, seconds in work.choose(SIZES, QUICK_SIZES).items():
-        own = {"hidden": hidden(name.split()[0]), "octaves": 4 if "encoded" in name else 0}
-        parts[name] = partial(work.measured, labels[0], seconds, 256, method="mlp", **own)
+        parts[name] = partial(work.measured, labels[0], seconds, 256, method="mlp", hidden=hidden(name))
     return parts
 
 

@@ -44,12 +44,11 @@ def test_round_trip(method, name, device, tmp_path, rng):
 
 
 def test_what_is_not_proven_is_kept_too(tmp_path):
-    bounder, path = random_mlp(shape("c"), octaves=1), tmp_path / "b.safetensors"
+    bounder, path = random_mlp(shape("c")), tmp_path / "b.safetensors"
     bounder.freeze(0.25, None).save(path)
     reference = wb.load(path, device="cpu")
     assert reference.certificate is None
     assert reference.threshold == np.float32(0.25)
-    assert reference.features == 4
 
 
 def test_every_flipped_byte_and_every_shorter_or_longer_file_is_noticed(saved, rng):
@@ -277,16 +276,16 @@ def test_regions_come_back(query, tmp_path, rng):
         check_round_trip(bounder, tmp_path / "b.safetensors", rng)
 
 
-def test_files_that_speak_of_moments(tmp_path):
-    """Older files say that there are none; a network that was given a ray's moments is refused."""
+def test_files_that_speak_of_moments_and_octaves(tmp_path):
+    """Older files say that there are none; a network that was given them is refused."""
     path, bounder = tmp_path / "b.safetensors", network("ray", "c")
     bounder.save(path)
-    rewrite(path, lambda d: d["sizes"].update(moments=False))
+    rewrite(path, lambda d: d["sizes"].update(moments=False, octaves=0))
     reference = wb.load(path, device="cpu")
     assert reference.data.parameters.numpy().tobytes() == bounder.data.parameters.numpy().tobytes()
-    for other in (True, "yes"):
-        rewrite(path, lambda d, other=other: d["sizes"].update(moments=other))
-        check_refused(path, "moments")
+    for name, other in (("moments", True), ("moments", "yes"), ("octaves", 4)):
+        rewrite(path, lambda d, name=name, other=other: d["sizes"].update({"moments": False, name: other}))
+        check_refused(path, name)
 
 
 def both(**fields):

@@ -29,7 +29,7 @@ POWERS = (-149, -100, -60, -24, -8, -2, -1, 1, 1, 2, 4, 8, 24, 60, 100)  # of tw
 HONEST = 0.97  # how often the description outside the domain is made to agree with it
 NUMBERS = [1e-45, -1e-40, 1e-38, 1.0, -1.0, 0.0, 0.5, 2.0**20, 1e30, 3e38, -(2.0**127), np.nan, np.inf, -np.inf]
 ODD = (True, None, 0, -0.0, -1, 1, 1.5, 1e308, 2**31, 2**63, "1", "", [], {}, [1], float("nan"), float("inf"))
-SCALED_WITH_V = ("directions", "normals", "matrix", "factor", "layers.0.weight", "encoding.weight")
+SCALED_WITH_V = ("directions", "normals", "matrix", "factor", "layers.0.weight")
 
 
 @dataclass

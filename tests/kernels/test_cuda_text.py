@@ -43,7 +43,7 @@ def test_regions_and_their_truth(query, tmp_path):
 
 @pytest.mark.parametrize("activation", ["sin", "relu", "tanh"])
 def test_networks(activation, tmp_path):
-    network = random_mlp(shape("blob"), (8,), activation, 1)
+    network = random_mlp(shape("blob"), (8,), activation)
     check_compiles(batch_kernel(network.source, False, True), tmp_path / "batch")
     check_compiles(bound_kernel(network.network.kernel_shape()), tmp_path / "bound")
 

@@ -81,11 +81,11 @@ def test_function_for_kernels_is_the_batch_kernel(method, device, rng):
     assert ask(bounder, object_points(grid, rng, 500)).all()
 
 
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-def test_networks_of_any_width(hidden, activation, octaves, device, rng):
+@pytest.mark.parametrize(("hidden", "activation"), NETWORKS)
+def test_networks_of_any_width(hidden, activation, device, rng):
     grid = shape("blob")
     x = domain_points(grid, 4000, rng)
-    bounder = random_mlp(grid, hidden, activation, octaves, device=device)
+    bounder = random_mlp(grid, hidden, activation, device=device)
     check_values(bounder, x)
     check_func(bounder, x)
 

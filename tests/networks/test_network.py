@@ -86,10 +86,10 @@ def test_bounds_hold_on_random_boxes(method, name, rng):
     check_bound(random_bounder(method, name), rng)
 
 
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-def test_bounds_of_networks_hold_on_random_boxes(hidden, activation, octaves, rng):
+@pytest.mark.parametrize(("hidden", "activation"), NETWORKS)
+def test_bounds_of_networks_hold_on_random_boxes(hidden, activation, rng):
     for seed in range(2):
-        check_bound(random_mlp(shape("blob"), hidden, activation, octaves, seed=seed, gain=6.0), rng, 200)
+        check_bound(random_mlp(shape("blob"), hidden, activation, seed=seed, gain=6.0), rng, 200)
 
 
 def test_noise_does_not_shrink_where_the_sine_falls():
@@ -100,7 +100,7 @@ def test_noise_does_not_shrink_where_the_sine_falls():
         np.array([[1.0, 1.0]], F32),
         np.array([np.pi / 2], F32),
     )  # at a top again: it falls as far as the noise goes
-    network = Network([first, second, third, (np.array([[1.0]], F32), np.zeros(1, F32))], "sin", None, np.ones(1))
+    network = Network([first, second, third, (np.array([[1.0]], F32), np.zeros(1, F32))], "sin", np.ones(1))
     for sign in (1, -1):
         network.output = type(network.output)(np.array([[float(sign)]]), np.zeros(1), "none")
         network.packed[-1] = sign
@@ -109,9 +109,9 @@ def test_noise_does_not_shrink_where_the_sine_falls():
             assert least >= bound(-np.ones((1, 1)), np.ones((1, 1)))[0][0]
 
 
-@pytest.mark.parametrize(("hidden", "activation", "octaves"), NETWORKS)
-def test_fused_kernel_is_its_reference(hidden, activation, octaves, rng):
-    network = random_mlp(shape("blob"), hidden, activation, octaves).network
+@pytest.mark.parametrize(("hidden", "activation"), NETWORKS)
+def test_fused_kernel_is_its_reference(hidden, activation, rng):
+    network = random_mlp(shape("blob"), hidden, activation).network
     lower = rng.uniform(-1, 0.8, (1000, 3))
     upper = np.minimum(lower + 10.0 ** rng.uniform(-12, 0, (1000, 1)), 1.0)
     bounds = network.bound(lower, upper)
@@ -131,13 +131,13 @@ def test_fused_kernel_is_its_reference(hidden, activation, octaves, rng):
 
 
 @pytest.mark.parametrize(
-    ("hidden", "activation", "octaves", "name"),
-    [((25, 25), "relu", 0, "c"), ((25, 25), "sin", 0, "blob"), ((13, 30, 5), "sin", 2, "blob")],
+    ("hidden", "activation", "name"),
+    [((25, 25), "relu", "c"), ((25, 25), "sin", "blob"), ((13, 30, 5), "sin", "blob")],
 )
-def test_corners_are_multilinear_bounds(hidden, activation, octaves, name, rng):
+def test_corners_are_multilinear_bounds(hidden, activation, name, rng):
     """f is nowhere under what is multilinear between the numbers at the corners, and they are no lower than the linear
     bound's."""
-    network = random_mlp(shape(name), hidden, activation, octaves, gain=4.0).network
+    network = random_mlp(shape(name), hidden, activation, gain=4.0).network
     limit, n = network.limit, len(network.limit)
     lower = rng.uniform(-limit, limit, (150, n))
     upper = np.minimum(lower + 10.0 ** rng.uniform(-6, 0, (150, 1)), limit)
@@ -159,22 +159,22 @@ def weights(*layers):
 
 def test_sines_beyond_the_certified_range_are_refused():
     with pytest.raises(BounderError, match="certified up to"):
-        Network(weights(([[5000.0]], [0.0]), ([[1.0]], [0.0])), "sin", None, np.ones(1))
+        Network(weights(([[5000.0]], [0.0]), ([[1.0]], [0.0])), "sin", np.ones(1))
     with pytest.raises(BounderError, match="certified up to"):
-        Network(weights(([[1.0]], [5000.0]), ([[1.0]], [0.0])), "sin", None, np.ones(1))
+        Network(weights(([[1.0]], [5000.0]), ([[1.0]], [0.0])), "sin", np.ones(1))
 
 
 def test_networks_that_could_overflow_are_refused():
     """The exact f is moderate here; in float32 the hidden sums would overflow, and -inf would be a false no."""
     layers = weights(([[1e30]], [0.0]), ([[-1e30], [1e30]], [0.0, 0.0]), ([[1e-37, 1e-37]], [0.0]))
     with pytest.raises(BounderError, match="overflow"):
-        Network(layers, "relu", None, np.ones(1))
+        Network(layers, "relu", np.ones(1))
 
 
 def test_weights_that_are_subnormal_are_paid_for():
     """A device that flushes the factor to zero loses 1e-39 * 1e8, far more than a subnormal result."""
     layers = weights(([[1e8]], [0.0]), ([[1e-39]], [0.0]))
-    assert Network(layers, "relu", None, np.ones(1)).rounding >= 1e-31
+    assert Network(layers, "relu", np.ones(1)).rounding >= 1e-31
 
 
 # --- true minima, in extended precision and rational arithmetic -------------------------------------------------------
@@ -255,7 +255,7 @@ def sums(exact, depth, x):
 def test_one_neuron_is_bounded_under_its_exact_minimum(activation, sign, scale, rng):
     """No sampling: a function is extreme at an interval's ends or where it is level."""
     one, none = np.ones((1, 1), F32), np.zeros(1, F32)
-    network = Network([(one, none), (sign * one, none)], activation, None, np.full(1, 200.0))
+    network = Network([(one, none), (sign * one, none)], activation, np.full(1, 200.0))
     z = np.where(rng.random(400) < 0.2, rng.choice([0.0, np.pi / 2, np.pi], 400), rng.normal(size=400) * 20)
     d = scale * rng.uniform(0.1, 1, 400)
     lower, upper = np.maximum(z - d, -200.0), np.minimum(z + d, 200.0)
@@ -271,7 +271,7 @@ def test_bounds_are_under_exact_minima_of_relu_networks(rng):
     for seed in range(2):
         layers = one_input(np.random.default_rng(seed), (6, 5), 3.0)
         layers[0][1][:2], layers[1][1][0] = -50.0, -50.0
-        network = Network(layers, "relu", None, np.full(1, 4.0))
+        network = Network(layers, "relu", np.full(1, 4.0))
         for width in (0.0, 1e-12, 0.1, 1.0, 8.0):
             lower, upper = boxes(rng, 3, np.full(1, 4.0), width)
             ours = lower_bounds(network, lower, upper)
@@ -289,7 +289,7 @@ def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     layers[0][0][:, 0] = np.array([4040.0, -4040.0, 3000.0, -3.0, 1.0, 4000.0], F32)
     layers[0][1][:] = np.array([50.0, -50.0, -1000.0, 4090.0, -4090.0, 0.0], F32)
     layers[1][1][:] = np.array([4080.0, -4080.0, 1.0, 0.0, 2000.0], F32)
-    network = Network(layers, "sin", None, np.ones(1))
+    network = Network(layers, "sin", np.ones(1))
     assert np.abs(layers[0][0]).max() + 50 > 0.99 * SINE_LIMIT
     lower, upper = boxes(rng, 40, np.ones(1), width)
     lower[0], upper[0] = 1.0 - width, 1.0

@@ -135,9 +135,9 @@ def random_layers(inputs: int, hidden: tuple[int, ...], rng) -> list[tuple[np.nd
 @pytest.mark.parametrize(("query", "hidden"), [("point", (24, 9)), ("ray", (9, 5))])
 def test_emulated_lanes_stay_within_the_rounding_bound(query, hidden):
     source, rng = MlpSource(3, False, hidden, "sin", query=query), np.random.default_rng(1)
-    layers = random_layers(source.raw, hidden, rng)
-    network = Network(layers, SINE.name, None, np.ones(source.raw))
-    v = rng.uniform(-1, 1, (32, source.raw)).astype(np.float32)
+    layers = random_layers(source.inputs, hidden, rng)
+    network = Network(layers, SINE.name, np.ones(source.inputs))
+    v = rng.uniform(-1, 1, (32, source.inputs)).astype(np.float32)
     numbers = tensor_cores.numbers(source, layers, np.float32(0.5))
     exact, bound = network(v), tensor_cores.rounding(network)
     for cuts in (0, 1):

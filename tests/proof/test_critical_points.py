@@ -26,8 +26,8 @@ from warp_bounding.rounding import round_down, round_up
 
 F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights
-    "point": ("blob", partial(random_mlp, activation="relu", octaves=2)),
-    "point-deep": ("blob", partial(random_mlp, hidden=(13, 30, 5), octaves=2)),
+    "point": ("blob", partial(random_mlp, activation="relu")),
+    "point-deep": ("blob", partial(random_mlp, hidden=(13, 30, 5))),
     "ray-sin": ("c", partial(random_network, "ray")),
     "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
     "box": ("c", partial(random_network, "box", activation="tanh")),
@@ -67,7 +67,7 @@ def reader(domain, coordinate: int, device: str) -> Mlp:
     if not plane:
         first[:, coordinate] = last[0] = 1, -1
     parts = {"0.weight": first, "0.bias": np.zeros(2, F32), "1.weight": last, "1.bias": F32([0, 2**20])[: 1 + plane]}
-    sizes = {"hidden": [2], "activation": "relu", "octaves": 0}
+    sizes = {"hidden": [2], "activation": "relu"}
     return Mlp(domain, {f"layers.{name}": tensor for name, tensor in parts.items()}, sizes, device)
 
 
@@ -85,12 +85,9 @@ def forward(bounder, v: np.ndarray, kind, affine, functions) -> np.ndarray:
     """The network from its tensors: numbers of type ``kind``, sums by ``affine``."""
     tensors, plane, v = bounder.tensors, bounder.query_kind == "plane", v.astype(kind)
     layers, h = [f"layers.{i}" for i in range(len(bounder.hidden) + 1)], v[:, : bounder.ndim] if plane else v
-    for name in ["encoding", *layers] if bounder.features else layers:
+    for name in layers:
         z = affine(h, tensors[f"{name}.weight"].astype(kind), tensors[f"{name}.bias"].astype(kind))
-        if name == "encoding":
-            h = np.concatenate([h, functions["sin"](z)], axis=1)
-        else:
-            h = z if name == layers[-1] else functions[bounder.activation](z)
+        h = z if name == layers[-1] else functions[bounder.activation](z)
     return np.minimum(h[:, 0] - v[:, -1], h[:, 1] + v[:, -1]) if plane else h[:, 0]
 
 

@@ -87,11 +87,11 @@ def test_a_network_at_the_very_edge_clears_no_corner_of_the_object(rng):
         assert not wb.proof.clear_segments(bounder, ends, corners).any()
 
 
-@pytest.mark.parametrize(("activation", "octaves"), [("relu", 0), ("sin", 2)])
-def test_bounds_along_segments_hold(activation, octaves, rng):
+@pytest.mark.parametrize("activation", ["relu", "sin"])
+def test_bounds_along_segments_hold(activation, rng):
     """Up to where a walk has come f stays under threshold + E, in float64: no slack."""
     grid = shape("blob")
-    bounder = random_mlp(grid, (9, 7), activation, octaves)
+    bounder = random_mlp(grid, (9, 7), activation)
     starts, ends = segments(grid, 2000, rng)
     middle = bounder.reference(bounder.domain.to_local((starts + ends) / 2))
     bounder.freeze(float(np.float32(np.quantile(middle, 0.7))), None)

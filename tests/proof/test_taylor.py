@@ -11,7 +11,6 @@ from plain_shapes import ball_at
 
 import warp_bounding as wb
 from warp_bounding import activations
-from warp_bounding.bounders.mlp import Mlp, encoding_tensors
 from warp_bounding.networks import bounds, network
 from warp_bounding.networks.bounds import PlainParametrization
 from warp_bounding.proof import check, search, settle, taylor
@@ -23,15 +22,12 @@ from warp_bounding.queries.region_domain import domain_of
 WIDTHS = (0.0, 1e-6, 1e-3, 0.02, 0.1, 0.5, 2.0)
 
 
-def random_network(rng, inputs, hidden, activation, octaves=0):
+def random_network(rng, inputs, hidden, activation):
     """Of random float32 weights, steep enough to bend in boxes of all ``WIDTHS``."""
-    widths = [inputs + (features := 2 * inputs * octaves), *hidden, 1]
+    widths = [inputs, *hidden, 1]
     layers = [(1.5 * rng.normal(size=(h, k)) / np.sqrt(k), rng.normal(size=h)) for k, h in pairwise(widths)]
-    encoding = (4.0 * rng.normal(size=(features, inputs)), rng.normal(size=features)) if octaves else None
     single = [tuple(np.float32(each) for each in layer) for layer in layers]
-    return network.Network(
-        single, activation, encoding and tuple(np.float32(e) for e in encoding), np.full(inputs, 1.0)
-    )
+    return network.Network(single, activation, np.full(inputs, 1.0))
 
 
 def samples(lower, upper, rng, count=64):
@@ -43,12 +39,11 @@ def samples(lower, upper, rng, count=64):
     return lower[:, None] + (upper - lower)[:, None] * share
 
 
-@pytest.mark.parametrize("octaves", [0, 2])
 @pytest.mark.parametrize("activation", ["sin", "tanh", "relu"])
 @pytest.mark.parametrize("ndim", [1, 3])
-def test_no_value_lies_under_a_bound(ndim, activation, octaves, rng):
+def test_no_value_lies_under_a_bound(ndim, activation, rng):
     """Nor under the linear one of the same kernel, nor under what is linear between its corners."""
-    f = random_network(rng, ndim, (12, 9, 7), activation, octaves)
+    f = random_network(rng, ndim, (12, 9, 7), activation)
     own, parametrization = taylor.TaylorBounds(), PlainParametrization(ndim)
     for width in WIDTHS:
         center = rng.uniform(-1, 1, (200, ndim))
@@ -101,33 +96,12 @@ def test_positives_of_charts_lie_above(query, rng):
     assert some.mean() > 0.5
 
 
-def test_what_passes_an_encoding_brings_its_noise():
-    """The sines that stand before an encoding's copied rows are not used: that one of them is flat tells nothing."""
-    grid = wb.load_shape(np.pad(np.ones((1, 1), bool), 1))
-    where = domain_of(grid, "ray", 3.0 * float(grid.upper[0] - grid.lower[0]) / 2)
-    weight, bias, turn = np.zeros((4, 12), np.float32), np.zeros(4, np.float32), np.pi / float(where.stretch[0])
-    weight[[0, 1, 2, 3], [2, 3, 0, 1]] = 32 * turn, turn, 1.5 * np.pi, 1.5 * np.pi
-    bias[:] = np.pi / 2, -np.pi / 2, -np.pi / 2, -np.pi / 2
-    tensors = encoding_tensors(4, 1) | {"layers.0.weight": weight, "layers.0.bias": bias}
-    tensors |= {"layers.1.weight": np.float32([[1, 2, 4, 4]]), "layers.1.bias": np.zeros(1, np.float32)}
-    bounder = Mlp(where, tensors, {"hidden": [4], "activation": "sin", "octaves": 1}, "cpu")
-    cover = COVERS["ray"].parametrized(bounder, grid)
-    z = np.zeros((20_001, 5))
-    z[:, 3], z[:, 4] = 1.0, np.linspace(-1, 1, len(z))  # rays that begin in the middle of the cell
-    least = bounder.reference(cover.coordinates(z)).min()
-    with taylor.taylor_bounds():
-        assert cover.bound(cover.lower, cover.upper).lower[0] <= least
-    bounder.freeze(float(least) + 1.0, None)
-    bounder.info = {"indicator": grid.digest, "margin": 0.0, "seed": 0}
-    assert wb.certify(bounder, grid).kind == "refuted"
-
-
 def test_losses_that_vanish_beside_a_large_bias_are_counted():
     """Each of 1024 losses is less than half of the last bit of f."""
     size, radius = 1024, 2.0**-10
     first = np.where(np.arange(size) % 2, -1.0, 1.0)[:, None]
     layers = [(first, np.zeros(size)), (np.full((1, size), 5.2e-11 * 4 / radius), np.ones(1)), (np.ones((1, 1)), [1e6])]
-    f = network.Network([tuple(np.float32(e) for e in layer) for layer in layers], "relu", None, np.ones(1))
+    f = network.Network([tuple(np.float32(e) for e in layer) for layer in layers], "relu", np.ones(1))
     found = taylor.TaylorBounds().boxes(
         f, PlainParametrization(1), np.array([[-radius]]), np.array([[radius]]), f.limit
     )

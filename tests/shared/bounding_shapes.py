@@ -8,7 +8,7 @@ import pytest
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
-from warp_bounding.bounders.mlp import Mlp, encoding_tensors
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.networks import tensor_cores
@@ -18,12 +18,12 @@ from warp_bounding.shapes import Grid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits
-NETWORKS = [  # of random weights, where sizes matter: below, on and above multiples of the lanes; activation, octaves
-    ((25, 25), "sin", 0),
-    ((25, 25), "relu", 0),
-    ((25, 25), "tanh", 0),
-    ((13, 30, 5), "sin", 2),
-    ((13, 30, 5), "relu", 0),
+NETWORKS = [  # of random weights, where sizes matter: below, on and above multiples of the lanes; activation
+    ((25, 25), "sin"),
+    ((25, 25), "relu"),
+    ((25, 25), "tanh"),
+    ((13, 30, 5), "sin"),
+    ((13, 30, 5), "relu"),
 ]
 
 
@@ -119,19 +119,18 @@ def few(name="blob", method="mlp", query="point", **options):
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
 
 
-def random_mlp(grid, hidden=HIDDEN, activation="sin", octaves=0, seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
+def random_mlp(grid, hidden=HIDDEN, activation="sin", seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
     """A network with random weights, steep enough to be hard to bound; not proven. It is one of points without a
     ``domain``, and has two outputs if that is of planes.
     """
     rng, domain = np.random.default_rng(seed), domain or Domain.of(grid)
     plane = domain.query == "plane"
-    inputs = domain.space_ndim if plane else domain.ndim * (1 + 2 * octaves)
-    tensors = dict(encoding_tensors(domain.ndim, octaves)) if octaves else {}
+    inputs, tensors = domain.space_ndim if plane else domain.ndim, {}
     for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, 1 + plane), strict=True)):
         scale = (gain if index == 0 else 1.5) / np.sqrt(k)
         tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) * scale).astype(np.float32)
         tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
-    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation, "octaves": octaves}, device)
+    return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation}, device)
 
 
 CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative)

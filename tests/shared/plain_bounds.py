@@ -74,15 +74,9 @@ def bound_plain(network: Network, lower: np.ndarray, upper: np.ndarray) -> tuple
 def _curve(layer: Layer, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> Curve:
     """What encloses a layer's outputs."""
     if layer.activation.bends:
-        curve = layer.activation.curve(z, near, radius, noise)
-    else:
-        slope, mean, _, spread = layer.activation.relax(z, near, radius + noise)
-        curve = Curve(mean, slope, *[np.zeros_like(z) for _ in range(4)], spread)
-    k = layer.linear
-    for part in curve:
-        part[:, :k] = 0.0
-    curve.slope[:, :k], curve.mean[:, :k] = 1.0, z[:, :k]
-    return curve
+        return layer.activation.curve(z, near, radius, noise)
+    slope, mean, _, spread = layer.activation.relax(z, near, radius + noise)
+    return Curve(mean, slope, *[np.zeros_like(z) for _ in range(4)], spread)
 
 
 def _straighten(cube: np.ndarray, tilt: np.ndarray, score: np.ndarray) -> np.ndarray:

@@ -16,28 +16,23 @@ from warp_bounding.training.engine import (
 )
 from warp_bounding.training.samples import samples_of
 
-NETWORKS = [  # coordinates, hidden, activation, octaves
-    (3, (7,), "sin", 0),
-    (3, (6, 5), "relu", 0),
-    (3, (6, 5, 4), "sin", 1),
-    (8, (6,), "tanh", 0),
+NETWORKS = [  # coordinates, hidden, activation
+    (3, (7,), "sin"),
+    (3, (6, 5), "relu"),
+    (3, (6, 5, 4), "sin"),
+    (8, (6,), "tanh"),
 ]
 
 
-def network_of(ndim, hidden, activation, octaves):
-    network = TrainableNetwork(ndim, hidden, activation, octaves)
+def network_of(ndim, hidden, activation):
+    network = TrainableNetwork(ndim, hidden, activation)
     network.initialise(3.0, 1.5, generator(0))
     return network
 
 
 def autograd(network, v, flat):
     """The same network, written plainly."""
-    h = v
-    if network.encoding:
-        h = torch.cat(
-            [h, torch.sin(network.encoding["encoding.weight"] @ v + network.encoding["encoding.bias"][:, None])]
-        )
-    layers = network.split(flat)
+    h, layers = v, network.split(flat)
     for layer in layers[:-1]:
         z = layer[:, :-1] @ h + layer[:, -1:]
         h = {"sin": torch.sin, "relu": torch.relu, "tanh": torch.tanh}[network.activation](z)
@@ -58,14 +53,14 @@ def test_gradients_are_autograds(sizes):
         assert torch.allclose(worker.forward(x, keep=True), f, atol=1e-5)
         worker.backward(x, weight.clone())
         assert torch.allclose(worker.gradient, flat.grad, atol=1e-4, rtol=1e-4)
-        assert torch.allclose(network.decode_gradient(worker.input_gradient(x), v), per_sample, atol=1e-4, rtol=1e-4)
+        assert torch.allclose(worker.input_gradient(x), per_sample, atol=1e-4, rtol=1e-4)
 
 
 @pytest.mark.parametrize("sizes", NETWORKS[:3])
 def test_the_bounder_is_the_trained_network(sizes):
     network, domain = network_of(*sizes), Domain.of(shape("blob"))
-    _, hidden, activation, octaves = sizes
-    mlp = Mlp(domain, network.tensors(), {"hidden": list(hidden), "activation": activation, "octaves": octaves}, "cpu")
+    _, hidden, activation = sizes
+    mlp = Mlp(domain, network.tensors(), {"hidden": list(hidden), "activation": activation}, "cpu")
     v = torch.rand(3, 200, generator=generator(1)) * 2 - 1
     f = autograd(network, v, network.flat).numpy()
     assert np.abs(mlp.reference(v.T.numpy()) - f).max() < 1e-4

@@ -22,7 +22,6 @@ WRONG = {
     "seed": [-1, 1.5, 2**63, None],
     "margin": [-1, float("nan"), float("inf"), "wide", None],
     "length": [0, -1, float("nan"), "long"],
-    "octaves": [-1, 11, 1.5, True],
     "steps": [0, -1, 1.5, "many", True],
     "device": ["cuda:99", "nowhere"],
     "resolution": [7, "fine"],
@@ -44,7 +43,6 @@ def test_wrong_options(option, value):
 TOLD = {
     "hidden": (8,),
     "activation": "relu",
-    "octaves": 2,
     "k": 12,
     "leaves": 7,
     "steps": 3,
@@ -55,10 +53,10 @@ TAKEN = {
     ("kdop", "point"): {"k"},
     ("kdop", "ray"): {"k", "length"},
     ("bvh", "point"): {"leaves", "hidden"},
-    ("mlp", "point"): {"hidden", "activation", "octaves", "parts", "steps"},
-    ("mlp-early", "point"): {"hidden", "activation", "octaves", "steps"},
-    ("mlp", "box"): {"hidden", "activation", "octaves", "steps"},
-    ("kdop+mlp", "point"): {"k", "hidden", "activation", "octaves", "parts", "steps"},
+    ("mlp", "point"): {"hidden", "activation", "parts", "steps"},
+    ("mlp-early", "point"): {"hidden", "activation", "steps"},
+    ("mlp", "box"): {"hidden", "activation", "steps"},
+    ("kdop+mlp", "point"): {"k", "hidden", "activation", "parts", "steps"},
 }
 
 

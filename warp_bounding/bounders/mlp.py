@@ -1,4 +1,4 @@
-"""``mlp``: a multi-layer perceptron (the paper's OurNN), any widths and activation, with an optional encoding.
+"""``mlp``: a multi-layer perceptron (the paper's OurNN), of any widths and activation.
 
 The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``Head``); the
 threshold on it is set by a proof or a search, not at a probability of one half.
@@ -34,19 +34,6 @@ LARGEST_WIDTH = 1024  # neurons of a hidden layer
 MOST_LAYERS = 8  # hidden layers
 # Neurons of all hidden layers: proofs hold some 64 (2 n + 7) bytes for each on a thread's stack, 2 MB in 4D.
 MOST_NEURONS = 2048
-MOST_OCTAVES = 10  # octaves of the positional encoding
-
-
-def encoding_tensors(ndim: int, octaves: int) -> dict[str, np.ndarray]:
-    """The positional encoding of the supplement: sine and cosine of ``2^i pi v`` for each coordinate and octave.
-
-    The features are ``sin(weight v + bias)``, ``encoding.weight`` ``(2 n octaves, n)``; 4 octaves give the supplement's
-    18 inputs in 2D.
-    """
-    frequency = np.float32(np.pi) * 2.0 ** np.arange(octaves)
-    weight = np.kron(np.kron(frequency[:, None], np.eye(ndim)), np.ones((2, 1)))
-    bias = np.tile([0.0, np.pi / 2], ndim * octaves)
-    return {"encoding.weight": weight.astype(np.float32), "encoding.bias": bias.astype(np.float32)}
 
 
 def check_hidden(hidden) -> tuple[int, ...]:
@@ -74,14 +61,11 @@ def _widths(text: str) -> tuple[int, ...]:
         raise BounderError(f"hidden must be widths such as 50,50, got {text!r}") from None
 
 
-check_octaves = whole("octaves", 0, MOST_OCTAVES)
 _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
-_NOT_PLANES = ("point", "ray", "box")  # networks of planes have no encoding
 MOST_PARTS = 65_536  # parts of a domain that have one each (``bounders.mlp``)
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
-OCTAVES = Option("octaves", 0, "of positional encoding, 0 for none", check_octaves, int, _NOT_PLANES)
 PARTS = Option(
     "parts",
     1,
@@ -103,14 +87,13 @@ STATISTICAL = Option(
 class Mlp(tensor_cores.TensorCores, Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
-    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes;
-    ``encoding.weight`` and ``encoding.bias`` where there is an encoding. Sizes: ``hidden``, ``activation``,
-    ``octaves``; older files also hold ``moments``, always false.
+    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes.
+    Sizes: ``hidden``, ``activation``; older files also hold ``octaves`` and ``moments``, 0 and false.
     """
 
     method = "mlp"
     exact_on_cells = False
-    options = (HIDDEN, ACTIVATION, OCTAVES, PARTS, STATISTICAL, STEPS)
+    options = (HIDDEN, ACTIVATION, PARTS, STATISTICAL, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod
@@ -124,22 +107,16 @@ class Mlp(tensor_cores.TensorCores, Bounder):
     def check_tensors(self) -> None:
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = activation_of(self.sizes.get("activation")).name
-        octaves = check_octaves(self.sizes.get("octaves", 0))
-        if (moments := self.sizes.get("moments", False)) is not False:
-            raise BounderError(f"networks that are given a ray's moments are no longer read, got moments={moments!r}")
+        for name in ("octaves", "moments"):
+            if self.sizes.get(name, 0) != 0:
+                raise BounderError(f"networks with {name}={self.sizes[name]!r} are no longer read; fit wider layers")
         self.head = head_of(self.query_kind)
-        raw = self.domain.ndim - self.head.offsets
-        self.features = 2 * raw * octaves
-        expected = self._shapes()
-        if octaves:
-            expected |= {"encoding.weight": (self.features, raw), "encoding.bias": (self.features,)}
-        self.expect_shapes(expected)
-        encoding = (self.tensors["encoding.weight"], self.tensors["encoding.bias"]) if octaves else None
-        limit = self.domain.limit[:raw].astype(np.float64)
-        self.networks = [Network(self._layers(o), self.activation, encoding, limit) for o in range(self.head.outputs)]
+        self.expect_shapes(self._shapes())
+        limit = self.domain.limit[: self.source.inputs].astype(np.float64)
+        self.networks = [Network(self._layers(o), self.activation, limit) for o in range(self.head.outputs)]
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the tensors, but for the encoding."""
+        """Shapes of the tensors."""
         shapes, sizes = {}, (self.source.inputs, *self.hidden, self.head.outputs)
         for i, (k, h) in enumerate(pairwise(sizes)):
             shapes |= {f"layers.{i}.weight": (h, k), f"layers.{i}.bias": (h,)}
@@ -154,12 +131,10 @@ class Mlp(tensor_cores.TensorCores, Bounder):
         """The same network of points for another domain: its first layer takes the map between both, in float32.
 
         It is not proven: its threshold is this one's, and it has no certificate. Raises ``BounderError`` for networks
-        of regions, and those with an encoding of this domain's coordinates.
+        of regions.
         """
-        if not self.domain.tested_as_point or self.features:
-            raise BounderError(
-                f"{self.method}: only a network of points without an encoding can be asked in another domain"
-            )
+        if not self.domain.tested_as_point:
+            raise BounderError(f"{self.method}: only a network of points can be asked in another domain")
         own, scale = self.domain, self.domain.scale.astype(np.float64)
         weight, bias = (self.tensors[f"layers.0.{name}"].astype(np.float64) for name in ("weight", "bias"))
         shift = (domain.center.astype(np.float64) - own.center) * scale
@@ -177,13 +152,10 @@ class Mlp(tensor_cores.TensorCores, Bounder):
 
     @property
     def source(self) -> MlpSource:
-        return self.source_of(self.source_kind, self.hidden, self.activation, self.features)
+        return self.source_of(self.source_kind, self.hidden, self.activation)
 
     def weights(self) -> np.ndarray:
-        parts = []
-        if self.features:
-            parts += [self.tensors["encoding.bias"], self.tensors["encoding.weight"].reshape(-1)]
-        parts += [layer_numbers(weight, bias) for weight, bias in self._layers()[:-1]]
+        parts = [layer_numbers(weight, bias) for weight, bias in self._layers()[:-1]]
         last = f"layers.{len(self.hidden)}"
         return np.concatenate([*parts, head_numbers(self.tensors[f"{last}.weight"], self.tensors[f"{last}.bias"])])
 
@@ -523,7 +495,7 @@ class Occupancy(Mlp):
 
     method = "occupancy"
     conservative = False
-    options = (HIDDEN, ACTIVATION, OCTAVES, STEPS)
+    options = (HIDDEN, ACTIVATION, STEPS)
 
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Occupancy":
         """Set the threshold; raises ``BounderError`` for a certificate, which this bounder cannot hold."""

@@ -120,8 +120,8 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         self.lattice = self._check_lattice(shape) if shape else None
         limit = self.domain.limit.astype(np.float64)
         *layers, (weight, bias) = self._layers()
-        self.network = Network([*layers, (weight, bias)], self.activation, None, limit)
-        self._negative = Network([*layers, (-weight, -bias)], self.activation, None, limit)
+        self.network = Network([*layers, (weight, bias)], self.activation, limit)
+        self._negative = Network([*layers, (-weight, -bias)], self.activation, limit)
 
     def _check_lattice(self, shape: list[int]) -> Lattice:
         lattice, step = Lattice.stored(self.tensors["edges"], shape, self.method), float(self.tensors["step"][0])

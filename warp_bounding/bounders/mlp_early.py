@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.bounders.bounder import STEPS, Bounder
-from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, OCTAVES, Mlp
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, GRANTED, Early, Lanes
 from warp_bounding.networks.bounds import BoxBounds
@@ -68,7 +68,7 @@ class MlpEarlySource(MlpSource):
         """The single query goes through the exits here; lanes have been through them by ``early``."""
         if lanes.vector:
             return super().body(lanes)
-        lines = [self.encode(lanes)]
+        lines = [self.begin(lanes)]
         for index, (place, grant) in enumerate(zip(self.exits, self.grants, strict=True)):
             lines.append(self.layer(index, place + 1, keep=True, sure_at=grant + 1))
             lines.append(f"if (f < w[{place}]) {{ f = {literal(DENIED)}; }}")
@@ -77,7 +77,7 @@ class MlpEarlySource(MlpSource):
         return "\n".join([*lines, "}" * len(self.exits)])
 
     def function_body(self) -> str:
-        lines = [f"float answer = {literal(DENIED)}; do {{", self.function_encode()]
+        lines = [f"float answer = {literal(DENIED)}; do {{", self.inputs_text("float")]
         for index, (place, grant) in enumerate(zip(self.exits, self.grants, strict=True)):
             lines.append(self.function_layer(index))
             lines += ["{", self.function_output(index, place + 1), f"if (f < w[{place}]) break; }}"]
@@ -97,7 +97,7 @@ class MlpEarly(Mlp):
     """
 
     method = "mlp-early"
-    options = (HIDDEN, ACTIVATION, OCTAVES, STEPS)
+    options = (HIDDEN, ACTIVATION, STEPS)
     source_kind = MlpEarlySource
 
     def __init__(self, domain, tensors: dict[str, np.ndarray], sizes: dict, device: str | None = None):
@@ -227,7 +227,7 @@ def bounds_of_all(firsts: Sequence[Bounder], bounds: BoxBounds, lower, upper, re
 
 def part_of(tensors: dict[str, np.ndarray], sizes: dict, depth: int) -> tuple[dict[str, np.ndarray], dict]:
     """Tensors and sizes of the ``Mlp`` of the first ``depth`` hidden layers and the output behind them."""
-    held, hidden = _shared(tensors), list(sizes["hidden"])
+    held, hidden = {}, list(sizes["hidden"])
     for index in range(depth + 1):
         role = f"exits.{depth - 1}" if index == depth < len(hidden) else f"layers.{index}"
         for name in ("weight", "bias"):
@@ -240,11 +240,6 @@ def grant_of(tensors: dict[str, np.ndarray], sizes: dict, index: int) -> tuple[d
     held, own = part_of(tensors, sizes, index + 1)
     grant = {f"layers.{index + 1}.{name}": tensors[f"grants.{index}.{name}"] for name in ("weight", "bias")}
     return held | grant, own
-
-
-def _shared(tensors: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """The tensors that belong to no layer, exit or grant: those of the encoding."""
-    return {name: value for name, value in tensors.items() if not name.startswith(("layers.", "exits.", "grants."))}
 
 
 def _same(a: Mlp, b: Mlp) -> bool:

@@ -3,8 +3,7 @@
 // part begins behind a line with three slashes.
 //
 // Names in capitals are constants that are written in front of a part, or other parts. The network's chart has K inputs
-// and C columns, and Z numbers a box. A layer has INPUTS and NEURONS, of which the LINEAR leading ones are passed
-// through, and its numbers begin at the index AT of w. The polynomial's constant is least, its other entries tilt,
+// and C columns, and Z numbers a box. A layer has INPUTS and NEURONS, and its numbers begin at the index AT of w. The polynomial's constant is least, its other entries tilt,
 // square and cubes (BACKWARDS); slopes of the inputs are gradient, and of the columns, tilt included, slope.
 
 /// CPU
@@ -71,7 +70,6 @@ if (BENT) {
 V s, m, e, lean = zero, k2 = zero, k3 = zero, k4 = zero;
 const V at = z + middle;
 RELAX
-if (j < LINEAR) { s = zero + 1.0; m = at; e = lean = k2 = k3 = k4 = zero; }
 e += pad;
 own.mean[j] = m - s * middle; own.slope[j] = s; own.spread[j] = e; own.width[j] = near + radius + from + pad;
 own.near[j] = near; own.lean[j] = lean - k4 * middle; own.bend[j] = k2; own.cube[j] = k3; own.cross[j] = k4;
@@ -210,7 +208,7 @@ for (int t = 0; t < BLOCKS; ++t) {
         for (int r = 0; r < R; ++r) sums[r] += m * weight[r * INPUTS + i];
     }
 #pragma unroll
-    for (int r = 0; r < R; ++r) { const int j = FIRST + t * R + r; y[j] = j < LINEAR ? sums[r] : act(sums[r]); }
+    for (int r = 0; r < R; ++r) y[FIRST + t * R + r] = act(sums[r]);
 }
 
 /// AXIS:

@@ -1,18 +1,7 @@
 // A network in float32, for networks/inference.py.
 
-/// ENCODE:
-/// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``), and T is V
-/// or float. From the coordinates v to the inputs h0: themselves, and the FEATURES sines of the positional encoding;
-/// its biases stand first, then N weights of each feature.
-for (int k = 0; k < N; ++k) h0[k] = v[k];
-for (int j = 0; j < FEATURES; ++j) {
-    const float* c = w + FEATURES + j * N;
-    T z = v[0] * c[0];
-    for (int k = 1; k < N; ++k) z += v[k] * c[k];
-    h0[N + j] = sine(z + w[j]);
-}
-
 /// QUERIES_IN_LANES:
+/// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``). Here are
 /// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
 /// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
 /// at OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.

@@ -2,8 +2,7 @@
 // the box's centre forwards, and backwards what they leave out, times bounds of f's derivatives. Nothing of it is in
 // bounds.h but the types of lanes.
 //
-// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS, of which the LINEAR
-// leading ones are passed through; its numbers begin at the index AT of w. C columns of zeta, |zeta| <= 1; SQUARES
+// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS; its numbers begin at the index AT of w. C columns of zeta, |zeta| <= 1; SQUARES
 // entries k <= m of a form.
 
 /// SINE:
@@ -141,13 +140,12 @@ for (int j = 0; j < NEURONS; ++j) {
     if (BENDS) {
         const auto plain = !(rest + turned + (own.d[j] + absolute(s2) * near) * off <= spread);  // NaN too
         own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j];
-        if (j >= LINEAR) off = plain ? zero : off;
+        off = plain ? zero : off;
         a0 = plain ? flat : a0; a1 = plain ? zero : a1; a2 = plain ? zero : a2; a3 = plain ? zero : a3;
         s2 = plain ? zero : s2; turned = plain ? zero : turned; rest = plain ? spread : rest;
     } else {
         rest = spread;
     }
-    if (j < LINEAR) { a0 = z; own.slope[j] = a1 = zero + 1.0; own.d[j] = s2 = a2 = a3 = rest = turned = zero; }
     rest = rest * (1 + 1e-9) + pad; turned *= 1 + 1e-9;
     own.near[j] = near; own.s2[j] = s2; own.a2[j] = a2; own.a3[j] = a3; own.rest[j] = rest; own.turned[j] = turned;
     own.off[0][j] = off * (1 + 1e-9) + rest + turned;
@@ -281,7 +279,7 @@ for (int j = 0; j < NEURONS; ++j) {
     const double* x = w + AT + NEURONS + j * INPUTS;
     V z = zero + w[AT + j];
     for (int i = 0; i < INPUTS; ++i) z += y[i] * x[i];
-    to[j] = j < LINEAR ? z : ACT(z, nullptr);
+    to[j] = ACT(z, nullptr);
 }
 
 /// STORE

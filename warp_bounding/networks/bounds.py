@@ -179,13 +179,13 @@ REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AV
 
 @dataclass(frozen=True)
 class NetworkShape:
-    """What a kernel of bounds is compiled for: of each hidden layer inputs, neurons, activation, leading linear rows.
+    """What a kernel of bounds is compiled for: of each hidden layer inputs, neurons, activation.
 
     ``ndim`` are the inputs K of the network, as many as the parametrization has: the length of v, so 2n of rays.
     """
 
     ndim: int
-    layers: tuple[tuple[int, int, str, int], ...]
+    layers: tuple[tuple[int, int, str], ...]
     parametrization: Parametrization
 
     name = "network_bound"
@@ -226,10 +226,10 @@ def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False)
     """
     parametrization, layers, places = shape.parametrization, list(enumerate(shape.layers)), [0]
     # Where each layer begins in ``w``: its biases, its weights and their absolute values (``Network.packed``).
-    for inputs, neurons, _, _ in shape.layers:
+    for inputs, neurons, _ in shape.layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
     squares = [(k, m) for k in range(parametrization.columns) for m in range(k, parametrization.columns)]
-    n, bends = parametrization.columns, any(activation_of(name).bends for _, _, name, _ in shape.layers)
+    n, bends = parametrization.columns, any(activation_of(name).bends for _, _, name in shape.layers)
     sizes = constants(
         K=shape.ndim, C=n, Z=parametrization.size, NOISY=int(parametrization.noisy), MULTILINEAR=int(multilinear)
     )
@@ -303,19 +303,19 @@ def _lean(parametrization: Parametrization) -> str:
 
 
 def _layer(shape: NetworkShape, index: int, at: int) -> str:
-    inputs, neurons, name, linear = shape.layers[index]
+    inputs, neurons, name = shape.layers[index]
     activation, bent = activation_of(name), _bent(shape, index)
     passes = index + 1 < len(shape.layers) and _bent(shape, index + 1)
     flags = {"BENDS": int(activation.bends), "BENT": int(bent), "PASSES": int(passes)}
-    own = constants(INPUTS=inputs, NEURONS=neurons, LINEAR=linear, AT=at, **flags)
+    own = constants(INPUTS=inputs, NEURONS=neurons, AT=at, **flags)
     room = "INFINITY" if activation.limit == np.inf else constant(ROOM)
-    unused = " ".join(f"(void){each};" for each in ("LINEAR", "AT", "ROOM", *flags))
+    unused = " ".join(f"(void){each};" for each in ("AT", "ROOM", *flags))
     return f"{own} const double ROOM = {room}; {unused} auto& own = layer{index}; (void)own;"
 
 
 def _bent(shape: NetworkShape, index: int) -> bool:
     """Whether the arguments of a layer have parabolas in them."""
-    return any(activation_of(name).bends for _, _, name, _ in shape.layers[:index])
+    return any(activation_of(name).bends for _, _, name in shape.layers[:index])
 
 
 def _forwards(shape: NetworkShape, index: int, at: int) -> str:
@@ -323,7 +323,7 @@ def _forwards(shape: NetworkShape, index: int, at: int) -> str:
 
     From those of the layer below or from the parametrization's.
     """
-    parametrization, (_, neurons, activation, _) = shape.parametrization, shape.layers[index]
+    parametrization, (_, neurons, activation) = shape.parametrization, shape.layers[index]
     if index == 0:
         generators = " ".join(
             f"g[{k}] = {_product(parametrization, k, 'x[{i}]')};" for k in range(parametrization.columns)
@@ -358,7 +358,7 @@ V* to = {to}; const V* back = back{index};
 
 def _values(shape: NetworkShape, index: int, at: int) -> str:
     """From the activations ``y`` of the layer below, or the inputs, to those of a hidden layer."""
-    _, neurons, activation, _ = shape.layers[index]
+    _, neurons, activation = shape.layers[index]
     return f"""
 V y{index}[{neurons}]; {{
 {_layer(shape, index, at)}

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from warp_bounding.activations import SINE, activation_of, constants
+from warp_bounding.activations import activation_of, constants
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.network import Head, head_of
 from warp_bounding.runtime.native import native_text
@@ -28,14 +28,13 @@ ALIGN = 16  # floats of one AVX-512 vector, a line of cache: where rows of the c
 class MlpSource(Source):
     """Native code of a network, for its sizes.
 
-    Numbers: the encoding's biases and weights, then per layer the copy for queries in lanes (``_QUERIES_IN_LANES``:
+    Numbers: per layer the copy for queries in lanes (``_QUERIES_IN_LANES``:
     blocks of J neurons, input by input) and the one for neurons in lanes (``_NEURONS_IN_LANES``: a row of all neurons
     for each input), and for each output its bias and its weights.
     """
 
     hidden: tuple[int, ...]
     activation: str
-    features: int = 0  # sine features of the positional encoding
 
     packed = True
     exits: ClassVar[tuple[int, ...]] = ()
@@ -48,14 +47,9 @@ class MlpSource(Source):
         return head_of(self.query)
 
     @property
-    def raw(self) -> int:
+    def inputs(self) -> int:
         """Coordinates of v that the network takes: all but a plane's offset, with which its outputs are compared."""
         return self.coordinates - self.head.offsets
-
-    @property
-    def inputs(self) -> int:
-        """Numbers that enter the first layer: these coordinates, and the sine features of them."""
-        return self.raw + self.features
 
     @property
     def layers(self) -> list[tuple[int, int]]:
@@ -65,7 +59,7 @@ class MlpSource(Source):
     @property
     def places(self) -> list[int]:
         """Index in the numbers at which each layer's copies begin, and last that of the output."""
-        places = [self.features * (self.raw + 1)]
+        places = [0]
         for k, h in self.layers:
             places.append(places[-1] + h * (k + 1) + _filling(h, k) + _row(h) * (k + 1))
         return places
@@ -93,12 +87,16 @@ class MlpSource(Source):
         last = depth - 1
         layers = [self.layer(index, None, keep=True) for index in range(last)]
         layers.append(self.layer(last, output_at, keep=False, sure_at=sure_at))
-        return "\n".join([self.encode(lanes), *layers])
+        return "\n".join([self.begin(lanes), *layers])
 
-    def encode(self, lanes: Lanes) -> str:
+    def begin(self, lanes: Lanes) -> str:
         """C statements from ``v`` to the inputs ``h0``, and the activation that the layers behind call."""
         act = _function("act", activation_of(self.activation), lanes)
-        return "\n".join([act, "const V none = {}; V other = none, sure, surer;", self._inputs(lanes, "V")])
+        return "\n".join([act, "const V none = {}; V other = none, sure, surer;", self.inputs_text("V")])
+
+    def inputs_text(self, type_: str) -> str:
+        """C statements from ``v`` to the inputs ``h0``, numbers of this type."""
+        return f"{type_} h0[{self.inputs}]; for (int k = 0; k < {self.inputs}; ++k) h0[k] = v[k];"
 
     def layer(self, index: int, output_at: int | None, *, keep: bool, sure_at: int | None = None) -> str:
         """C statements of a hidden layer: ``keep`` its activations, add them up to ``f`` by an output, or both.
@@ -137,11 +135,7 @@ class MlpSource(Source):
     def function_body(self) -> str:
         last = len(self.hidden) - 1
         layers = (self.function_layer(index) for index in range(last + 1))
-        return "\n".join([self.function_encode(), *layers, self.function_output(last, self.places[-1])])
-
-    def function_encode(self) -> str:
-        """C statements from ``v`` to the inputs ``float h0[]``."""
-        return self._inputs(Lanes(vector=False), "float")
+        return "\n".join([self.inputs_text("float"), *layers, self.function_output(last, self.places[-1])])
 
     def function_layer(self, index: int) -> str:
         """One hidden layer, a register of neurons at a time."""
@@ -161,11 +155,6 @@ class MlpSource(Source):
             lines += ["{", own, names, text.SUM, "}"]
         return "\n".join([*lines, self._finish()])
 
-    def _inputs(self, lanes: Lanes, type_: str) -> str:
-        sizes = constants(N=self.raw, FEATURES=self.features)
-        sine = _function("sine", SINE, lanes, type_) if self.features else f"auto sine = []({type_} z) {{ return z; }};"
-        return "\n".join([f"{type_} h0[{self.inputs}]; {{ typedef {type_} T;", sizes, sine, text.ENCODE, "}"])
-
     def _finish(self, first: str = "f", second: str = "other") -> str:
         """C statements that make of two outputs, under these names, the first."""
         if not self.head.finish:
@@ -174,10 +163,9 @@ class MlpSource(Source):
         return f"{{ {constants(OFFSET=self.coordinates - 1)} {names} {self.head.finish} }}"
 
 
-def _function(name: str, activation, lanes: Lanes, type_: str = "V") -> str:
+def _function(name: str, activation, lanes: Lanes) -> str:
     """A C lambda of an activation."""
-    own = "" if type_ == "V" else f"typedef {type_} V;"
-    return f"auto {name} = [&]({type_} z) {{ {own} V h; {activation.statement(lanes, 'h', 'z')} return h; }};"
+    return f"auto {name} = [&](V z) {{ V h; {activation.statement(lanes, 'h', 'z')} return h; }};"
 
 
 def padded(neurons: int) -> int:

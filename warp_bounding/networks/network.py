@@ -1,8 +1,6 @@
 """A small network as numbers: layers, their exact evaluation, and bounds over boxes.
 
-A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the output is linear. An optional positional
-encoding puts fixed features ``[v, sin(F v + g)]`` before the first layer: a sine layer whose first rows pass ``v``
-through.
+A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the output is linear.
 
 Bounds enclose the activation of each neuron at ``z + x``, ``x = l + p + y``, where l is linear in the box's
 coordinates, p is the quadratic form that the parabolas of the layers below make together, and y is all the rest: by a
@@ -22,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.activations import SINE, Activation, activation_of
+from warp_bounding.activations import Activation, activation_of
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.bounds import (
     BoxBounds,
@@ -49,13 +47,11 @@ class Layer:
         weight: ``(H, K)``.
         bias: ``(H,)``.
         activation: ``None`` for the output.
-        linear: Number of leading rows to which no activation is applied.
     """
 
     weight: np.ndarray
     bias: np.ndarray
     activation: Activation | None
-    linear: int = 0
 
 
 class Rounding(NamedTuple):
@@ -114,17 +110,14 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
         padding.append(gamma(operations, UNIT64) * ((2.0 if bent else 1.0) * float(chain.max()) + 4.0))
         if (activation := layer.activation) is None:
             break
-        argument = float((largest + rounding)[layer.linear :].max(initial=0.0))
+        argument = float((largest + rounding).max(initial=0.0))
         if not argument <= activation.limit:
-            where = "encoding" if layer.linear else f"hidden layer {index}"
             raise BounderError(
-                f"{where}: arguments of {activation.name} reach {argument:.3g}, it is certified up to "
+                f"hidden layer {index}: arguments of {activation.name} reach {argument:.3g}, it is certified up to "
                 f"{activation.limit}"
             )
         error = rounding + activation.error(argument)
         size = largest if activation.largest is None else np.full_like(largest, activation.largest)
-        error[: layer.linear] = 0.0  # copied, not computed
-        size[: layer.linear] = limit[: layer.linear]
     # 1e-6 is far above what this function itself rounds in float64.
     return Rounding(padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6))
 
@@ -135,7 +128,6 @@ class Network:
     Args:
         layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output.
         activation: A name in ``ACTIVATIONS``, of the hidden layers.
-        encoding: ``(weight (F, n), bias (F,))`` of the positional encoding, or ``None``.
         limit: ``(n,)``, largest ``|v|`` that is ever evaluated.
 
     Attributes:
@@ -150,15 +142,9 @@ class Network:
         BounderError: If an argument can leave the range in which the kernels' activation is certified.
     """
 
-    def __init__(self, layers, activation: str, encoding, limit: np.ndarray):
-        stack = []
-        if encoding is not None:
-            n = len(limit)
-            weight = np.concatenate([np.eye(n), np.asarray(encoding[0], dtype=np.float64)])
-            bias = np.concatenate([np.zeros(n), np.asarray(encoding[1], dtype=np.float64)])
-            stack.append(Layer(weight, bias, SINE, linear=n))
-        for weight, bias in layers[:-1]:
-            stack.append(Layer(weight.astype(np.float64), bias.astype(np.float64), activation_of(activation)))
+    def __init__(self, layers, activation: str, limit: np.ndarray):
+        kept = activation_of(activation)
+        stack = [Layer(weight.astype(np.float64), bias.astype(np.float64), kept) for weight, bias in layers[:-1]]
         output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
         self._measure(stack, output, limit)
 
@@ -186,7 +172,7 @@ class Network:
 
         Boxes are of the inputs themselves if there is no parametrization.
         """
-        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name, x.linear) for x in self.hidden)
+        layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name) for x in self.hidden)
         return NetworkShape(len(self.limit), layers, parametrization or PlainParametrization(len(self.limit)))
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
@@ -197,9 +183,7 @@ class Network:
         """``(N, H)`` float64, of the last hidden layer."""
         h = np.asarray(v, dtype=np.float64)
         for layer in self.hidden:
-            z = h @ layer.weight.T + layer.bias
-            h = layer.activation.value(z)
-            h[:, : layer.linear] = z[:, : layer.linear]
+            h = layer.activation.value(h @ layer.weight.T + layer.bias)
         return h
 
     def padding_for(self, limit: np.ndarray, terms: np.ndarray | None = None) -> np.ndarray:

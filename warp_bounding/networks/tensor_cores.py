@@ -54,12 +54,10 @@ TOOLS = PARTS.TOOLS
 
 
 def fits(source: "MlpSource") -> bool:
-    """Whether a network's sizes are ones that the text is for: sines of moderate widths, one output, no encoding."""
+    """Whether a network's sizes are ones that the text is for: sines of moderate widths, one output."""
     widths = source.hidden
-    small = len(widths) <= DEEPEST and max(widths) <= WIDEST and source.raw < 12
-    return (
-        small and source.activation == SINE.name and not (source.features or source.exits) and source.head.outputs == 1
-    )
+    small = len(widths) <= DEEPEST and max(widths) <= WIDEST and source.inputs < 12
+    return small and source.activation == SINE.name and not source.exits and source.head.outputs == 1
 
 
 class TensorCores:
@@ -113,7 +111,7 @@ def _tiles(count: int) -> int:
 
 def _groups(source: "MlpSource") -> int:
     """Groups of four coordinates, a 1 behind the last one."""
-    return -(-(source.raw + 1) // 4)
+    return -(-(source.inputs + 1) // 4)
 
 
 def _words(source: "MlpSource") -> list[int]:
@@ -128,7 +126,7 @@ def _words(source: "MlpSource") -> list[int]:
 
 def text(source: "MlpSource") -> str:
     """C statements from ``V v[]`` to ``V f``, by all lanes of a warp together."""
-    lines, at = [TOOLS, fill(PARTS.BEGIN, groups=_groups(source), coordinates=source.raw)], 0
+    lines, at = [TOOLS, fill(PARTS.BEGIN, groups=_groups(source), coordinates=source.inputs)], 0
     last = len(source.hidden) - 1
     for index, (width, words) in enumerate(zip(source.hidden, _words(source), strict=True)):
         tiles, inputs = _tiles(width), _tiles(source.hidden[index - 1]) if index else 0

@@ -125,7 +125,7 @@ def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndar
         pads.append(gamma(operations, UNIT64) * (float(total.max()) + 16.0))
         if kept is None:
             break
-        if not (largest[layer.linear :] <= kept.limit).all():
+        if not (largest <= kept.limit).all():
             raise BounderError(
                 f"arguments of {kept.name} reach {largest.max():.3g}, it is certified up to {kept.limit}"
             )
@@ -133,7 +133,6 @@ def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndar
         terms, size = (
             (np.full(len(total), TERMS), np.full(len(total), kept.largest)) if bounded else (2 * total, largest)
         )
-        terms[: layer.linear], size[: layer.linear] = 2 * total[: layer.linear], largest[: layer.linear]
     return np.array(pads) + network.errors
 
 
@@ -153,18 +152,17 @@ def taylor_bounds() -> Iterator[None]:
 def _body(shape: NetworkShape) -> str:
     parametrization, at, layers = shape.parametrization, 0, []
     forwards, backs, backwards, values, c = "", "", "", "", parametrization.columns
-    for index, (inputs, neurons, name, linear) in enumerate(shape.layers):
+    for index, (inputs, neurons, name) in enumerate(shape.layers):
         bent = bool(parametrization.bend) or any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
         own = constants(
             INPUTS=inputs,
             NEURONS=neurons,
-            LINEAR=linear,
             AT=at,
             BENT=int(bent),
             BENDS=int(ACTIVATIONS[name][1]),
             LEAST=ACTIVATIONS[name][2],
         )
-        own += " (void)AT; (void)LINEAR; (void)BENT; (void)BENDS; (void)LEAST;"
+        own += " (void)AT; (void)BENT; (void)BENDS; (void)LEAST;"
         own += f"const double* x = w + AT + NEURONS; auto& own = layer{index}; (void)x;"
         sizes = {"NAME": f"layer{index}", "NEURONS": str(neurons), "BENT": str(int(bent))}
         forwards += re.sub(r"\b(NAME|NEURONS|BENT)\b", lambda each, sizes=sizes: sizes[each[0]], text.LAYER)

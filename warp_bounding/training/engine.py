@@ -13,7 +13,6 @@ from threading import local
 import numpy as np
 
 from warp_bounding.activations import Activation, activation_of
-from warp_bounding.bounders.mlp import encoding_tensors
 from warp_bounding.runtime.launch import cpu_threads, run_shares, working_seconds
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.lazy_torch import torch
@@ -306,19 +305,17 @@ def tensors_of(layers: list[torch.Tensor]) -> dict[str, np.ndarray]:
 # A small network in torch with a hand-written backward pass, for many short steps on a CPU.
 #
 # Autograd's bookkeeping and fresh allocations cost more than the arithmetic at these sizes, so forward, backward and
-# the gradient in the input run in preallocated buffers. Columns are samples: data is ``(features + 1, N)``, its last
+# the gradient in the input run in preallocated buffers. Columns are samples: data is ``(n + 1, N)``, its last
 # row ones, so that a layer's weight and bias are one ``(out, in + 1)`` matrix.
 
 
 class TrainableNetwork:
     """Parameters of a network of ``ndim`` coordinates ``v``, flat and as one matrix a layer."""
 
-    def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str, octaves: int = 0):
-        self.ndim, self.hidden, self.activation, self.octaves = ndim, hidden, activation, octaves
+    def __init__(self, ndim: int, hidden: tuple[int, ...], activation: str):
+        self.ndim, self.hidden, self.activation = ndim, hidden, activation
         self.act = activation_of(activation)
-        fixed = encoding_tensors(ndim, octaves)
-        self.encoding = {name: torch.from_numpy(value) for name, value in fixed.items()} if octaves else {}
-        self.widths = [ndim + 2 * ndim * octaves, *hidden, 1]
+        self.widths = [ndim, *hidden, 1]
         self.flat = torch.zeros(sum(o * (i + 1) for i, o in pairwise(self.widths)))
         self.layers = self.split(self.flat)
 
@@ -336,26 +333,14 @@ class TrainableNetwork:
             layer.copy_(values)
 
     def encode(self, v: torch.Tensor) -> torch.Tensor:
-        """Columns ``(n, N)`` as the network's input ``(features + 1, N)``."""
-        out = torch.ones(self.widths[0] + 1, v.shape[1])
+        """Columns ``(n, N)`` as the network's input ``(n + 1, N)``, with a row of ones."""
+        out = torch.ones(self.ndim + 1, v.shape[1])
         out[: self.ndim] = v
-        if self.encoding:
-            weight, bias = self.encoding.values()
-            out[self.ndim : -1] = torch.sin(weight @ v + bias[:, None])
         return out
-
-    def decode_gradient(self, gradient: torch.Tensor, v: torch.Tensor) -> torch.Tensor:
-        """Gradient in ``v`` ``(n, N)`` from the gradient in the network's input, without its row of ones."""
-        if not self.encoding:
-            return gradient
-        weight, bias = self.encoding.values()
-        slope = torch.cos(weight @ v + bias[:, None]) * gradient[self.ndim :]
-        return gradient[: self.ndim] + weight.T @ slope
 
     def tensors(self, flat: torch.Tensor | None = None) -> dict[str, np.ndarray]:
         """The parameters as a bounder stores them."""
-        fixed = {name: value.numpy().copy() for name, value in self.encoding.items()}
-        return fixed | tensors_of(self.layers if flat is None else self.split(flat))
+        return tensors_of(self.layers if flat is None else self.split(flat))
 
 
 class Evaluator:
@@ -399,7 +384,7 @@ class Evaluator:
                 signal = scratch[index - 1].mul_(slopes[index - 1])
 
     def input_gradient(self, x: torch.Tensor) -> torch.Tensor:
-        """``d f / d x`` ``(features, N)``."""
+        """``d f / d v`` ``(n, N)``."""
         self.forward(x, keep=True)
         slopes = self._buffer(x.shape[1])[2]
         signal = torch.ones(1, x.shape[1])
@@ -527,8 +512,7 @@ class _Search:
 
     def _slope(self, worker: Evaluator, v: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         x = self.network.encode(v)
-        slope = self.network.decode_gradient(worker.input_gradient(x), v)
-        return slope, worker.forward(x).clone()
+        return worker.input_gradient(x), worker.forward(x).clone()
 
     def round(self) -> None:
         fresh = self.samples.positives(STARTS)

@@ -41,7 +41,6 @@ class NetworkOptions:
     activation: str
     budget: float
     steps: int | None = None
-    octaves: int = 0
     parts: int = 1
     statistical: bool = False
 
@@ -52,7 +51,7 @@ class NetworkOptions:
     @property
     def stored(self) -> dict:
         """The sizes that a bounder stores."""
-        return {"hidden": list(self.hidden), "activation": self.activation, "octaves": self.octaves}
+        return {"hidden": list(self.hidden), "activation": self.activation}
 
 
 # How long the proof of a network that is still being trained will take, and what follows for its training.
@@ -305,7 +304,7 @@ class _Fit:
         problem, options = self.problem, self.options
         grid, domain, sizes = problem.grid, problem.domain, (options.hidden, options.activation)
         if not self.method.conservative:
-            return OccupancyTrainer(problem, *sizes, options.octaves)
+            return OccupancyTrainer(problem, *sizes)
         if self.of_planes:
             return SupportTrainer(problem, *sizes)
         # Exits are trained together with the layers for points only: of rays and boxes an exit would deny too few to
@@ -314,8 +313,8 @@ class _Fit:
         samples = samples_of(grid, domain, problem.seed)
         samples.callers = problem.callers
         if self.lattice is not None:
-            return LocalTrainer(samples, *sizes, options.octaves, lattice=self.lattice)
-        return (EarlyTrainer if exits_too else NetworkTrainer)(samples, *sizes, options.octaves)
+            return LocalTrainer(samples, *sizes, lattice=self.lattice)
+        return (EarlyTrainer if exits_too else NetworkTrainer)(samples, *sizes)
 
     def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
         return method(self.problem.domain, tensors, self.options.stored, self.problem.device)

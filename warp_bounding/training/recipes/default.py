@@ -60,7 +60,7 @@ class Recipe:
     beta2: float = 0.95
     first_gain: float = 20.0  # initial weights of the first layer: uniform in +-gain / sqrt(inputs)
     later_gain: float = 3.0  # the same, of later hidden layers
-    first_gain_plain: float = 3.0  # the same two where the activation is no wave, or behind an encoding
+    first_gain_plain: float = 3.0  # the same two where the activation is no wave
     later_gain_plain: float = 1.7
 
 
@@ -95,7 +95,7 @@ def schedule(end: float, used: float, start: float, stop: float, begin: float = 
 class Batches:
     """The batches until the next refresh, of negatives or of positives."""
 
-    x: torch.Tensor  # ``(features + 1, N)``, encoded samples
+    x: torch.Tensor  # ``(n + 1, N)``, encoded samples
     rows: torch.Tensor  # ``(refresh, batch)`` indices into them
     weight: torch.Tensor  # ``(batch,)``
     boost: torch.Tensor | None = None  # ``(N,)``, of the worst positives' weights; 1 of others
@@ -200,12 +200,11 @@ class NetworkTrainer:
         samples: Samples,
         hidden: tuple[int, ...],
         activation: str,
-        octaves: int = 0,
         recipe: Recipe | None = None,
     ):
         self.recipe = recipe or recipe_of(samples.query, samples.ndim)
         self.samples, self.generator = samples, samples.generator
-        self.network = TrainableNetwork(samples.ndim, hidden, activation, octaves)
+        self.network = TrainableNetwork(samples.ndim, hidden, activation)
         self.decay = 0.0
         self._initialise()
         self.team = Team()
@@ -217,7 +216,7 @@ class NetworkTrainer:
 
     def _initialise(self) -> None:
         network, samples = self.network, self.samples
-        waves = network.act.wave and not network.octaves
+        waves = network.act.wave
         gains = ("first_gain", "later_gain") if waves else ("first_gain_plain", "later_gain_plain")
         network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
         # An axis of few cells carries less detail than its range in v would suggest.
@@ -324,7 +323,7 @@ class NetworkTrainer:
             columns = state[:, part]
             for move in range(moves):
                 v = samples.coordinates(columns)
-                slope = network.decode_gradient(workers[index].input_gradient(network.encode(v)), v)
+                slope = workers[index].input_gradient(network.encode(v))
                 columns = samples.move(columns, slope, 0.4 * 0.8**move)
             state[:, part] = columns
 
@@ -354,14 +353,12 @@ class LocalTrainer(NetworkTrainer):
     none.
     """
 
-    def __init__(
-        self, samples: Samples, hidden: tuple[int, ...], activation: str, octaves: int = 0, *, lattice: Lattice
-    ):
+    def __init__(self, samples: Samples, hidden: tuple[int, ...], activation: str, *, lattice: Lattice):
         self.lattice = lattice
         self._edges = [torch.from_numpy(axis) for axis in lattice.edges]
         self.least = torch.full((lattice.count,), math.inf)
         self._offsets, self._used = torch.zeros(lattice.count), 0.0
-        super().__init__(samples, hidden, activation, octaves)
+        super().__init__(samples, hidden, activation)
 
     def place(self, x: torch.Tensor) -> torch.Tensor:
         """``(N,)`` index of the part of each encoded sample."""

@@ -86,7 +86,7 @@ class _JointExit:
 
     def __init__(self, trainer: NetworkTrainer, depth: int):
         full = trainer.network
-        self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation, full.octaves)
+        self.network = TrainableNetwork(full.ndim, full.hidden[:depth], full.activation)
         self.output = self.network.layers[-1]
         uniform = torch.rand(self.output.shape, generator=trainer.generator) * 2 - 1
         self.output.copy_(uniform).div_(math.sqrt(self.output.shape[1]))
@@ -102,8 +102,8 @@ class _JointExit:
 class EarlyTrainer(NetworkTrainer):
     """``NetworkTrainer`` of a network with an exit behind each hidden layer but the last; same arguments."""
 
-    def __init__(self, samples, hidden, activation, octaves=0):
-        super().__init__(samples, hidden, activation, octaves)
+    def __init__(self, samples, hidden, activation):
+        super().__init__(samples, hidden, activation)
         self.exits = [_JointExit(self, depth) for depth in range(1, len(hidden))]
         self.outputs = [each.output.clone() for each in self.exits]  # as they were with the best network
 
@@ -144,7 +144,7 @@ class _ExitTrainer(NetworkTrainer):
 
     def __init__(self, trainer: NetworkTrainer, layers: list[torch.Tensor], output: torch.Tensor | None = None):
         full, recipe = trainer.network, replace(trainer.recipe, **EXIT_RECIPE)
-        super().__init__(trainer.samples, full.hidden[: len(layers)], full.activation, full.octaves, recipe)
+        super().__init__(trainer.samples, full.hidden[: len(layers)], full.activation, recipe)
         for own, layer in zip(self.network.layers, [*layers, *([] if output is None else [output])], strict=False):
             own.copy_(layer)
         self._begin = 0.0 if output is None else FINISH

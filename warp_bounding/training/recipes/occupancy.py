@@ -12,7 +12,7 @@ import numpy as np
 from warp_bounding.activations import activation_of
 from warp_bounding.networks.network import head_of
 from warp_bounding.queries import oracle
-from warp_bounding.training.engine import Clock, RowNetwork, Soap, Team, TrainableNetwork, cosine, geometric, tensors_of
+from warp_bounding.training.engine import Clock, RowNetwork, Soap, Team, cosine, geometric, initial_layers, tensors_of
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Problem
 
@@ -29,24 +29,23 @@ RATE, RATE_END, WARM_UP = 1e-2, 1e-3, 0.02  # arguments of ``cosine``, the learn
 
 
 class OccupancyTrainer:
-    """A network in training whose output is the log odds that a query meets the object; planes have no octaves."""
+    """A network in training whose output is the log odds that a query meets the object."""
 
-    def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str, octaves: int = 0):
+    def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str):
         grid, domain, seed = problem.grid, problem.domain, problem.seed
         self.problem, self.domain, self.head, self.team = problem, domain, head_of(domain.query), Team()
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         act = activation_of(activation)
-        self._inputs = TrainableNetwork(domain.ndim - self.head.offsets, hidden, activation, octaves)
-        waves = domain.tested_as_point and act.wave and not octaves
-        self._inputs.initialise(*(POINT_GAINS if waves else act.support_gains), self.generator)
-        layers = [layer.clone() for layer in self._inputs.layers]
+        widths = [domain.ndim - self.head.offsets, *hidden, 1]
+        gains = POINT_GAINS if domain.tested_as_point and act.wave else act.support_gains
+        layers = initial_layers(widths, gains, self.generator)
         layers[-1] = layers[-1].repeat(self.head.outputs, 1)
         self.network = RowNetwork(layers, act)
 
     def finish(self) -> dict[str, np.ndarray]:
         """The network as it is, as ``Occupancy`` stores it."""
-        return self._inputs.tensors() | tensors_of(self.network.copy())
+        return tensors_of(self.network.copy())
 
     def draw(self, count: int) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """Rows of inputs, offsets of planes (else zeros), and the truth as 0 and 1."""
@@ -55,7 +54,7 @@ class OccupancyTrainer:
         v = torch.from_numpy(self.domain.to_local(q).astype(np.float32))
         offset = v[:, -1].clone() if self.head.offsets else torch.zeros(count)
         v = v[:, : v.shape[1] - self.head.offsets]
-        return self._inputs.encode(v.T)[:-1].T.contiguous(), offset, truth
+        return v.contiguous(), offset, truth
 
     def forward(self, h: torch.Tensor, offset: torch.Tensor) -> torch.Tensor:
         """``f`` ``(N,)``: log odds, or for planes what they are proportional to."""
