@@ -281,9 +281,6 @@ def test_a_claim_edited_in_a_file_is_told_or_found_out(tmp_path):
         ("ray", lambda d: (d.update(length=0.5), d["domain"].update(length=0.5))),
         ("ray", lambda d: d["certificate"].update(length=0.5)),
         ("point", lambda d: d["certificate"].update(margin=None)),
-        ("point", lambda d: d["certificate"].update(placement=[1.0] * 3)),
-        ("point", lambda d: d["certificate"].update(placement=[0.0])),
-        ("point", lambda d: d["certificate"].update(placement="far")),
     ):
         with pytest.raises(FileFormatError, match="does not add up"):
             wb.load(edited(bounder_of(query), path, change), device="cpu")
