@@ -114,7 +114,7 @@ def test_what_is_spoilt_is_refuted(method):
 
 
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
-@pytest.mark.parametrize("method", ["kdop", "sphere", "bvh", "learned-kdop"])
+@pytest.mark.parametrize("method", ["kdop", "bvh", "learned-kdop"])
 def test_one_more_voxel_is_found_by_regions(method, query):
     grid = shape("c")
     occupancy = grid.occupancy.copy()
