@@ -77,7 +77,7 @@ def _small(monkeypatch):
 def problem(name, query, seed=0):
     grid = shape(name)
     samples = samples_of(grid, domain_of(grid, query), seed)
-    network = TrainableNetwork(samples.ndim, (12, 12), "sin", 0)
+    network = TrainableNetwork(samples.ndim, (12, 12), "sin")
     network.initialise(2.0, 2.0, samples.generator)
     return samples, network
 
