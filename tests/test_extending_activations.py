@@ -32,9 +32,6 @@ class Leaky(Activation):
     def statement(self, lanes, target, z):
         return f"{{ const V z_ = {z}; const V less_ = z_ * 0.125f; {target} = z_ > less_ ? z_ : less_; }}"
 
-    def value32(self, z):
-        return np.maximum(z, z * np.float32(0.125))
-
     def error(self, limit):
         return TINY
 

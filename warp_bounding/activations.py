@@ -51,10 +51,6 @@ class Activation(ABC):
         """A C statement that sets ``target`` to the value at ``z``, both of type ``V``."""
 
     @abstractmethod
-    def value32(self, z: np.ndarray) -> np.ndarray:
-        """NumPy reference implementation of ``statement``: the same float32 operations, without fused multiply-adds."""
-
-    @abstractmethod
     def error(self, limit: float) -> float:
         """Bound of ``|computed - true value|`` for float32 arguments up to ``limit``, fused or not."""
 
@@ -156,9 +152,6 @@ class _Relu(Activation):
             return f"{{ V z_ = {z}; const V o_ = {{}}; {target} = z_ > o_ ? z_ : o_; }}"
         return f"{{ V z_ = {z}; {target} = z_ > 0.0f ? z_ : z_ * 0.0f; }}"
 
-    def value32(self, z: np.ndarray) -> np.ndarray:
-        return np.maximum(z, np.float32(0))
-
     def error(self, limit: float) -> float:
         return 0.0
 
@@ -254,12 +247,6 @@ class _Tanh(Activation):
             f"{target} = over(z_ * ({polynomial(TANH_NUMERATOR, 's_')}), {polynomial(TANH_DENOMINATOR, 's_')}); }}"
         )
 
-    def value32(self, z: np.ndarray) -> np.ndarray:
-        f = np.float32
-        z = np.clip(z, f(-TANH_END), f(TANH_END))
-        numerator, denominator = (_horner([f(c) for c in cs], z * z) for cs in (TANH_NUMERATOR, TANH_DENOMINATOR))
-        return z * numerator / denominator
-
     def error(self, limit: float) -> float:
         """Bound of ``|computed - tanh|``; about 2e-6, whatever the limit."""
         return _tanh_error()
@@ -320,13 +307,6 @@ auto relax_tanh = [&](V z, V near, V noise, V& slope, V& mean, V& bend, V& sprea
         import torch
 
         torch.mul(h, h, out=out).neg_().add_(1)
-
-
-def _horner(coefficients: list[np.float32], s: np.ndarray) -> np.ndarray:
-    value = coefficients[-1]
-    for c in reversed(coefficients[:-1]):
-        value = c + s * value
-    return value
 
 
 @lru_cache(maxsize=1)
@@ -453,16 +433,6 @@ class _Sine(Activation):
                 f"a_.i ^= b_.i << 31; {target} = a_.f;"
             )
         return f"{{ V z_ = {z}; {body}{sign} }}"
-
-    def value32(self, z: np.ndarray) -> np.ndarray:
-        f = np.float32
-        q = z * f(INVERSE_PI) + f(MAGIC)
-        n = q - f(MAGIC)
-        r = (z - n * f(PI_HIGH)) - n * f(PI_LOW)
-        r2 = r * r
-        s1, s2, s3 = (f(c) for c in COEFFICIENTS)
-        p = r + (r * r2) * (s1 + r2 * (s2 + r2 * s3))
-        return np.where(q.view(np.int32) & 1, -p, p)
 
     def error(self, limit: float) -> float:
         """Bound of ``|computed - sine|``; about 1.3e-6 for small limits.

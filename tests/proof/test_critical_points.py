@@ -13,10 +13,9 @@ import numpy as np
 import pytest
 from asking import ask
 from bounding_shapes import random_mlp, shape
-from fused_activations import fused_sine, fused_tanh
+from fused_activations import FUSED, PLAIN
 from random_networks import random_network, random_supports
 
-from warp_bounding.activations import activation_of
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
 from warp_bounding.proof import least_value, settle
@@ -148,10 +147,7 @@ def check_values(compute, bounder, q: np.ndarray) -> None:
 
 
 def in_order(how: str, bounder, _, v: np.ndarray) -> np.ndarray:
-    sin, tanh = (
-        (fused_sine, fused_tanh) if "fused" in how else (activation_of("sin").value32, activation_of("tanh").value32)
-    )
-    functions = {"sin": sin, "tanh": tanh, "relu": lambda z: np.maximum(z, F32(0))}
+    functions = FUSED if "fused" in how else PLAIN
     return forward(bounder, v, F32, partial(float32_affine, how=how), functions)
 
 

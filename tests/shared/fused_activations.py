@@ -1,4 +1,4 @@
-"""The kernels' activations with every multiply-add fused, in NumPy."""
+"""The kernels' activations in NumPy: the same float32 operations, with every multiply-add fused and with none."""
 
 import numpy as np
 
@@ -41,3 +41,27 @@ def fused_tanh(z: np.ndarray) -> np.ndarray:
     for c in TANH_DENOMINATOR[-2::-1]:
         denominator = (s.astype(np.float64) * denominator + c).astype(F32)
     return z * numerator / denominator
+
+
+def plain_sine(z: np.ndarray) -> np.ndarray:
+    q = z * F32(sine_file.INVERSE_PI) + F32(sine_file.MAGIC)
+    n = q - F32(sine_file.MAGIC)
+    r = (z - n * F32(sine_file.PI_HIGH)) - n * F32(sine_file.PI_LOW)
+    r2 = r * r
+    s1, s2, s3 = (F32(c) for c in sine_file.COEFFICIENTS)
+    p = r + (r * r2) * (s1 + r2 * (s2 + r2 * s3))
+    return np.where(q.view(np.int32) & 1, -p, p)
+
+
+def plain_tanh(z: np.ndarray) -> np.ndarray:
+    z = np.clip(z, F32(-TANH_END), F32(TANH_END))
+    s, numerator, denominator = z * z, F32(TANH_NUMERATOR[-1]), F32(TANH_DENOMINATOR[-1])
+    for c in TANH_NUMERATOR[-2::-1]:
+        numerator = F32(c) + s * numerator
+    for c in TANH_DENOMINATOR[-2::-1]:
+        denominator = F32(c) + s * denominator
+    return z * numerator / denominator
+
+
+PLAIN = {"sin": plain_sine, "tanh": plain_tanh, "relu": lambda z: np.maximum(z, F32(0))}
+FUSED = PLAIN | {"sin": fused_sine, "tanh": fused_tanh}

@@ -384,17 +384,20 @@ class Samples:
         raise NotImplementedError(f"{self.query}: there is no chart")
 
 
-class LabelledRegions(Samples):
-    """Random regions of 2n numbers, labelled by the exact oracle of a grid, or of a shape without cells.
+class RegionSamples(Samples):
+    """What rays and boxes share: random regions of 2n numbers, labelled by the exact oracle of a grid or a shape.
 
-    They are retained.
+    Labels of a shape without cells are retained. The first 2n rows of a state are a cell and an offset, a point of the
+    object in the region.
     """
 
     def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
+        self.cells: ObjectPoints = (CellPoints if isinstance(grid, Grid) else ShapePoints)(grid, domain.base, generator)
         self.grid, self.domain, self.generator, self.ndim = grid, domain, generator, 2 * grid.ndim
         self._oracle = oracle(self.query, grid, "cpu", domain.oracle_length)
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
         self._kept, self._truth = torch.empty(self.ndim, 0), torch.empty(0, dtype=torch.bool)
+        self.detail, self.vertices = self.cells.detail.repeat(2, 1), torch.empty(self.ndim, 0)
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         if isinstance(self.grid, Grid):
@@ -411,6 +414,7 @@ class LabelledRegions(Samples):
         return columns(self.domain.to_local(q)), torch.from_numpy(self._oracle(q))
 
     def usual_negatives(self, count: int) -> torch.Tensor:
+        self.cells.grow()
         # Where (almost) every region meets the object, a few positives stand for them: the loss needs a few columns,
         # and the threshold, which is set on positives, does not depend on them.
         for _ in range(ATTEMPTS):
@@ -419,31 +423,14 @@ class LabelledRegions(Samples):
                 return v[:, ~truth]
         return v[:, :FEWEST_NEGATIVES]
 
-
-class RegionSamples(LabelledRegions):
-    """What rays and boxes share.
-
-    The first 2n rows of a state are a cell and an offset, a point of the object in the region.
-    """
-
-    def __init__(self, grid: Shape, domain: RegionDomain, generator: torch.Generator):
-        of_cells = isinstance(grid, Grid)
-        self.cells: ObjectPoints = (CellPoints if of_cells else ShapePoints)(grid, domain.base, generator)
-        super().__init__(grid, domain, generator)
-        self.detail = self.cells.detail.repeat(2, 1)
-        self.vertices = torch.empty(self.ndim, 0)
-
     def spread(self, state: torch.Tensor, most: int) -> torch.Tensor:
         """Of states, hardest first, the first one in each box of ``APART`` cells of v, and no more than ``most``.
 
         A search's points crowd around few minima, and would fill the hard pool with one place.
         """
         place = (self.coordinates(state) / (APART * self.cells.unit.repeat(2, 1))).floor()
-        return first_ones(state, place, most)
-
-    def usual_negatives(self, count: int) -> torch.Tensor:
-        self.cells.grow()
-        return super().usual_negatives(count)
+        first = np.unique(place.numpy(), axis=1, return_index=True)[1]
+        return state[:, torch.from_numpy(np.sort(first)[:most])]
 
     def resolved(self, before: torch.Tensor, after: torch.Tensor) -> torch.Tensor:
         n = self.grid.ndim
@@ -455,12 +442,6 @@ class RegionSamples(LabelledRegions):
         """``(n, N)`` local coordinates of the point of the object."""
         n = self.grid.ndim
         return self.cells.to_local(state[:n] + state[n : 2 * n])
-
-
-def first_ones(state: torch.Tensor, place: torch.Tensor, most: int) -> torch.Tensor:
-    """The first of states ``(S, N)`` at each place ``(K, N)``, ``most`` in all: searches crowd around minima."""
-    first = np.unique(place.numpy(), axis=1, return_index=True)[1]
-    return state[:, torch.from_numpy(np.sort(first)[:most])]
 
 
 # Samples of points: a positive is a cell and an offset inside it.
@@ -505,13 +486,6 @@ class PointSamples(Samples):
 
     def locate(self, v: np.ndarray) -> torch.Tensor:
         return torch.cat(self.cells.locate(v)[:2])
-
-    def grow(self) -> None:
-        """There is nothing to find."""
-
-    def cell(self, state: torch.Tensor) -> torch.Tensor:
-        """Which cell a state is in."""
-        return state[: self.ndim]
 
 
 # Samples of points of a shape without cells: a positive is a point of the object, and stays one by being asked.
@@ -603,10 +577,6 @@ class ShapePointSamples(Samples):
     def locate(self, v: np.ndarray) -> torch.Tensor:
         x = self.domain.to_object(v)
         return columns(v[self.shape.contains(x)])
-
-    def cell(self, state: torch.Tensor) -> torch.Tensor:
-        """Which of the cells of ``move`` a state is in."""
-        return (state / STEP).floor()
 
 
 def _first_layer(shape: Shape, domain: Domain) -> torch.Tensor | None:
