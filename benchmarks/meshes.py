@@ -42,10 +42,9 @@ METHODS = {
     "mlp 32-32": {"hidden": (32, 32)},
     "mlp 50-50": {"hidden": (50, 50)},
     "mlp-early 50-50": {"hidden": (50, 50)},
-    # ``wb.hierarchy``: eight networks, each of its part, with one threshold or more, and learned k-DOPs
+    # ``wb.hierarchy``: eight networks, each of its part, with one threshold or more
     "hierarchy 8 x 16-16": {"hidden": (16, 16), "levels": 3},
     "hierarchy 8 x 15-15 x 48": {"hidden": (15, 15), "levels": 3, "parts": 48},
-    "hierarchy 40 x learned-kdop": {"method": "learned-kdop", "leaves": 40},
 }
 SAMPLES, TIMED, ROUNDS = 1_000_000, 1_000_000, 9  # random points; points of a timed batch, and how often it is asked
 DASH = "-"

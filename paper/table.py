@@ -42,7 +42,7 @@ class Made(NamedTuple):
 LOCAL, TREE, DISTANCE = "mlp-local", "hierarchy", "distance"
 MADE = {
     LOCAL: Made(Local, {"parts": 256}),
-    TREE: Made(Union, {"leaves": 8}, "hierarchy", 3, ("point",)),
+    TREE: Made(Union, {"levels": 3}, "hierarchy", 3, ("point",)),
     DISTANCE: Made(MlpDistance, {}),
 }
 

@@ -174,7 +174,7 @@ def _distance(method: str, name: str, **options) -> Bounder:
 
 
 def _hierarchy(name: str) -> Bounder:
-    return wb.hierarchy(shape(name), method="aabb", leaves=3, margin=MARGIN, device="cpu", progress=False)
+    return wb.hierarchy(shape(name), method="aabb", levels=1, margin=MARGIN, device="cpu", progress=False)
 
 
 def subjects() -> list[Subject]:

@@ -5,9 +5,7 @@ region, and nothing else: a box around it, then a small bounder of the child's o
 (``bounders.union``).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,7 +15,7 @@ from warp_bounding.bounders.bounder import resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.union import Region, check_cover
-from warp_bounding.bounders.volumes import Aabb, VolumeBounder
+from warp_bounding.bounders.volumes import Aabb
 from warp_bounding.certificates import conjunction
 from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import quick_rates
@@ -49,14 +47,10 @@ from warp_bounding.training.samples import Problem
 __all__ = ["hierarchy"]
 
 MOST_LEVELS = 8
-MOST_LEAVES = 2**MOST_LEVELS
 # By how much a leaf's region reaches beyond the points of the border that are known, of the longest side: the first
 # that the shape certifies to hold all is taken.
 TIGHT = (2.0**-9, 2.0**-7, 2.0**-5, 2.0**-3)
 BORDER = 65_536  # points of the border that tell where to cut
-CUTS = (0.5, 0.75, 1.0, 1.25, 1.5)  # of convex leaves: where cuts are tried, in shares of an even one
-# Of a convex hull that tells what a cut costs: how many points it is of, about, and their least size, object units.
-HULL, TINIEST = 1024, 1e-12
 # Of the proof of a node's box: the gap of f, in local units, and the boxes after which it ends.
 BOX_EPS, BOX_BOXES = 1e-3, 200_000
 
@@ -76,7 +70,6 @@ def hierarchy(
     method: str = "mlp",
     *,
     levels: int = 3,
-    leaves: int | None = None,
     budget: float = 60.0,
     seed: int = 0,
     margin: float = 0.0,
@@ -86,15 +79,12 @@ def hierarchy(
 ) -> Union:
     """Fit bounders to the parts of a shape and prove each: *maybe* where one of them says so.
 
-    The union of k-DOPs with learned half-spaces, each around its part of the object, is made by
-    ``method="learned-kdop"``.
-
     Args:
         shape: As of ``fit``; no cells are laid over it.
         query: ``"point"``.
         method: Of the leaves, a name in ``METHODS``.
-        levels: How often the object is halved, 1 to 8; there are 2^levels leaves.
-        leaves: How many leaves there are instead, 2 to 256; each gets about the same share of the object's border.
+        levels: How often the object is halved, 1 to 8; there are 2^levels leaves, each with about the
+            same share of its border.
         budget: Seconds for all leaves together.
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
@@ -122,8 +112,6 @@ def hierarchy(
         raise BounderError(f"a hierarchy bounds point queries, got {query!r}")
     if isinstance(levels, bool) or not isinstance(levels, (int, np.integer)) or not 1 <= levels <= MOST_LEVELS:
         raise BounderError(f"levels must be a whole number from 1 to {MOST_LEVELS}, got {levels!r}")
-    if leaves is not None and (type(leaves) is not int or not 2 <= leaves <= MOST_LEAVES):
-        raise BounderError(f"leaves must be a whole number from 2 to {MOST_LEAVES}, got {leaves!r}")
     check_numbers(budget, seed, margin)
     device_of(device)
     spent, shape = Stopwatch(), own_coordinates(load_shape(shape), "hierarchy")
@@ -138,7 +126,7 @@ def hierarchy(
     if not shape.certified:
         raise BounderError(f"{shape.name} certifies no box to be empty, so the parts of a hierarchy have no proof")
     domain = domain_of(shape, query)
-    regions = _shared_out(shape, leaves or 2 ** int(levels), issubclass(cls, VolumeBounder), seed)
+    regions = _halved(shape, int(levels), seed)
     builder = _Builder(shape, domain, cls, told, seed, device)
     with reported(progress, f"hierarchy of {len(regions)} {method}") as update:
         for number, leaf in enumerate(regions):
@@ -152,45 +140,36 @@ def hierarchy(
     return whole
 
 
-def _shared_out(shape: Shape, leaves: int, convex: bool, seed: int) -> list[_Leaf]:
-    """Regions that divide the border evenly, or about so if leaves are convex, cut where it costs least.
+def _halved(shape: Shape, levels: int, seed: int) -> list[_Leaf]:
+    """Regions that share the border evenly, cut where the boxes around the halves' borders are smallest.
 
-    Of convex leaves that is where the sides' convex hulls are smallest, of others where the boxes are, by the border in
-    them. Both sides of a cut are closed: the border between them is in both.
+    Both sides of a cut are closed: the border between them is in both.
     """
-    points, cost = border_points(shape, BORDER, np.random.default_rng(seed)), _hull if convex else _box
 
-    def cut(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, leaves: int) -> list[_Leaf]:
-        share = leaves // 2 / leaves
-        shares = [share * part for part in (CUTS if convex else (1.0,)) if share * part < 1]
-        tried = [
-            _cut(shape, border, axis, each, cost)
-            for axis in range(shape.ndim)
-            for each in shares
-            if leaves > 1 < len(border)
-        ]
+    def cut(lower: np.ndarray, upper: np.ndarray, border: np.ndarray, levels: int) -> list[_Leaf]:
+        tried = [_cut(shape, border, axis) for axis in range(shape.ndim) if levels and len(border) > 1]
         tried = [each for each in tried if each is not None]
         if not tried:
             return [_Leaf(lower, upper, border)]
         _, axis, place, below = min(tried, key=lambda each: each[0])
         middle_low, middle_high = lower.copy(), upper.copy()
         middle_low[axis] = middle_high[axis] = np.float32(place)
-        first = cut(lower, middle_high, border[below], leaves // 2)
-        return first + cut(middle_low, upper, border[~below], leaves - leaves // 2)
+        first = cut(lower, middle_high, border[below], levels - 1)
+        return first + cut(middle_low, upper, border[~below], levels - 1)
 
     least = np.full(shape.ndim, -np.inf)
-    return cut(least, -least, points, leaves)
+    return cut(least, -least, border_points(shape, BORDER, np.random.default_rng(seed)), levels)
 
 
-def _cut(
-    shape: Shape, border: np.ndarray, axis: int, share: float, cost: Callable[[np.ndarray, np.ndarray], float]
-) -> tuple[float, int, float, np.ndarray] | None:
-    """A cut with this share of the border below it: cost, axis, place and which points lie below; ``None`` if none do.
+def _cut(shape: Shape, border: np.ndarray, axis: int) -> tuple[float, int, float, np.ndarray] | None:
+    """A cut with half of the border below it: cost, axis, place and which points lie below; ``None`` if none do.
+
+    It costs the volumes of the boxes around the sides' points, times their numbers.
 
     Cells are cut through their centres. A cut along their faces, where a grid's border lies, would leave the cells that
     it touches to both halves, to one of them as faces without a volume, which no sample would ever show to its leaf.
     """
-    place = float(np.quantile(border[:, axis], share))
+    place = float(np.quantile(border[:, axis], 0.5))
     if isinstance(shape, Grid):
         scale, offset = shape.cells_per_unit[axis], shape.offset[axis]
         place = float((np.floor(place * scale - offset) + offset) / scale)
@@ -198,21 +177,8 @@ def _cut(
     if below.all() or not below.any():
         return None
     room = 1e-3 * np.ptp(border, axis=0)
-    return sum(cost(side, room) for side in (border[below], border[~below])), axis, place, below
-
-
-def _box(border: np.ndarray, room: np.ndarray) -> float:
-    """Volume of the box around points, times their number."""
-    return len(border) * float(np.prod(np.ptp(border, axis=0) + room))
-
-
-def _hull(border: np.ndarray, room: np.ndarray) -> float:
-    """Volume of the convex hull of points, each drawn out to a small box, so that there always is one."""
-    from scipy.spatial import ConvexHull
-
-    few = border[:: -(-len(border) // HULL)]
-    corners = np.array(list(product((-1, 1), repeat=border.shape[1]))) * np.maximum(room, TINIEST)
-    return float(ConvexHull((few[:, None] + corners).reshape(-1, border.shape[1])).volume)
+    boxes = [len(side) * float(np.prod(np.ptp(side, axis=0) + room)) for side in (border[below], border[~below])]
+    return sum(boxes), axis, place, below
 
 
 class _Builder:
