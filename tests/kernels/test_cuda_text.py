@@ -52,9 +52,7 @@ def test_networks(activation, tmp_path):
     "parametrization", [PlainParametrization(3), RayParametrization(6), BoxParametrization(6)], ids=repr
 )
 def test_searches(parametrization, tmp_path):
-    shape = NetworkShape(
-        parametrization.inputs, ((parametrization.inputs, 5, "sin", 0), (5, 4, "tanh", 0)), parametrization
-    )
+    shape = NetworkShape(parametrization.inputs, ((parametrization.inputs, 5, "sin"), (5, 4, "tanh")), parametrization)
     check_compiles(bound_kernel(shape), tmp_path / "bound")
     check_compiles(depth_first_kernel(shape), tmp_path / "search")
 
