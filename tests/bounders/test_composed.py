@@ -409,7 +409,7 @@ def test_a_hierarchy_is_proven(told, parts):
         ({"method": "mlb"}, "method must be one of"),
         ({"budget": -1.0}, "budget"),
         ({"margin": float("nan")}, "margin"),
-        ({"leaves": 8}, "takes no option"),
+        ({"leaves": 8}, "did you mean 'levels'"),
         ({"levels": 1, "k": 8}, "takes"),
     ],
 )
