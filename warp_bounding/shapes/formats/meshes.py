@@ -78,7 +78,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 # --- STL --------------------------------------------------------------------------------------------------------------
 
 HEADER, FACET = 84, 50  # bytes of a binary file: before the first facet, and of each
-STATEMENTS = (rb"solid\b", rb"endsolid\b", rb"facet\s", rb"endfacet\b", rb"vertex\s")
+LINES = [b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet"]
 
 
 def _check_stl(content: bytes, faces: int) -> None:
@@ -86,8 +86,9 @@ def _check_stl(content: bytes, faces: int) -> None:
     if len(content) == HEADER + FACET * int.from_bytes(content[HEADER - 4 : HEADER], "little"):
         return  # trimesh takes it for binary by the same rule
     text = content.removeprefix(codecs.BOM_UTF8).lower()
-    solids, ends, *counts = (len(re.findall(rb"(?m)^\s*" + word, text)) for word in STATEMENTS)
-    if not faces or solids != ends or counts != [faces, faces, 3 * faces]:
+    solids, ends = (len(re.findall(rb"(?m)^\s*" + word, text)) for word in (rb"solid\b", rb"endsolid\b"))
+    lines = re.findall(rb"(?m)^\s*(facet|outer|vertex|endloop|endfacet)\b", text)
+    if not faces or solids != ends or lines != LINES * faces:
         raise ValueError("expected a binary file as long as it says, or whole solids of triangles in ASCII")
 
 
@@ -162,6 +163,8 @@ def _check_gltf(content: bytes) -> list[str]:
     below += document["scenes"][document.get("scene", 0)].get("nodes", ())
     if len(set(below)) < len(below):
         raise ValueError("expected a tree of nodes, got a node below two others")
+    if any("camera" in node and node.keys() & {"mesh", "children"} for node in nodes):
+        raise ValueError("expected cameras in nodes of their own, got one with a mesh or with nodes below it")
     if any("skin" in node for node in nodes):
         raise ValueError(
             "expected a mesh without a skin, which is not read; write it in the pose that is to be bounded"
@@ -211,6 +214,8 @@ def _read_obj(path: Path) -> MeshData:
         elif keyword not in IGNORED:
             raise ValueError(f"expected a statement of a polygon mesh, got {_shown(line)}")
     vertices, counts = as_numbers(points).reshape(-1, 3), np.array(sizes, np.int64)
+    if odd := set(b"".join(corners)) - set(b"0123456789-/"):
+        raise ValueError(f"expected corners such as 7 or 7/1/3, got some with {bytes(sorted(odd))[:20]!r}")
     numbers = np.array([int(word.split(b"/")[0]) for word in corners], np.int64)
     if (numbers == 0).any():
         raise ValueError("expected vertices counted from 1, or backwards from -1, got 0")
@@ -234,6 +239,8 @@ def _read_off(path: Path) -> MeshData:
     count, polygons = map(int, sizes[:2])
     if len(rows) != count + polygons:
         raise ValueError(f"expected {count} vertices and {polygons} faces, one a line, got {len(rows)} lines")
+    if len({len(row) for row in rows[:count]}) > 1:
+        raise ValueError("expected vertices of as many numbers as the first one")
     vertices = as_numbers([word for row in rows[:count] for word in row[:3]]).reshape(count, 3)
     faces = [row[1 : int(row[0]) + 1] for row in rows[count:]]
     counts = np.array([len(face) for face in faces], np.int64)
