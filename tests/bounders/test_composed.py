@@ -12,17 +12,16 @@ from asking import ask
 from bounding_shapes import domain_points, fitted, fitted_ball, object_points, report_of, shape
 from plain_shapes import ball_at
 from region_cases import hard_regions
-from rewriting import rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders import Cascade, Union, united
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.two_sided import MAYBE, NO, YES
-from warp_bounding.errors import BounderError, FileFormatError, ShapeError
+from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import DENIED, GRANTED
 from warp_bounding.proof import prove, stress_test
 from warp_bounding.shapes.parts import Complement, part_of
-from warp_bounding.shapes.shape import IN, OUT, Pieces
+from warp_bounding.shapes.shape import IN, OUT
 
 CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp-early"), ("voxels", "mlp")]
 UNITED = ("aabb", "mlp", "kdop", "mlp-early")
@@ -153,7 +152,6 @@ def test_what_cannot_be_put_together():
     whole, other, foreign = wb.union(aabb, kdop), aabb.to("cpu"), aabb.to("cpu")
     other.info = aabb.info | {"indicator": "another"}
     foreign.freeze(float(aabb.threshold), replace(aabb.certificate, indicator="0" * 64))
-    foreign_arm = wb.arms.ArmConfigurations(arm().arm, arm().obstacles[:2], weights=arm().weights)
     for join, parts, message in (
         (wb.cascade, (aabb,), "2 to 8"),
         (wb.cascade, (aabb, fitted("mlp", "c")), "same queries and domain"),  # of another dimension
@@ -162,7 +160,6 @@ def test_what_cannot_be_put_together():
         (wb.cascade, (other, mlp), "same object"),
         (wb.cascade, (foreign, mlp), "certificates of the same object"),
         (wb.cascade, (whole, aabb), "only the last part may have"),
-        (wb.cascade, (of_piece((0, 1)), of_piece((2,))), "same queries and domain"),
         (wb.union, (aabb,), "at least 2"),
         (wb.union, (aabb, 3), "got int"),
         (wb.union, (aabb, occupancy), "not conserv"),
@@ -170,8 +167,6 @@ def test_what_cannot_be_put_together():
         (wb.union, [fit(shape("blob"), "ray", length=length) for length in (2.0, 0.5)], "same queries and domain"),
         (wb.union, (aabb, fit(shape("blob"), margin=0.05)), "of the same"),
         (wb.union, (aabb, fit(shape("blob"), "distance")), "union: "),
-        (wb.union, (fit(foreign_arm.piece([0, 1])), of_piece((2,))), "pieces of the same shape"),
-        (wb.union, (of_piece((0, 1)), fit(arm())), "same object"),
     ):
         with pytest.raises(BounderError, match=message):
             join(*parts)
@@ -186,12 +181,6 @@ def test_what_cannot_be_put_together():
     ):
         with pytest.raises(BounderError):
             kind(whole.domain, dict(tensors), sizes, "cpu")
-    for held in ([], [3], [-1], [0.0], [True]):
-        with pytest.raises(ShapeError, match="expected some of the pieces 0 to 2"):
-            arm().piece(held)
-    for of, held in ((shape("c"), 0), (arm().piece([1]), 2)):
-        with pytest.raises(ShapeError, match=r"no pieces|no links"):
-            of.piece([held])
 
 
 BALL = ball_at((0.2, 0.1, 0.0), 0.7)
@@ -281,107 +270,6 @@ def test_exits_of_a_part_are_proven_too():
         whole = Union.of([part]).freeze(0.0, None)
         whole.info = early.info
         assert wb.certify(whole, grid).kind == kind
-
-
-@cache
-def arm() -> wb.arms.ArmConfigurations:
-    """A planar arm of three joints among posts, that may touch itself."""
-    step = np.eye(4)
-    step[0, 3] = 0.5
-    joints = [wb.arms.Joint(step if i else np.eye(4), lower=-2.5, upper=2.5) for i in range(3)]
-    links = [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.1, link=i) for i in range(3)]
-    posts = [wb.arms.Body.sphere(place, 0.2) for place in ([0.6, 0.7, 0], [-0.7, 0.6, 0], [0.4, -1.0, 0])]
-    own = wb.arms.Arm(joints, links)
-    return wb.arms.ArmConfigurations(own, posts, self_collision=True, weights=own.reaching)
-
-
-@cache
-def of_piece(held: tuple[int, ...]) -> wb.Bounder:
-    return fit(arm().piece(held), method="mlp", hidden=(8,), steps=200)
-
-
-def asked(count: int = 30_000) -> np.ndarray:
-    own = arm()
-    return np.random.default_rng(1).uniform(own.lower - 0.1, own.upper + 0.1, (count, own.ndim)).astype(np.float32)
-
-
-def maybe(bounder, x) -> np.ndarray:
-    return bounder.query(x).numpy() == 1
-
-
-def test_pieces_are_the_whole(rng):
-    own = arm()
-    x = rng.uniform(own.lower, own.upper, (8000, 3))
-    pieces = [own.piece([i]) for i in (1, 2)]
-    assert [piece.ndim for piece in pieces] == [2, 3]
-    found = [piece.contains(x[:, : piece.ndim]) for piece in pieces]
-    assert (np.any(found, axis=0) == own.contains(x)).all()
-    assert all(each.any() for each in found)
-    assert (own.piece([0, 1]).contains(x[:, :2]) == found[0]).all()  # link 0 meets nothing
-    assert own.piece([2, 1]).piece([1]).digest == pieces[0].digest
-    assert len({each.digest for each in (own, own.piece([0, 1]), *pieces)}) == 4
-    lower = x[:1000]
-    upper = lower + rng.uniform(0, 0.3, lower.shape)
-    free = np.all([piece.empty(lower[:, : piece.ndim], upper[:, : piece.ndim]) for piece in pieces], axis=0)
-    assert (free == own.empty(lower, upper)).mean() > 0.99
-
-
-def test_bounders_of_pieces_together(tmp_path, rng):
-    own, one, other, x = arm(), of_piece((0, 1)), of_piece((2,)), asked()
-    whole = wb.union(other, one)
-    assert whole.certificate.proven
-    assert (whole.ndim, whole.certificate.indicator, whole.info["pieces"]) == (3, own.digest, None)
-    found = maybe(whole, x)
-    assert not (own.contains(x) & ~found).any()
-    within = (np.abs(whole.domain.to_local(x)) <= whole.domain.limit * (1 - 1e-6)).all(axis=1)
-    want = maybe(one, x[:, :2].copy()) | maybe(other, x)
-    assert (found[within] == want[within]).mean() > 0.9999  # but for rounding
-    assert (ask(whole, x[:5000]).astype(bool) == found[:5000]).mean() > 0.9999
-    again = reloaded(whole, tmp_path)
-    assert wb.certify(again, own, budget=120).proven
-    assert (maybe(again, x) == found).all()
-    assert wb.evaluate(again, own, samples=20_000).fn == 0
-    starts, ends = (rng.uniform(own.lower, own.upper, (1000, 3)).astype(np.float32) for _ in range(2))
-    ends = starts + np.float32(0.01) * (ends - starts)
-    clear = wb.proof.clear_segments(whole, starts, ends)
-    assert clear.any()
-    for t in np.linspace(0, 1, 33):
-        assert not own.contains((1 - t) * starts[clear].astype(np.float64) + t * ends[clear]).any()
-
-
-def test_some_pieces_are_not_the_whole(tmp_path):
-    again = reloaded(of_piece((2,)), tmp_path)
-    assert again.info["pieces"] == {"whole": arm().digest, "count": 3, "held": [2]}
-    assert wb.certify(again, arm().piece([2]), budget=120).proven
-    assert wb.certify(of_piece((0, 1)), arm(), budget=20).kind == "inapplicable"
-    some = wb.union(of_piece((1,)), of_piece((2,)))  # link 0 could touch nothing, but nobody has shown that
-    assert Pieces.from_dict(some.info["pieces"]).held == (1, 2)
-    assert some.certificate.indicator == arm().piece([1, 2]).digest
-    found = wb.certify(some, arm(), budget=20)
-    assert found.kind == "undecided"
-    assert "no part holds the pieces [0]" in found.message
-    assert wb.certify(some, arm().piece([1, 2]), budget=120).proven
-
-
-def test_a_file_that_lies_about_pieces(tmp_path):
-    """A part that is said to hold what it was not fitted to is found out, whatever the digests say."""
-    whole, file = wb.union(of_piece((0, 1)), of_piece((2,))), tmp_path / "w.safetensors"
-    whole.save(file)
-    part = whole.sizes["parts"][0]
-
-    def edited(entry, pieces=(2,)):
-        rewrite(file, lambda d: d["sizes"].update(parts=[entry, d["sizes"]["parts"][1] | {"pieces": list(pieces)}]))
-        return file
-
-    assert not wb.certify(wb.load(edited(part | {"pieces": [0]}, (1, 2)), device="cpu"), arm(), budget=20).proven
-    domain = part["domain"] | {"scale": [x / 2 for x in part["domain"]["scale"]]}
-    for entry, message in (
-        ({k: v for k, v in part.items() if k != "pieces"}, "that holds no pieces"),
-        (part | {"pieces": ["x"]}, "expected numbers of pieces"),
-        (part | {"domain": domain}, "expected parts in the coordinates of the whole|the domain of part 0"),
-    ):
-        with pytest.raises(FileFormatError, match=message):
-            wb.load(edited(entry), device="cpu")
 
 
 @pytest.mark.parametrize(

@@ -437,7 +437,6 @@ LIES = {
     "a higher threshold": lambda d: told(d, threshold=d["threshold"] + 0.25, lower_bound=9.0),
     "longer rays": lambda d: (told(d, length=2.0), d["domain"].update(length=2.0)),
     "another metric": lambda d: d["sizes"].update(metric="spacetime"),
-    "pieces": lambda d: d.update(pieces={"whole": "0" * 64, "count": 3, "held": [1]}),
 }
 
 

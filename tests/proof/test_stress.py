@@ -326,8 +326,6 @@ def test_what_has_no_share():
     bounder = attested()
     with pytest.raises(BounderError, match="single bounders of points"):
         share(wb.cascade(wb.fit(arm(), method="aabb", device="cpu", progress=False), bounder))
-    with pytest.raises(BounderError, match="the shape is"):
-        wb.proof.proven_share(bounder, arm().piece([0]))
     for options in ({"places": 0}, {"places": 5, "side": 0.0}, {"places": 5, "side": 2.0}):
         with pytest.raises(BounderError, match="at least one place"):
             share(bounder, **options)

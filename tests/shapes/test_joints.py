@@ -299,18 +299,3 @@ def test_what_is_not_asked_of_configurations(shape, bounders):
     ):
         with pytest.raises(BoundingError, match=message):
             ask()
-
-
-def test_bounders_of_links_together(rng):
-    """A link's bounder has the first joints alone, and what turning back rounds is covered in the whole, too."""
-    joints = [Joint(continuous=True), Joint(ELBOW, lower=-LIMIT, upper=LIMIT)]
-    wall = Body.box([-0.9, -0.1, -0.1], [-0.4, 0.1, 0.1])
-    shape = ArmConfigurations(Arm(joints, LINKS), [wall], weights=WEIGHTS)
-    upper, lower = (wb.fit(shape.piece([link]), method="aabb", device="cpu") for link in (0, 1))
-    assert upper.domain.joints == shape.joints.first(1)
-    both = wb.union(upper, lower)
-    x = rng.uniform([-8000, -1.4], [8000, 1.4], (20000, 2)).astype(np.float32)
-    maybe = both.query(x).numpy().astype(bool)
-    assert maybe[shape.contains(x.astype(np.float64))].all()
-    assert both.query(beyond(shape)).numpy().all()
-    assert wb.certify(both, shape).proven

@@ -361,27 +361,6 @@ class Arm:
             f"<Arm {self.name}: {len(self.free)} joints, {len(self.bodies)} bodies{', ' * bool(self.note)}{self.note}>"
         )
 
-    def first(self, count: int) -> "Arm":
-        """The arm of its first ``count`` joints, with what these move.
-
-        Raises:
-            ShapeError: For no joints, or more than there are.
-        """
-        if not 1 <= count <= len(self.joints):
-            raise ShapeError(f"{self.name}: expected 1 to {len(self.joints)} joints, got {count}")
-        bodies = [body for body in self.bodies if body.link < count]
-        known = {*range(WORLD, count), *(body.part for body in bodies)}
-        return Arm(
-            self.joints[:count],
-            bodies,
-            parents=self.parents[:count],
-            mimics={i: mimic for i, mimic in self.mimics.items() if i < count},
-            touching=[pair for pair in self.touching if known.issuperset(pair)],
-            neighbours=self.neighbours,
-            name=self.name,
-            note=self.note,
-        )
-
     def _held(self, numbers: Iterable[int]) -> "Arm":
         """The arm with these joints fixed in the middle of their limits; bodies keep their order."""
         values = np.array([(self.joints[i].lower + self.joints[i].upper) / 2 for i in self.free])

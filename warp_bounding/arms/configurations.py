@@ -23,7 +23,7 @@ from warp_bounding.rounding import round_down, round_up
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.shapes.formula import Formula
 from warp_bounding.shapes.joints import BEYOND, TWO_PI, WIDER, Joints, turned_back
-from warp_bounding.shapes.shape import UNDECIDED, HalfSpaces, Pieces, Shape, checked_margin, checked_number
+from warp_bounding.shapes.shape import UNDECIDED, HalfSpaces, Shape, checked_margin, checked_number
 
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
 LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
@@ -81,7 +81,7 @@ class ArmConfigurations(Formula):
         weights=None,
         name: str = "arm",
     ):
-        self.arm, self.obstacles, self.name, self.note, self._pieces = arm, tuple(obstacles), name, arm.note, None
+        self.arm, self.obstacles, self.name, self.note = arm, tuple(obstacles), name, arm.note
         self.columns = np.arange(len(arm.free))
         self._lay_out(safety, self_collision, weights)
 
@@ -179,8 +179,6 @@ class ArmConfigurations(Formula):
     @cached_property
     def geometry(self) -> str:
         """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""
-        if self._pieces is not None:
-            return self._pieces.digest
         sha = hashlib.sha256(b"warp-bounding arm 1")
         for joint in self.arm.joints:
             numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
@@ -336,47 +334,6 @@ class ArmConfigurations(Formula):
 
     # --- what can be made of it --------------------------------------------------------------------------------------
 
-    @property
-    def pieces(self) -> Pieces:
-        """A piece for each link: the configurations in which it touches an obstacle, the base, or a link before it."""
-        return self._pieces or Pieces(self.digest, len(self.arm.joints), tuple(range(len(self.arm.joints))))
-
-    def piece(self, held: Sequence[int]) -> "ArmConfigurations":
-        """The configurations in which some links touch the surroundings, or links before them.
-
-        They have the coordinates of the joints up to the last of these.
-
-        Args:
-            held: Numbers of links.
-
-        Raises:
-            ShapeError: For numbers of no links, links of another piece, or links that could touch nothing.
-
-        Example:
-            >>> links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(2)]
-            >>> arm = wb.arms.Arm([wb.arms.Joint(), wb.arms.Joint()], links)
-            >>> shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0, 0.8, 0], 0.2)])
-            >>> shape.piece([0]).ndim, shape.piece([1]).ndim
-            (1, 2)
-        """
-        own = self.pieces
-        asked = Pieces.of(own.whole, own.count, held, self.name)
-        if not set(asked.held) <= set(own.held):
-            raise ShapeError(f"{self.name}: a piece of links {own.held} has no links {asked.held}")
-        if asked == own:
-            return self
-        count = asked.held[-1] + 1
-        found = object.__new__(ArmConfigurations)
-        found.arm, found.obstacles, found._pieces = self.arm.first(count), self.obstacles, asked
-        found.name = f"{self.name}, links {', '.join(map(str, asked.held))}"
-        free = len(found.arm.free)
-        found.columns = self.columns[:free]
-        links = np.array([*(body.link for body in self.arm.bodies), *(WORLD for _ in self.obstacles)])
-        number = np.cumsum(links < count) - 1  # of the bodies that stay
-        pairs = self.pairs[np.isin(links[self.pairs].max(axis=1), asked.held)]
-        found._lay_out(self.safety, self.self_collision, self.weights[:free], number[pairs].reshape(-1, 2))
-        return found
-
     @classmethod
     def of_itself(cls, arm: Arm, *, safety: float, revolved: Sequence[str], samples: int) -> "ArmConfigurations":
         """See ``Arm.self_collision``."""
@@ -423,7 +380,7 @@ class ArmConfigurations(Formula):
     def _with(self, arm: Arm, pairs) -> "ArmConfigurations":
         """These pairs of bodies of an arm."""
         found = object.__new__(ArmConfigurations)
-        found.arm, found.obstacles, found.name, found.note, found._pieces = arm, (), self.name, self.note, None
+        found.arm, found.obstacles, found.name, found.note = arm, (), self.name, self.note
         found.columns = np.arange(len(arm.free))
         found._lay_out(self.safety, True, None, pairs)
         return found

@@ -34,7 +34,6 @@ from warp_bounding.errors import BounderError
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.launch import device_of
@@ -196,7 +195,6 @@ class Bounder(Asking):
     highest_threshold: ClassVar[float] = np.inf  # that a proof may set
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
-    delta_share: "np.ndarray | None" = None  # of a union whose parts have domains of their own, see there
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: there to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names
@@ -485,16 +483,16 @@ def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
         raise BounderError(f"{name}: {wrong[0]} is not conservative")
 
 
-def check_members(name: str, members: Sequence[Bounder], *, domains: bool = True) -> None:
+def check_members(name: str, members: Sequence[Bounder]) -> None:
     """Refuse what is no conservative bounder of the first one's queries and domain, with ``BounderError``.
 
-    The domain need not be the same unless ``domains``; ``name`` is the whole's, for the message.
+    ``name`` is the whole's, for the message.
     """
     for member in members:
         if not isinstance(member, Bounder):
             raise BounderError(f"{name}: expected bounders, got {type(member).__name__}")
     check_kinds(name, [type(member) for member in members])
-    for member in members if domains else ():
+    for member in members:
         if member.domain.to_dict() != members[0].domain.to_dict():
             got = f"got {members[0]!r} and {member!r}"
             raise BounderError(f"{name}: expected bounders of the same queries and domain, {got}")
@@ -511,13 +509,11 @@ def members_of(
     least: int,
     most: int,
     fits: Callable[[type[Bounder]], bool] = lambda kind: True,
-    *,
-    own_domains: bool = False,
 ) -> tuple[list[Bounder], Shapes]:
     """The members, from ``least`` to ``most``, that a whole's tensors and sizes hold, and the shapes of their tensors.
 
-    They are not yet at their thresholds. Entries may have a ``domain`` where there are ``own_domains``. Raises
-    ``BounderError`` if there are more or fewer, or one cannot be a member (``fits``) or is not conservative.
+    They are not yet at their thresholds. Raises ``BounderError`` if there are more or fewer, or one cannot be a member
+    (``fits``) or is not conservative.
     """
     entries = whole.sizes.get("parts")
     if not isinstance(entries, list) or not least <= len(entries) <= most:
@@ -534,13 +530,7 @@ def members_of(
         kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
         if kind is None or not fits(kind):
             raise BounderError(f"{whole.method}: part {i} is no bounder that can be a part: {entry!r}")
-        domain = whole.domain
-        if own_domains and "domain" in entry:
-            try:
-                domain = Domain.from_dict(entry["domain"])
-            except (KeyError, TypeError, ValueError) as error:
-                raise BounderError(f"{whole.method}: the domain of part {i} is none ({error})") from error
-        members.append(kind(domain, tensors, entry["sizes"], whole._device))
+        members.append(kind(whole.domain, tensors, entry["sizes"], whole._device))
     check_kinds(whole.method, [type(member) for member in members])
     return members, {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
 

@@ -173,10 +173,6 @@ class Cascade(Bounder):
         return [*((part, shape) for part in firsts), *last.obligations(shape)]
 
     @property
-    def delta_share(self) -> "np.ndarray | None":
-        return self.members[-1].delta_share
-
-    @property
     def provable(self) -> bool:
         return all(part.provable for part in self.members)
 
@@ -213,7 +209,7 @@ class Cascade(Bounder):
 
 
 # Entries of ``info`` that the whole has of one of its parts.
-ABOUT = ("indicator", "margin", "resolution", "shape", "name", "grid_shape", "seed", "note", "pieces")
+ABOUT = ("indicator", "margin", "resolution", "shape", "name", "grid_shape", "seed", "note")
 
 CLAIMED = ("margin", "length", "resolution")  # fields of certificates, beside the object (``differing``)
 

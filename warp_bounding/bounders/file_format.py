@@ -32,7 +32,6 @@ INFO_FIELDS = (
     "shape",
     "seed",
     "note",
-    "pieces",
     "training",
     "rates",
 )

@@ -17,7 +17,7 @@ from warp_bounding.queries.region_domain import SPACE, RegionDomain
 from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.whole_file import file_path
 from warp_bounding.shapes.recentred import Frame
-from warp_bounding.shapes.shape import Pieces, dilated_digest
+from warp_bounding.shapes.shape import dilated_digest
 
 
 def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
@@ -127,7 +127,7 @@ def _check_info(document: dict) -> None:
         if not isinstance(document.get(name), str | None):
             raise FileFormatError(f"the {name} {document[name]!r} is no text")
     if document.get("pieces") is not None:
-        Pieces.from_dict(document["pieces"])
+        raise FileFormatError("bounders of pieces of a shape are gone: fit the shape as a whole")
     rates = document.get("rates")
     if rates is not None and not all(0 <= rates[key] <= 100 for key in ("fp_rate", "fp_rate_aabb")):
         raise FileFormatError(f"the rates {rates!r} are none")

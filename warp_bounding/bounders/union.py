@@ -1,9 +1,8 @@
 """``union``: bounders of which any may say *maybe*, each of one part of an object; together they hold all of it.
 
-A part holds the whole shape, some *pieces* of a shape that is a union by itself (``Shape.piece``: the links of an arm;
-it may then have fewer coordinates, the first ones), or what lies in a *region*, a box. Each is proven by itself for
-what it holds; what is left to show is that nothing of the object is held by no part (``Union.obligations``), which
-``certify`` does from the shape alone.
+A part holds the whole shape, or what lies in a *region*, a box. Each is proven by itself for what it holds; what is
+left to show is that nothing of the object is held by no part (``Union.obligations``), which ``certify`` does from the
+shape alone.
 
 f is 1 where a part says *maybe*, else ``DENIED``. The parts are queried in order, on a CPU in full lanes of the queries
 that no part has granted yet. In memory a row for each part comes first (``ROW`` numbers: which code it has, where its
@@ -11,7 +10,7 @@ own numbers and its words begin, its threshold), then the numbers of the parts, 
 ``kernels.source.ALIGN``: so the code depends on how many parts there are and on the different sources among them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar
 
@@ -33,11 +32,9 @@ from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, words_at
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.queries.domain import Domain
-from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.native import literal
 from warp_bounding.shapes.parts import part_of
-from warp_bounding.shapes.shape import Pieces, Shape
+from warp_bounding.shapes.shape import Shape
 
 # --- covers ----------------------------------------------------------------------------------------------------------
 #
@@ -107,7 +104,7 @@ def _outside(low: np.ndarray, high: np.ndarray, first: np.ndarray, last: np.ndar
 
 MOST_PARTS = 1024
 ROW = 4  # numbers of a part's row: code, where its numbers begin, where its words begin, threshold
-Held = list[int] | Region | None  # what a part holds: pieces, what lies in a box, or all
+Held = Region | None  # what a part holds: what lies in a box, or all
 
 _BATCH = """
 const float* const rows_ = w;
@@ -216,9 +213,8 @@ class Union(Bounder):
     """Bounders of which any may say *maybe*; made by ``warp_bounding.union`` and ``warp_bounding.hierarchy``.
 
     Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``. Sizes: ``parts``, a
-    list of ``method``, ``sizes``, the ``domain`` of a part with its own, and what it holds, where that is not the whole
-    shape: ``pieces``, their numbers, or ``region``, float32 corners of a box in object space, ``null`` where it has no
-    end.
+    list of ``method``, ``sizes``, and where a part does not hold the whole shape ``region``, float32 corners of a box
+    in object space, ``null`` where it has no end.
     """
 
     method = "union"
@@ -236,41 +232,26 @@ class Union(Bounder):
 
         Raises ``BounderError`` if they are bounders of other queries or domains, or cannot be put together.
         """
-        check_members(cls.method, parts, domains=False)
-        domain = _common([part.domain for part in parts])
+        check_members(cls.method, parts)
         tensors, sizes = holding(parts)
-        for entry, part, own in zip(sizes["parts"], parts, held or [None] * len(parts), strict=True):
-            entry |= {} if part.domain.to_dict() == domain.to_dict() else {"domain": part.domain.to_dict()}
-            if isinstance(own, list):
-                entry["pieces"] = own
-            elif own is not None:
+        for entry, own in zip(sizes["parts"], held or [None] * len(parts), strict=True):
+            if own is not None:
                 entry["region"] = [[float(x) if np.isfinite(x) else None for x in np.float32(end)] for end in own]
         tensors["thresholds"] = np.array([part.threshold for part in parts], np.float32)
-        return cls(domain, tensors, sizes, parts[0]._device)
+        return cls(parts[0].domain, tensors, sizes, parts[0]._device)
 
     def check_tensors(self) -> None:
-        self.members, shapes = members_of(self, 1, MOST_PARTS, lambda kind: not kind.composed, own_domains=True)
+        self.members, shapes = members_of(self, 1, MOST_PARTS, lambda kind: not kind.composed)
         self.expect_shapes(shapes | {"thresholds": (len(self.members),)})
         self.held = [self._held(entry) for entry in self.sizes["parts"]]
-        kinds = {type(own) for own in self.held}
-        if len(kinds - {type(None)}) > 1:
-            raise BounderError(f"{self.method}: expected parts of pieces or parts in boxes, got both")
-        for part, own, threshold in zip(self.members, self.held, self.tensors["thresholds"], strict=True):
-            if fault := _unfit(self.domain, part.domain):
-                raise BounderError(f"{self.method}: {fault}")
-            if part.ndim != self.ndim and not isinstance(own, list):
-                raise BounderError(
-                    f"{self.method}: a part of {part.ndim} coordinates, of {self.ndim}, that holds no pieces"
-                )
+        for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
             part.freeze(threshold, None)
 
     def _held(self, entry: dict[str, Any]) -> Held:
         """What a part's entry says that it holds, checked."""
-        pieces, region, n = entry.get("pieces"), entry.get("region"), self.domain.space_ndim
-        if pieces is not None:
-            if not isinstance(pieces, list) or not pieces or not all(type(p) is int and p >= 0 for p in pieces):
-                raise BounderError(f"{self.method}: expected numbers of pieces, got {pieces!r}")
-            return pieces
+        region, n = entry.get("region"), self.domain.space_ndim
+        if entry.get("pieces") is not None:
+            raise BounderError(f"{self.method}: parts of pieces of a shape are gone; fit the shape as a whole")
         if region is None:
             return None
         try:
@@ -294,43 +275,21 @@ class Union(Bounder):
         """See ``Bounder``: each part, for what it holds of the object; regions without any are not looked at.
 
         Raises:
-            BounderError: If something of the object is held by no part; the message names a point, or pieces.
+            BounderError: If something of the object is held by no part; the message names a point.
         """
         if all(own is not None for own in self.held):
-            if isinstance(self.held[0], list):
-                self._check_pieces(shape)
-            else:
-                check_cover(shape, self.held)
+            check_cover(shape, self.held)
         pairs = [(part, self.owed(shape, own)) for part, own in zip(self.parts, self.held, strict=True)]
-        for part, own in pairs:
-            if own is not None and own.ndim != part.ndim:
-                raise BounderError(
-                    f"{own.name}: {own.ndim} coordinates, and the part that is to hold it has {part.ndim}"
-                )
         # A part may be several tests that must all pass, such as a network with exits.
         return [(each, own) for part, own in pairs if own is not None for each in part.parts]
 
-    def _check_pieces(self, shape: Shape) -> None:
-        if shape.pieces is None:
-            raise BounderError(f"{shape.name}: it has no pieces, and parts of this bounder hold some each")
-        if left := sorted(set(shape.pieces.held) - {number for own in self.held for number in own}):
-            raise BounderError(f"{shape.name}: no part holds the pieces {left}")
-
     @staticmethod
     def owed(shape: Shape, held: Held) -> Shape | None:
-        """What a part must hold of a shape: its pieces, or its region's; ``None`` where the shape is elsewhere."""
+        """What a part must hold of a shape: it, or its region's part; ``None`` where the shape is elsewhere."""
         if held is None:
             return shape
-        if isinstance(held, list):
-            return shape.piece(held)
         low, high = held
         return part_of(shape, held) if (low <= shape.upper).all() and (high >= shape.lower).all() else None
-
-    @property
-    def delta_share(self) -> np.ndarray | None:
-        """See ``Bounder``: what is left of the error that the proof of the part with most coordinates covers."""
-        widest = max((part.domain for part in self.members), key=lambda domain: domain.space_ndim)
-        return None if widest is self.domain else self.domain.delta / widest.delta
 
     @property
     def provable(self) -> bool:
@@ -371,14 +330,14 @@ class Union(Bounder):
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         v = np.asarray(v, dtype=np.float64)
-        held = [part.reference(v[:, : part.domain.ndim]) >= float(part.threshold) for part in self.members]
+        held = [part.reference(v) >= float(part.threshold) for part in self.members]
         return np.where(np.any(held, axis=0), 1.0, DENIED)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``: 1 where a part's own bounds, less their rounding, decide for *maybe* on the whole box."""
         sure = np.zeros(len(lower), dtype=bool)
         for part in self.members:
-            low, high, owner = part.cut(lower[:, : part.domain.ndim], upper[:, : part.domain.ndim])
+            low, high, owner = part.cut(lower, upper)
             own = np.ones(len(lower), dtype=bool)
             np.logical_and.at(own, owner, part.bound(low, high).lower >= float(part.threshold) + part.rounding_bound())
             sure |= own
@@ -395,53 +354,11 @@ class Union(Bounder):
         return 0.0  # ``bound`` is about what devices compute
 
 
-def _common(domains: list[AnyDomain]) -> AnyDomain:
-    """The domain in which parts are queried together: with the most coordinates, and the least margin for rounding.
-
-    Raises ``BounderError`` if the first coordinates of one are not those of another.
-    """
-    widest = max(domains, key=lambda domain: domain.space_ndim)
-    if all(domain.to_dict() == widest.to_dict() for domain in domains):
-        return widest
-    if all(isinstance(domain, Domain) and not domain.unbounded and domain.ndim <= widest.ndim for domain in domains):
-        delta, limit = widest.delta.copy(), widest.limit.copy()
-        for domain in domains:
-            k = domain.ndim
-            delta[:k], limit[:k] = np.minimum(delta[:k], domain.delta), np.minimum(limit[:k], domain.limit)
-        common = replace(widest, delta=delta, limit=limit)
-        faults = [common.fault(), *(_unfit(common, domain) for domain in domains)]
-        if not any(faults):
-            return common
-    raise BounderError("union: expected bounders of the same queries and domain, or of pieces of one shape")
-
-
-def _unfit(whole: AnyDomain, part: AnyDomain) -> str | None:
-    """Why the coordinates of a whole are not those of a part, which may be the first ones; ``None`` if they are.
-
-    The map to v is then the same, and the error that the part's proof covers is no smaller than the one that the whole
-    allows itself.
-    """
-    if part is whole:
-        return None
-    if not isinstance(whole, Domain) or not isinstance(part, Domain) or whole.unbounded or part.unbounded:
-        return "only parts of points of a bounded object may have domains of their own"
-    k = part.ndim
-    joints = None if whole.joints is None else whole.joints.first(k)
-    same = k <= whole.ndim and part.time == whole.time and part.joints == joints
-    if not same or (part.center != whole.center[:k]).any() or (part.scale != whole.scale[:k]).any():
-        return "expected parts in the coordinates of the whole, or the first ones of them"
-    if (whole.delta[:k] > part.delta).any() or (whole.limit[:k] > part.limit).any():
-        return "the proof of a part does not cover the coordinates of the whole"
-    return None
-
-
 def union(*bounders: Bounder) -> Union:
     """A bounder that says *maybe* iff one of these does, asked in this order.
 
     Args:
-        bounders: Bounders of the same queries of the same object, or of pieces of one shape (``Shape.piece``), which
-            may have fewer coordinates, the first ones: the whole is one of their union, of the shape itself where no
-            piece is missing.
+        bounders: Bounders of the same queries of the same object.
 
     Returns:
         The union. It is proven if all parts are, statistical if one of them is, and without a certificate if one has
@@ -463,32 +380,18 @@ def union(*bounders: Bounder) -> Union:
     parts, held = [], []
     for bounder in bounders:
         parts += bounder.parts if isinstance(bounder, Union) else [bounder.local]
-        held += bounder.held if isinstance(bounder, Union) else [_pieces(bounder) and list(_pieces(bounder).held)]
-    whole = Union.of(parts, held).freeze(0.0, None)
-    widest = max(bounders, key=lambda bounder: bounder.ndim)
-    whole.frame = widest.frame
-    pieces, indicator = [_pieces(bounder) for bounder in bounders], widest.info.get("indicator")
+        held += bounder.held if isinstance(bounder, Union) else [None]
+    whole, first = Union.of(parts, held).freeze(0.0, None), bounders[0]
+    whole.frame = first.frame
     for bounder in bounders:
-        if other := None if all(pieces) else differing(bounders[0], bounder):
+        if other := differing(first, bounder):
             raise BounderError(f"union: expected bounders of the same object, got {other}")
-    if all(pieces):
-        if any(bounder.frame for bounder in bounders):
-            raise BounderError("union: expected pieces of a shape without an origin")
-        joined = pieces[0]
-        for other, bounder in zip(pieces, bounders, strict=True):
-            same = all(bounder.info.get(name) == widest.info.get(name) for name in ("margin", "resolution"))
-            if not same or (other.whole, other.count) != (joined.whole, joined.count):
-                raise BounderError("union: expected bounders of pieces of the same shape, of one margin")
-            joined = joined.joined(other)
-        indicator = joined.digest
-    whole.info = {key: widest.info.get(key) for key in ABOUT} | {"indicator": indicator}
-    whole.info["shape"] = None if all(pieces) else whole.info["shape"]
-    whole.info["pieces"] = joined.to_dict() if all(pieces) and not joined.all else None
+    whole.info = {key: first.info.get(key) for key in ABOUT}
     whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
-    certificates = [bounder.certificate for bounder in (*(b for b in bounders if b is not widest), widest)]
+    certificates = [bounder.certificate for bounder in (*(b for b in bounders if b is not first), first)]
     if all(certificates):
         check_objects(certificates)
-        whole.freeze(0.0, together(whole, certificates, indicator))
+        whole.freeze(0.0, together(whole, certificates, first.info.get("indicator")))
     return whole
 
 
@@ -508,9 +411,3 @@ def united(parts: list[Bounder], regions: list[Region], shape: Shape) -> Union:
             raise BounderError(f"{whole.method}: part {number} has no certificate for its region")
         certificates.append(known)
     return whole.freeze(0.0, together(whole, certificates, shape.digest))
-
-
-def _pieces(bounder: Bounder) -> Pieces | None:
-    """The pieces that a bounder holds; ``None`` where it is not known to hold any, or holds the shape."""
-    reported = bounder.info.get("pieces")
-    return None if reported is None else Pieces.from_dict(reported)

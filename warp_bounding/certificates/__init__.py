@@ -148,7 +148,6 @@ class Subject(Protocol):
     ndim: int
     provable: bool
     parts: Sequence["Subject"]
-    delta_share: np.ndarray | None
 
     def rounding_bound(self) -> float:
         """See ``Bounder``."""
@@ -268,13 +267,9 @@ def together(bounder: Subject, certificates: list[Certificate], indicator: str) 
 
     A chain of tests has the threshold of its last part; what ends in a union has one of its own.
     """
-    # The whole has as many coordinates as the part with most.
-    known = conjunction(sorted(certificates, key=lambda c: len(c.delta)))
+    known = conjunction(certificates)
     if not bounder.composed:
         return known
-    if bounder.delta_share is not None:  # parts have domains of their own, and the whole has less room for rounding
-        delta = (np.array(known.delta) * bounder.delta_share).tolist()
-        known = replace(known, delta=delta, placement=placement_allowance(bounder.domain).tolist())
     if known.kind not in ("proven", "statistical"):
         return replace(known, threshold=float(bounder.threshold))
     reported = f"{len(certificates)} tests put together, each proven by itself, and they cover the object; the last: "

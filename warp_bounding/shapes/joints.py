@@ -75,10 +75,6 @@ class Joints:
         numbers = np.where(turns, -most, lower), np.where(turns, most, upper), period
         return cls(*(tuple(each.tolist()) for each in numbers))
 
-    def first(self, count: int) -> "Joints":
-        """The first so many."""
-        return Joints(self.lower[:count], self.upper[:count], self.period[:count])
-
     def fault(self) -> str | None:
         """What is wrong with these numbers; ``None`` if ``TEXT`` does what it should."""
         lower, upper, period = (np.array(each, dtype=np.float64) for each in (self.lower, self.upper, self.period))

@@ -14,8 +14,8 @@ import math
 import operator
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, ClassVar, NamedTuple
+from collections.abc import Callable
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -231,70 +231,6 @@ class HalfSpaces(NamedTuple):
             wp.array(x.view(np.uint8) if x.dtype == bool else x, dtype=dtype, device="cpu", copy=False)
             for x, dtype in parts
         ]
-
-
-# --- Pieces -----------------------------------------------------------------------------------------------------------
-#
-# A shape as the union of others, its pieces, each of which may be bounded by itself: how they are named, and what a
-# union of them is called.
-#
-# Pieces have numbers. A digest follows from that of the whole and the numbers alone, so that bounders of pieces can be
-# put together without the shape, and nobody can take one piece for another.
-
-MOST = 4096
-
-
-class Pieces(NamedTuple):
-    """Some pieces of a whole.
-
-    Attributes:
-        whole: Digest of the whole.
-        count: How many pieces it has.
-        held: Numbers of these, in order, from 0 on.
-    """
-
-    whole: str
-    count: int
-    held: tuple[int, ...]
-
-    @classmethod
-    def of(cls, whole: str, count: int, held: Iterable[int], name: str = "pieces") -> "Pieces":
-        """Checked; raises ``ShapeError`` for numbers of no pieces, or none at all."""
-        numbers = list(held)
-        fine = all(isinstance(n, int) and not isinstance(n, bool) and 0 <= n < count for n in numbers)
-        if not numbers or not fine:
-            raise ShapeError(f"{name}: expected some of the pieces 0 to {count - 1}, got {numbers}")
-        return cls(whole, count, tuple(sorted(set(numbers))))
-
-    @property
-    def all(self) -> bool:
-        """Whether nothing of the whole is missing."""
-        return len(self.held) == self.count
-
-    @property
-    def digest(self) -> str:
-        """That of the union; the whole's own where nothing is missing."""
-        reported = f"pieces {' '.join(map(str, self.held))} of {self.count} of {self.whole}"
-        return self.whole if self.all else hashlib.sha256(reported.encode()).hexdigest()
-
-    def joined(self, other: "Pieces") -> "Pieces":
-        """The union with other pieces of the same whole."""
-        return self._replace(held=tuple(sorted({*self.held, *other.held})))
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON-ready."""
-        return {"whole": self.whole, "count": self.count, "held": list(self.held)}
-
-    @classmethod
-    def from_dict(cls, values: Any) -> "Pieces":
-        """Inverse of ``to_dict``; raises ``ValueError`` for anything else."""
-        try:
-            whole, count, held = values["whole"], values["count"], values["held"]
-            if not isinstance(whole, str) or type(count) is not int or not 1 <= count <= MOST:
-                raise ValueError(f"{values!r} are no pieces of a shape")
-            return cls.of(whole, count, held)
-        except (TypeError, KeyError, ShapeError) as error:
-            raise ValueError(f"{values!r} are no pieces of a shape ({error})") from error
 
 
 # --- Shapes -----------------------------------------------------------------------------------------------------------
@@ -554,24 +490,6 @@ class Shape(Picklable, ABC):
         """Raise ``ShapeError`` where a search finds no point in the object, or none outside."""
 
     # --- what can be made of it --------------------------------------------------------------------------------------
-
-    @property
-    def pieces(self) -> Pieces | None:
-        """Which pieces of which whole this is, where it can be bounded piece by piece; ``None`` where it cannot."""
-        return None
-
-    def piece(self, held: Sequence[int]) -> "Shape":
-        """The union of some pieces, whose bounders ``a | b`` puts together.
-
-        It has the first coordinates only, where it depends on no others.
-
-        Args:
-            held: Numbers of pieces, those of the whole.
-
-        Raises:
-            ShapeError: For numbers of no pieces, or a shape that is not taken apart.
-        """
-        raise ShapeError(f"{self.name}: it has no pieces")
 
     @abstractmethod
     def dilated(self, margin: float) -> "Shape":

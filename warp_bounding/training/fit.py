@@ -242,15 +242,8 @@ def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]
         "shape": shape.shape_digest if isinstance(shape, Grid) else shape.geometry,
         "seed": int(seed),
         "note": shape.restriction,
-        "pieces": reported_pieces(shape),
         "training": record,
     }
-
-
-def reported_pieces(shape: Shape) -> dict[str, Any] | None:
-    """Which pieces of which whole a shape is, where it is not all of them."""
-    own = shape.pieces
-    return None if own is None or own.all else own.to_dict()
 
 
 def _bounded(shape, query: str, method: str, resolution: int | None, margin: float) -> Shape:
