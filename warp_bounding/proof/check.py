@@ -26,7 +26,7 @@ from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.distances import Checkpoint, overestimate_within
 from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized
 from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives, halve
-from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, fn_rate_bound, fresh_seed, try_positives
+from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import taylor_bounds
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
@@ -203,6 +203,9 @@ def _conclusion(bounder: Bounder, grid: Shape, found: Checked, budget: float, re
     """The certificate for what a check has found."""
     least, boxes = found.least, found.boxes
     if not found.complete:
+        denied = descend(asked, grid, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]
+        if len(denied):
+            return result("refuted", f"a {bounder.query_kind} {DENIED}", least, boxes, denied[0])
         return result("undecided", f"no decision within {budget:.3g} s", least, boxes)
     if found.suspects is None:
         return result("proven", _proven(bounder), least, boxes)
