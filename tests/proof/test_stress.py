@@ -24,9 +24,10 @@ from warp_bounding.proof import (
     stress_test,
     try_positives,
 )
-from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, random_world
+from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, descend, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
+from warp_bounding.shapes import Function
 
 LENGTH = 0.75
 
@@ -320,6 +321,34 @@ def test_the_proven_share_grows_with_time_and_falls_with_a_threshold_that_is_too
     assert share(high).volume < 1 - wrong / 2
     proven = share(wb.fit(arm(), method="aabb", device="cpu", progress=False), boxes=500_000)
     assert proven.volume == pytest.approx(1.0, abs=1e-9)
+
+
+def with_a_grain(at: np.ndarray | None) -> Function:
+    """A ball, and a grain beside it that no sample of a few million meets."""
+
+    def distance(x: np.ndarray) -> np.ndarray:
+        ball = np.linalg.norm(x, axis=1) - 0.5
+        return ball if at is None else np.minimum(ball, np.linalg.norm(x - at, axis=1) - 2.0**-9)
+
+    return Function(None, np.full(3, -1.0), np.full(3, 1.0), distance=distance, name="a ball and a grain")
+
+
+def test_a_descent_finds_what_no_sample_meets(rng):
+    bounder = wb.fit(with_a_grain(None), hidden=(8,), steps=100, device="cpu")
+    x = rng.uniform(-0.9, 0.9, (1_000_000, 3)).astype(np.float32)
+    grain = with_a_grain(x[np.argmin(bounder.values(x).numpy())])
+    found, boxes = descend(bounder, grain, 0)
+    assert len(found)
+    assert boxes > 100
+    assert grain.contains(found).all()
+    assert not bounder.query(found).numpy().any()
+    # lowered until it finds none; and where all is proven there is nothing to find
+    certificate = statistical_test(bounder, grain, least=float(bounder.threshold), room=0.0, count=10_000)
+    assert certificate.restarts >= 1
+    assert "open boxes" in certificate.message
+    assert not len(descend(bounder, grain, 1)[0])
+    assert bounder.query(found).numpy().all()
+    assert not len(descend(wb.fit(grain, method="aabb", device="cpu"), grain, 0)[0])
 
 
 def test_what_has_no_share():
