@@ -218,48 +218,29 @@ def test_an_srdf_of_another_robot_is_refused(tmp_path):
         wb.arms.load_urdf(file, srdf=tmp_path / "arm.srdf")
 
 
-def robot(
-    geometry="<mesh filename='a.stl'/>",
-    more="",
-    more_collision="",
-    start="<robot name='r'>",
-    end="</robot>",
-    more_joint="",
-    origin="xyz='1 0 0'",
-    **files: bytes | str,
-) -> dict[str, str | bytes]:
-    """An arm of one joint, whose link is a cube of a file."""
-    collision = f"<origin {origin}/><geometry>{geometry}</geometry>{more_collision}"
-    moved = f"<link name='bar'><collision>{collision}</collision></link>"
-    turning = "<joint name='j' type='revolute'><parent link='base'/><child link='bar'/><axis xyz='0 0 1'/>"
-    turning += f"<limit lower='-1' upper='1' effort='1' velocity='1'/>{more_joint}</joint>"
-    whole = f"{start}<link name='base'/>{moved}{turning}{more}{end}"
-    return {"a.urdf": whole, "a.stl": BINARY_STL} | files  # fmt: skip
-
-
-PACKAGE = "<mesh filename='package://robot/meshes/a.stl'/>"
-VISUAL = (
-    "<link name='extra'><visual><geometry><box size='1 1 1'/></geometry></visual></link>"
-    "<joint name='k' type='fixed'><parent link='bar'/><child link='extra'/></joint>"
-)
-NAMED = "<package><name>robot</name></package>"
+CUBE, STL = '<mesh filename="a.stl"/>', {"a.stl": BINARY_STL}
+PACKAGE = '<mesh filename="package://robot/meshes/a.stl"/>'
+BAR = link("bar", f'<collision><origin xyz="1 0 0"/><geometry>{CUBE}</geometry></collision>')
+TURNING = f'<robot name="two">{link("base", "")}{BAR}{joint("j", "base", "bar")}</robot>'
+VISUAL = link("more", '<visual><geometry><box size="1 1 1"/></geometry></visual>')
+VISUAL += joint("k", "bar", "more", "fixed", limit="")
+NAMED = {"package.xml": "<package><name>robot</name></package>", "meshes/a.stl": BINARY_STL}
 
 
 @pytest.mark.parametrize(
-    ("files", "note", "half"),
+    ("old", "new", "files", "note", "half"),
     [
-        (robot(), "", (1, 1, 1)),
-        (robot("<!-- a cube --><mesh filename='a.stl' scale='1 -2 3'/>"), "", (1, 2, 3)),
-        (robot(PACKAGE, **{"robot/meshes/a.stl": BINARY_STL}), "", (1, 1, 1)),
-        (robot(PACKAGE, **{"package.xml": NAMED, "meshes/a.stl": BINARY_STL}), "", (1, 1, 1)),
-        (robot("<mesh filename='a.dae'/>", **{"a.dae": CENTIMETRES}), "", (1, 1, 1)),
-        (robot("<mesh filename='a.glb'/>", **{"a.glb": GLB}), "taken as it stands", (1, 1, 1)),
-        (robot("<mesh filename='a.dae'/>", **{"a.dae": dae(asset="")}), "a.dae: no up_axis", (1, 1, 1)),
-        (robot(more=VISUAL), "so not bounded: extra", (1, 1, 1)),
+        (CUBE, '<!-- a cube --><mesh filename="a.stl" scale="1 -2 3"/>', STL, "", (1, 2, 3)),
+        (CUBE, PACKAGE, {"robot/meshes/a.stl": BINARY_STL}, "", (1, 1, 1)),
+        (CUBE, PACKAGE, NAMED, "", (1, 1, 1)),
+        (CUBE, '<mesh filename="a.dae"/>', {"a.dae": CENTIMETRES}, "", (1, 1, 1)),
+        (CUBE, '<mesh filename="a.dae"/>', {"a.dae": dae(asset="")}, "a.dae: no up_axis", (1, 1, 1)),
+        (CUBE, '<mesh filename="a.glb"/>', {"a.glb": GLB}, "taken as it stands", (1, 1, 1)),
+        ("</robot>", VISUAL + "</robot>", STL, "so not bounded: more", (1, 1, 1)),
     ],
 )
-def test_meshes_of_links(tmp_path, files, note, half):
-    arm = wb.arms.load_urdf(stored(tmp_path, "a.urdf", files))
+def test_meshes_of_links(tmp_path, old, new, files, note, half):
+    arm = wb.arms.load_urdf(stored(tmp_path, "a.urdf", {"a.urdf": TURNING.replace(old, new)} | files))
     (body,) = arm.bodies
     assert sorted(body.points.tolist()) == pytest.approx(np.array(sorted((V * half + [1, 0, 0]).tolist())))
     assert note in arm.note
@@ -267,28 +248,28 @@ def test_meshes_of_links(tmp_path, files, note, half):
 
 
 @pytest.mark.parametrize(
-    ("files", "words"),
+    ("old", "new", "words"),
     [
-        (robot("<mesh filename='a.stl' scale='1 2'/>"), "scale of 1 or 3 finite numbers"),
-        (robot(PACKAGE, **{"meshes/a.stl": BINARY_STL}), "is missing"),
-        (robot("<mesh filename='gone.stl'/>"), "is missing"),
-        (robot("<mesh filename='a.3ds'/>", **{"a.3ds": b"3ds"}), "expected a mesh file"),
-        (robot(**{"a.stl": BINARY_STL[:-1]}), "a.stl"),
-        (robot("<sphere radius='1'/><box size='1 1 1'/>"), "one geometry of one shape"),
-        (robot(more_collision="<geometry><sphere radius='1'/></geometry>"), "one geometry of one shape"),
-        (robot(more_joint="<origin/><origin xyz='5 0 0'/>"), "joint j: expected one origin, got 2"),
-        (robot("<cylinder radius='1'/>"), "cylinder: expected length"),
-        (robot(origin="xyz='1 0 0' quat_xyzw='0 0 1 0'"), "got quat_xyzw"),
-        (robot("<cylinder radius='-1' length='1'/>"), "radius of 1 finite number from 0, got '-1'"),
-        (robot(origin="xyz='1 0 0 7'"), "xyz of 3 finite numbers"),
-        (robot("<sphere radius='1_0'/>"), "radius of 1 finite number from 0, got '1_0'"),
-        (robot("<cone radius='1' length='1'/>"), "cone"),
-        (robot(more="<link name='base'/>"), "two of base"),
-        (robot(start="<robot name='r' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='b'/>"), "macro"),
-        (robot(end=""), "no URDF that can be read"),
+        (CUBE, '<mesh filename="a.stl" scale="1 2"/>', "scale of 1 or 3 finite numbers"),
+        (CUBE, PACKAGE, "is missing"),
+        (CUBE, '<mesh filename="a.urdf"/>', "expected a mesh file"),
+        (CUBE, '<mesh filename="cut.stl"/>', "cut.stl: expected"),
+        (CUBE, '<sphere radius="1"/><box size="1 1 1"/>', "one geometry of one shape"),
+        (CUBE, '<cylinder radius="1"/>', "cylinder: expected length"),
+        (CUBE, '<cylinder radius="-1" length="1"/>', "radius of 1 finite number from 0, got '-1'"),
+        (CUBE, '<sphere radius="1_0"/>', "radius of 1 finite number from 0, got '1_0'"),
+        (CUBE, '<cone radius="1" length="1"/>', "cone"),
+        ("</collision>", f"<geometry>{CUBE}</geometry></collision>", "one geometry of one shape"),
+        ("</joint>", '<origin xyz="5 0 0"/></joint>', "joint j: expected one origin, got 2"),
+        ('xyz="1 0 0"', 'xyz="1 0 0" quat_xyzw="0 0 1 0"', "got quat_xyzw"),
+        ('xyz="1 0 0"', 'xyz="1 0 0 7"', "xyz of 3 finite numbers"),
+        ("</robot>", '<link name="base"/></robot>', "two of base"),
+        ('name="two">', 'name="r" xmlns:xacro="http://wiki.ros.org/xacro"><xacro:include filename="b"/>', "macro"),
+        ("</robot>", "", "no URDF that can be read"),
     ],
 )
-def test_files_that_are_refused(tmp_path, files, words):
+def test_files_that_are_refused(tmp_path, old, new, words):
+    files = {"a.urdf": TURNING.replace(old, new), "cut.stl": BINARY_STL[:-1]} | STL
     with pytest.raises(ShapeError) as caught:
         wb.arms.load_urdf(stored(tmp_path, "a.urdf", files))
     assert words in str(caught.value)

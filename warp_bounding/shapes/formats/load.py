@@ -13,7 +13,7 @@ import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -34,17 +34,9 @@ from warp_bounding.shapes.shape import HOLLOW
 
 # --- Objects of other libraries ---------------------------------------------------------------------------------------
 #
-# Shapes as others hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp, objects that answer.
+# Shapes as others hold them: meshes of trimesh, Newton and Warp, arrays of torch and Warp.
 #
 # None of these libraries is imported here: whoever passes an object of one has imported it.
-
-
-class _Kind(NamedTuple):
-    """Classes of a library, and the function that makes a shape or an array of their objects."""
-
-    module: str
-    classes: tuple[str, ...]
-    convert: Callable[[Any], Any]
 
 
 def _from_trimesh(source: Any) -> Mesh | Recentred:
@@ -81,16 +73,18 @@ def _triangles(indices: Any, name: str) -> np.ndarray:
     return indices.reshape(-1, 3)
 
 
-_MESHES = (
-    _Kind("trimesh", ("Trimesh", "Scene"), _from_trimesh),
-    _Kind("newton", ("Mesh",), _from_newton),
-    _Kind("warp", ("Mesh",), _from_warp),
-)
-_ARRAYS = (
-    _Kind("numpy", ("ndarray",), lambda source: source),
-    _Kind("torch", ("Tensor",), _from_torch),
-    _Kind("warp", ("array",), lambda source: source.numpy()),
-)
+# By module and class.
+_MESHES: dict[tuple[str, str], Callable[[Any], Any]] = {
+    ("trimesh", "Trimesh"): _from_trimesh,
+    ("trimesh", "Scene"): _from_trimesh,
+    ("newton", "Mesh"): _from_newton,
+    ("warp", "Mesh"): _from_warp,
+}
+_ARRAYS: dict[tuple[str, str], Callable[[Any], Any]] = {
+    ("numpy", "ndarray"): lambda source: source,
+    ("torch", "Tensor"): _from_torch,
+    ("warp", "array"): lambda source: source.numpy(),
+}
 ACCEPTED = (
     "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or a shape"
 )
@@ -121,12 +115,10 @@ def _from_pair(source: tuple) -> Mesh | Recentred:
     return mesh_of(*arrays)
 
 
-def _converted(source: object, kinds: tuple[_Kind, ...]) -> Any:
-    for kind in kinds:
-        module = sys.modules.get(kind.module)
-        classes = tuple(filter(None, (getattr(module, name, None) for name in kind.classes)))
-        if isinstance(source, classes):
-            return kind.convert(source)
+def _converted(source: object, kinds: dict[tuple[str, str], Callable[[Any], Any]]) -> Any:
+    for (module, name), convert in kinds.items():
+        if (known := getattr(sys.modules.get(module), name, None)) is not None and isinstance(source, known):
+            return convert(source)
     return None
 
 
