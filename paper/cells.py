@@ -11,7 +11,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.certificates.claim import as_fitted
-from warp_bounding.errors import BounderError, BoundingError, ShapeError
+from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.queries.distance import METRICS
 from warp_bounding.runtime.launch import cpu_threads
 
@@ -74,23 +74,12 @@ def select(source: str | Callable[[list[int]], list[Object]], columns: str | Non
 
 
 def missing(cells: Iterable[Cell], folder: Folder, column: str = "", kinds: Sequence[str] = ("",)) -> list:
-    """What a folder lacks: pairs of a cell and the kind of row (protocol, device, ...) that a column of the CSV tells.
-
-    Raises:
-        ShapeError: If an object is not the one that was measured before.
-    """
-    digests: dict[tuple, set[str]] = {}
+    """What a folder lacks: pairs of a cell and the kind of row (protocol, device, ...), a column of the CSV."""
     there = set()
     for row in folder.rows:
-        digests.setdefault((row["dimension"], row["object"]), set()).add(row["indicator"])
         identity = (row.get(name, SPACES[0] if name == "space" else None) for name in IDENTITY)
         there.add((tuple(identity), row.get(column, "")))
-    left = [(cell, kind) for cell in cells for kind in kinds if (cell.identity, kind) not in there]
-    for thing in {cell.thing for cell, _ in left}:
-        if digests.get((thing.ndim, thing.name), set()) - {grid_of(thing).digest[:DIGEST]}:
-            other = f"not the object that {folder.path} was measured on; choose another --output"
-            raise ShapeError(f"{thing.path}: {other}")
-    return left
+    return [(cell, kind) for cell in cells for kind in kinds if (cell.identity, kind) not in there]
 
 
 def about(cell: Cell, bounder: Any, settings: dict[str, Any]) -> dict[str, Any]:

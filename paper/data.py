@@ -30,7 +30,7 @@ def objects_in(data: Path, dimensions: Iterable[int]) -> list[Object]:
     """Every object of these dimensions in a data folder.
 
     Raises:
-        ShapeError: If the folder, or a dimension in it, is missing, or a name cannot be written in a table.
+        ShapeError: If the folder, or a dimension in it, is missing.
     """
     if not data.is_dir():
         raise ShapeError(f"{data}: no such folder; it must hold {', '.join(PATTERNS.values())}")
@@ -42,9 +42,6 @@ def objects_in(data: Path, dimensions: Iterable[int]) -> list[Object]:
                 f"{data}: no {PATTERNS[ndim]} there; add the {ndim}D objects, or choose --columns without {ndim}d"
             )
         found += own
-    for each in found:
-        if not each.name.isprintable() or "|" in each.name:
-            raise ShapeError(f"{each.path}: the name of an object must be printable and without '|'")
     return found
 
 

@@ -128,9 +128,7 @@ def computed(folder: results.Folder, name: str, work: Work) -> dict[str, Any]:
     found, labels = read(folder, name), work.labels(FIGURES[name])
     parts = FIGURES[name].parts(work, labels)
     left = [part for part in parts if part not in found["parts"]]
-    digests = {label: work.shape(label).digest[:DIGEST] for label in labels} if left or work.data else {}
-    if other := [label for label, digest in found["objects"].items() if digests.get(label, digest) != digest]:
-        raise ShapeError(f"{', '.join(other)}: not what {name}.json was made of; choose another --output")
+    digests = {label: work.shape(label).digest[:DIGEST] for label in labels} if left else {}
     for part in left:
         results.say(f"{name} {list(parts).index(part) + 1}/{len(parts)}: {part}")
         started, value = time.perf_counter(), parts[part]()
@@ -147,15 +145,10 @@ def read(folder: results.Folder, name: str) -> dict[str, Any]:
     file = folder.path / f"{name}.json"
     if not file.exists():
         return {"parts": {}, "objects": {}, "versions": []}
-    try:
-        document = json.loads(file.read_text())
-        found = {key: document[key] for key in ("parts", "objects", "versions")}
-        same = all(document["settings"].get(key, old) == folder.settings[key] for key, old in DEFAULTS.items())
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise FileFormatError(f"{file}: damaged ({error}); delete it and it is computed again") from error
-    if not same or document.get("format") != FORMAT:
-        raise FileFormatError(f"{file}: made with other settings than the folder's, or by another version")
-    return found
+    document = json.loads(file.read_text())
+    if any(document["settings"].get(key, old) != folder.settings[key] for key, old in DEFAULTS.items()):
+        raise FileFormatError(f"{file}: made with other settings than the folder's")
+    return {key: document[key] for key in ("parts", "objects", "versions")}
 
 
 def missed_of(parts: dict[str, Any]) -> list[tuple[str, int]]:

@@ -138,12 +138,10 @@ def read_settings(path: Path) -> tuple[dict[str, Any], list[str]]:
     """Settings and command lines of a folder; ``FileFormatError`` if they are damaged."""
     try:
         document = json.loads((path / SETTINGS).read_text())
-        version, settings, commands = (document[key] for key in ("format", "settings", "commands"))
+        settings, commands = document["settings"], document["commands"]
         checked(settings)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, BoundingError) as error:
+    except (OSError, ValueError, KeyError, TypeError, BoundingError) as error:
         raise FileFormatError(f"{path / SETTINGS}: damaged or not the settings of a table ({error})") from error
-    if version != FORMAT:
-        raise FileFormatError(f"{path / SETTINGS}: format {version}, this version of warp-bounding knows {FORMAT}")
     return settings, commands
 
 
