@@ -37,7 +37,6 @@ METHODS = {
     wb.shapes.Mesh: ("to_grid",),
     wb.shapes.MovingMesh: ("to_grid", "vertices_at"),
     wb.Rates: ("to_dict",),
-    StressResult: ("complete", "to_dict"),
 }
 DOCUMENTED = {name: getattr(wb, name) for name in wb.__all__ if name not in ("DISTANCES", "METHODS", "__version__")}
 DOCUMENTED |= {"StressResult": StressResult} | {

@@ -540,7 +540,7 @@ def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | N
         verdict = f"FALSE NEGATIVE: {region} meets the shape and is answered with no"
     return (
         0 if found.missed is None else 1,
-        of_both | found.to_dict(),
+        of_both | vars(found),
         f"{verdict}; {asked}; --seed {found.seed}; {found.seconds:.1f} s",
     )
 

@@ -229,7 +229,6 @@ def test_what_is_proven_is_not_contradicted(query):
         made("kdop", query), shape("blob"), 8 * CHUNK - 100_000, seed=1, progress=lambda *a: reported.append(a)
     )
     assert result.missed is None
-    assert result.complete
     assert all(result.forms[form] > 0 for form in FORMS)
     assert sum(result.forms.values()) == result.done >= result.wanted
     assert reported[-1][:2] == (result.wanted, result.wanted)
@@ -250,7 +249,6 @@ def test_a_raised_threshold_is_caught(query):
     raised = made("kdop", query, raised=2e-2)
     result = stress_test(raised, shape("blob"), 4 * CHUNK, seed=1)
     assert result.missed is not None
-    assert result.complete
     x = np.array([result.missed], np.float32)
     assert oracle(query, shape("blob"), "cpu", LENGTH)(x).all()
     assert raised.query(x).numpy()[0] == 0

@@ -26,7 +26,7 @@ import contextlib
 import secrets
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
@@ -500,59 +500,25 @@ def _passing(a: np.ndarray, w: np.ndarray, p: np.ndarray, speed: float | None = 
 class StressResult:
     """How far a stress test has come.
 
-    Attributes:
-        method: The bounder's method.
-        query: Kind of query.
-        seed: Seed of the stream.
-        wanted: Positives that were to be queried.
-        indicator: SHA-256 of the shape.
-        done: Positives asked in whole chunks; the chunk with a missed one is not among them.
-        forms: Positives asked in each form: float32, float64, placed; of a distance: balls, nearest, segments, rays,
-            boxes.
-        seconds: Time taken.
-        missed: The first query that was answered with no, as given to the bounder, or ``None``.
-        missed_form: The form of that query.
-        missed_world: Where the shape was placed, for a query in the world: ``xform`` (a matrix) and ``scale``.
-        interrupted: Whether Ctrl-C ended the test.
-
     Example:
         >>> from warp_bounding.proof import stress_test
         >>> result = stress_test(bounder, grid, 10_000, seed=1)
-        >>> result.missed is None, result.complete, result.to_dict()["query"]
+        >>> result.missed is None, result.done >= result.wanted, result.query
         (True, True, 'point')
     """
 
-    method: str
-    query: str
-    seed: int
-    wanted: int
-    indicator: str
-    done: int = 0
-    forms: dict[str, int] = field(default_factory=dict)
-    seconds: float = 0.0
-    missed: list[float] | None = None
-    missed_form: str | None = None
-    missed_world: dict | None = None
-    interrupted: bool = False
-
-    @property
-    def complete(self) -> bool:
-        """Whether as many as wanted were queried, or a false negative was found.
-
-        Example:
-            >>> stress_test(bounder, grid, 1000, seed=1).complete
-            True
-        """
-        return self.done >= self.wanted or self.missed is not None
-
-    def to_dict(self) -> dict:
-        """JSON-ready.
-
-        Example:
-            >>> stress_test(bounder, grid, 1000, seed=1).to_dict()["query"]
-            'point'
-        """
-        return asdict(self)
+    method: str  #: The bounder's method
+    query: str  #: Kind of query
+    seed: int  #: Seed of the stream
+    wanted: int  #: Positives that were to be queried
+    indicator: str  #: SHA-256 of the shape
+    done: int = 0  #: Positives asked in whole chunks; the chunk with a missed one is not among them
+    forms: dict[str, int] = field(default_factory=dict)  #: Positives asked in each form
+    seconds: float = 0.0  #: Time taken
+    missed: list[float] | None = None  #: The first query that was answered with no, as given to the bounder
+    missed_form: str | None = None  #: Its form: float32, float64, placed; of a distance: balls, segments, ...
+    missed_world: dict | None = None  #: Where the shape was placed for it: ``xform`` (a matrix) and ``scale``
+    interrupted: bool = False  #: Whether Ctrl-C ended the test
 
 
 def stress_test(
@@ -593,7 +559,7 @@ def stress_test(
     result = StressResult(bounder.method, bounder.query_kind, int(seed), int(count), shape.digest)
     result.forms, started, chunk = dict.fromkeys(stream.forms, 0), time.perf_counter(), 0
     try:
-        while not result.complete and time.perf_counter() - started < budget:
+        while result.missed is None and result.done < count and time.perf_counter() - started < budget:
             form, queried, missed = stream.ask(result.seed, chunk, CHUNK)
             chunk += 1
             if missed is not None:
