@@ -50,9 +50,6 @@ def main(
     """
     arguments = sys.argv[1:] if arguments is None else arguments
     arguments = ["--output" if word == "--out" else word for word in arguments]
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:  # closed by who started this, as in ``>&-``
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115 (until the process ends)
     try:
         with reported_warnings():
             status = _run(_app(arguments) if make_app is None else make_app(), arguments, program)

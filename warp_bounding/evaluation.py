@@ -30,40 +30,24 @@ QUICK, QUICK_SEED = 16_384, 2  # the queries that ``quick_rates`` measures on: h
 class Rates:
     """Rates over all samples, in per cent, as in the paper.
 
-    Attributes:
-        fp_rate: False positives, per cent of all samples.
-        fn: False negatives, a count; a conservative bounder has none.
-        positives: Samples whose truth is *yes*, per cent.
-        samples: Number of samples.
-        protocol: ``"exact"`` or ``"sampled"`` (the truth from random points of a region, as in the paper; for points
-            both are the same).
-        seed: Seed of the samples.
-        truth: Whose truth it is, in words: of the shape itself, or of cells, where a grid was given or where the shape
-            cannot tell for this kind of query.
-        indicator: SHA-256 of the shape or the cells that the fit bounded; equal to ``bounder.info["indicator"]``.
-        undecided: Samples whose truth could not be decided, per cent; they count as positives, but not as ``fn``.
-        fp_rate_cells: Where the fit bounded cells of a shape: the same against these cells, per cent; else ``None``.
-        radius: For points and a distance: those within it are positive, object units; else ``None``.
-        query: For a distance: the kind of query; else ``None``.
-
     Example:
         >>> rates = wb.evaluate(bounder, grid, samples=10_000)
         >>> rates.fn, rates.samples
         (0, 10000)
     """
 
-    fp_rate: float
-    fn: int
-    positives: float
-    samples: int
-    protocol: str
-    seed: int
-    truth: str = "of its cells"
-    indicator: str | None = None
-    undecided: float = 0.0
-    fp_rate_cells: float | None = None
-    radius: float | None = None
-    query: str | None = None
+    fp_rate: float  #: False positives, per cent of all samples
+    fn: int  #: False negatives, a count; a conservative bounder has none
+    positives: float  #: Samples whose truth is *yes*, per cent
+    samples: int  #: Number of samples
+    protocol: str  #: ``"exact"`` or ``"sampled"``: the truth from random points of a region, as in the paper
+    seed: int  #: Seed of the samples
+    truth: str = "of its cells"  #: Whose: of the shape itself, or of cells, of a grid or where the shape cannot tell
+    indicator: str | None = None  #: SHA-256 of what the fit bounded; equal to ``bounder.info["indicator"]``
+    undecided: float = 0.0  #: Samples of undecided truth, per cent: positives, but not in ``fn``
+    fp_rate_cells: float | None = None  #: Where the fit bounded cells of a shape: ``fp_rate`` against these
+    radius: float | None = None  #: For points and a distance: those within it are positive, object units
+    query: str | None = None  #: For a distance: the kind of query
 
     @property
     def reported_truth(self) -> str:

@@ -257,9 +257,8 @@ class BounderStack:
         """Ask each query of one bounder.
 
         Args:
-            shape_indices: ``(N,)`` NumPy array or ``wp.array`` of whole numbers: which bounder each query asks. Those
-                on the device as int32 are read in place, and not checked: a number of no bounder is answered with
-                *maybe*.
+            shape_indices: ``(N,)`` NumPy array or ``wp.array`` of whole numbers: which bounder each query asks. A
+                number of no bounder is answered with *maybe*. Those on the device as int32 are read in place.
             x: As for ``Bounder.query``, in the coordinates of each query's own shape.
             out: ``(N,)`` uint8 to write to, instead of a new array.
 
@@ -267,7 +266,7 @@ class BounderStack:
             ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not.
 
         Raises:
-            QueryError: For a wrong shape, dtype, device or number.
+            QueryError: For a wrong shape, dtype or device.
 
         Example:
             >>> stack = wb.baking.BounderStack([bounder, wb.fit(ball, method="kdop", device="cpu")])
@@ -294,9 +293,6 @@ class BounderStack:
             values = given.numpy() if isinstance(given, wp.array) else np.asarray(given)
             if values.dtype.kind not in "iu" and values.size:
                 raise QueryError(f"shape_indices must be whole numbers, got {values.dtype}")
-            wrong = values[(values < 0) | (values >= len(self))] if values.size else values
-            if len(wrong):
-                raise QueryError(f"shape_indices must be from 0 to {len(self) - 1}, got {wrong[0]}")
             numbers = wp.array(values.astype(np.int32), dtype=wp.int32, device=self.device)
         if numbers.shape != (count,):
             raise QueryError(f"shape_indices must have shape ({count},), one for each query, got {numbers.shape}")
