@@ -1,8 +1,9 @@
 """Which bounder costs the least for these queries, this narrow phase and this machine?
 
 A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of them to a narrow phase of ``N`` ns costs
-``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other. Closed
-forms have a third of the time, the quickest to fit first. Networks share the rest equally.
+``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other. Each
+has an equal share of the time that is left, the quickest first: networks share what closed forms do not take. No closed
+form may take more than half of what is left.
 """
 
 import contextlib
@@ -270,7 +271,6 @@ class Bench:
 # --- choose ----------------------------------------------------------------------------------------------------------
 
 SAMPLES = 200_000  # random queries, where the caller has none
-CLOSED_SHARE, PART = 1 / 3, 1 / 20  # of the budget: for all closed forms, and for one of them that learns
 OVERDRAWN = 0.12  # of the budget, by which a network's fit may exceed it before it is stopped
 LEAST_SECONDS = 5.0  # of a network's fit: with less it says little, and is not begun
 
@@ -413,24 +413,17 @@ def fit_all(
                 if path is not None and path.exists():
                     fitted[each.label] = load(path, device=options["device"])
             waiting += [] if each.label in fitted else [each]
-    networks = sum(each.nbytes > 0 for each in waiting)
-    for each in waiting:
+    for number, each in enumerate(waiting):
         left = budget - (working_seconds() - started)
+        seconds, limit = left / (len(waiting) - number), left / 2
         if each.nbytes:
-            seconds, limit = max(left / networks, LEAST_SECONDS), left + OVERDRAWN * budget
-            networks -= 1
-        else:
-            left = limit = left - (budget * (1 - CLOSED_SHARE) if networks else 0)
-            seconds = min(PART * budget, left)
+            seconds, limit = max(seconds, LEAST_SECONDS), left + OVERDRAWN * budget
         if interrupted or left <= 0 or seconds > left:
             missing.append(Row(each.label, each.nbytes, why_not="no time was left"))
             continue
-
-        def tell(done: float, total: float, note: str, label=each.label) -> None:
-            if update is not None:
-                update(min(working_seconds() - started, budget), budget, f"{label}: {note}")
-
-        own = options | each.options | {"budget": seconds, "progress": tell}
+        if update is not None:
+            update(budget - left, budget, each.label)
+        own = options | each.options | {"budget": seconds, "progress": False}
         try:
             with limited(limit), warnings.catch_warnings():
                 warnings.simplefilter("ignore", BoundingWarning)  # of coarse cells: the row shows what they cost

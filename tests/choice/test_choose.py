@@ -174,8 +174,7 @@ def test_what_takes_too_long_is_stopped(fits):
     assert choice.about["seconds"] < 1.15 * 40.0
     assert {"aabb", "sphere", "voxels resolution 128"} <= {label for label, row in rows.items() if not row.why_not}
     assert rows["kdop"].why_not.startswith("stopped after")
-    assert rows["kdop k 26"].why_not == "no time was left"
-    assert [label for label, _ in fits].count("kdop") == 1
+    assert rows["kdop k 26"].why_not.startswith("stopped after")
 
 
 @pytest.mark.parametrize(("budget", "networks"), [(4.0, 0), (14.0, 2), (300.0, 3)])
