@@ -26,15 +26,10 @@ from sims.arm.demo import specs_of
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.prefitted import bounder_from, fit, stored
-from warp_bounding.proof import proven_share, stress_test
+from warp_bounding.proof import stress_test
 
 SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
 STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are queried, and at how many points
-SHARE_SECONDS, PLACES, SIDE = (
-    60.0,
-    20_000,
-    2.0**-5,
-)  # for the share of the volume that is proven of a bounder that samples attest
 SHOWN = ("planar-3", "planar-4", "four", "six")  # cells that are measured
 MOST_GRID = 4  # coordinates of cells, which a hierarchy of boxes is made of
 FEWER_PARTS = {"four": {"hidden": (8, 47, 47), "parts": 1024}}  # of the network: tighter in this cell
@@ -198,9 +193,6 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
             "missed": attack.missed,
             "fit_seconds": fitted.info["training"]["seconds"],
             "proof_seconds": bounder.certificate.seconds,
-            "proven_share": 1.0
-            if bounder.certificate.proven
-            else proven_share(bounder, shape, budget=SHARE_SECONDS, places=PLACES, side=SIDE).volume,
             "nanoseconds": nanoseconds(bounder, np.resize(samples[0].x, (TIMED, shape.ndim)), ROUNDS),
         }
 
@@ -222,7 +214,8 @@ def nbytes_of(joints: int, options: dict) -> int:
 
 CONCLUSION = (
     "With three and four joints a network is two to four times as tight as the tightest grid or tree of its "
-    "memory, and proven. With six joints it is still the tightest, but only statistical."
+    "memory, and proven. With six joints it is still the tightest, but only statistical, and wrong: a descent "
+    "into open boxes (`docs/claims.md`) finds thousands of colliding configurations that it denies."
 )
 
 
@@ -242,9 +235,7 @@ def page(kept: StoredRows, command: str) -> str:
         "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a "
         "planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
         "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; all others are "
-        "bounders, tested with ten million hard configurations unless a row says less. *Proven*: where samples attest "
-        "a threshold, the share of the volume of 20,000 random boxes, a 32nd of the domain wide, in which a minute's "
-        "search proves it.",
+        "bounders, tested with ten million hard configurations unless a row says less.",
     ]
     for name, cell in CELLS.items():
         own = [row for row in rows if row["cell"] == name]
@@ -252,8 +243,8 @@ def page(kept: StoredRows, command: str) -> str:
             continue
         lines += ["", f"## {cell.title}", "", f"{own[0]['positives']:.1f} % of the configurations collide.", ""]
         lines += [
-            "| | bytes | FP % | along edges | certificate | missed | ns | fit s | proof s | proven % |",
-            "|---|---|---|---|---|---|---|---|---|---|",
+            "| | bytes | FP % | along edges | certificate | missed | ns | fit s | proof s |",
+            "|---|---|---|---|---|---|---|---|---|",
         ]
         for row in sorted(own, key=lambda row: [*FITTED, *BUILT].index(row["label"])):
             missed = (
@@ -262,11 +253,10 @@ def page(kept: StoredRows, command: str) -> str:
                 else DASH
             )
             ns, proof = (f"{row[key]:.1f}" if key in row else DASH for key in ("nanoseconds", "proof_seconds"))
-            share = f"{np.floor(1000 * row['proven_share'] + 1e-9) / 10:.1f}" if "proven_share" in row else DASH
             lines.append(
                 f"| {row['label']} | {row['bytes']:,} | {row['fp_rate']:.2f} | {row['fp_rate_along']:.2f} | "
                 f"{row['certificate']} | {missed} | {ns} | {row['fit_seconds']:.0f} | "
-                f"{proof} | {share} |"
+                f"{proof} |"
             )
     return "\n".join(lines) + "\n"
 

@@ -44,7 +44,7 @@ DOCUMENTED |= {"StressResult": StressResult} | {
 }
 DOCUMENTED |= {f"baking.{name}": getattr(wb.baking, name) for name in wb.baking.__all__}
 DOCUMENTED |= {f"pairs.{name}": getattr(wb.pairs, name) for name in wb.pairs.__all__}
-DOCUMENTED |= {f"proof.{name}": getattr(wb.proof, name) for name in ("clear_segments", "proven_share")}
+DOCUMENTED |= {f"proof.{name}": getattr(wb.proof, name) for name in ("clear_segments",)}
 DOCUMENTED |= {f"arms.{name}": getattr(wb.arms, name) for name in wb.arms.__all__ if name != "WORLD"}  # a number
 DOCUMENTED |= {f"{kind.__name__}.{name}": getattr(kind, name) for kind, names in METHODS.items() for name in names}
 

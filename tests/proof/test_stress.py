@@ -280,45 +280,7 @@ def test_it_ends_where_it_is_told_to_and_refuses_what_makes_no_sense():
             stress_test(bounder, shape(of), **{"count": 10, **reported})
 
 
-# --- how much is proven of what was only sampled ---------------------------------------------------------------------
-
-
-@cache
-def arm() -> wb.arms.ArmConfigurations:
-    """A planar arm of two joints among posts."""
-    step = np.eye(4)
-    step[0, 3] = 0.6
-    joints = [wb.arms.Joint(step if i else np.eye(4), lower=-2.0, upper=2.0) for i in range(2)]
-    links = [wb.arms.Body.capsule([0, 0, 0], [0.6, 0, 0], 0.05, link=i) for i in range(2)]
-    posts = [wb.arms.Body.sphere(place, 0.15) for place in ([0.6, 0.6, 0], [0.5, -0.7, 0])]
-    return wb.arms.ArmConfigurations(wb.arms.Arm(joints, links), posts)
-
-
-@cache
-def attested() -> wb.Bounder:
-    return wb.fit(arm(), device="cpu", progress=False, hidden=(8,), steps=100, statistical=True)
-
-
-def share(bounder, boxes=20_000, **options):
-    return wb.proof.proven_share(bounder, arm(), boxes=boxes, budget=600, **options)
-
-
-def test_the_proven_share_grows_with_time_and_falls_with_a_threshold_that_is_too_high():
-    bounder = attested()
-    assert bounder.certificate.kind == "statistical"
-    assert "No proof was tried" in bounder.certificate.message
-    volumes = [share(bounder, boxes).volume for boxes in (200, 2000, 20_000)]
-    assert 0 <= volumes[0] <= volumes[1] <= volumes[2] <= 1
-    assert volumes[2] > 0.5
-    some = share(bounder, places=500, side=2.0**-4)
-    assert volumes[2] - 0.05 <= some.volume <= 1 + 1e-12
-    high = bounder.to("cpu").freeze(bounder.threshold + 4.0, None)
-    x = np.random.default_rng(0).uniform(arm().lower, arm().upper, (100_000, 2)).astype(np.float32)
-    wrong = (arm().contains(x) & (high.query(x).numpy() == 0)).mean()
-    assert wrong > 0
-    assert share(high).volume < 1 - wrong / 2
-    proven = share(wb.fit(arm(), method="aabb", device="cpu", progress=False), boxes=500_000)
-    assert proven.volume == pytest.approx(1.0, abs=1e-9)
+# --- the descent into open boxes -----------------------------------------------------------------------------------
 
 
 def with_a_grain(at: np.ndarray | None) -> Function:
@@ -347,17 +309,3 @@ def test_a_descent_finds_what_no_sample_meets(rng):
     assert not len(descend(bounder, grain, 1)[0])
     assert bounder.query(found).numpy().all()
     assert not len(descend(wb.fit(grain, method="aabb", device="cpu"), grain, 0)[0])
-
-
-def test_what_has_no_share():
-    bounder = attested()
-    with pytest.raises(BounderError, match="single bounders of points"):
-        share(wb.cascade(wb.fit(arm(), method="aabb", device="cpu", progress=False), bounder))
-    for options in ({"places": 0}, {"places": 5, "side": 0.0}, {"places": 5, "side": 2.0}):
-        with pytest.raises(BounderError, match="at least one place"):
-            share(bounder, **options)
-    for wrong in ({"statistical": "yes"}, {"statistical": True, "parts": 16, "steps": 2}):
-        with pytest.raises(BounderError, match=r"statistical must be True or False|parts are proven"):
-            wb.fit(arm(), device="cpu", progress=False, **wrong)
-    with pytest.raises(BounderError):
-        wb.fit(arm(), "box", device="cpu", statistical=True)

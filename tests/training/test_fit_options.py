@@ -80,6 +80,13 @@ def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypa
             assert option in str(error.value)
 
 
+def test_what_cannot_be_statistical():
+    grid = shape("c")
+    for options in ({"statistical": "yes"}, {"statistical": True, "parts": 16}, {"statistical": True, "query": "box"}):
+        with pytest.raises(BounderError):
+            wb.fit(grid, **options, steps=2, device="cpu")
+
+
 def test_a_name_that_is_typed_wrong_is_told_with_the_one_that_was_meant(tmp_path):
     with pytest.raises(BounderError, match="there is no option 'marign'; did you mean 'margin'"):
         wb.fit(shape("blob"), method="kdop", device="cpu", marign=2.0)

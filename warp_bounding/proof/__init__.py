@@ -1,7 +1,7 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
 from warp_bounding.certificates import conjunction
-from warp_bounding.proof.check import Share, certify, proven_share
+from warp_bounding.proof.check import certify
 from warp_bounding.proof.covers import positive_boxes
 from warp_bounding.proof.prove import least_value, parametrized, prove, prove_or_test, settle
 from warp_bounding.proof.search import Search, minimum
@@ -18,7 +18,6 @@ from warp_bounding.proof.stress import (
 
 __all__ = [
     "Search",
-    "Share",
     "StressResult",
     "attempt_confidence",
     "certify",
@@ -32,7 +31,6 @@ __all__ = [
     "positive_boxes",
     "prove",
     "prove_or_test",
-    "proven_share",
     "settle",
     "statistical_test",
     "stress_test",

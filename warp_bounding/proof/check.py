@@ -42,7 +42,6 @@ DENIED = "that meets the object is answered with no"
 GRANTED = "a part denies a query that meets the object, which an exit before it grants"
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
 CHUNK = 16384  # boxes or cells that are taken at a time
-MOST_WAITING = 4_000_000  # boxes, of a thorough check: what more there is counts as not proven
 TRIED = 512  # of a chunk's points, those of the least f: only these are tested for being positives
 SUSPECTS = 1024  # low points that are tried as counterexamples
 SMALLEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
@@ -339,9 +338,6 @@ def _halved(
     target: float,
     end: float,
     told: Callable[[float], None] = lambda volume: None,
-    *,
-    most: float = float("inf"),
-    thorough: bool = False,
 ) -> tuple[Checked, np.ndarray]:
     """Halve boxes until ``f >= target`` on all positives.
 
@@ -357,9 +353,6 @@ def _halved(
         target: What every lower bound must reach.
         end: On the clock ``working_seconds``.
         told: Called with the volume that is done.
-        most: Boxes after which it is as if time were over.
-        thorough: Go on where f does not reach the target, largest boxes first, to find out in how much of the volume it
-            does.
 
     Returns:
         What was found, its suspects in the same numbers as the boxes; and ``(S,)``, of which given box each suspect is
@@ -368,12 +361,12 @@ def _halved(
     waiting, least, lowest_open, boxes, done = [(lower, upper, np.arange(len(lower)))], np.inf, np.inf, 0, 0.0
     nobody = np.zeros(0, dtype=np.int64)
     while waiting:
-        if boxes and (working_seconds() > end or boxes >= most):
+        if boxes and working_seconds() > end:
             return Checked(float(np.fmin(least, lowest_open)), boxes, complete=False), nobody
-        low, high, owner = waiting.pop(0 if thorough else -1)
+        low, high, owner = waiting.pop()
         if len(low) > CHUNK:
             first, rest = ((low[part], high[part], owner[part]) for part in (slice(CHUNK), slice(CHUNK, None)))
-            waiting = [first, rest, *waiting] if thorough else [*waiting, rest, first]
+            waiting += [rest, first]
             continue
         bounds, volume = positives.bound(low, high), float((high - low).prod(axis=1).sum())
         boxes += len(low)
@@ -395,20 +388,18 @@ def _halved(
         told(done)
         if not len(low):
             continue
-        if not thorough:
-            failed = small | ((high - low)[np.arange(len(low)), axis] < SMALLEST)
-            lowest = np.argpartition(bounds.value, TRIED)[:TRIED] if len(low) > TRIED else np.arange(len(low))
-            lowest = lowest[bounds.value[lowest] < target]
-            failed[lowest] |= positives.holds(bounds.point[lowest])
-            if failed.any():
-                order = np.lexsort((bounds.value, ~failed))[:SUSPECTS]
-                at = np.concatenate([bounds.point[order], (low + high)[order] / 2])
-                worst = np.fmin.reduce(np.concatenate([bounds.lower[failed], bounds.value[failed]]))
-                return Checked(float(np.fmin(least, worst)), boxes, at), np.tile(owner[order], 2)
+        failed = small | ((high - low)[np.arange(len(low)), axis] < SMALLEST)
+        lowest = np.argpartition(bounds.value, TRIED)[:TRIED] if len(low) > TRIED else np.arange(len(low))
+        lowest = lowest[bounds.value[lowest] < target]
+        failed[lowest] |= positives.holds(bounds.point[lowest])
+        if failed.any():
+            order = np.lexsort((bounds.value, ~failed))[:SUSPECTS]
+            at = np.concatenate([bounds.point[order], (low + high)[order] / 2])
+            worst = np.fmin.reduce(np.concatenate([bounds.lower[failed], bounds.value[failed]]))
+            return Checked(float(np.fmin(least, worst)), boxes, at), np.tile(owner[order], 2)
         lowest_open = np.fmin(lowest_open, np.fmin.reduce(bounds.lower))
-        if not thorough or sum(len(each) for _, _, each in waiting) < MOST_WAITING:  # memory is bounded
-            waiting.append((*halve(low, high, axis), np.tile(owner, 2)))
-    return Checked(least, boxes, complete=not thorough), nobody
+        waiting.append((*halve(low, high, axis), np.tile(owner, 2)))
+    return Checked(least, boxes), nobody
 
 
 class Piece(NamedTuple):
@@ -538,85 +529,6 @@ def _region_pieces(positives: ShapeRegions, target: float) -> Iterator[Piece]:
     """The rays or boxes of a shape, over the cover of cells that hold it, other ones than the fit's."""
     for lower, upper, done in positives.kind.anew(positives.bounder, positives.cells, positives.cover):
         yield Piece(positives, lower, upper, target, lambda z, _: positives.coordinates(z), done)
-
-
-# --- how much is proven of what was only sampled ---------------------------------------------------------------------
-
-
-class Share(NamedTuple):
-    """What was proven.
-
-    Attributes:
-        volume: Share of the volume that was looked at, 0 to 1, in which no *no* can be wrong.
-        boxes: Boxes that were bounded.
-        seconds: That it took.
-    """
-
-    volume: float
-    boxes: int
-    seconds: float
-
-
-def proven_share(
-    bounder: Bounder,
-    shape,
-    *,
-    budget: float = 60.0,
-    boxes: float = float("inf"),
-    places: int | None = None,
-    side: float = 2.0**-6,
-    seed: int = 0,
-) -> Share:
-    """In how much of its domain a bounder of points is proven to deny nothing of a shape, at the threshold that it has.
-
-    For bounders whose certificate is statistical. The domain is halved, largest boxes first: a box is proven where f
-    reaches the threshold on all of it, or on all of it that can be object, or where the shape certifies that nothing is
-    there.
-
-    Args:
-        bounder: Of points, its parts proven one by one counted alike.
-        shape: What it bounds; anything that ``load_shape`` takes.
-        budget: Seconds after which what is left counts as not proven.
-        boxes: The same of boxes; the result is then the same on every machine.
-        places: Look at so many random boxes rather than at all of the domain, which in many dimensions is far more than
-            there is time for.
-        side: Of such a box, as a share of the domain's.
-        seed: Of their places.
-
-    Raises:
-        BounderError: For another kind of bounder, or a shape that cannot be the bounded one.
-
-    Example:
-        >>> def distance(x):
-        ...     return np.linalg.norm(x, axis=1) - 1.0
-        >>> disk = wb.shapes.Function(None, [-1, -1], [1, 1], distance=distance)
-        >>> wb.proof.proven_share(wb.fit(disk, method="aabb", device="cpu"), disk).volume
-        1.0
-    """
-    bounder, shape = in_local(bounder, shape)
-    shape = as_fitted(bounder, shape)
-    one = bounder.domain is bounder.domain.base and not bounder.composed and len(bounder.parts) == 1
-    if not one or shape.resolution is not None:
-        raise BounderError(f"a share of the domain is told of single bounders of points of shapes, got {bounder!r}")
-    if reason := mismatch(bounder, shape):
-        raise BounderError(reason)
-    started, positives = working_seconds(), ShapePositives(bounder, shape)
-    target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
-    low, high = positives.boxes()
-    if places is not None:
-        if places < 1 or not 0 < side <= 1:
-            raise BounderError(f"expected at least one place and a side above 0 and up to 1, got {places} and {side}")
-        low, size = low.min(axis=0), (high.max(axis=0) - low.min(axis=0)) * side
-        low = np.random.default_rng(seed).uniform(low, high.max(axis=0) - size, (places, len(low)))
-        high = low + size
-    whole, share = float((high - low).prod(axis=1).sum()), 0.0
-
-    def told(volume: float) -> None:
-        nonlocal share
-        share = volume / whole
-
-    found, _ = _halved(positives, low, high, target, started + budget, told, most=boxes, thorough=True)
-    return Share(share, found.boxes, working_seconds() - started)
 
 
 # --- distances -------------------------------------------------------------------------------------------------------
