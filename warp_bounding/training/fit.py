@@ -113,9 +113,9 @@ def fit(
             memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
             K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp. ``parts``: of an mlp of points:
             about how many parts of the domain, each with a threshold. ``statistical``: of an mlp of points, ``True``
-            for a threshold that samples attest, where a proof in many dimensions leaves nothing. ``metric``: of a distance, where
-            coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
-            kdop or learned-kdop.
+            for a threshold that samples attest, where a proof in many dimensions leaves nothing. ``metric``: of a
+            distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``:
+            half-spaces of a kdop or learned-kdop.
             ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the result is then repeatable
             to the bit on the same machine.
 
