@@ -219,7 +219,7 @@ def sizes_edited(file: File, rng: np.random.Generator) -> str | None:
     lists = [k for k, v in sizes.items() if isinstance(v, list) and len(v) > 1]
     kind = rng.integers(4)
     if kind == 0 and "activation" in sizes:
-        sizes["activation"] = one(rng, ["sin", "relu", "tanh"])
+        sizes["activation"] = one(rng, ["sin", "relu"])
     elif kind == 1 and sizes.get("parts"):
         one(rng, sizes["parts"])["method"] = one(rng, [*METHODS, "cascade"])
     elif kind == 2 and lists:

@@ -24,7 +24,7 @@ from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
-ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "tanh", "box": "sin"}
+ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "sin", "box": "sin"}
 CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+mlp", "ray": "kdop+mlp-early"}
 DISTANT = {  # what distances are told, so that a fit takes no time to speak of
     "bvh": {"leaves": 6},

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import EARLY, HIDDEN, object_points, report_of, shape
-from fused_activations import PLAIN, fused_sine, fused_tanh, plain_sine, plain_tanh
+from fused_activations import PLAIN, fused_sine, plain_sine
 from region_cases import hard_regions, ray_length
 
 import warp_bounding as wb
-from warp_bounding.activations import ACTIVATIONS, SINE, SINE_LIMIT, TANH, TANH_DENOMINATOR, TANH_END, TANH_NUMERATOR
+from warp_bounding.activations import ACTIVATIONS, SINE, SINE_LIMIT
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.queries import oracle, sample
@@ -17,11 +17,11 @@ from warp_bounding.training import fit_network as networks
 
 F32 = np.float32
 CASES = [  # each method with each query, with each activation, and in each dimension
-    *(("mlp", "point", name, act) for name, act in (("c", "sin"), ("animated", "relu"), ("blob", "tanh"))),
-    *(("mlp", "ray", "c", "tanh"), ("mlp", "plane", "c", "relu"), ("mlp", "box", "c", "sin")),
-    *(("mlp-early", "point", "animated", "tanh"), ("mlp-early", "ray", "c", "relu")),
-    *(("mlp-early", "plane", "c", "sin"), ("mlp-early", "box", "c", "tanh")),
-    *(("occupancy", "point", "c", "relu"), ("occupancy", "ray", "c", "sin"), ("occupancy", "plane", "c", "tanh")),
+    *(("mlp", "point", name, act) for name, act in (("c", "sin"), ("animated", "relu"), ("blob", "sin"))),
+    *(("mlp", "ray", "c", "relu"), ("mlp", "plane", "c", "relu"), ("mlp", "box", "c", "sin")),
+    *(("mlp-early", "point", "animated", "sin"), ("mlp-early", "ray", "c", "relu")),
+    *(("mlp-early", "plane", "c", "sin"), ("mlp-early", "box", "c", "relu")),
+    *(("occupancy", "point", "c", "relu"), ("occupancy", "ray", "c", "sin"), ("occupancy", "plane", "c", "relu")),
 ]
 
 
@@ -112,21 +112,3 @@ def test_sine_error_grows_with_the_limit_and_ends_somewhere():
     for wrong in (-1.0, SINE_LIMIT * 1.001, float("nan"), float("inf")):
         with pytest.raises(ValueError, match="certified"):
             SINE.error(wrong)
-
-
-@pytest.mark.parametrize("evaluate", [plain_tanh, fused_tanh], ids=["unfused", "fused"])
-def test_tanh_stays_within_its_bound(evaluate, rng):
-    end = np.float32([TANH_END, -TANH_END])[:, None].view(np.int32) + np.arange(-400, 401, dtype=np.int32)
-    random = (rng.choice([-1, 1], 200_000) * 10 ** rng.uniform(-38, 37, 200_000)).astype(F32)
-    z = np.concatenate([np.linspace(-12, 12, 1_000_001).astype(F32), end.view(F32).ravel(), random, F32([0.0, -0.0])])
-    error = np.abs(evaluate(z).astype(np.longdouble) - np.tanh(z.astype(np.longdouble))).max()
-    assert error <= TANH.error(1e30)
-    assert TANH.error(1e30) < 3e-6  # and the bound is worth something
-
-
-def test_coefficients_of_the_tanh_are_float32_and_positive():
-    """The proof of its error builds on it."""
-    for c in (*TANH_NUMERATOR, *TANH_DENOMINATOR):
-        assert c > 0
-        assert float(F32(c)) == c
-    assert TANH_DENOMINATOR[0] == 1

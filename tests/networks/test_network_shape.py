@@ -27,9 +27,9 @@ def make(n, *modules, seed=0, dtype=torch.float32):
 
 def networks(n):
     yield nn.Linear(n, 16), nn.ReLU(), nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, 1)
-    yield nn.Linear(n, 12), nn.Tanh(), nn.Linear(12, 12), nn.Sigmoid(), nn.Linear(12, 1, bias=False)
-    yield nn.Linear(n, 12), Sine(), nn.Sequential(nn.Linear(12, 12), nn.ReLU()), nn.Linear(12, 1), nn.Tanh()
-    yield nn.Linear(n, 12), nn.Linear(12, 6), Sine(), Sine(), nn.Linear(6, 1), nn.Sigmoid()
+    yield nn.Linear(n, 12), Sine(), nn.Linear(12, 12), nn.ReLU(), nn.Linear(12, 1, bias=False)
+    yield nn.Linear(n, 12), Sine(), nn.Sequential(nn.Linear(12, 12), nn.ReLU()), nn.Linear(12, 1), Sine()
+    yield nn.Linear(n, 12), nn.Linear(12, 6), Sine(), Sine(), nn.Linear(6, 1), nn.ReLU()
     yield (nn.Linear(n, 1),)
     yield Sine(), nn.Linear(n, 5), nn.ReLU(), nn.Linear(5, 1)
 

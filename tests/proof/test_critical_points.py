@@ -29,7 +29,7 @@ CASES = {  # shape, and a network with random weights
     "point-deep": ("blob", partial(random_mlp, hidden=(13, 30, 5))),
     "ray-sin": ("c", partial(random_network, "ray")),
     "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
-    "box": ("c", partial(random_network, "box", activation="tanh")),
+    "box": ("c", partial(random_network, "box", activation="relu")),
     "plane": ("blob", random_supports),
 }
 PARTS = {"point": "p", "ray": "pd", "plane": "np", "box": "pp"}  # place, direction, normal: how they move
@@ -91,7 +91,7 @@ def forward(bounder, v: np.ndarray, kind, affine, functions) -> np.ndarray:
 
 
 def exact(bounder, v: np.ndarray) -> np.ndarray:
-    functions = {"sin": np.sin, "tanh": np.tanh, "relu": lambda z: np.maximum(z, 0)}
+    functions = {"sin": np.sin, "relu": lambda z: np.maximum(z, 0)}
     return forward(bounder, v, EXACT, lambda h, w, b: (h[:, None] * w).sum(axis=2) + b, functions)
 
 

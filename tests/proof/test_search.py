@@ -41,7 +41,7 @@ def test_bounds_hold_whenever_it_stops(method, rng):
             assert search.upper_bound <= found + max(eps, 1e-3)
 
 
-@pytest.mark.parametrize(("hidden", "activation"), [((8,), "sin"), ((8,), "relu"), ((24, 24), "tanh")])
+@pytest.mark.parametrize(("hidden", "activation"), [((8,), "sin"), ((8,), "relu"), ((24, 24), "sin")])
 def test_minimum_of_networks_is_what_brute_force_finds(hidden, activation, rng):
     bounder, grid, reported = random_mlp(shape("c"), hidden, activation), shape("c"), []
     lower, upper = positive_boxes(bounder, grid)
@@ -180,7 +180,7 @@ def random_boxes(lower, upper, count, rng):
     return low, low + size
 
 
-@pytest.mark.parametrize("activation", ["Sine", "ReLU", "Tanh"])
+@pytest.mark.parametrize("activation", ["Sine", "ReLU"])
 def test_half_spaces_hold_the_points_of_the_object(activation, rng):
     own = network_shape(activation)
     low, high = random_boxes(own.lower, own.upper, 2000, rng)

@@ -21,7 +21,6 @@ EARLY = (6, 5)  # of one with exits
 NETWORKS = [  # of random weights, where sizes matter: below, on and above multiples of the lanes; activation
     ((25, 25), "sin"),
     ((25, 25), "relu"),
-    ((25, 25), "tanh"),
     ((13, 30, 5), "sin"),
     ((13, 30, 5), "relu"),
 ]

@@ -3,7 +3,6 @@
 import numpy as np
 
 from warp_bounding import activations as sine_file
-from warp_bounding.activations import TANH_DENOMINATOR, TANH_END, TANH_NUMERATOR
 
 F32 = np.float32
 
@@ -31,18 +30,6 @@ def fused_sine(z: np.ndarray) -> np.ndarray:
     return np.where(q.view(np.int32) & 1, -p, p)
 
 
-def fused_tanh(z: np.ndarray) -> np.ndarray:
-    """The kernels' tanh with every multiply-add fused; see ``fused_sine``."""
-    z = np.clip(z, F32(-TANH_END), F32(TANH_END))
-    s = z * z
-    numerator, denominator = (np.full_like(z, c[-1]) for c in (TANH_NUMERATOR, TANH_DENOMINATOR))
-    for c in TANH_NUMERATOR[-2::-1]:
-        numerator = (s.astype(np.float64) * numerator + c).astype(F32)
-    for c in TANH_DENOMINATOR[-2::-1]:
-        denominator = (s.astype(np.float64) * denominator + c).astype(F32)
-    return z * numerator / denominator
-
-
 def plain_sine(z: np.ndarray) -> np.ndarray:
     q = z * F32(sine_file.INVERSE_PI) + F32(sine_file.MAGIC)
     n = q - F32(sine_file.MAGIC)
@@ -53,15 +40,5 @@ def plain_sine(z: np.ndarray) -> np.ndarray:
     return np.where(q.view(np.int32) & 1, -p, p)
 
 
-def plain_tanh(z: np.ndarray) -> np.ndarray:
-    z = np.clip(z, F32(-TANH_END), F32(TANH_END))
-    s, numerator, denominator = z * z, F32(TANH_NUMERATOR[-1]), F32(TANH_DENOMINATOR[-1])
-    for c in TANH_NUMERATOR[-2::-1]:
-        numerator = F32(c) + s * numerator
-    for c in TANH_DENOMINATOR[-2::-1]:
-        denominator = F32(c) + s * denominator
-    return z * numerator / denominator
-
-
-PLAIN = {"sin": plain_sine, "tanh": plain_tanh, "relu": lambda z: np.maximum(z, F32(0))}
-FUSED = PLAIN | {"sin": fused_sine, "tanh": fused_tanh}
+PLAIN = {"sin": plain_sine, "relu": lambda z: np.maximum(z, F32(0))}
+FUSED = PLAIN | {"sin": fused_sine}

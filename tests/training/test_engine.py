@@ -20,7 +20,7 @@ NETWORKS = [  # coordinates, hidden, activation
     (3, (7,), "sin"),
     (3, (6, 5), "relu"),
     (3, (6, 5, 4), "sin"),
-    (8, (6,), "tanh"),
+    (8, (6,), "relu"),
 ]
 
 
@@ -35,7 +35,7 @@ def autograd(network, v, flat):
     h, layers = v, network.split(flat)
     for layer in layers[:-1]:
         z = layer[:, :-1] @ h + layer[:, -1:]
-        h = {"sin": torch.sin, "relu": torch.relu, "tanh": torch.tanh}[network.activation](z)
+        h = {"sin": torch.sin, "relu": torch.relu}[network.activation](z)
     return (layers[-1][:, :-1] @ h + layers[-1][:, -1:])[0]
 
 

@@ -33,30 +33,6 @@ auto taylor_sin = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, 
     s2 = -sine; d = (absolute(a1) * 0.5 + size * (1 / 6.0) * b) * b * b; flat = zero; spread = zero + 1.0;
 };
 
-/// TANH:
-/// The fourth derivative is at most 4.1, the third 2, the second 0.77.
-/// (1 - e) / (1 + e) with e = exp(-2 |z|) = 2^k exp(r), |r| <= ln(2) / 2.
-auto act_tanh = [&](V z, V*) {
-    const V size = absolute(z), y = (size > 20.0 ? zero + 20.0 : size) * -2.0;
-    const V q = y * 0x1.71547652b82fep+0 + 6755399441055744.0, n = q - 6755399441055744.0;
-    const V r = (y - n * 0x1.62e42fee00000p-1) - n * 0x1.a39ef35793c76p-33;
-    V e = 1.0 + r * (1.0 + r * (1 / 2.0 + r * (1 / 6.0 + r * (1 / 24.0 + r * (1 / 120.0 + r * (1 / 720.0 + r * (1 / 5040.0
-        + r * (1 / 40320.0 + r * (1 / 362880.0 + r * (1 / 3628800.0 + r * (1 / 39916800.0 + r * (1 / 479001600.0))))))))))));
-#if !defined(__CUDA_ARCH__)
-    e = (V)((I)e + ((I)q << 52));  // the lowest bits of q are those of k
-#else
-    e = ldexp(e, (int)n);
-#endif
-    const V t = (1.0 - e) / (1.0 + e);
-    return z < zero ? -t : t;
-};
-auto taylor_tanh = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d, V& s2, V& flat, V& spread) {
-    a0 = act_tanh(z, nullptr); a1 = 1.0 - a0 * a0; a2 = -a0 * a1; a3 = a1 * (a0 * a0 - 1 / 3.0);
-    const V low = act_tanh(z - b, nullptr), high = act_tanh(z + b, nullptr);
-    left = u * u * (u * u) * (4.1 / 24); d = b * b; s2 = a2 * 2.0;
-    flat = (low + high) * 0.5; spread = (high - low) * 0.5;
-};
-
 /// RELU:
 /// Where the kink is near: the chord of [z - u, z + u], moved down by half of its height.
 auto act_relu = [&](V z, V*) { return z > zero ? z : zero; };

@@ -8,7 +8,7 @@ zeta, in which those of many neurons may cancel; only the bands around them coun
 neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply-adds a box: entries of the forms, their
 middle and half-range, centre, noise and columns forwards, one coefficient backwards; and fewer than ``C^3 H`` of the
 polynomial. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
-rounding of all of them, and the relaxations add what the kernel's own sine and tanh err by.
+rounding of all of them, and the relaxations add what the kernel's own sine errs by.
 ``tests/shared/plain_bounds.py`` computes the same in NumPy, for boxes of the inputs themselves
 (``PlainParametrization``), without constraints.
 

@@ -132,7 +132,6 @@ class Network:
 
     Attributes:
         padding: Bounds of what each layer's float64 arithmetic in ``bound`` rounds, the output's last.
-        errors: What bounds allow for besides (``exceed``), as ``padding``, which has it too.
         rounding: E, a bound of the error of any float32 evaluation.
         largest: Bound of ``|f|``.
         packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their
@@ -158,14 +157,8 @@ class Network:
     def _measure(self, hidden: list[Layer], output: Layer, limit: np.ndarray) -> None:
         self.hidden, self.output, self.limit = hidden, output, np.asarray(limit, dtype=np.float64)
         self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
-        self.errors = np.zeros(len(self.padding))
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
-
-    def exceed(self, errors: list[float]) -> None:
-        """Let bounds hold for any network whose arguments, layer by layer, and output, the last, are off by so much."""
-        self.errors = np.array(errors, dtype=np.float64)
-        self.padding = [p + e for p, e in zip(self.padding, errors, strict=True)]
 
     def kernel_shape(self, parametrization: Parametrization | None = None) -> NetworkShape:
         """What kernels of bounds are compiled for.

@@ -5,7 +5,6 @@ empty where no value reaches the level, and lies in the object where every value
 """
 
 import hashlib
-import math
 from collections.abc import Iterable, Iterator
 from functools import cached_property
 from itertools import pairwise
@@ -13,52 +12,35 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from warp_bounding.activations import ACTIVATIONS, SINE, Activation
+from warp_bounding.activations import RELU, SINE, Activation
 from warp_bounding.errors import BounderError, ShapeError
 from warp_bounding.networks.network import Layer
 from warp_bounding.networks.network import Network as ExactNetwork
-from warp_bounding.rounding import UNIT64
 from warp_bounding.shapes.formula import Formula
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, HalfSpaces, checked_corners, checked_number
 
 # The modules of a trained network as layers that bounds are known for, without importing the library it was made with.
 #
 # Layers have an activation each and a linear output. What is written otherwise is rewritten so that the exact value
-# stays the same: a logistic function is a tanh of half the number, ``(1 + tanh(z / 2)) / 2``; between two affine
-# modules, and before a single one, stands ``z = relu(z) - relu(-z)``; and where an activation has no affine module
-# before or behind it, there stands the number itself.
-
-HALVED = 1e-300  # more than what halving subnormal weights loses: 5e-324 for each input, which are under 1e20
+# stays the same: between two affine modules, and before a single one, stands ``z = relu(z) - relu(-z)``; and where an
+# activation has no affine module before or behind it, there stands the number itself.
 
 
 class Module(NamedTuple):
-    """What a module that follows an affine one does to each number z: ``shift + outer activation(inner z)``.
+    """What a module that follows an affine one does to each number z: ``activation(z)``.
 
     Attributes:
         activation: One of ``ACTIVATIONS``.
-        inner: 1 or 1/2.
-        outer: 1 or 1/2.
-        shift: 0 or 1/2.
-        mirrored: Whether ``outer activation(inner (-z))`` is subtracted.
+        mirrored: Whether ``activation(-z)`` is subtracted.
     """
 
     activation: Activation
-    inner: float = 1.0
-    outer: float = 1.0
-    shift: float = 0.0
     mirrored: bool = False
 
 
-_RELU, _TANH = ACTIVATIONS["relu"], ACTIVATIONS["tanh"]
-_SAME = Module(_RELU, mirrored=True)  # z = relu(z) - relu(-z)
+_SAME = Module(RELU, mirrored=True)  # z = relu(z) - relu(-z)
 # By the name of the module's class; a class of one's own is added here under its name.
-MODULES: dict[str, Module] = {
-    "ReLU": Module(_RELU),
-    "Tanh": Module(_TANH),
-    "Sigmoid": Module(_TANH, inner=0.5, outer=0.5, shift=0.5),
-    "Sine": Module(SINE),
-    "Sin": Module(SINE),
-}
+MODULES: dict[str, Module] = {"ReLU": Module(RELU), "Sine": Module(SINE), "Sin": Module(SINE)}
 AFFINE, NESTED = frozenset({"Linear"}), frozenset({"Sequential"})
 
 
@@ -69,28 +51,27 @@ class _Affine(NamedTuple):
     bias: np.ndarray | None = None
 
 
-def layers_of(sequential: Iterable, ndim: int, name: str) -> tuple[list[Layer], Layer, list[float]]:
+def layers_of(sequential: Iterable, ndim: int, name: str) -> tuple[list[Layer], Layer]:
     """Hidden layers and the output of a ``Sequential``: modules of ``MODULES`` and affine ones, nested ones unrolled.
 
-    And of each, the output last, a bound of what its biases were rounded by. Weights are float64 copies. Raises
-    ``ShapeError`` for other modules, sizes that do not fit, several outputs, or weights that are not finite.
+    Weights are float64 copies. Raises ``ShapeError`` for other modules, sizes that do not fit, several outputs, or
+    weights that are not finite.
     """
-    steps, layers, errors, size = _alternating(list(_steps(sequential, name))), [], [], ndim
+    steps, layers, size = _alternating(list(_steps(sequential, name))), [], ndim
     for index in range(0, len(steps), 2):
         weight, bias = steps[index] if steps[index].weight is not None else (np.eye(size), np.zeros(size))
         if weight.shape[1] != size:
             raise ShapeError(f"{name}: expected an affine module of {size} inputs, got {weight.shape[1]}")
-        size, error = len(bias), HALVED
-        if index:
-            weight, bias, error = _behind(steps[index - 1], weight, bias)
-        if index + 1 == len(steps):
-            layers.append(Layer(weight, bias, None))
-        else:
-            layers.append(_before(steps[index + 1], weight, bias))
-        errors.append(error)
+        size = len(bias)
+        if index and steps[index - 1].mirrored:
+            weight = np.concatenate([weight, -weight], axis=1)
+        module = steps[index + 1] if index + 1 < len(steps) else None
+        if module and module.mirrored:
+            weight, bias = np.concatenate([weight, -weight]), np.concatenate([bias, -bias])
+        layers.append(Layer(weight, bias, module and module.activation))
     if size != 1:
         raise ShapeError(f"{name}: expected a network with one output, got {size}")
-    return layers[:-1], layers[-1], errors
+    return layers[:-1], layers[-1]
 
 
 def _alternating(steps: list[_Affine | Module]) -> list[_Affine | Module]:
@@ -103,25 +84,6 @@ def _alternating(steps: list[_Affine | Module]) -> list[_Affine | Module]:
         elif isinstance(step, Module) and not isinstance(after, _Affine):
             found.append(_Affine())
     return found if len(found) > 1 else [_Affine(), _SAME, *found]
-
-
-def _before(module: Module, weight: np.ndarray, bias: np.ndarray) -> Layer:
-    """The affine map and the activation of a module behind it."""
-    weight, bias = weight * module.inner, bias * module.inner
-    if module.mirrored:
-        weight, bias = np.concatenate([weight, -weight]), np.concatenate([bias, -bias])
-    return Layer(weight, bias, module.activation)
-
-
-def _behind(module: Module, weight: np.ndarray, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """An affine map of an activation's values instead of the module's, and what its biases are rounded by."""
-    error = HALVED
-    if module.shift:
-        exact = [[float(b), *(module.shift * row)] for b, row in zip(bias, weight, strict=True)]
-        bias = np.array([math.fsum(terms) for terms in exact])  # the exact sum, rounded once
-        error += float(np.abs(bias).max(initial=0.0)) * 2 * UNIT64
-    weight = weight * module.outer
-    return (np.concatenate([weight, -weight], axis=1) if module.mirrored else weight), bias, error
 
 
 def _steps(sequential: Iterable, name: str) -> Iterator[_Affine | Module]:
@@ -168,8 +130,8 @@ class Network(Formula):
     part of it. Points whose value is within float64 rounding of the level are undecided, and count as object.
 
     Args:
-        sequential: A ``torch.nn.Sequential`` of ``Linear``, ``ReLU``, ``Tanh``, ``Sigmoid`` and modules of classes
-            named ``Sine`` or ``Sin`` (``sin z``), n inputs and one output. The weights are copied. A class of your own
+        sequential: A ``torch.nn.Sequential`` of ``Linear``, ``ReLU`` and modules of classes named ``Sine`` or
+            ``Sin`` (``sin z``), n inputs and one output. The weights are copied. A class of your own
             is registered in ``warp_bounding.networks.network_shape.MODULES``.
         lower: ``(n,)``, lower corner of the box that bounds the object.
         upper: ``(n,)``, upper corner, above the lower one in each coordinate.
@@ -208,15 +170,13 @@ class Network(Formula):
         self.name, self.note, self.time = name, note, bool(time)
         self._bounds = np.array(checked_corners(lower, upper, name))
         self.level = checked_number(level, "level", name, least=-np.inf)
-        hidden, output, errors = layers_of(sequential, self.ndim, name)
+        hidden, output = layers_of(sequential, self.ndim, name)
         minus = Layer(-output.weight, -output.bias, None)
         limit = np.abs(self._bounds).max(axis=0)
         try:
             self._networks = [ExactNetwork.of_layers(hidden, each, limit) for each in (output, minus)]
         except BounderError as error:
             raise ShapeError(f"{name}: {error}") from error
-        for network in self._networks:
-            network.exceed(errors)
         self._compare(sequential)
 
     def _compare(self, sequential: Iterable) -> None:

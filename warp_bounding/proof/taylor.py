@@ -32,7 +32,7 @@ from warp_bounding.runtime.native import named, native_text, unique_name
 text = native_text("taylor.h")
 
 # Text, whether it bends, and the least derivative; the largest is 1.
-ACTIVATIONS = {"sin": (text.SINE, True, -1), "tanh": (text.TANH, True, 0), "relu": (text.RELU, False, 0)}
+ACTIVATIONS = {"sin": (text.SINE, True, -1), "relu": (text.RELU, False, 0)}
 # A polynomial of a bounded activation is kept where what it leaves out is at most 1. So |u| < 3, and its absolute terms
 # are less than 1 + 3 + 3^2 / 2 + 1 together.
 TERMS = 16.0
@@ -133,7 +133,7 @@ def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndar
         terms, size = (
             (np.full(len(total), TERMS), np.full(len(total), kept.largest)) if bounded else (2 * total, largest)
         )
-    return np.array(pads) + network.errors
+    return np.array(pads)
 
 
 @contextmanager

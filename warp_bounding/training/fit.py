@@ -111,7 +111,7 @@ def fit(
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
             memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
-            K angles. ``activation``: ``"sin"``, ``"relu"`` or ``"tanh"`` for an mlp. ``parts``: of an mlp of points:
+            K angles. ``activation``: ``"sin"`` or ``"relu"`` for an mlp. ``parts``: of an mlp of points:
             about how many parts of the domain, each with a threshold. ``statistical``: of an mlp of points, ``True``
             for a threshold that samples attest, where a proof in many dimensions leaves nothing. ``metric``: of a
             distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``:
