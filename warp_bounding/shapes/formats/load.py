@@ -157,13 +157,12 @@ def load_shape(
 
     Args:
         source: A path to ``.png`` (alpha of at least 0.5 is occupied), ``.binvox`` (coordinates x, y, z), ``.npy``,
-            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; a map, ROS's ``.yaml`` with its image, of
-            which coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``,
-            ``.stl``, ``.glb``, ``.gltf``, ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an
-            n-D array of NumPy, torch or Warp that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices,
-            faces)``, a ``trimesh.Trimesh`` or ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; an
-            ``Grid``, ``Mesh`` or ``MovingMesh``, or whatever else has their ``name``, ``extent``
-            and ``to_grid``, which is returned as it is.
+            ``.npz`` (one array, or one named ``occupancy``), ``.pgm``; ROS's ``.yaml`` with its image, a map of which
+            coordinate 0 is x, to the right, and 1 is y, up; a mesh (``.obj``, ``.ply``, ``.stl``, ``.glb``, ``.gltf``,
+            ``.off``, ``.dae``) or USD (``.usd``, ``.usda``, ``.usdc``, ``.usdz``); an n-D array of NumPy, torch or Warp
+            that holds truth values, or 0 and 1; a ``PIL.Image``; a pair ``(vertices, faces)``, a ``trimesh.Trimesh`` or
+            ``trimesh.Scene``, a ``newton.Mesh`` or a ``wp.Mesh``; a ``Grid``, ``Mesh`` or ``MovingMesh``, or whatever
+            else has their ``name``, ``extent`` and ``to_grid``, which is returned as it is.
         time: Whether coordinate 0 is time. By default it is for 4-D arrays and motions; a mesh never moves.
         level: Which values of an array, or grey values of an image, are occupied: a text such as ``"<128"``,
             ``"<=0"``, ``">0.5"``, or a number, from which on they are.
@@ -178,10 +177,9 @@ def load_shape(
             turned alike.
 
     Returns:
-        A ``Grid`` for images, voxels and arrays, a ``Mesh`` for meshes, a ``MovingMesh`` for
-        one. Or one that is ``Recentred``: a grid between multiples of half a cell, or a mesh that lies so far from 0
-        that float32 would move its vertices; it has an ``origin``, and what is asked of it, and of its bounders, is in
-        world coordinates all the same.
+        A ``Grid`` for images, voxels and arrays, a ``Mesh`` for meshes. Or one that is ``Recentred``: a grid between
+        multiples of half a cell, or a mesh that lies so far from 0 that float32 would move its vertices; it has an
+        ``origin``, and what is asked of it, and of its bounders, is in world coordinates all the same.
 
     Raises:
         ShapeError: In one line, for everything that cannot be read or bounded, or that may mean two things.
