@@ -224,7 +224,7 @@ def scene(
 
 def images(scenes: dict[str, dict[str, Any]]) -> dict[str, np.ndarray]:
     """``(H, W, 3)`` uint8 pictures of scenes, by their names; ``BoundingError`` if there is nothing to draw with."""
-    from warp_bounding.views import draw_with
+    from sims.drawing import draw_with
 
     names, found = list(scenes), {}
     for start in range(0, len(names), BATCH):

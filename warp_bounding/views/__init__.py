@@ -4,7 +4,6 @@
 writes it as one self-contained web page. Importing this package needs neither pyvista nor plotly.
 """
 
-from warp_bounding.views.draw import Drawn, draw_with, with_palette
 from warp_bounding.views.view import State, View, view_of
 
-__all__ = ["Drawn", "State", "View", "draw_with", "view_of", "with_palette"]
+__all__ = ["State", "View", "view_of"]

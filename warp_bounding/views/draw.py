@@ -1,115 +1,16 @@
-"""How a view is shown: one self-contained web page. Also how others draw off-screen, in a process of its own."""
+"""How a view is shown: one self-contained web page."""
 
-import os
-import subprocess
-import sys
-import tempfile
 from html import escape
-from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from warp_bounding.views.view import State, View, needed
 
-__all__ = ["Drawn", "draw_with", "page", "with_palette"]
+__all__ = ["page"]
 
 STONE, BOUND, MISSED, INK = "#b9ad9e", "#2f7fd1", "#e02f2f", "#22303c"  # object, bound, denied of the object, text
 PIXEL_COLOURS = ("#ffffff", BOUND, STONE, MISSED)  # by ``State.pixels``
 VIEW = (-0.65, -1.45, 0.6)  # towards the camera: to the right, into the picture, up
-
-# --- drawing in a process of its own ---------------------------------------------------------------------------------
-#
-# Where there is no OpenGL, VTK raises no exception but crashes: in a process of its own a crash costs the pictures, not
-# the program. No display is needed: the process asks for EGL, then for OSMesa.
-
-SECONDS = 120  # for drawing
-COLOURS = 256  # of a picture's palette
-WINDOWS = ("vtkEGLRenderWindow", "vtkOSOpenGLRenderWindow")
-PROGRAM = """
-import importlib, pathlib, sys
-import numpy
-importlib.import_module(sys.argv[1]).draw(dict(numpy.load(sys.argv[2])), pathlib.Path(sys.argv[3]))
-"""
-
-
-class Drawn(NamedTuple):
-    """The pictures that were drawn, and in one line why some were not."""
-
-    paths: list[Path]
-    problem: str = ""
-
-    def lines(self) -> str:
-        """For people."""
-        reported = [f"No pictures: {self.problem}. Everything else is complete."] if self.problem else []
-        return "\n".join([*(f"Picture: {path}" for path in self.paths), *reported])
-
-
-def draw_with(module: str, folder: Path, data: dict[str, np.ndarray], colours: int | None = COLOURS) -> Drawn:
-    """Let a module draw.
-
-    Args:
-        module: Its name; ``draw(data, folder)`` in it writes PNG files into a folder, with pyvista.
-        folder: Where they go; made if there is none. A picture is replaced only whole.
-        data: Arrays by name.
-        colours: Of each picture's palette; ``None`` for pictures as they were drawn.
-
-    Returns:
-        The pictures, or why there are none.
-    """
-    from PIL import Image
-
-    folder, root = Path(folder), str(Path(__file__).resolve().parents[2])
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH")]))
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".drawing") as work:
-        file, problem = Path(work) / "data.npz", ""
-        np.savez(file, **data)
-        command = [sys.executable, "-c", PROGRAM, module, str(file), work]
-        for window in _windows():
-            environment = {**os.environ, **window, "PYTHONPATH": paths}
-            try:
-                done = subprocess.run(
-                    command, env=environment, capture_output=True, text=True, timeout=SECONDS, check=False
-                )
-            except subprocess.TimeoutExpired:
-                problem = problem or f"drawing took more than {SECONDS} s"
-                continue
-            made = sorted(Path(work).glob("*.png"))
-            if done.returncode == 0 and made:
-                for path in made if colours else ():
-                    with_palette(Image.open(path), colours).save(path, optimize=True)
-                return Drawn([path.replace(folder / path.name) for path in made])
-            problem = problem or _reason(done)
-    return Drawn([], problem)
-
-
-def with_palette(image, colours: int = COLOURS):
-    """A Pillow image with a palette: a third of the bytes, and no difference that one could see."""
-    from PIL import Image
-
-    return image.convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE, kmeans=2, dither=Image.Dither.NONE)
-
-
-def _windows() -> list[dict[str, str]]:
-    """Environments to try: the user's own choice or display first."""
-    if os.environ.get("VTK_DEFAULT_OPENGL_WINDOW") or not sys.platform.startswith("linux"):
-        return [{}]
-    off_screen = [{"VTK_DEFAULT_OPENGL_WINDOW": name, "DISPLAY": ""} for name in WINDOWS]
-    return [{}, *off_screen] if os.environ.get("DISPLAY") else off_screen
-
-
-def _reason(done: subprocess.CompletedProcess) -> str:
-    """Why the drawing process failed, in a few words."""
-    if "No module named 'pyvista'" in done.stderr:
-        return "pyvista is not installed (pip install 'warp-bounding[show]')"
-    if done.returncode < 0 or any(name in done.stderr for name in ("OpenGL", "EGL", "OSMesa")):
-        return "this machine has no OpenGL for off-screen drawing (libEGL or libOSMesa)"
-    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-    return f"drawing failed ({lines[-1] if lines else f'status {done.returncode}'})"
-
-
-# --- a web page ------------------------------------------------------------------------------------------------------
 
 OPACITY = 0.3  # of the bound
 EDGE = 30.0  # degrees between two triangles from which they meet in an edge, and are no parts of one curved surface
