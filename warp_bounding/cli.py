@@ -759,11 +759,10 @@ def show(
     resolution: Annotated[
         int | None, number_option("Cells along the longest side (80), or pixels in 2D (640).", count)
     ] = None,
-    samples: Annotated[int, number_option("Random points to ask, for each radius or time.", count)] = 10**5,
     device: Device = "cpu",
     **reading: Text,
 ) -> tuple:
-    """Show where FILE says maybe around SHAPE, and where its answers to random points are wrong.
+    """Show where FILE says maybe around SHAPE.
 
     Without --html the web page opens in the browser. A distance is shown at several radii, a shape that
     moves at several times; more than three coordinates need --slice.
@@ -787,21 +786,12 @@ def show(
         needed(package)
     bounder, loaded = load_both(file, shape, device, reading)
     with bar("show") as update:
-        options = {"resolution": resolution, "samples": samples, "progress": update}
-        view = view_of(bounder, loaded, radii=radii, times=times, held=held, **options)
+        given = {"radii": radii, "times": times, "held": held, "resolution": resolution}
+        view = view_of(bounder, loaded, progress=update, **given)
     write_whole(html, page(view, view.title, up).encode(), ".html")
     if opened and not webbrowser.open(Path(html).as_uri()):
         warn("there is no browser here that could open the page")
-    names = ("label", "fp_rate", "fn", "samples", "undecided")
-    found = about(bounder, file, None, shape, view.indicator)
-    found |= {"states": [{name: getattr(state, name) for name in names} for state in view.states]}
-    rates = [(f"{view.asked} {state.label}: " if state.label else "") + state.rates for state in view.states]
-    return (
-        0,
-        found | {"html": html},
-        *(f"{bounder.method}: {text}" for text in rates),
-        f"written to {html}",
-    )
+    return 0, about(bounder, file, None, shape, view.indicator) | {"html": html}, f"written to {html}"
 
 
 def _held(text: str | None) -> dict[int, float]:

@@ -13,7 +13,7 @@ import warp_bounding as wb
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")
-QUICK = ("--samples", "500", "--resolution", "12")
+QUICK = ("--resolution", "12")
 PAGE = "--html {dir}/p.html"
 BAD = [
     "{out} {c} --html {dir}/p.txt",
@@ -77,18 +77,15 @@ def test_pages_and_what_is_printed(bounders, capsys, tmp_path):
     words = ("--html", page, *QUICK)
     status, out, err = run(capsys, "show", bounders["far"], bounders["blob"], *words, "--radius", "0,0.1")
     assert (status, err) == (0, "")
-    assert "radius 0.1: " in out
     assert out.splitlines()[-1] == f"written to {page}"
     assert page.read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
     found = json.loads(run(capsys, "show", bounders["out"], bounders["c"], *words, "--json")[1])
     assert (found["html"], found["same_indicator"], found["certificate"]["proven"]) == (str(page), True, True)
-    assert [(state["fn"], state["samples"]) for state in found["states"]] == [(0, 500)]
     status, out, err = run(capsys, "show", bounders["out"], bounders["other"], *words)
     assert status == 0
     assert err.startswith("other.npy is not the shape that the bounder was fitted to")
-    assert "false negatives" in out
     status, out, err = run(capsys, "show", bounders["of moving"], bounders["moving"], *words)
-    assert (status, err, out.count("false positives")) == (0, "", 6)
+    assert (status, err) == (0, "")
     status, out, err = run(capsys, "show", bounders["of five"], bounders["five"], *words)
     check_bad(status, out, err)
     assert "--slice" in err

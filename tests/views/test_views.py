@@ -15,7 +15,7 @@ from warp_bounding.views.view import level_surface, object_surface
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")
-FEW = {"resolution": 12, "samples": 4000}
+FEW = {"resolution": 12}
 RADII = [0.0, 0.1, 0.3]
 
 
@@ -52,33 +52,25 @@ def test_the_object_of_a_grid_lies_where_its_cells_do():
 
 def test_the_bound_of_a_box_is_that_box():
     bounder, grid = box("star"), shape("star")
-    seen = view_of(bounder, grid, resolution=12, samples=50_000)
+    seen = view_of(bounder, grid, resolution=12)
     low, high = grid.position(grid.occupied.min(axis=0) - 0.5), grid.position(grid.occupied.max(axis=0) + 0.5)
     np.testing.assert_allclose(np.reshape(seen.states[0].bound.bounds, (3, 2)).T, [low, high], atol=1e-3)
     assert (seen.lower < low).all()
     assert (seen.upper > high).all()
-    rates = wb.evaluate(bounder, grid, samples=50_000)
-    assert seen.states[0].fp_rate == pytest.approx(rates.fp_rate, abs=1.0)
-    assert (seen.states[0].fn, seen.states[0].samples) == (0, 50_000)
 
 
-def test_groups_of_points_have_the_answer_and_the_truth_that_they_are_named_for():
-    bounder, grid = box("c"), shape("c")
-    broken = bounder.to("cpu").freeze(bounder.threshold + 0.2, None)  # denies a part of the object
-    seen = view_of(broken, grid, **FEW).states[0]
-    for name, maybe, true in (("denied", 0, False), ("false-positives", 1, False), ("false-negatives", 0, True)):
-        points = seen.points[name]
-        assert len(points) > 0
-        assert (broken.query(points).numpy() == maybe).all()
-        assert (grid.contains(points) == true).all()
+def test_what_a_wrong_bound_denies_of_the_object_is_seen():
+    broken = box("c").to("cpu")
+    broken.freeze(broken.threshold + 0.2, None)
+    seen = view_of(broken, shape("c"), **FEW).states[0]
     assert seen.missed(False).any()
-    assert seen.fn > 0
+    assert (seen.pixels(False)[seen.missed(False)] == 3).all()
 
 
 @pytest.mark.parametrize("query", ["point", "box"])
 def test_pixels_of_a_plane_are_the_answers_at_their_centres(query):
     bounder, grid = box("c", query), shape("c")
-    seen = view_of(bounder, grid, resolution=30, samples=100)
+    seen = view_of(bounder, grid, resolution=30)
     state, sides = seen.states[0], seen.states[0].bound.shape
     ends = zip(seen.lower, seen.upper, sides, strict=True)
     ticks = [low + (np.arange(n) + 0.5) * (up - low) / n for low, up, n in ends]
@@ -86,7 +78,7 @@ def test_pixels_of_a_plane_are_the_answers_at_their_centres(query):
     asked = centres if query == "point" else np.hstack([centres, centres])
     np.testing.assert_array_equal(state.bound.reshape(-1), bounder.query(asked).numpy() == 1)
     np.testing.assert_array_equal(state.object.reshape(-1), grid.contains(centres))
-    assert (state.fn, state.missed(False).sum(), seen.down) == (0, 0, True)
+    assert (state.missed(False).sum(), seen.down) == (0, True)
 
 
 def test_a_distance_is_seen_at_every_radius():
@@ -96,7 +88,6 @@ def test_a_distance_is_seen_at_every_radius():
         far = np.abs(np.subtract(more.bound.bounds, less.bound.bounds))
         np.testing.assert_allclose(far, grown, atol=4e-3)
     assert seen.states[0].object is seen.states[1].object
-    assert all(state.fn == 0 for state in seen.states)
 
 
 def test_a_shape_that_moves_is_seen_at_its_times_and_in_slices():
@@ -106,7 +97,6 @@ def test_a_shape_that_moves_is_seen_at_its_times_and_in_slices():
     assert seen.states[0].object.bounds != seen.states[1].object.bounds
     plane = view_of(bounder, grid, times=[0.5], held={1: 0.5}, **FEW)
     assert plane.names == ["coordinate 2", "coordinate 3"]
-    assert all(state.fn == 0 for state in seen.states + plane.states)
 
 
 def test_from_the_inside_what_is_held_is_in_the_object():
@@ -115,7 +105,7 @@ def test_from_the_inside_what_is_held_is_in_the_object():
     bounder = wb.fit(disc, method="sphere", side="inside", device="cpu")
     seen = view_of(bounder, disc, **FEW)
     assert seen.within
-    assert (seen.states[0].fn, seen.states[0].missed(True).sum()) == (0, 0)
+    assert seen.states[0].missed(True).sum() == 0
 
 
 @pytest.mark.parametrize(
@@ -143,8 +133,7 @@ def test_a_page_is_whole_in_itself_and_has_a_step_for_each_radius():
     assert "<title>&lt;i&gt;&amp;</title>" in text
     assert "<dd>&lt;/script&gt;&lt;b&gt;</dd>" in text
     assert all(f"<dt>{fact}</dt>" in text for fact in view.facts)
-    assert all(state.rates in text for state in view.states)
     assert '"prefix":"radius "' in text
-    plane = page(view_of(box("c"), shape("c"), resolution=16, samples=500), "c", "y", "plotly.min.js")
+    plane = page(view_of(box("c"), shape("c"), resolution=16), "c", "y", "plotly.min.js")
     assert 'src="plotly.min.js"' in plane
     assert len(plane) < 100_000

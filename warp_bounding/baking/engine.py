@@ -225,7 +225,7 @@ def picture(bounder, shape) -> bytes:
     from warp_bounding.views import view_of
 
     first, middle, slices = int(shape.time), ((shape.lower + shape.upper) / 2).tolist(), []
-    given = {"radii": [0.0], "times": middle[:first], "resolution": SIDE, "samples": 1}
+    given = {"radii": [0.0], "times": middle[:first], "resolution": SIDE}
     for pair in combinations(range(first, min(shape.ndim, first + 3)), 2):
         held = {axis: middle[axis] for axis in range(first, shape.ndim) if axis not in pair}
         try:

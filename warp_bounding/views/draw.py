@@ -40,46 +40,29 @@ def page(view: View, title: str, up: str, library: str | None = None) -> str:
     Raises:
         BoundingError: If a package is missing.
     """
-    figure, shared = needed("plotly.graph_objects").Figure(), {id(state.object) for state in view.states}
-    if view.solid and len(shared) == 1:  # one object at all radii is drawn once
+    figure, owners = needed("plotly.graph_objects").Figure(), []  # the state that each trace belongs to; -1: to all
+    shared = view.solid and len({id(state.object) for state in view.states}) == 1
+    if shared:  # one object at all radii is drawn once
         _add_surface(figure, view.states[0].object, "the object", STONE, 1.0)
-    first, shown = len(figure.data), []
+        owners.append(-1)
     for number, state in enumerate(view.states):
-        before = len(figure.data)
         if view.solid:
-            if not first:
+            if not shared:
                 _add_surface(figure, state.object, "the object", STONE, 1.0)
             _add_surface(figure, state.bound, view.bounds, BOUND, OPACITY)
         else:
             _add_pixels(figure, view, state)
-        for group in view.groups:
-            axes = dict(zip("xyz", state.points[group.name].T[:: -1 if view.down else 1], strict=False))
-            marker = {"color": group.colour, "size": 2.5 if view.solid else 5}
-            options = {"mode": "markers", "name": group.text, "marker": marker}
-            options["visible"] = True if group.shown else "legendonly"
-            (figure.add_scatter3d if view.solid else figure.add_scatter)(**axes, **options)
-        shown.append([trace.visible for trace in figure.data[before:]])
-        if number:
-            for trace in figure.data[before:]:
-                trace.visible = False
-    count = [len(each) for each in shown]
-    steps = [
-        {
-            "label": state.label,
-            "method": "update",
-            "args": [
-                {
-                    "visible": [True] * first
-                    + [of if k == number else False for k, n in enumerate(count) for of in shown[k]]
-                },
-                {"title.text": state.rates},
-            ],
-        }
-        for number, state in enumerate(view.states)
-    ]
-    if len(steps) > 1:
+        owners += [number] * (len(figure.data) - len(owners))
+    seen = [[owner in (-1, number) for owner in owners] for number in range(len(view.states))]
+    for trace, first in zip(figure.data, seen[0], strict=True):
+        trace.visible = first
+    if len(view.states) > 1:
+        steps = [
+            {"label": state.label, "method": "update", "args": [{"visible": visible}]}
+            for state, visible in zip(view.states, seen, strict=True)
+        ]
         figure.update_layout(sliders=[{"steps": steps, "currentvalue": {"prefix": f"{view.asked} "}}])
-    figure.update_layout(title={"text": view.states[0].rates, "font": {"size": 14}}, margin={"t": 40}, height=700)
+    figure.update_layout(margin={"t": 20}, height=700)
     names, (right, into, high) = view.names, VIEW
     if view.solid:
         eye = {"x": (high, right, into), "y": (right, high, -into), "z": (right, into, high)}[up]

@@ -1,4 +1,4 @@
-"""What is seen of a bounder: level sets of answers, the object, and queried points, by radius or time.
+"""What is seen of a bounder: level sets of its answers, and the object, by radius or time.
 
 A level set is found from answers alone: marching cubes over answers at the nodes of a grid say between which two nodes
 the answer changes, and halving that way again and again says where. What is thinner than the grid's cells can be
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 from types import ModuleType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,16 +23,14 @@ from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.point import POINT
 from warp_bounding.shapes import Grid, Mesh, MovingMesh
-from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Shape
+from warp_bounding.shapes.shape import Shape
 
-__all__ = ["Group", "State", "View", "level_surface", "needed", "object_surface", "view_of"]
+__all__ = ["State", "View", "level_surface", "needed", "object_surface", "view_of"]
 
 CELLS, PIXELS = 80, 640  # along the longest side: of a level set in space, of a picture of a plane
 HALVINGS = 12  # of a grid's edge: to 1/4096 of a cell
 BEYOND = 0.08  # of the longest side that is seen: room around what is bounded
-DRAWN = 1500  # points of each group that are drawn
 LEVELS = 6  # radii or times that are shown where none are given
-SEED = 1  # of the points that are asked
 FARTHEST = 0.25  # of the object's longest side: the largest of these radii
 PLANE, SPACE = 2, 3  # coordinates that are seen
 Test = Callable[[np.ndarray], np.ndarray]  # of points (N, k): (N,)
@@ -147,15 +145,6 @@ def _lifted(points: np.ndarray, axes: list[int], held: Mapping[int, float]) -> n
 # --- views -----------------------------------------------------------------------------------------------------------
 
 
-class Group(NamedTuple):
-    """Points that were queried, by answer and truth."""
-
-    name: str
-    text: str
-    colour: str
-    shown: bool  # at first
-
-
 @dataclass
 class State:
     """What is seen at one radius or time."""
@@ -163,11 +152,6 @@ class State:
     label: str  # the radius or the time, for people; may be empty
     bound: Any  # in space the surface of the bound, a pyvista.PolyData; in a plane (X, Y) bool, its pixels
     object: Any  # the object's, likewise
-    points: dict[str, np.ndarray]  # (K, k) float32 of some points of each group, by name
-    fp_rate: float  # false positives, per cent of the points that were asked
-    fn: int  # false negatives, a count
-    samples: int  # points that were asked
-    undecided: float  # points whose truth could not be decided, per cent: as in the object, but not in ``fn``
 
     def missed(self, within: bool) -> np.ndarray:
         """The wrong pixels ``(X, Y)`` of a plane: the object's that are denied, or, from the inside, others held."""
@@ -177,13 +161,6 @@ class State:
         """What the pixels ``(X, Y)`` of a plane show: 0 nothing, 1 the bound, 2 the object, 3 what is wrong."""
         seen = np.where(self.bound, 1, 2 * self.object) if within else np.where(self.object, 2, self.bound)
         return np.where(self.missed(within), 3, seen)
-
-    @property
-    def rates(self) -> str:
-        """The rates in words."""
-        missed = f"{self.fn:,} false negative{'' if self.fn == 1 else 's'}"
-        text = f"{self.fp_rate:.2f} % false positives, {missed} in {self.samples:,} random points"
-        return f"{text}, {self.undecided:.2f} % undecided" if self.undecided else text
 
 
 @dataclass
@@ -212,17 +189,6 @@ class View:
         """What the bound says of the places that it holds."""
         return "certainly inside" if self.within else "the bound: maybe"
 
-    @property
-    def groups(self) -> tuple[Group, ...]:
-        """Groups of points, in the order in which they are listed."""
-        there, elsewhere = ("not in", "in") if self.within else ("in", "not in")
-        wrong = f"maybe, {'although' if self.within else 'but'} {elsewhere} the object"
-        return (
-            Group("denied", f"no: certainly {elsewhere} the object", "#7f93a6", False),
-            Group("false-positives", wrong, "#f08a4b", False),
-            Group("false-negatives", f"no, although {there} the object", "#e02f2f", True),
-        )
-
 
 def view_of(
     bounder: Bounder,
@@ -232,7 +198,6 @@ def view_of(
     times: Sequence[float] = (),
     held: Mapping[int, float] | None = None,
     resolution: int | None = None,
-    samples: int = 100_000,
     progress: Callable[[int, int], None] | None = None,
 ) -> View:
     """Compute what is seen of a bounder.
@@ -244,7 +209,6 @@ def view_of(
         times: Of a shape that moves; of others none. Some are chosen where none are given. Not both may be several.
         held: Values of other coordinates that are held, by their numbers.
         resolution: Cells (pixels, in a plane) along the longest side; ``CELLS`` or ``PIXELS`` if ``None``.
-        samples: Points to ask for each radius or time.
         progress: Called with steps done and steps in all.
 
     Raises:
@@ -255,28 +219,33 @@ def view_of(
     _check(bounder, shape, radii, times, held)
     pairs = [(radius, time) for time in (times or [None]) for radius in radii]
     axes, within = _running(shape.ndim, held | ({0: 0.0} if shape.time else {})), bool(bounder.domain.unbounded)
-    asked = {radius: _queried(bounder, shape, radius) for radius in radii}
-    _, _, around, fitted = asked[radii[0]]
+    local, shape = in_local(bounder, shape)
+    fitted = as_fitted(local, shape)
+    if local.of_distances:
+        around = judge_of_points(local, shape, fitted, radii[0])[1]
+    else:
+        around = judge_of(of_side(local, shape), fitted, POINT.name, PROTOCOLS[0])
     room = max(radii) + BEYOND * (around.upper - around.lower)[axes].max()
     lower, upper, solid = around.lower[axes] - room, around.upper[axes] + room, len(axes) == SPACE
-    cells, rng = resolution or (CELLS if solid else PIXELS), np.random.default_rng(SEED)
-    level_set = level_surface if solid else _pixels
+    cells = resolution or (CELLS if solid else PIXELS)
+    level_set, ask = level_surface if solid else _pixels, ASKED[bounder.query_kind]
     by_radius = bounder.of_distances and (len(radii) > 1 or not times)
     objects, states = {}, []
     for radius, time in pairs:
         section = held if time is None else {0: time, **held}
         lifted = partial(_lifted, axes=axes, held=section)
-        maybe, truth, around, _ = asked[radius]
         if time not in objects:
             if solid:
                 objects[time] = object_surface(shape, section, cells)
             else:
                 objects[time] = _pixels(lambda x, lifted=lifted: shape.contains(lifted(x)), lower, upper, cells)
-        bound = level_set(lambda x, of=maybe, lifted=lifted: of(lifted(x)) != within, lower, upper, cells)
-        x = rng.uniform(around.sample_lower[axes], around.sample_upper[axes], (samples, len(axes))).astype(np.float32)
+
+        def held_by(x: np.ndarray, lifted=lifted, radius=radius) -> np.ndarray:
+            return (ask(local, lifted(x), radius).numpy() != 0) != within
+
         value = radius if by_radius else time
         label = "" if value is None else f"{value:.4g}"
-        states.append(_state(label, bound, objects[time], x, maybe(lifted(x)), np.asarray(truth(lifted(x)), np.uint8)))
+        states.append(State(label, level_set(held_by, lower, upper, cells), objects[time]))
         if progress:
             progress(len(states), len(pairs))
     down = not solid and isinstance(shape, Grid)
@@ -337,31 +306,6 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
         raise QueryError("coordinate 0 is time: expected --time rather than a slice of it")
     if len(radii) > 1 and len(times) > 1:
         raise QueryError(f"expected one radius or one time, got {len(radii)} radii and {len(times)} times")
-
-
-def _queried(bounder: Bounder, shape: Shape, radius: float) -> tuple[Test, Test, Shape, Shape]:
-    """A bounder's *maybe* of points ``(N, n)`` float32, and their truth, as of ``Shape.decide``.
-
-    Also the shape they are drawn around, and what the fit bounded.
-    """
-    bounder, shape = in_local(bounder, shape)
-    fitted, ask = as_fitted(bounder, shape), ASKED[bounder.query_kind]
-    if bounder.of_distances:
-        _, around, truth = judge_of_points(bounder, shape, fitted, radius)
-    else:
-        around = judge_of(of_side(bounder, shape), fitted, POINT.name, PROTOCOLS[0])
-        truth = around.decide
-    return lambda x: ask(bounder, x, radius).numpy() != 0, truth, around, fitted
-
-
-def _state(label: str, bound, seen, x: np.ndarray, maybe: np.ndarray, truth: np.ndarray) -> State:
-    """What points ``x`` that were asked show of the bound at one radius and time."""
-    denied, false_positive, false_negative = ~maybe & (truth != IN), maybe & (truth == OUT), ~maybe & (truth == IN)
-    groups = {"denied": denied, "false-positives": false_positive, "false-negatives": false_negative}
-    points = {name: x[np.flatnonzero(mask)[:DRAWN]] for name, mask in groups.items()}
-    share, undecided = 100 / len(x), int((truth == UNDECIDED).sum())
-    fp_rate, fn = share * int(false_positive.sum()), int(false_negative.sum())
-    return State(label, bound, seen, points, fp_rate, fn, len(x), share * undecided)
 
 
 def _facts(bounder: Bounder, shape: Shape, indicator: str, held: Mapping[int, float]) -> dict[str, str]:
