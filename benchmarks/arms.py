@@ -3,8 +3,8 @@
 The cells of ``sims.arm.robots``. False positives are per cent of all random configurations within the limits, and of
 those that a roadmap's edges in these cells ask for: points along edges from random states to their nearest ones. Rivals
 without a class of their own are built here, as tight as they get at the network's memory, and not timed: a bit for each
-box of a grid that is cut by the axes' lengths, a tree of halved boxes of three bits a leaf, and balls of free
-configurations. One JSON row each, written as it is known; run again, it goes on where it stopped.
+box of a grid that is cut by the axes' lengths, and a tree of halved boxes of three bits a leaf.
+One JSON row each, written as it is known; run again, it goes on where it stopped.
 """
 
 import argparse
@@ -112,36 +112,7 @@ def tree_of_boxes(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np
     return maybe
 
 
-def free_balls(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Balls of free configurations, each the one that covers the most of what is left, of many that were tried."""
-    rng, count = np.random.default_rng(3), nbytes // (4 * (shape.ndim + 1))
-    x = rng.uniform(shape.lower, shape.upper, (60_000, shape.ndim))
-    free = x[~shape.contains(x)]
-    radius = shape.distance(free)
-    order = np.argsort(-radius)[:20_000]
-    centers, radii, left = free[order], radius[order], np.ones(len(free), dtype=bool)
-    inside = cKDTree(free).query_ball_point(centers, radii)
-    gains = np.array([len(own) for own in inside])
-    chosen: list[int] = []
-    while len(chosen) < count and gains.max() > 0:
-        best = int(gains.argmax())
-        gain = int(left[inside[best]].sum())  # gains only shrink: the first whose own is still the largest is the best
-        if gain < gains[best]:
-            gains[best] = gain
-            continue
-        chosen.append(best)
-        left[inside[best]], gains[best] = False, 0
-
-    def maybe(y: np.ndarray) -> np.ndarray:
-        found = np.ones(len(y), dtype=bool)
-        for center, size in zip(centers[chosen], radii[chosen], strict=True):
-            found &= ((y - center) ** 2).sum(axis=1) > size**2
-        return found
-
-    return maybe
-
-
-BUILT = {"bitmap": bitmap, "tree of boxes": tree_of_boxes, "free balls": free_balls}
+BUILT = {"bitmap": bitmap, "tree of boxes": tree_of_boxes}
 FITTED = ("aabb", "learned-kdop", "bvh", "mlp")
 
 
@@ -233,7 +204,7 @@ def page(kept: StoredRows, command: str) -> str:
         "",
         f"{kept.about}. *FP %*: of {SAMPLES:,} random configurations within the limits, those that are",
         "free and get *maybe*; *along edges*: of points along the edges of a roadmap between free states, where a "
-        "planner asks. *Bitmap*, *tree of boxes* and *free balls* have the",
+        "planner asks. *Bitmap* and *tree of boxes* have the",
         "network's memory, and are built by `benchmarks/arms.py` as tight as they get in it; all others are "
         "bounders, tested with ten million hard configurations unless a row says less.",
     ]

@@ -1,7 +1,7 @@
 """The configurations in which an arm collides, as a shape of as many coordinates as it has joints.
 
-Everything that a shape answers comes from float64 kernels (``kernels``): truth, certified boxes, half-spaces and
-distances. Configurations beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer
+Everything that a shape answers comes from float64 kernels (``kernels``): truth, certified boxes and
+half-spaces. Configurations beyond the joints' limits are not in the shape, as nothing is known of them: bounders answer
 *maybe* there (``shapes.joints``). The limits are rounded outwards to float32, so that a query at a limit is asked
 about, and the shape reaches beyond them by what float32 rounds. Of a continuous joint q and q + 2 pi k are the same.
 """
@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 import warp as wp
@@ -37,8 +36,7 @@ class ArmConfigurations(Formula):
 
     A configuration q, joint values in radians (metres of a joint that slides), has the coordinates ``weights * q``.
     Beyond the limits nothing is in the shape, and every bounder answers *maybe*; continuous joints have no limits, and
-    ``weights * 2 pi`` is one turn. Distances are Euclidean in these coordinates. With the weights of ``Arm.reaching``
-    one unit moves the arm by a metre at most.
+    ``weights * 2 pi`` is one turn. With the weights of ``Arm.reaching`` one unit moves the arm by a metre at most.
 
     Args:
         arm: The arm.
@@ -229,18 +227,13 @@ class ArmConfigurations(Formula):
         path, sign, reach = (
             np.array(column) for column in zip(*(step for each in paths for step in each), strict=True)
         )
-        many = np.bincount(arm.coordinate)[arm.coordinate]
-        joint_weights = self.weights[arm.coordinate] / (np.abs(arm.factor) * np.sqrt(many))
         first = np.cumsum([0, *map(len, paths)])
-        speed = [np.sqrt(((reach[a:b] / joint_weights[path[a:b]]) ** 2).sum()) for a, b in pairwise(first)]
         own = {
             "pairs": (self.pairs, wp.vec2i),
             "first": (first, wp.int32),
             "path": (path, wp.int32),
             "sign": (sign, wp.float64),
             "reach": (reach, wp.float64),
-            "speed": (np.array(speed) * OUTWARD, wp.float64),
-            "joint_weights": (joint_weights, wp.float64),
         }
         for group, arrays in ((found.chain, chain), (found.bodies, hulls), (found, own)):
             for field, (values, dtype) in arrays.items():
@@ -254,26 +247,13 @@ class ArmConfigurations(Formula):
         return found
 
     def decide(self, x: np.ndarray) -> np.ndarray:
-        return self._query_points(x, 0.0)[0]
-
-    def distance(self, x: np.ndarray) -> np.ndarray:
-        x = turned_back(np.asarray(x, dtype=np.float64), self._periods)
-        # beyond the limits bodies sweep farther than what bounds their speeds
-        within = np.clip(x, *self.known)
-        beyond = np.nan_to_num(np.linalg.norm(x - within, axis=1), posinf=0.0)
-        found = self._query_points(within, float(np.linalg.norm(self.upper - self.lower)))[1]
-        return np.where(np.isfinite(x).all(axis=1), np.hypot(found, beyond) * (1 / OUTWARD), 0.0)
-
-    def _query_points(self, x: np.ndarray, near: float) -> tuple[np.ndarray, np.ndarray]:
-        """Answers, and lower bounds of distances, of which none above ``near`` is looked for."""
         given = np.asarray(x, dtype=np.float64)
         x = turned_back(given, self._periods)
-        c, kernels = self._collisions, kernels_of(len(self.arm.joints), self.ndim)
-        answers, distances = (wp.empty(len(x), dtype=dtype, device=DEVICE) for dtype in (wp.uint8, wp.float64))
-        inputs = [c, self._array(x), near]
-        launch_on_cores(kernels.points, len(x), inputs, [answers, distances], DEVICE)
+        answers = wp.empty(len(x), dtype=wp.uint8, device=DEVICE)
+        kernel = kernels_of(len(self.arm.joints), self.ndim).points
+        launch_on_cores(kernel, len(x), [self._collisions, self._array(x)], [answers], DEVICE)
         lost = np.isnan(x).any(axis=1) & np.isfinite(given).all(axis=1)  # more turns than float64 distinguishes
-        return np.where(lost, np.uint8(UNDECIDED), answers.numpy()), distances.numpy()
+        return np.where(lost, np.uint8(UNDECIDED), answers.numpy())
 
     def _array(self, x: np.ndarray) -> wp.array:
         dtype = wp.types.vector(length=self.ndim, dtype=wp.float64)

@@ -260,11 +260,6 @@ class Chain:
 # more than 0. One linear function that lies under all of them in the box, over all pairs that are left, gives a
 # half-space.
 #
-# *Distance.* In coordinates ``x_i = w_i q_i``, a ball of radius r around a configuration moves the other body by at
-# most ``r |(rho_i / w_i)_i|``; and along n by at most ``r |(c_i / w_i)_i| + r^2 / 2 |(rho_max(i, j) / (w_i w_j))_ij|``,
-# the last a Frobenius norm. The larger of the two radii that follow is a distance which the pair cannot undercut. Where
-# m joints have one coordinate, with factors f, a joint has the weight ``w / (|f| sqrt(m))``: a step of length 1 in the
-# coordinates is then one of at most 1 in the joints.
 
 OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
 
@@ -284,9 +279,7 @@ class Collisions:
     path: wp.array(dtype=wp.int32)  # joints
     sign: wp.array(dtype=wp.float64)  # of each joint of a path: 1, or -1 where it leads towards the base
     reach: wp.array(dtype=wp.float64)  # of each joint of a path: how far the other is from its axis at most
-    speed: wp.array(dtype=wp.float64)  # of each pair: metres nearer at most, per unit of distance in the coordinates
     weights: wp.array(dtype=wp.float64)  # of coordinates
-    joint_weights: wp.array(dtype=wp.float64)  # of joints, see above
     lower: wp.array(dtype=wp.float64)  # limits, in the shape's coordinates
     upper: wp.array(dtype=wp.float64)
     safety: wp.float64  # metres, what comes closer counts as touching
@@ -312,7 +305,7 @@ _BLUR = wp.constant(wp.float64(BLUR))
 class Kernels(NamedTuple):
     """For arms of one number of joints."""
 
-    points: wp.Kernel  # truth and distance of configurations
+    points: wp.Kernel  # truth of configurations
     boxes: wp.Kernel  # whether closed boxes are free, or all collide, and half-spaces
 
 
@@ -330,11 +323,6 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
     @named(f"arm_least_{n}").func_native(_TEXT.LANES + _TEXT.LEAST)
     def least_of(
         lanes: Lanes, begin: int, end: int, d: wp.vec3d, level: wp.float64, rates: rows, half: values
-    ) -> wp.float64: ...
-
-    @named(f"arm_steepest_{n}").func_native(_TEXT.LANES + _TEXT.STEEPEST)
-    def steepest_of(
-        lanes: Lanes, begin: int, end: int, rates: rows, allowance: wp.float64, share: values
     ) -> wp.float64: ...
 
     @named(f"arm_rotation_{n}").func
@@ -490,27 +478,6 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
         return s.apart + way <= radii or s.depth > way + c.allowance
 
-    @named(f"arm_radius_{n}").func
-    def radius_of(
-        c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d, gap: wp.float64, reach: wp.float64
-    ) -> wp.float64:
-        """A distance, in the shape's coordinates, that a pair with a gap cannot undercut."""
-        other, begin, end = c.pairs[pair][1], c.first[pair], c.first[pair + 1]
-        shares, bent, before = values(), wp.float64(0.0), wp.float64(0.0)
-        for j in range(begin, end):
-            shares[c.path[j]] = _ONE / c.joint_weights[c.path[j]]
-        rates, lanes = rates_of(c, turn, at, pair, normal), c.bodies.lanes
-        steep = steepest_of(lanes, c.bodies.block[other], c.bodies.block[other + 1], rates, c.allowance, shares)
-        for j in range(begin, end):
-            weight = c.joint_weights[c.path[j]]
-            share, part = _ONE / (weight * weight), c.reach[j] / weight
-            bent += part * part * (_TWO * before + share)
-            before += share
-        slope, curve = wp.sqrt(steep) * _OUTWARD, wp.sqrt(bent) * _OUTWARD
-        # The root of slope r + curve r^2 / 2 = gap, written so that nothing cancels.
-        root = _TWO * gap / (slope + wp.sqrt(slope * slope + _TWO * curve * gap))
-        return wp.max(gap / reach, root) * _INWARD
-
     normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
     indices = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
 
@@ -520,12 +487,10 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         # inputs
         c: Collisions,
         x: wp.array(dtype=numbers),
-        near: wp.float64,
         # outputs
         answers: wp.array(dtype=wp.uint8),
-        distances: wp.array(dtype=wp.float64),
     ):
-        """Truth of configurations, and a lower bound of the distance to a colliding one, ``near`` at most."""
+        """Truth of configurations."""
         t, _ = wp.tid()
         t += first
         p = x[t]
@@ -534,38 +499,26 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             finite = finite and wp.abs(p[i]) < _INFINITY
             within = within and p[i] >= c.lower[i] and p[i] <= c.upper[i]
         answers[t] = wp.uint8(_OUT)
-        distances[t] = _ZERO
-        if not finite:
+        if not (finite and within):
             return
         turn = rotations(c.chain, q)
         at = origins(c.chain, q, turn)
-        touches, unsure, nearest = wp.bool(False), wp.bool(False), near + wp.float64(0.0)
         moving, center = wp.int32(-1), wp.vec3d()
         for number in range(c.pairs.shape[0]):
             pair = c.pairs[number]
-            room, reach = room_of(c, pair), c.speed[number]
+            room = room_of(c, pair)
             if pair[1] != moving:
                 moving = pair[1]
                 center = center_of(c, turn, at, moving)
-            if balls_apart(c, turn, at, pair, center) - room > nearest * reach:
+            if balls_apart(c, turn, at, pair, center) > room:
                 continue
             a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
-            s = separation(c.bodies, pair[0], a, pair[1], b, room + nearest * reach)
-            gap = s.gap - room
-            if gap > _ZERO:
-                if gap < nearest * reach:
-                    nearest = wp.min(nearest, radius_of(c, turn, at, number, s.normal, gap, reach))
-            else:
-                nearest = wp.float64(0.0)
+            s = separation(c.bodies, pair[0], a, pair[1], b, room)
+            if not s.gap > room:
                 if meets(c, s, pair, wp.float64(0.0)):
-                    touches = wp.bool(True)
-                    break
-                unsure = wp.bool(True)
-        if within and touches:
-            answers[t] = wp.uint8(_IN)
-        elif within and unsure:
-            answers[t] = wp.uint8(_UNDECIDED)
-        distances[t] = nearest
+                    answers[t] = wp.uint8(_IN)
+                    return
+                answers[t] = wp.uint8(_UNDECIDED)
 
     @named(f"arm_boxes_{which}").kernel
     def boxes(

@@ -42,22 +42,3 @@ for (; corners < last; corners += 3) {
 double found = least[0];
 for (int k = 1; k < 8; ++k) found = least[k] < found ? least[k] : found;
 return found;
-
-/// STEEPEST:
-/// The largest of ``sum_i ((|rates_i . (x, 1)| + allowance) share_i)^2`` over corners x.
-const V *corners = (const V*)(lanes.data + begin), *last = (const V*)(lanes.data + end);
-constexpr unsigned joints = sizeof(share.c) / sizeof(share.c[0]);
-V most = corners[0] * 0.0;
-for (; corners < last; corners += 3) {
-    V sum = corners[0] * 0.0;
-    for (unsigned i = 0; i < joints; ++i) {
-        const auto& r = rates.data[i];
-        const V rate = corners[0] * r[0] + corners[1] * r[1] + corners[2] * r[2] + r[3];
-        const V part = (__builtin_elementwise_abs(rate) + allowance) * share[i];
-        sum += part * part;
-    }
-    most = sum > most ? sum : most;
-}
-double found = most[0];
-for (int k = 1; k < 8; ++k) found = most[k] > found ? most[k] : found;
-return found;
