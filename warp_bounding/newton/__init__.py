@@ -1,4 +1,4 @@
-"""For Newton: a pass over the pairs of particles and shapes that may touch only (``cull``).
+"""For Newton: passes over the pairs that may touch only, of particles (``cull``) and of meshes (``rigid``).
 
 Needs Newton, the extra ``newton``: from 1.7 on, tested with 1.8.
 """
@@ -11,6 +11,7 @@ except ImportError as error:
     ) from error
 
 from warp_bounding.newton.cull import ParticleCull, Tally
+from warp_bounding.newton.rigid import PairCull
 from warp_bounding.newton.shapes import margin_for
 
-__all__ = ["ParticleCull", "Tally", "margin_for"]
+__all__ = ["PairCull", "ParticleCull", "Tally", "margin_for"]
