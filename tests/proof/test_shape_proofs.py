@@ -250,7 +250,7 @@ def positives_of(query: str) -> np.ndarray:
 @pytest.mark.parametrize("query", REGIONS)
 @pytest.mark.parametrize(
     "method",
-    ["kdop", *(pytest.param(m, marks=pytest.mark.slow) for m in ("aabb", "learned-kdop"))],
+    [m if m in ("obb", "oriented-ellipsoid", "kdop") else pytest.param(m, marks=pytest.mark.slow) for m in VOLUMES],
 )
 def test_volumes_of_a_mesh_are_proven_for_regions(method, query):
     bounder = fit(mesh(), query, method, margin=MARGIN)
@@ -283,7 +283,7 @@ def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are
 @pytest.mark.slow
 @pytest.mark.parametrize("query", REGIONS)
 def test_a_stress_test_asks_certain_positives_only(query):
-    bounder = fit(mesh(), query, "aabb", margin=MARGIN)
+    bounder = fit(mesh(), query, "sphere", margin=MARGIN)
     result = stress_test(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64, the eighth is placed
     assert result.missed is None
     assert result.forms["float64"]

@@ -209,7 +209,7 @@ def witnessed(grid, query: str, length: float, rotated, shift, factors, rng, dty
 @cache
 def bounders(name: str, query: str, length: float):
     grid = shape(name)
-    methods = ("kdop", "aabb") if name == "blob" else ("kdop",)
+    methods = ("kdop", "sphere") if name == "blob" else ("kdop",)
     return [fitted_region(method, query, grid, length=length) for method in methods]
 
 
@@ -242,7 +242,7 @@ def dyadic(time: bool) -> Grid:
 
 @cache
 def dyadic_bounders(time: bool, query: str):
-    methods = ("kdop",) if time else ("kdop", "aabb")
+    methods = ("kdop",) if time else ("kdop", "sphere")
     return [fitted_region(method, query, dyadic(time)) for method in methods]
 
 

@@ -4,9 +4,15 @@ from warp_bounding.bounders.batch import Prepared
 from warp_bounding.bounders.bounder import DISTANCES, METHODS, Bounder, method_class, register, supports, unregister
 from warp_bounding.bounders.bvh import Bvh, BvhDistance
 from warp_bounding.bounders.cascade import Cascade, cascade
-from warp_bounding.bounders.distance import DistanceBounder
+from warp_bounding.bounders.distance import (
+    DistanceBounder,
+)
 from warp_bounding.bounders.distance_grid import DistanceGrid
-from warp_bounding.bounders.ellipsoids import Ellipsoid, OrientedEllipsoid, Sphere
+from warp_bounding.bounders.ellipsoids import (
+    Ellipsoid,
+    OrientedEllipsoid,
+    Sphere,
+)
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.learned_kdop import LearnedKdop, LearnedKdopDistance
 from warp_bounding.bounders.load import bounder_of, load

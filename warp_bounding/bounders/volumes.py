@@ -18,7 +18,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder, Option
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS, polytope_vertices, whole_hull
+from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS, checked_inverse, polytope_vertices, whole_hull
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
@@ -218,10 +218,9 @@ _RAY = f"""
 }}
 """
 
-_EDGES = """
-{
-    constexpr int N = $n;
-    const V none = {};
+_EDGES = f"""
+{{
+    {_CONSTANTS}
     V foot = v[0] * w[0];
 #pragma unroll
     for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
@@ -229,12 +228,15 @@ _EDGES = """
     off = off < none ? -off : off;
     V reach = none;
 #pragma unroll
-    for (int i = 0; i < N; ++i) {
-        const V y = v[i] * w[N + i];
+    for (int i = 0; i < N; ++i) {{
+        const float* d = w + N + i * N;
+        V y = DIAGONAL ? v[i] * w[N + i] : v[0] * d[0];
+#pragma unroll
+        for (int j = 1; j < N && !DIAGONAL; ++j) y = y + v[j] * d[j];
         reach = reach + (y < none ? -y : y);
-    }
+    }}
     f = reach - off;
-}
+}}
 """
 
 CORNERS = """
@@ -289,8 +291,8 @@ _BOX = f"""
 
 
 def _plane(source: Source) -> str:
-    """Of a box along the axes by its edges, of other polytopes by their vertices."""
-    return _EDGES if source.diagonal else CORNERS
+    """Of a parallelepiped by its edges, of other polytopes by their vertices."""
+    return CORNERS if source.slabs > source.ndim else _EDGES
 
 
 TEXTS = {"point": _POINT, "ray": _RAY, "plane": _plane, "box": _BOX}
@@ -303,9 +305,12 @@ TEXTS = {"point": _POINT, "ray": _RAY, "plane": _plane, "box": _BOX}
 # * Point: the least distance to a face.
 # * Ray: the segment is clipped by every slab (Kay and Kajiya 1986). The slabs are widened by all that the rounding of
 # ``d . a`` and ``d . w`` can do; a quotient then has a relative error of a few roundings, and parameters lie in [0, 1].
-# * Plane: against P's support, the largest value at P's vertices; of a box along the axes a sum over its edges. Exact.
-# * Box: the intervals of the box and of P on the slabs' directions, the classic test of k-DOPs: exact for a box along
-# the axes, conservative for others.
+# * Plane: against P's support. Where there are n slabs, P is a parallelepiped and its support a sum over its edges;
+# with more slabs the support is the largest value at P's vertices. Exact.
+# * Box: the intervals of the box and of P on the slabs' directions. Where P is a box that is turned, also on the
+# coordinate axes and, in 3D, on the products of the edges (Gottschalk et al. 1996): exact in 2D and 3D. Conservative
+# where edges of two dimensions and more would be needed: for turned boxes in 4D and above, and for k-DOPs, whose
+# classic test these are.
 #
 # Every test of a region decides between *meets P* (f >= 0 up to rounding) and *misses P*: nothing is claimed of points
 # outside P. What a test reads (edges, vertices, widened faces) follows from the slabs alone, so a file holds nothing
@@ -405,18 +410,22 @@ class SlabRay(VolumeTest):
 class SlabPlane(VolumeTest):
     """Support of P; f is a distance.
 
-    Its numbers are the centre and half edges if diagonal, else a number of vertices and the vertices.
+    Its numbers are the centre and half edges (only these if diagonal), or a number of vertices and the vertices.
     """
 
     def __init__(self, slabs: Slabs, domain: RegionDomain):
         n, reach = domain.space_ndim, float(domain.limit[-1])
-        if slabs.diagonal:
+        if len(slabs.low) == n:
+            inverse, error = (np.eye(n), np.zeros((n, n))) if slabs.diagonal else _inverse(slabs.directions)
+            error = error + gamma(n + 3, UNIT64) * np.abs(inverse)
             middle, half = (slabs.low + slabs.high) / 2, (slabs.high - slabs.low) / 2
-            exact = np.concatenate([middle[None], np.diag(half)])  # (1 + n, n)
+            exact = np.concatenate([(inverse @ middle)[None], (inverse * half).T])  # (1 + n, n)
+            away = np.concatenate([(error @ np.abs(middle))[None], (error * np.abs(half)).T])
             numbers = exact.astype(np.float32)
             size = np.abs(numbers.astype(np.float64)).sum() + reach
-            moved = (np.abs(numbers - exact) + gamma(n + 3, UNIT64) * np.abs(exact)).sum()
-            self.weights, self.corners = np.concatenate([numbers[0], np.diag(numbers[1:])]), False
+            moved = (np.abs(numbers - exact) + away).sum()
+            self.weights = np.concatenate([numbers[0], np.diag(numbers[1:])]) if slabs.diagonal else numbers.reshape(-1)
+            self.corners = False
         else:
             numbers, away = polytope_vertices(slabs.directions, slabs.low, slabs.high)
             size, moved = np.abs(numbers.astype(np.float64)).sum(axis=1).max() + reach, away.sum(axis=1).max()
@@ -437,17 +446,47 @@ class SlabBox(VolumeTest):
 
     def __init__(self, slabs: Slabs, domain: RegionDomain):
         n = domain.space_ndim
-        reach = np.abs(slabs.directions) @ domain.limit[:n].astype(np.float64)
+        tested = slabs if slabs.diagonal or len(slabs.low) != n else _separating(slabs)
+        limit, size = domain.limit[:n].astype(np.float64), np.abs(tested.directions)
+        reach = size @ limit
         # The middle and the half of the box round once, products and sums as ever; |middle| + half <= limit.
         product = 0.0 if slabs.diagonal else gamma(n + 3) * reach + 8 * (n + 1) * (1 + reach) * TINY
-        self.error = float((product + gamma(3) * (reach + product + slabs.largest) + 4 * TINY).max() * (1 + 1e-9))
-        self.slabs, self.weights = slabs, slabs.numbers(slabs.low, slabs.high)
+        self.error = float((product + gamma(3) * (reach + product + tested.largest) + 4 * TINY).max() * (1 + 1e-9))
+        self.slabs, self.weights = tested, tested.numbers(tested.low, tested.high)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         d, low, high, _ = self.slabs
         n = d.shape[1]
         y, r = (v[:, :n] + v[:, n:]) / 2 @ d.T, (v[:, n:] - v[:, :n]) / 2 @ np.abs(d).T
         return np.minimum(y + r - low, high - (y - r)).min(axis=1)
+
+
+def _inverse(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    found = checked_inverse(directions)
+    if found is None:
+        raise BounderError("the slabs' directions are not independent")
+    return found
+
+
+def _separating(slabs: Slabs) -> Slabs:
+    """The slabs of a parallelepiped, and those along the axes and, in 3D, products of axes and edges."""
+    n = slabs.directions.shape[1]
+    inverse, error = _inverse(slabs.directions)
+    more = list(np.eye(n))
+    if n == 3:
+        for axis, edge in product(np.eye(3), inverse.T):
+            normal = np.cross(axis, edge / np.abs(edge).max())
+            if np.abs(normal).max() > 1e-3:
+                more.append(normal / np.abs(normal).max())
+    more = np.array(more).astype(np.float32).astype(np.float64)
+    share = more @ inverse  # each direction as a sum of the slabs' directions
+    away = np.abs(more) @ (error + gamma(n + 2, UNIT64) * np.abs(inverse))
+    first, last = share * slabs.low, share * slabs.high
+    room = (away + gamma(n + 2, UNIT64) * np.abs(share)) @ slabs.largest
+    low = round_down(np.minimum(first, last).sum(axis=1) - room).astype(np.float64)
+    high = round_up(np.maximum(first, last).sum(axis=1) + room).astype(np.float64)
+    sides = zip(slabs[:3], (more, low, high), strict=True)
+    return Slabs(*(np.concatenate(pair) for pair in sides), False)
 
 
 TESTS = {"point": SlabPoint, "ray": SlabRay, "plane": SlabPlane, "box": SlabBox}  # by the name of the kind of query
@@ -598,14 +637,13 @@ class Aabb(SlabBounder):
 
 # --- obb -------------------------------------------------------------------------------------------------------------
 #
-# ``obb``: the oriented bounding box of points (the paper's OBox), along the principal axes of the object.
+# ``obb``: the oriented bounding box (the paper's OBox), along the principal axes of the object.
 
 
 class Obb(SlabBounder):
     """Oriented box whose axes are the eigenvectors of the occupied cells' covariance, as in the paper's code."""
 
     method = "obb"
-    tests: ClassVar = {"point": SlabPoint}
     of_samples = True
 
     @classmethod
