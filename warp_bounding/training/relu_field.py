@@ -19,7 +19,6 @@ from warp_bounding.bounders.relu_field import (
     corners_of,
     field_breaks,
     positive_boxes,
-    positive_cells,
 )
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
@@ -53,12 +52,12 @@ GENTLE = 3
 def train_relu_field(
     _, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
 ) -> Trained:
-    """Learn a ``relu-field`` (``fit.Trainer``).
+    """Learn a ``relu-field`` (``fit.Trainer``): of points of 1D to 4D objects, or of regions of 2D objects.
 
     Ctrl-C ends training; the field as it is is then repaired.
     """
     clock = Clock(seconds, options["steps"], progress)
-    trainer = _Trainer(problem, options["nodes"])
+    trainer = _Trainer(problem, options.get("nodes"))
     clock.reserved = min(REPAIR_SHARE * seconds + clock.seconds, 0.8 * seconds)
     with single_threaded_torch():
         interrupted = interrupts(lambda: trainer.run(clock))
@@ -73,11 +72,15 @@ class _Trainer:
         self.problem, self.domain, self.field = problem, domain, FieldMap.of(grid, domain, nodes)
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
-        self.low, self.high = map(self.field.coordinates, positive_boxes(grid, domain))
+        boxes = [[self.field.coordinates(side) for side in pair] for pair in positive_boxes(grid, domain, self.field)]
+        self.low, self.high = (np.concatenate(side) for side in zip(*boxes, strict=True))
         self.breaks = field_breaks(self.low, self.high).max(axis=1)
         if (field_breaks(self.low, self.high) < 0).any():
             raise BounderError("relu-field: the field is too fine for the object's cells")
-        marked = positive_cells(self.field.nodes, self.low, self.high)
+        marked = np.zeros(self.field.nodes, dtype=bool)
+        first, last = np.floor(self.low).astype(np.int64), np.ceil(self.high).astype(np.int64)
+        for step in np.ndindex(tuple(int(s) + 1 for s in (last - first).max(axis=0))):
+            marked[tuple(np.minimum(first + step, last).T)] = True
         self.values = torch.from_numpy(np.where(marked.reshape(-1), START[1], START[0]).astype(np.float32))
         self.start, self.hard = self.values.clone(), np.zeros((0, len(self.field.nodes)))
 
