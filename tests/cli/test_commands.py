@@ -166,17 +166,6 @@ def test_a_distance_from_fit_to_stress(method, own, files, capsys):
     assert (status, "none missed" in out) == (0, True)
 
 
-def test_a_proof_goes_on_where_its_time_was_over(files, capsys):
-    source, left = files / "c.npy", files / "left"
-    options = ("--query", "distance", "--nodes", 6)
-    path, (status, *_) = fit(capsys, files, *options, method="distance-grid")
-    assert status == 0
-    status, out, _ = run(capsys, "certify", path, source, "--budget", 1e-9, "--checkpoint", left)
-    assert (status, left.exists()) == (1, True)
-    assert f"goes on from {left}" in out.replace("\n", "")
-    assert (run(capsys, "certify", path, source, "--checkpoint", left)[0], left.exists()) == (0, False)
-
-
 # --- stress ----------------------------------------------------------------------------------------------------------
 
 

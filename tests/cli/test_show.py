@@ -31,16 +31,15 @@ def bounders(tmp_path_factory):
     """Paths of bounders by name, beside the shapes that they bound."""
     folder = tmp_path_factory.mktemp("show")
     (folder / "folder.html").mkdir()
-    names = {"dir": folder, **{name: folder / f"{name}.npy" for name in ("c", "blob", "other", "moving", "five")}}
+    names = {"dir": folder, **{name: folder / f"{name}.npy" for name in ("c", "blob", "other", "five")}}
     cells = {"c": shape("c").occupancy, "blob": shape("blob").occupancy, "other": ~shape("c").occupancy}
-    cells |= {"moving": shape("animated").occupancy, "five": np.random.default_rng(0).random((3, 4, 3, 4, 3)) < 0.4}
+    cells |= {"five": np.random.default_rng(0).random((3, 4, 3, 4, 3)) < 0.4}
     for name, occupancy in cells.items():
         np.save(names[name], occupancy)
     for name, source, query in (
         ("out", "c", "point"),
         ("rays", "c", "ray"),
         ("far", "blob", "distance"),
-        ("of moving", "moving", "point"),
         ("of five", "five", "point"),
     ):
         names[name] = folder / f"{name.replace(' ', '-')}.safetensors"
@@ -84,8 +83,6 @@ def test_pages_and_what_is_printed(bounders, capsys, tmp_path):
     status, out, err = run(capsys, "show", bounders["out"], bounders["other"], *words)
     assert status == 0
     assert err.startswith("other.npy is not the shape that the bounder was fitted to")
-    status, out, err = run(capsys, "show", bounders["of moving"], bounders["moving"], *words)
-    assert (status, err) == (0, "")
     status, out, err = run(capsys, "show", bounders["of five"], bounders["five"], *words)
     check_bad(status, out, err)
     assert "--slice" in err
