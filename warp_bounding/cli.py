@@ -624,7 +624,7 @@ def choose(
     margin: Margin = 0.0,
     length: Length = None,
     overhead_ns: Annotated[float, Option(help="What your step takes besides for a query, nanoseconds.")] = 0.0,
-    budget: Annotated[float, Option(help="Seconds for all fits and measurements.")] = 120.0,
+    budget: Annotated[float, Option(help="Seconds for all fits.")] = 120.0,
     seed: Seed = 0,
     methods: Annotated[Text, Option(help="Such as bvh,mlp,relu-field (default: all).")] = None,
     statistical: Annotated[bool, Option("--statistical", help="Choose among sampled bounders, too.")] = False,
