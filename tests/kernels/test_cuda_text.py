@@ -14,8 +14,10 @@ from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kern
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks.bounds import NetworkShape, PlainParametrization
 from warp_bounding.networks.bounds import _kernel as bound_kernel
-from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization
+from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization, SegmentParametrization
 from warp_bounding.proof.search import depth_first_kernel
+from warp_bounding.proof.segments import _kernel as walk_kernel
+from warp_bounding.proof.taylor import _kernel as checked_kernel
 from warp_bounding.queries import QUERIES, registry
 
 pytestmark = [
@@ -46,6 +48,8 @@ def test_networks(activation, tmp_path):
     network = random_mlp(shape("blob"), (8,), activation)
     check_compiles(batch_kernel(network.source, False, True), tmp_path / "batch")
     check_compiles(bound_kernel(network.network.kernel_shape()), tmp_path / "bound")
+    check_compiles(checked_kernel(network.network.kernel_shape()), tmp_path / "checked")
+    check_compiles(walk_kernel(network.network.kernel_shape(SegmentParametrization(3))), tmp_path / "walk")
 
 
 @pytest.mark.parametrize(
