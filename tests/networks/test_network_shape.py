@@ -2,7 +2,6 @@
 
 import math
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -28,10 +27,7 @@ def make(n, *modules, seed=0, dtype=torch.float32):
 def networks(n):
     yield nn.Linear(n, 16), nn.ReLU(), nn.Linear(16, 8), nn.ReLU(), nn.Linear(8, 1)
     yield nn.Linear(n, 12), Sine(), nn.Linear(12, 12), nn.ReLU(), nn.Linear(12, 1, bias=False)
-    yield nn.Linear(n, 12), Sine(), nn.Sequential(nn.Linear(12, 12), nn.ReLU()), nn.Linear(12, 1), Sine()
-    yield nn.Linear(n, 12), nn.Linear(12, 6), Sine(), Sine(), nn.Linear(6, 1), nn.ReLU()
-    yield (nn.Linear(n, 1),)
-    yield Sine(), nn.Linear(n, 5), nn.ReLU(), nn.Linear(5, 1)
+    yield nn.Linear(n, 12), Sine(), nn.Sequential(nn.Linear(12, 12), nn.ReLU()), nn.Linear(12, 1)
 
 
 @pytest.mark.parametrize("n", [1, 3])
@@ -119,8 +115,8 @@ class Sequential(nn.Sequential):
         return super().forward(x) + 1
 
 
-def linear(*sizes):
-    return nn.Sequential(*(nn.Linear(k, h) for k, h in pairwise(sizes))).requires_grad_(False)
+def linear(k, hidden, h):
+    return nn.Sequential(nn.Linear(k, hidden), nn.ReLU(), nn.Linear(hidden, h)).requires_grad_(False)
 
 
 def infinite():
@@ -131,14 +127,23 @@ def infinite():
 
 BAD = (
     (nn.Sequential(nn.Linear(2, 4), nn.GELU(), nn.Linear(4, 1)), {}, "network: expected modules Linear, ReLU, .*GELU"),
-    (linear(3, 1), {}, "expected an affine module of 2 inputs, got 3"),
-    (linear(2, 4), {}, "expected a network with one output, got 4"),
+    (linear(3, 4, 1), {}, "expected an affine module of 2 inputs, got 3"),
+    (linear(2, 4, 4), {}, "expected a network with one output, got 4"),
+    (nn.Sequential(nn.Linear(2, 1)), {}, "an activation at least"),
+    *(
+        (nn.Sequential(*modules), {}, "one activation between each two")
+        for modules in (
+            (nn.Linear(2, 4), nn.Linear(4, 1), nn.ReLU()),
+            (Sine(), nn.Linear(2, 4), nn.ReLU(), nn.Linear(4, 1)),
+            (nn.Linear(2, 4), nn.ReLU(), nn.ReLU(), nn.Linear(4, 4), nn.Linear(4, 1)),
+        )
+    ),
     (nn.Sequential(), {}, "expected a Sequential of modules, got Sequential"),
     (3, {}, "expected a Sequential of modules, got int"),
-    (linear(2, 1), {"level": math.nan}, "level must be finite, got nan"),
-    (linear(2, 1), {"lower": [1, 1], "upper": [-1, -1]}, "lower must be below upper"),
+    (linear(2, 4, 1), {"level": math.nan}, "level must be finite, got nan"),
+    (linear(2, 4, 1), {"lower": [1, 1], "upper": [-1, -1]}, "lower must be below upper"),
     (nn.Sequential(nn.Linear(2, 4), Sine(), nn.Linear(4, 1)), {"upper": [1e5, 1]}, "arguments of sin reach"),
-    (Sequential(*linear(2, 1)), {}, "computes what its modules tell"),
+    (Sequential(*linear(2, 4, 1)), {}, "computes what its modules tell"),
     (infinite(), {}, "expected finite weights"),
 )
 
@@ -148,4 +153,4 @@ def test_bad_networks():
         with pytest.raises(wb.ShapeError, match=message):
             wb.shapes.Network(network, **({"lower": [-1, -1], "upper": [1, 1]} | options))
     with pytest.raises(wb.ShapeError, match=r"a network's value is none, got margin=0\.1"):
-        wb.shapes.Network(linear(2, 1), [-1, -1], [1, 1]).dilated(0.1)
+        wb.shapes.Network(linear(2, 4, 1), [-1, -1], [1, 1]).dilated(0.1)

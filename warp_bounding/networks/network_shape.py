@@ -7,8 +7,7 @@ empty where no value reaches the level, and lies in the object where every value
 import hashlib
 from collections.abc import Iterable, Iterator
 from functools import cached_property
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,72 +20,35 @@ from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, HalfSpaces, checked_c
 
 # The modules of a trained network as layers that bounds are known for, without importing the library it was made with.
 #
-# Layers have an activation each and a linear output. What is written otherwise is rewritten so that the exact value
-# stays the same: between two affine modules, and before a single one, stands ``z = relu(z) - relu(-z)``; and where an
-# activation has no affine module before or behind it, there stands the number itself.
+# Affine modules and activations take turns, from an affine one to another.
 
-
-class Module(NamedTuple):
-    """What a module that follows an affine one does to each number z: ``activation(z)``.
-
-    Attributes:
-        activation: One of ``ACTIVATIONS``.
-        mirrored: Whether ``activation(-z)`` is subtracted.
-    """
-
-    activation: Activation
-    mirrored: bool = False
-
-
-_SAME = Module(RELU, mirrored=True)  # z = relu(z) - relu(-z)
 # By the name of the module's class; a class of one's own is added here under its name.
-MODULES: dict[str, Module] = {"ReLU": Module(RELU), "Sine": Module(SINE), "Sin": Module(SINE)}
+MODULES: dict[str, Activation] = {"ReLU": RELU, "Sine": SINE, "Sin": SINE}
 AFFINE, NESTED = frozenset({"Linear"}), frozenset({"Sequential"})
-
-
-class _Affine(NamedTuple):
-    """``(H, K)`` weight and ``(H,)`` bias, float64; of the identity, whose size the layer before it tells, ``None``."""
-
-    weight: np.ndarray | None = None
-    bias: np.ndarray | None = None
 
 
 def layers_of(sequential: Iterable, ndim: int, name: str) -> tuple[list[Layer], Layer]:
     """Hidden layers and the output of a ``Sequential``: modules of ``MODULES`` and affine ones, nested ones unrolled.
 
-    Weights are float64 copies. Raises ``ShapeError`` for other modules, sizes that do not fit, several outputs, or
-    weights that are not finite.
+    Weights are float64 copies. Raises ``ShapeError`` for other modules or another order of them, sizes that do not fit,
+    several outputs, or weights that are not finite.
     """
-    steps, layers, size = _alternating(list(_steps(sequential, name))), [], ndim
-    for index in range(0, len(steps), 2):
-        weight, bias = steps[index] if steps[index].weight is not None else (np.eye(size), np.zeros(size))
+    steps, layers, size = list(_steps(sequential, name)), [], ndim
+    if len(steps) % 2 == 0 or not all(isinstance(step, tuple) == (i % 2 == 0) for i, step in enumerate(steps)):
+        raise ShapeError(f"{name}: expected affine modules with one activation between each two, and affine ends")
+    for (weight, bias), activation in zip(steps[::2], [*steps[1::2], None], strict=True):
         if weight.shape[1] != size:
             raise ShapeError(f"{name}: expected an affine module of {size} inputs, got {weight.shape[1]}")
         size = len(bias)
-        if index and steps[index - 1].mirrored:
-            weight = np.concatenate([weight, -weight], axis=1)
-        module = steps[index + 1] if index + 1 < len(steps) else None
-        if module and module.mirrored:
-            weight, bias = np.concatenate([weight, -weight]), np.concatenate([bias, -bias])
-        layers.append(Layer(weight, bias, module and module.activation))
+        layers.append(Layer(weight, bias, activation))
     if size != 1:
         raise ShapeError(f"{name}: expected a network with one output, got {size}")
+    if len(layers) < 2:
+        raise ShapeError(f"{name}: expected a network with an activation at least")
     return layers[:-1], layers[-1]
 
 
-def _alternating(steps: list[_Affine | Module]) -> list[_Affine | Module]:
-    """The same network, affine at both ends and at each other step between them."""
-    found = [] if isinstance(steps[0], _Affine) else [_Affine()]
-    for step, after in pairwise([*steps, None]):
-        found.append(step)
-        if isinstance(step, _Affine) and isinstance(after, _Affine):
-            found.append(_SAME)
-        elif isinstance(step, Module) and not isinstance(after, _Affine):
-            found.append(_Affine())
-    return found if len(found) > 1 else [_Affine(), _SAME, *found]
-
-
-def _steps(sequential: Iterable, name: str) -> Iterator[_Affine | Module]:
+def _steps(sequential: Iterable, name: str) -> Iterator[tuple[np.ndarray, np.ndarray] | Activation]:
     try:
         modules = list(sequential)
     except TypeError:
@@ -105,12 +67,13 @@ def _steps(sequential: Iterable, name: str) -> Iterator[_Affine | Module]:
             raise ShapeError(f"{name}: expected modules {', '.join([*AFFINE, *MODULES])}, got {kind}")
 
 
-def _affine(module: Any, name: str) -> _Affine:
+def _affine(module: Any, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """``(H, K)`` weight and ``(H,)`` bias."""
     weight = _numbers(module.weight)
     bias = np.zeros(len(weight)) if module.bias is None else _numbers(module.bias)
     if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
         raise ShapeError(f"{name}: expected finite weights, got some that are not")
-    return _Affine(weight, bias)
+    return weight, bias
 
 
 def _numbers(parameter: Any) -> np.ndarray:
@@ -131,8 +94,8 @@ class Network(Formula):
 
     Args:
         sequential: A ``torch.nn.Sequential`` of ``Linear``, ``ReLU`` and modules of classes named ``Sine`` or
-            ``Sin`` (``sin z``), n inputs and one output. The weights are copied. A class of your own
-            is registered in ``warp_bounding.networks.network_shape.MODULES``.
+            ``Sin`` (``sin z``) in turns, n inputs and one output, ``Linear`` at both ends. The weights are copied. A
+            class of your own is registered in ``warp_bounding.networks.network_shape.MODULES``.
         lower: ``(n,)``, lower corner of the box that bounds the object.
         upper: ``(n,)``, upper corner, above the lower one in each coordinate.
         level: Of the network's value.
