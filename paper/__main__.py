@@ -6,7 +6,10 @@ failed, a promise was found broken or the run was stopped, and 2 for bad input.
 
 import argparse
 import importlib
+import shlex
 import sys
+from itertools import pairwise
+from pathlib import Path
 
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.progress import quiet_warp
@@ -81,8 +84,14 @@ def _told(error) -> int:
 
 def run(arguments: list[str] | None = None) -> None:
     """Run a command and exit with its status."""
-    options = vars(parser().parse_args(arguments))
+    words = sys.argv[1:] if arguments is None else arguments
+    options = vars(parser().parse_args(words))
     command = options.pop("command")
+    shown = [
+        "DIR" if before == "--data" else Path(word).name if word.startswith("/") else word
+        for before, word in pairwise(["", *words])
+    ]  # without this machine's paths
+    options["line"] = shlex.join(["python", "-m", "paper", *shown])
     options = {name: value for name, value in options.items() if value is not None}
     quiet_warp()
     try:

@@ -95,18 +95,17 @@ class Work:
         }
 
 
-def run(name, output="out/figures", data=None, quick=False, effort=None, samples=None, seed=None) -> int:
+def run(line, name, output="out/figures", data=None, quick=False, effort=None, samples=None, seed=None) -> int:
     """Make a figure of the paper, or all of them, with captions and numbers in README.md."""
     if data is not None and not Path(data).is_dir():
         raise BoundingError(f"{data}: no such folder; it must hold {', '.join(PATTERNS.values())}")
     if name != "all" and name not in FIGURES:
         raise BounderError(f"figure must be one of {', '.join(FIGURES)}, or all, got {name!r}")
     given = {"quick": quick or None, "effort": effort, "samples": samples, "seed": seed}
-    options = {"data": data, "out": output, "effort": effort, "samples": samples, "seed": seed, "quick": quick}
     broken: list[str] = []
     folder = results.opened(Path(output), NAME, (), DEFAULTS, given)
     work = Work(folder.settings, None if data is None else Path(data))
-    folder.remember(results.command_line(f"{NAME} {name}", **options))
+    folder.remember(line)
 
     def measure(name: str) -> str:
         parts = computed(folder, name, work)

@@ -36,13 +36,11 @@ PROOF_COST, SMALLEST_GAP = 1e-4, 1e-6  # share of all queries that a proof's gap
 
 
 def run(
-    data, table, output, columns=None, methods=None, objects=None, positives=None, samples=None, seconds=None
+    line, data, table, output, columns=None, methods=None, objects=None, positives=None, samples=None, seconds=None
 ) -> int:
     """Find what networks thresholded by sampling would have missed, and what a proof costs instead."""
     fits = table1.DEFAULTS | results.read_settings(Path(table))[0]
     given = {"positives": positives, "samples": samples, "seconds": seconds}
-    chosen = {"columns": columns, "methods": methods, "objects": objects}
-    line = results.command_line(NAME, data=data, table=table, out=output, **chosen, **given)
     cells = select(data, columns, methods, objects, METHODS)
     folder = results.opened(Path(output), NAME, CSV, DEFAULTS, given | {"table": fits})
     left = [cell for cell, _ in missing(cells, folder)]

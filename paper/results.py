@@ -12,7 +12,6 @@ import io
 import json
 import math
 import platform
-import shlex
 import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -226,20 +225,6 @@ def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], ti
 def say(text: str) -> None:
     """Print a line for people."""
     print(text, file=sys.stderr, flush=True)
-
-
-def command_line(command: str, **options: Any) -> str:
-    """The command line that does the same on another machine: without the paths of this one; ``True`` is a flag."""
-    words = ["python", "-m", "paper", *command.split()]
-    for name, value in options.items():
-        option = "--output" if name == "out" else f"--{name}"
-        if name == "data" and value is not None:
-            value = "DIR"
-        elif name in ("table", "out") and Path(value).is_absolute():
-            value = Path(value).name
-        if value is not None and value is not False:
-            words += [option] if value is True else [option, str(value)]
-    return shlex.join(words)
 
 
 @cache

@@ -40,15 +40,13 @@ TABLE_2, QUERIES = Column(3, "ray"), 10_000_000  # the column of Table 2; what a
 PAPER_DEVICE = "RTX 3090"
 
 
-def run(output, data, quick=False, columns=None, methods=None, objects=None, devices=None, budget=None,
+def run(line, output, data, quick=False, columns=None, methods=None, objects=None, devices=None, budget=None,
         queries=None, rounds=None, samples=None, seed=None) -> int:  # fmt: skip
     """Measure how fast every method answers, on every device, as in the paper's Table 2 and its supplement.
 
     One object of each dimension is timed: the bunny where the data has one, or the objects that are named.
     """
     told = {"budget": budget, "queries": queries, "rounds": rounds, "samples": samples, "seed": seed}
-    chosen = {"columns": columns, "methods": methods, "objects": objects, "devices": devices}
-    line = results.command_line(NAME, data=data, out=output, **chosen, **told, quick=quick)
     given = {name: QUICK.get(name) if quick and value is None else value for name, value in told.items()}
     given |= budgets_in(given["budget"], DEFAULTS["budget"]) if given["budget"] is not None else {}
     raced = [v for v in RACED if not quick or v.method in PAPER["fp_rate"]]

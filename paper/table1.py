@@ -37,16 +37,13 @@ PRESETS = {  # budgets, and random queries
 KDOP_SECONDS, PAGE_SECONDS = 11.0, 10.0  # after which learning half-spaces has ended; between two writings of the page
 
 
-def run(output, data=None, protocol=None, preset=None, budget=None, columns=None, methods=None, objects=None, seed=None,
-        samples=None, length=None, device=None) -> int:  # fmt: skip
+def run(line, output, data=None, protocol=None, preset=None, budget=None, columns=None, methods=None, objects=None,
+        seed=None, samples=None, length=None, device=None) -> int:  # fmt: skip
     """Measure the false positives of every method on every object and query, as in the paper's Table 1.
 
     Columns, methods, objects and protocols can be added to a folder later; budgets, samples, seed, length and device
     are those of its first run. Without ``data`` the page and the plot are written anew.
     """
-    chosen = {"columns": columns, "methods": methods, "objects": objects, "preset": preset, "budget": budget}
-    chosen |= {"samples": samples, "seed": seed, "length": length, "device": device}
-    line = results.command_line(NAME, data=data, out=output, protocol=protocol, **chosen)
     if preset is not None:
         if preset not in PRESETS:
             raise QueryError(f"preset must be one of {', '.join(PRESETS)}, got {preset!r}")
