@@ -46,7 +46,6 @@ from warp_bounding.shapes.shape import Shape
 #
 # ``fit`` and the command line read them there. An option that no part of a method takes is refused, never ignored.
 
-RENAMED = {"thresholds": "parts", "certificate": "statistical"}  # options of earlier versions
 ALIKE = 0.7  # least similarity, as ``difflib`` has it, of a name and the one that is suggested in its place
 
 
@@ -117,32 +116,6 @@ def taken(classes: Iterable[type], query: str) -> dict[str, Option]:
     }
 
 
-def arguments_of(function: Callable) -> list[str]:
-    """The names of a function's own arguments."""
-    return [p.name for p in signature(function).parameters.values() if p.kind != Parameter.VAR_KEYWORD]
-
-
-def meant(name: str, known: Iterable[str]) -> str | None:
-    """The name among those known that was probably meant; ``None`` where none is alike."""
-    known = list(known)
-    return RENAMED[name] if RENAMED.get(name) in known else next(iter(get_close_matches(name, known, 1, ALIKE)), None)
-
-
-def unknown_option(name: str, method: str, known: Iterable[str], asked: str, callers: Iterable[Callable] = ()) -> str:
-    """What to say of an option that a method does not take: which one was probably meant, and which ones there are.
-
-    ``asked`` is what it bounds, such as ``"point queries"``; ``callers`` hand options on to the method, so their own
-    arguments may have been meant.
-    """
-    callers, known = list(callers), list(known)
-    near = meant(name, [*known, *(own for caller in callers for own in arguments_of(caller))])
-    beside = f"beside the arguments of {' and '.join(caller.__name__ for caller in callers)}, " if callers else ""
-    takes = f"{beside}{method} takes {', '.join(known) or 'no options of its own'} for {asked}"
-    if near is None:
-        return f"{method} takes no option {name!r}; {takes}"
-    return f"there is no option {name!r}; did you mean {near!r}? {takes[0].upper() + takes[1:] if beside else takes}"
-
-
 def resolved(
     classes: list[type], query: str, given: dict[str, Any], callers: Iterable[Callable] = ()
 ) -> list[dict[str, Any]]:
@@ -153,10 +126,22 @@ def resolved(
     """
     known = taken(classes, query)
     if unknown := [name for name in given if name not in known]:
-        method = "+".join(cls.method for cls in classes)
-        asked = "distances" if query == DISTANCE.name else f"{query} queries"
-        raise BounderError(unknown_option(unknown[0], method, known, asked, callers))
+        raise BounderError(_unknown(unknown[0], list(known), classes, query, list(callers)))
     return [{name: _value(option, given) for name, option in taken([cls], query).items()} for cls in classes]
+
+
+def _unknown(name: str, known: list[str], classes: list[type], query: str, callers: list[Callable]) -> str:
+    """Which option was probably meant, of the callers' own arguments too, and which ones there are."""
+    own = [
+        p.name for caller in callers for p in signature(caller).parameters.values() if p.kind != Parameter.VAR_KEYWORD
+    ]
+    near, method = get_close_matches(name, [*known, *own], 1, ALIKE), "+".join(cls.method for cls in classes)
+    beside = f"beside the arguments of {' and '.join(caller.__name__ for caller in callers)}, " if callers else ""
+    asked = "distances" if query == DISTANCE.name else f"{query} queries"
+    takes = f"{beside}{method} takes {', '.join(known) or 'no options of its own'} for {asked}"
+    if not near:
+        return f"{method} takes no option {name!r}; {takes}"
+    return f"there is no option {name!r}; did you mean {near[0]!r}? {takes[0].upper() + takes[1:] if beside else takes}"
 
 
 def _value(option: Option, given: dict[str, Any]) -> Any:
