@@ -115,26 +115,18 @@ def closest(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d) -> wp.vec3d:
 
 
 @wp.func
-def _gap_of_box(t: Any) -> wp.float64:
-    """The squared distance from 0 to the box around a triangle."""
-    gap = wp.max(wp.max(wp.min(t.a, wp.min(t.b, t.c)), -wp.max(t.a, wp.max(t.b, t.c))), wp.vec3d())
-    return wp.dot(gap, gap) * _SHORTER
-
-
-@wp.func
 def _leaf(t: Any, leaf: int, x: wp.vec3d, known: wp.vec2d) -> wp.vec2d:
     """The least lower and the least upper bound: the known ones, or those of a leaf's triangles."""
     least, found = known[0], known[1]
     link = t.links[leaf]
     for i in range(link[0], link[1]):
         face = triangle_at(t, i, x)
-        if _gap_of_box(face) < found * found:
-            slack = slack_of(face, wp.vec3d(), wp.float64(0.0))
-            q = closest(face.a, face.b, face.c)
-            distance = wp.length(q)
-            if distance * _SHORTER - slack < found:
-                least = wp.min(least, _proven_distance(q, distance, face, slack))
-                found = wp.min(found, distance * _LONGER + slack)
+        slack = slack_of(face, wp.vec3d(), wp.float64(0.0))
+        q = closest(face.a, face.b, face.c)
+        distance = wp.length(q)
+        if distance * _SHORTER - slack < found:
+            least = wp.min(least, _proven_distance(q, distance, face, slack))
+            found = wp.min(found, distance * _LONGER + slack)
     return wp.vec2d(least, found)
 
 

@@ -574,19 +574,6 @@ def next_leaf(t: Any, start: int, lower: wp.vec3, upper: wp.vec3, reach: float) 
     return node
 
 
-@wp.func
-def near_leaf(t: Any, lower: wp.vec3, upper: wp.vec3) -> int:
-    """A leaf near a box: from the top, always the child that is nearer. There is at least one triangle."""
-    node = wp.int32(0)
-    while t.links[node][1] == 0:
-        left = node + 1
-        right = t.links[left][2]
-        node = left
-        if gap(t, right, lower, upper) < gap(t, left, lower, upper):
-            node = right
-    return node
-
-
 def build(corners: np.ndarray, cycles: np.ndarray | None = None) -> Triangles:
     """A hierarchy, on the CPU, of triangles at rest ``(F, 3, 3)`` float32, with ``cycles`` ``(F,)`` uint64 or zeros."""
     cycles = np.zeros(len(corners), dtype=np.uint64) if cycles is None else cycles
@@ -711,10 +698,6 @@ def box_is_free(t: Any, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64) ->
     """Is every triangle proven to be beyond the margin from the closed box around the centre, in all of the span?"""
     lower, upper, reach = floats_below(centre - half), floats_above(centre + half), squared_reach(margin)
     leaf = next_leaf(t, 0, lower, upper, reach)
-    # A near triangle tells most boxes that are not free at once.
-    if leaf < t.count and margin > wp.float64(0.0):  # noqa: SIM102 (a kernel's ``and`` would not wait)
-        if not _leaf_is_free(t, near_leaf(t, lower, upper), centre, half, margin):
-            return False
     while leaf < t.count:
         if not _leaf_is_free(t, leaf, centre, half, margin):
             return False
@@ -757,10 +740,6 @@ def holds(t: Any, centre: wp.vec3d, radius: wp.float64, margin: wp.float64) -> b
         return False
     lower, upper, reach = floats_below(centre), floats_above(centre), squared_reach(margin - radius)
     leaf = next_leaf(t, 0, lower, upper, reach)
-    # Boxes of triangles that move are loose: a near triangle is worth a look first.
-    if leaf < t.count and looseness(t) > wp.float64(0.0):  # noqa: SIM102 (a kernel's ``and`` would not wait)
-        if _leaf_holds(t, near_leaf(t, lower, upper), centre, radius, margin):
-            return True
     while leaf < t.count:
         if _leaf_holds(t, leaf, centre, radius, margin):
             return True
