@@ -261,18 +261,13 @@ def side_of(faces: Triangles, s: Sides, x: wp.vec3d) -> int:
     side = int(s.cells[own[0], own[1], own[2]])
     if side > _FREE:
         return side - _FREE
-    # Where a segment fails, it crosses a face, as a rule; then nodes of the other side are queried first.
-    failed = wp.int32(_UNKNOWN)
-    for turn in range(2):
-        for way in range(8):
-            cell = own + wp.vec3i(step[0] * (way & 1), step[1] * ((way >> 1) & 1), step[2] * (way >> 2))
-            node = int(s.cells[cell[0], cell[1], cell[2]])
-            side = node & 3
-            if side != _UNKNOWN and (side == failed) == (turn == 1):
-                if segment_is_free(faces, x, _end_in(s, t, cell, node > _FREE), wp.float64(0.0)):
-                    return side
-                if failed == _UNKNOWN:
-                    failed = side
+    for way in range(8):
+        cell = own + wp.vec3i(step[0] * (way & 1), step[1] * ((way >> 1) & 1), step[2] * (way >> 2))
+        node = int(s.cells[cell[0], cell[1], cell[2]])
+        side = node & 3
+        if side != _UNKNOWN:  # noqa: SIM102 (a kernel's ``and`` would not wait)
+            if segment_is_free(faces, x, _end_in(s, t, cell, node > _FREE), wp.float64(0.0)):
+                return side
     if s.wound != 0:
         return _wound(faces, x)
     if is_enclosed(faces, x):
