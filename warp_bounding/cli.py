@@ -25,6 +25,7 @@ import typer
 from typer import Argument, Option
 
 from warp_bounding.errors import BoundingError, BoundingWarning, QueryError, ShapeError
+from warp_bounding.runtime import VERBOSE
 from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
 from warp_bounding.version import __version__
 
@@ -49,7 +50,9 @@ def main(
         make_app: Makes the command line; this package's own if ``None``.
     """
     arguments = sys.argv[1:] if arguments is None else arguments
-    arguments = ["--output" if word == "--out" else word for word in arguments]
+    if "--verbose" in arguments:
+        os.environ[VERBOSE] = "1"  # workers of a bake are told, too
+    arguments = ["--output" if word == "--out" else word for word in arguments if word != "--verbose"]
     try:
         with reported_warnings():
             status = _run(_app(arguments) if make_app is None else make_app(), arguments, program)
@@ -116,8 +119,10 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
 
     version = Option("--version", callback=tell, is_eager=True, help="Print the version and end.")
 
+    loud = Option("--verbose", help="Print Warp's own messages, too; may stand behind a command.")
+
     @app.callback(help=ABOUT)
-    def common(version: Annotated[bool, version] = False) -> None:
+    def common(version: Annotated[bool, version] = False, verbose: Annotated[bool, loud] = False) -> None:
         pass
 
     return app

@@ -98,6 +98,15 @@ def test_each_command_has_an_example_and_methods_are_completed(capsys):
     assert done.stdout.split() == ["kdop"]
 
 
+def test_verbose_shows_warps_messages_on_standard_error(files):
+    path = files / "b.safetensors"
+    words = ("fit", files / "c.npy", "-o", path, "--method", "aabb", "--samples", 2000, "--json")
+    assert command(*words).stderr == ""
+    done = command(*words, "--verbose")
+    assert len(done.stdout.splitlines()) == 1
+    assert "load on device" in done.stderr
+
+
 def test_paths_are_no_markup(files, capsys):
     """Brackets in a file's name are text, whatever the library that prints makes of them."""
     odd = "[red]x :smile:"

@@ -9,6 +9,7 @@ from typing import Any
 import warp as wp
 
 from warp_bounding.errors import BounderError
+from warp_bounding.runtime import VERBOSE
 
 Progress = Callable[[float, float, str], None]  # called with done and total, in any unit, and a note
 
@@ -54,9 +55,21 @@ def reported(progress: Progress | bool | None, description: str) -> Iterator[Pro
 # Warp without its own messages: they would stand between a command's own, or in what a program reads.
 
 
+class _Messages:
+    """Warp's messages, on standard error."""
+
+    def debug(self, message: str, *_: Any, **__: Any) -> None:
+        print(message, file=sys.stderr, flush=True)
+
+    info = warning = error = debug
+
+
 def quiet_warp() -> None:
-    """Start Warp once, without its messages."""
-    wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
+    """Start Warp once, and divert its messages: to standard error where ``VERBOSE`` is set, elsewhere to nowhere."""
+    if os.environ.get(VERBOSE):
+        wp.set_logger(_Messages())
+    else:
+        wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
     with _silent_errors():  # a machine without a GPU is no news
         wp.init()
 
