@@ -53,7 +53,7 @@ PIECE = 2.0**-45  # of the largest coordinate of a segment: above what a dozen o
 MOST_PIECES = 64  # of a segment, by turns of joints; one that has more is not cleared
 LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
 EARLIER = 1.0 - 2.0**-48  # makes a time that was computed no later than it is
-BLOCK = 64  # segments of a thread
+BLOCK = 128  # segments of a thread
 ROUNDS = 16  # of several networks: how often each may go on where the others have stopped
 
 
