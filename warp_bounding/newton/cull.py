@@ -38,7 +38,7 @@ import warp as wp
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.newton import kernels, lists
-from warp_bounding.newton.kernels import CPU_BLOCK, query_hulls, runs_of
+from warp_bounding.newton.kernels import BLOCKS, CPU_BLOCK, query_distances_in_lanes, query_hulls, runs_of
 from warp_bounding.newton.placing import Hull, Placed, place_shapes
 from warp_bounding.newton.shapes import Shapes, contact_gap
 from warp_bounding.runtime.arrays import Compaction
@@ -351,7 +351,9 @@ class ParticleCull:
 
     def _asking(self, bounder: Bounder) -> wp.Kernel:
         """The kernel that asks a bounder."""
-        return (lists.ask_listed if self._in_lists else kernels.query_bounders)(bounder.source)
+        if self._in_lists:
+            return lists.ask_listed(bounder.source)
+        return (query_distances_in_lanes if bounder.of_distances else kernels.query_bounders)(bounder.source)
 
     def _kernels(self) -> list[wp.Kernel]:
         if self._in_lists:
@@ -368,16 +370,23 @@ class ParticleCull:
 
     def _query(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:
         """Ask a bounder about the pairs of its shapes that the hulls have left."""
-        model, device, dilated = self.model, self._device, bounder.info.get("margin") or 0.0
-        found, outputs, items, share, size = [self._undecided], [self._keep], self.pairs, CPU_BLOCK, CPU_BLOCK
+        model, device, data = self.model, self._device, bounder.data
+        where, dilated = [self._placed, self._hulls], bounder.info.get("margin") or 0.0
+        of = self._shapes.bounder_of
+        found, outputs = [self._undecided], [self._keep]
+        items, first, share = self.pairs, 0, CPU_BLOCK
         if self._in_lists:
-            items = size = self._threads
-            share, outputs = 1, [self._keep, self._listed, self._counts]
-        else:
+            items, share, outputs = self._threads, 1, [self._keep, self._listed, self._counts]
+            inputs = [0, items, data, number, dilated, of, self._all, state.particle_q, model.particle_radius, *where]
+        elif not bounder.of_distances:
+            inputs = [0, CPU_BLOCK, data, number, of, self._all, state.particle_q, self._placed]
             found += [self._undecided_count]
-        of_model = [self._shapes.bounder_of, self._all, state.particle_q, model.particle_radius]
-        inputs = [0, size, bounder.data, number, dilated, *of_model, self._placed, self._hulls, *found]
-        return BlockLaunch(self._asking(bounder), items, inputs, outputs, device, first_index=0, block=share)
+        else:
+            items, first, share = len(self._undecided_count), 3, BLOCKS
+            inputs = [data.parameters, items, CPU_BLOCK, 0, data.words, number, dilated, of, self._all, self._rows]
+            inputs, found = [*inputs, *where], [*found, self._undecided_count]
+        options = {"first_index": first, "block": share}
+        return BlockLaunch(self._asking(bounder), items, [*inputs, *found], outputs, device, **options)
 
 
 def _in_lists(device: wp.Device) -> bool:

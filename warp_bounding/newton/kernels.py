@@ -2,7 +2,7 @@
 
 Most pairs are far apart. So a loop over a block of pairs asks first whether the particle lies outside a ball around the
 shape, or outside its box as it lies in the world (``placing``), and lists the others (``query_hulls``); only those go
-to the bounder.
+to the bounder. A bounder of distances is asked about many of them at a time (``query_distances_in_lanes``).
 """
 
 from functools import cache
@@ -11,11 +11,11 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.kernels.distances import DistanceSource, distance_func
-from warp_bounding.kernels.functions import point_func
-from warp_bounding.kernels.source import Source, fill
+from warp_bounding.kernels.distances import DistanceSource
+from warp_bounding.kernels.functions import Words, lanes_of, point_func
+from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.newton.placing import IN_SUM, Hull, Placed
-from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.runtime.native import Numbers, literal, named, unique_name
 
 SUM_ROUNDING = wp.constant(IN_SUM)
 
@@ -112,38 +112,9 @@ def gather_or_repeat(
 
 
 @cache
-def stays_func(source: Source | DistanceSource) -> wp.Function:
-    """Whether a bounder of this source leaves a pair of its shapes.
-
-    A bounder of distances bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than
-    ``g + dilated``; the difference below and the comparison round by less than is added.
-    """
-    if isinstance(source, DistanceSource):
-        distance = distance_func(source)
-
-        def maybe(data: Data, x: wp.vec3, way: float, dilated: float) -> bool:
-            beyond = wp.max(way - dilated, 0.0) + SUM_ROUNDING * (wp.abs(way) + dilated)
-            return not distance(data, x) > beyond
-    else:
-        test = point_func(source)
-
-        def maybe(data: Data, x: wp.vec3, way: float, dilated: float) -> bool:
-            return test(data, x)
-
-    maybe = named(unique_name(source, "newton_maybe")).func(maybe)
-
-    @named(unique_name(source, "newton_stays")).func
-    def stays(data: Data, q: wp.vec3, radius: float, shape: Placed, hull: Hull, dilated: float) -> bool:
-        way = hull.reach + hull.per_radius * wp.abs(radius) + hull.per_coordinate * coordinates_of(q)
-        return maybe(data, wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale), way, dilated)
-
-    return stays
-
-
-@cache
-def query_bounders(source: Source | DistanceSource) -> wp.Kernel:
+def query_bounders(source: Source) -> wp.Kernel:
     """The kernel that asks a bounder of this source about the pairs of its shapes that ``query_hulls`` has listed."""
-    stays = stays_func(source)
+    test = point_func(source)
 
     @named(unique_name(source, "newton")).kernel
     def ask(
@@ -152,13 +123,10 @@ def query_bounders(source: Source | DistanceSource) -> wp.Kernel:
         size: int,
         data: Data,
         number: int,
-        dilated: float,
         numbers: wp.array(dtype=wp.int32),
         pairs: wp.array(dtype=wp.vec2i),
         particle_q: wp.array(dtype=wp.vec3),
-        particle_radius: wp.array(dtype=float),
         placed: wp.array(dtype=Placed),
-        hulls: wp.array(dtype=Hull),
         asked: wp.array(dtype=wp.int32),
         left: wp.array(dtype=wp.int32),
         # outputs
@@ -167,9 +135,14 @@ def query_bounders(source: Source | DistanceSource) -> wp.Kernel:
         block = first + wp.tid()
         for k in range(left[block]):
             i = asked[block * size + k]
-            p, s = pairs[i][0], pairs[i][1]
-            if numbers[s] == number:
-                keep[i] = wp.uint8(stays(data, particle_q[p], particle_radius[p], placed[s], hulls[s], dilated))
+            pair = pairs[i]
+            if numbers[pair[1]] == number:
+                shape = placed[pair[1]]
+                x = wp.cw_div(wp.transform_point(shape.to_shape, particle_q[pair[0]]), shape.scale)
+                if test(data, x):
+                    keep[i] = wp.uint8(1)
+                else:
+                    keep[i] = wp.uint8(0)
 
     return ask
 
@@ -281,3 +254,92 @@ def runs_of(pairs: np.ndarray) -> np.ndarray:
     rows = pairs[: len(pairs) // PAIRS_AT_ONCE * PAIRS_AT_ONCE].reshape(-1, PAIRS_AT_ONCE, 2)
     same = (np.diff(rows, axis=1) == (1, 0)).all(axis=(1, 2))
     return same.astype(np.uint8) if len(same) else np.zeros(1, np.uint8)
+
+
+# --- Distances, many at a time ----------------------------------------------------------------------------------------
+#
+# Asking a bounder of distances about the pairs that ``query_hulls`` has listed, on a CPU: one pair in each lane of a
+# vector.
+#
+# Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
+# What it asks, and how that rounds, is what ``lists.ask_listed`` does for one pair, on CUDA.
+
+BLOCKS = 16  # blocks of pairs that a thread of the kernel goes through
+
+_ASK = """
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+constexpr int N = 3;
+$parts
+$tools
+$lanes
+const V zero = {};
+const int* const pair = (const int*)pairs.data;
+const int particles = rows.shape[0] / 4, last = (block + 1) * $blocks < count ? (block + 1) * $blocks : count;
+float at[N][L] = {}, ways[L] = {};
+int who[L], m = 0;
+const auto ask = [&]() {
+    V q[N], v[N];
+#pragma unroll
+    for (int k = 0; k < N; ++k) q[k] = *(const V*)at[k];
+    $locate
+    V f;
+    $body
+    $after
+    int far_[L];
+    *(J*)far_ = g > *(const V*)ways;
+    for (int l = 0; l < m; ++l) keep.data[who[l]] = far_[l] ? 0 : 1;
+    m = 0;
+};
+for (int b = block * $blocks; b < last; ++b) {
+    for (int k = 0; k < left.data[b]; ++k) {
+        const int i = asked.data[b * size + k], p = pair[2 * i], s = pair[2 * i + 1];
+        if (numbers.data[s] != number) continue;
+        const auto& hull = hulls.data[s];
+        const auto& shape = placed.data[s];
+        const wp::vec3 x(rows.data[p], rows.data[particles + p], rows.data[2 * particles + p]);
+        const wp::vec3 y = wp::transform_point(shape.to_shape, x);
+#pragma unroll
+        for (int c = 0; c < N; ++c) at[c][m] = y[c] / shape.scale[c];
+        const float size_ = fabsf(x[0]) + fabsf(x[1]) + fabsf(x[2]);
+        const float way = hull.reach + hull.per_radius * fabsf(rows.data[3 * particles + p]) + hull.per_coordinate * size_;
+        ways[m] = (way > dilated ? way - dilated : 0.0f) + $rounding * (fabsf(way) + dilated);
+        who[m++] = i;
+        if (m == L) ask();
+    }
+}
+if (m > 0) ask();
+#endif
+"""  # noqa: E501
+
+
+@cache
+def query_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
+    """The kernel of a bounder of this source; see module, and ``lists.ask_listed``."""
+    texts = source.around(placed=False, values=True) | {
+        "lanes": lanes_of(source),
+        "body": source.body(Lanes(vector=True)),
+        "rounding": literal(IN_SUM),
+        "blocks": BLOCKS,
+    }
+
+    @named(unique_name(source, "newton_lanes")).block_kernel(fill(_ASK, **texts))
+    def ask(
+        parameters: Numbers,
+        count: int,
+        size: int,
+        block: int,
+        words: Words,
+        number: int,
+        dilated: float,
+        numbers: wp.array(dtype=wp.int32),
+        pairs: wp.array(dtype=wp.vec2i),
+        rows: wp.array(dtype=float),
+        placed: wp.array(dtype=Placed),
+        hulls: wp.array(dtype=Hull),
+        asked: wp.array(dtype=wp.int32),
+        left: wp.array(dtype=wp.int32),
+        keep: wp.array(dtype=wp.uint8),
+    ): ...
+
+    return ask

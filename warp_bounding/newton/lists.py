@@ -15,9 +15,10 @@ from functools import cache
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.kernels.distances import DistanceSource
+from warp_bounding.kernels.distances import DistanceSource, distance_func
+from warp_bounding.kernels.functions import point_func
 from warp_bounding.kernels.source import Source
-from warp_bounding.newton.kernels import ONE_PAIR, stays_func
+from warp_bounding.newton.kernels import ONE_PAIR, SUM_ROUNDING, coordinates_of
 from warp_bounding.newton.placing import Hull, Placed
 from warp_bounding.runtime.native import named, unique_name
 
@@ -88,8 +89,24 @@ def sift(
 
 @cache
 def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
-    """The kernel that asks a bounder of this source about the pairs of its shapes that ``sift`` has listed."""
-    stays = stays_func(source)
+    """The kernel that asks a bounder of this source about the pairs of its shapes that ``sift`` has listed.
+
+    A bounder of distances bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than
+    ``g + dilated``; the difference below and the comparison round by less than is added.
+    """
+    if isinstance(source, DistanceSource):
+        distance = distance_func(source)
+
+        def maybe(data: Data, x: wp.vec3, way: float, dilated: float) -> bool:
+            beyond = wp.max(way - dilated, 0.0) + SUM_ROUNDING * (wp.abs(way) + dilated)
+            return not distance(data, x) > beyond
+    else:
+        test = point_func(source)
+
+        def maybe(data: Data, x: wp.vec3, way: float, dilated: float) -> bool:
+            return test(data, x)
+
+    maybe = named(unique_name(source, "newton_maybe")).func(maybe)
 
     @named(unique_name(source, "newton_listed")).kernel
     def ask(
@@ -115,8 +132,14 @@ def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
             i = undecided[k]
             pair = pairs[i]
             if numbers[pair[1]] == number:
-                p, s = pair[0], pair[1]
-                if stays(data, particle_q[p], particle_radius[p], placed[s], hulls[s], dilated):
+                shape, hull, q = placed[pair[1]], hulls[pair[1]], particle_q[pair[0]]
+                way = (
+                    hull.reach
+                    + hull.per_radius * wp.abs(particle_radius[pair[0]])
+                    + hull.per_coordinate * coordinates_of(q)
+                )
+                x = wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale)
+                if maybe(data, x, way, dilated):
                     keep[i] = wp.uint8(1)
                     listed[_claim(counts, STAYING)] = pair
                 elif counts[DENIED] == 0:
