@@ -1,4 +1,4 @@
-"""``python -m paper table1|speed|proofs|figures``, in a clone of the repository.
+"""``python -m paper table1|recipes|speed|proofs|figures``, in a clone of the repository.
 
 Each command may be killed at any moment: the same one goes on where it stopped. Its exit status is 1 if something
 failed, a promise was found broken or the run was stopped, and 2 for bad input.
@@ -45,6 +45,7 @@ OPTIONS = {  # type and help; the type of a flag is bool
 }
 COMMANDS = {  # options that are required, in capitals, and others
     "table1": "OUTPUT data protocol preset budget columns methods objects seed samples length device",
+    "recipes": "DATA OUTPUT columns objects seconds samples seed",
     "speed": "OUTPUT DATA quick columns methods objects devices budget queries rounds samples seed",
     "proofs": "DATA TABLE OUTPUT columns methods objects positives samples seconds",
     "figures": "output quick data effort samples seed",

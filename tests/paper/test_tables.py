@@ -61,6 +61,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
         ("table1", "--data", "nowhere"),
         *(("speed", *own, *words) for words in (("--devices", "cuda:7"), ("--rounds", "0"))),
         *(("proofs", *own, "--table", "t", *words) for words in ((), ("--methods", "aabb"))),
+        *(("recipes", *own, *words) for words in (("--columns", "2d-plane"), ("--seconds", "0"), ("--objects", "cow"))),
         *(("figures", *words) for words in (("nobody",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere"))),
     ):
         check_bad(*run(capsys, *words, "--out", tmp_path / "out"))
@@ -86,6 +87,16 @@ def test_a_race_and_what_is_added_is_raced_with_the_reference(data, tmp_path, ca
     assert run(capsys, *words, "--methods", "aabb,kdop")[0] == 0
     assert [[cell.variant.method for cell in cells] for cells in raced] == [["kdop", "mlp"]]
     assert rows(tmp_path, "speed")[:2] == first
+    assert "{" not in (tmp_path / "README.md").read_text()
+
+
+def test_both_recipes_are_proven(data, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is not installed")
+    words = ("recipes", "--out", tmp_path, "--data", data, "--columns", "2d-point", "--objects", "2d/disc")
+    assert run(capsys, *words, "--seconds", "3", "--samples", "5000")[0] == 0
+    found = {row["way"]: row for row in rows(tmp_path, "recipes")}
+    assert [found[way]["fn"] for way in ("default", "paper")] == ["0", "0"]
+    assert float(found["default"]["fp_rate"]) < float(found["paper"]["fp_rate"])
     assert "{" not in (tmp_path / "README.md").read_text()
 
 
