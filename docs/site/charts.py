@@ -75,6 +75,7 @@ def times(results: Path, path: Path) -> None:
     """Write the chart of wall time; ``results`` is the folder of the demos."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
 
     from sims.drawing import INK, save_figure
 
@@ -92,7 +93,16 @@ def times(results: Path, path: Path) -> None:
             weight = "bold" if kind == "best network" else "normal"
             if kind == "without":
                 continue
-            axes.text(x, share + 1.5, f"{share:.0f}", ha="center", fontsize=7.6, color=INK, weight=weight)
+            axes.text(
+                x,
+                share + 1.5,
+                f"{share:.0f}",
+                ha="center",
+                fontsize=7.6,
+                color=INK,
+                weight=weight,
+                path_effects=[withStroke(linewidth=2, foreground="white")],
+            )
         text = f"{whole:,.0f} ms" if whole >= 10 else f"{whole:.1f} ms"
         axes.text(place, -19, text, ha="center", va="top", fontsize=8.5, color="#5a6b7a")
     axes.axhline(100, color=INK, linewidth=0.8, linestyle=(0, (4, 3)), zorder=0)

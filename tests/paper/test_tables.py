@@ -93,7 +93,8 @@ def test_a_race_and_what_is_added_is_raced_with_the_reference(data, tmp_path, ca
 def test_both_recipes_are_proven(data, tmp_path, capsys):
     pytest.importorskip("torch", reason="torch is not installed")
     words = ("recipes", "--out", tmp_path, "--data", data, "--columns", "2d-point", "--objects", "2d/disc")
-    assert run(capsys, *words, "--seconds", "3", "--samples", "5000")[0] == 0
+    status, _, err = run(capsys, *words, "--seconds", "3", "--samples", "5000")
+    assert status == 0, err
     found = {row["way"]: row for row in rows(tmp_path, "recipes")}
     assert [found[way]["fn"] for way in ("default", "paper")] == ["0", "0"]
     assert float(found["default"]["fp_rate"]) < float(found["paper"]["fp_rate"])

@@ -14,7 +14,7 @@ from warp_bounding.cli import main
 
 ROOT = Path(__file__).parents[2]
 WIDTHS = ",".join(map(str, HIDDEN))  # of a small network
-PAPER = ("table1", "speed", "proofs", "figures")
+PAPER = ("table1", "recipes", "speed", "proofs", "figures")
 
 
 def run(capsys, *arguments):
