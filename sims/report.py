@@ -70,9 +70,12 @@ def output(stderr: bool = False) -> Console:
 
 
 def shown(items: Iterable[T], description: str) -> Iterator[T]:
-    """The same items one after another, with progress on standard error: a bar in a terminal, elsewhere a few lines."""
+    """The same items one after another, with progress on standard error: a bar in a terminal, elsewhere a few lines.
+
+    Nothing where something has taken the place of standard error, as in a notebook.
+    """
     items = list(items)
-    if not Console(stderr=True).is_terminal:
+    if sys.stderr is sys.__stderr__ and not Console(stderr=True).is_terminal:
         print(f"{description} ...", file=sys.stderr, flush=True)
     with bar(description) as update:
         for number, item in enumerate(items):

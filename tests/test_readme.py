@@ -17,6 +17,7 @@ import types
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 import typer
 from reading_order import PAGES, ROOT
@@ -172,8 +173,9 @@ def run(text: str, folder: Path) -> set[str]:
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """An empty folder to stand in."""
+    """A folder to stand in: empty, but for a reader's own points."""
     monkeypatch.chdir(tmp_path)
+    np.save("points.npy", np.random.default_rng(0).random((2000, 3), dtype=np.float32))
     return tmp_path
 
 
