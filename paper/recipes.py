@@ -1,4 +1,4 @@
-"""The paper's own training beside ours, of the same network in the same time."""
+"""Trains one network by the paper's recipe and by ours, in the same time, and compares false positives."""
 
 from pathlib import Path
 from typing import Any

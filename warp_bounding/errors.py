@@ -52,7 +52,7 @@ class BounderError(BoundingError):
         >>> wb.fit(ball, method="aabb", k=14)
         Traceback (most recent call last):
         ...
-        warp_bounding.errors.BounderError: aabb takes no option 'k'; beside the arguments of fit, aabb takes no options
+        warp_bounding.errors.BounderError: aabb takes no option 'k'; besides the arguments of fit, aabb takes no options
         of its own for point queries
     """
 

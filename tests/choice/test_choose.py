@@ -33,7 +33,7 @@ def points():
 
 @pytest.fixture(scope="module")
 def chosen(points):
-    """Of closed forms and one small network."""
+    """Choose among closed forms and one small network."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(module, "NETWORKS", ((8,),))
         given = {**SMALL, "methods": ("aabb", "obb", "mlp"), "budget": 12.0}

@@ -78,7 +78,7 @@ FAST = "-march=native -mreassociate -freciprocal-math"  # the parts of -ffast-ma
 
 
 def bounder_of(method: str, query: str) -> wb.Bounder:
-    """Of a network with random weights; all networks are made of the same text."""
+    """A network with random weights: all networks share one text, so one stands for all."""
     if method != "mlp":
         options = {"steps": 2} if method in ("learned-kdop", "relu-field") else {}
         return wb.fit(shape("c"), query=query, method=method, device="cpu", **options)

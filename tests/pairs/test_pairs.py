@@ -131,8 +131,8 @@ def test_a_ball_is_never_told_farther_than_it_is(held):
         at_a, ends = placed(middle, a, scale), placed(middle + np.eye(3), a, scale)
         at_b, axes = placed(center, b, scale), ends - at_a
         along = np.abs(((at_b - at_a) * axes).sum(axis=2)) / np.linalg.norm(axes, axis=2)
-        beside = np.linalg.norm(np.maximum(along - half * one, 0), axis=1)
-        true = beside - one[:, 0].astype(np.float64) * float(radius[0])
+        outside = np.linalg.norm(np.maximum(along - half * one, 0), axis=1)
+        true = outside - one[:, 0].astype(np.float64) * float(radius[0])
         low = pair.distance(a, b, scale_a=scale, scale_b=scale).numpy()
         assert (low <= np.maximum(true, 0)).all()
         assert (low[true > size] > 0).mean() > 0.9

@@ -284,7 +284,7 @@ def test_it_ends_where_it_is_told_to_and_refuses_what_makes_no_sense():
 
 
 def with_a_grain(at: np.ndarray | None) -> Function:
-    """A ball, and a grain beside it that no sample of a few million meets."""
+    """A ball and a grain. The grain is so small that millions of random points miss it."""
 
     def distance(x: np.ndarray) -> np.ndarray:
         ball = np.linalg.norm(x, axis=1) - 0.5

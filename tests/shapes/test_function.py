@@ -232,7 +232,7 @@ def test_corners_move_outwards(corner, step, sign):
 
 @given(st.lists(st.floats(-2, 2), min_size=3, max_size=3), st.floats(0, 1), st.floats(0, 1))
 def test_bounds_of_boxes_are_those_of_the_nearest_and_the_farthest_point(center, side, margin):
-    """Of a distance that is a coordinate: its range over a box is known exactly, but for what it may be off."""
+    """The distance is one coordinate, so its range over a box is known up to the allowance for rounding."""
     shape = wb.shapes.Function(None, [-9] * 3, [9] * 3, distance=lambda x: 2 * x[:, 0], lipschitz=2.0).dilated(margin)
     lower, upper = np.array([center]), np.array([[center[0] + side, *center[1:]]])
     least, most = Fraction(float(lower[0, 0])) - Fraction(margin), Fraction(float(upper[0, 0])) - Fraction(margin)

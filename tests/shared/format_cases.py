@@ -143,7 +143,7 @@ PLAIN = 'uniform token subdivisionScheme = "none"\n'
 
 
 def usd(text="", head="", **layers: str) -> dict[str, str]:
-    """A stage; ``layers`` are the contents of others beside it."""
+    """A USD stage; ``layers`` are the contents of other files in its folder."""
     return {"a.usda": f"#usda 1.0\n({head})\n{text}"} | {f"{k}.usda": "#usda 1.0\n" + v for k, v in layers.items()}
 
 

@@ -136,7 +136,7 @@ def _unknown(name: str, known: list[str], classes: list[type], query: str, calle
         p.name for caller in callers for p in signature(caller).parameters.values() if p.kind != Parameter.VAR_KEYWORD
     ]
     near, method = get_close_matches(name, [*known, *own], 1, ALIKE), "+".join(cls.method for cls in classes)
-    beside = f"beside the arguments of {' and '.join(caller.__name__ for caller in callers)}, " if callers else ""
+    beside = f"besides the arguments of {' and '.join(caller.__name__ for caller in callers)}, " if callers else ""
     asked = "distances" if query == DISTANCE.name else f"{query} queries"
     takes = f"{beside}{method} takes {', '.join(known) or 'no options of its own'} for {asked}"
     if not near:

@@ -91,7 +91,8 @@ def certify(
         length: The length of rays that is expected, object units; the bounder's own if ``None``.
         resolution: The resolution of a mesh that is expected; the bounder's own if ``None``.
         query: The kind of query that is expected; the bounder's own if ``None``.
-        budget: Seconds allowed for all parts together; compiling kernels is not counted.
+        budget: Seconds allowed for all parts together; compiling kernels is not counted. Where they do not suffice, a
+            search for a counterexample takes up to a quarter more.
         progress: Called with cells done and cells in all; counts begin anew for each part of a conjunction.
         checkpoint: Of a learned distance or a ``distance-grid``: a file that holds what is left of a proof whose time
             was over, or that was stopped; the same call goes on from there. It is removed when the proof has ended.

@@ -205,8 +205,8 @@ def descend(
     Returns:
         ``(K, n)`` float32 points that meet the object, all of them denied; and how many boxes were bounded.
     """
-    searched = isinstance(shape, Grid) or not shape.certified or bounder.domain is not bounder.domain.base
-    if searched or len(bounder.parts) > 1:
+    of_others = isinstance(shape, Grid) or not shape.certified or bounder.domain is not bounder.domain.base
+    if of_others or len(bounder.parts) > 1:
         return np.empty((0, shape.ndim), np.float32), 0
     positives, rng, started = ShapePositives(bounder, shape), np.random.default_rng(seed), working_seconds()
     target = float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
