@@ -253,6 +253,11 @@ class Chain:
 # So the gap is above a linear function for each corner. A box over which all of them stay above the radii is free of
 # the pair.
 #
+# *Third order.* Of small boxes the second derivatives at the centre are known: ``h_ij = s_i s_j ((n x z_i) x z_j) .
+# (p - o_j)``, s being the signs of the path. ``1/2 sum_ij h_ij d_i d_j`` is no less than ``1/2 sum_i min(0, h_ii)
+# h_i^2 - sum_(i<j) |h_ij| h_i h_j``, and what is left out is at most a sixth of the sum over i, j, k of
+# ``|d_i d_j d_k|`` and rho of the latest of the three. The better of both orders counts.
+#
 # A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for
 # values within the limits, where what collides is.
 #
@@ -264,7 +269,7 @@ class Chain:
 OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
 
 _OUTWARD, _INWARD = wp.constant(wp.float64(OUTWARD)), wp.constant(wp.float64(INWARD))
-_HALF, _TWO = wp.constant(wp.float64(0.5)), wp.constant(wp.float64(2.0))
+_HALF, _TWO, _SIXTH = (wp.constant(wp.float64(each)) for each in (0.5, 2.0, 1 / 6))
 _HALF_TURN = wp.constant(wp.float64(3.14159265358979))
 
 
@@ -293,12 +298,13 @@ HALVES = 3  # asked for: half-spaces, where nothing else is known
 
 MOST_OPEN = 8  # pairs of a box that a half-space is made of; where more are left there is none
 LARGEST_HALF = 1.0  # radians: the second order is of no use for larger boxes
+LARGEST_SUM = 2.0  # radians: nor is the third where half the sides have a larger sum; the rounding rests on it
 BLUR = 2.0**-50  # of a coordinate: by how much the centre of a box and its half may be off
 
 _OPEN, _FREE, _FULL, _HALVES = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL), wp.constant(HALVES)
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
 _MOST_OPEN = wp.constant(MOST_OPEN)
-_LARGEST_HALF = wp.constant(wp.float64(LARGEST_HALF))
+_LARGEST_HALF, _LARGEST_SUM = wp.constant(wp.float64(LARGEST_HALF)), wp.constant(wp.float64(LARGEST_SUM))
 _BLUR = wp.constant(wp.float64(BLUR))
 
 
@@ -318,11 +324,20 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
     turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
     places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
     rows = wp.types.matrix(shape=(n, 4), dtype=wp.float64)
+    bends = wp.types.matrix(shape=(n * (n + 1) // 2, 4), dtype=wp.float64)
     zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 
     @named(f"arm_least_{n}").func_native(_TEXT.LANES + _TEXT.LEAST)
     def least_of(
-        lanes: Lanes, begin: int, end: int, d: wp.vec3d, level: wp.float64, rates: rows, half: values
+        lanes: Lanes,
+        begin: int,
+        end: int,
+        d: wp.vec3d,
+        level: wp.float64,
+        rates: rows,
+        half: values,
+        second: bends,
+        joints_of_path: int,
     ) -> wp.float64: ...
 
     @named(f"arm_rotation_{n}").func
@@ -411,6 +426,48 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             before += part
         return most * _OUTWARD
 
+    @named(f"arm_twist_{n}").func
+    def twist(c: Collisions, pair: int, half: values) -> wp.float64:
+        """By how much a quadratic function of a pair may be off in a box; third order. Infinity in a large box."""
+        most = wp.float64(0.0)
+        before = wp.float64(0.0)
+        for k in range(c.first[pair], c.first[pair + 1]):
+            part = half[c.path[k]]
+            most += c.reach[k] * part * (before * (before + part) * _HALF + part * part * _SIXTH)
+            before += part
+        return wp.where(before <= _LARGEST_SUM, most * _OUTWARD, _INFINITY)
+
+    @named(f"arm_second_{n}").func
+    def second_of(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d, half: values) -> bends:
+        """What the second derivatives of ``normal . x`` weigh in a box, of corner p of the other: ``rows . (p, 1)``.
+
+        Of each two joints of the path, the earlier one first: ``h_ij h_i h_j``, of the same joint half of that.
+        """
+        found, b, row = bends(), link(turn, at, c.bodies.link[c.pairs[pair][1]]), wp.int32(0)
+        back = wp.transpose(b.turn)
+        for k in range(c.first[pair], c.first[pair + 1]):
+            i = c.path[k]
+            if c.chain.slides[i] != 0:
+                row += c.first[pair + 1] - k
+                continue
+            across = wp.cross(normal, wp.vec3d(turn[3 * i, 2], turn[3 * i + 1, 2], turn[3 * i + 2, 2])) * half[i]
+            for m in range(k, c.first[pair + 1]):
+                j = c.path[m]
+                axis = wp.vec3d(turn[3 * j, 2], turn[3 * j + 1, 2], turn[3 * j + 2, 2])
+                weight = c.sign[k] * c.sign[m] * half[j]
+                if m == k:
+                    weight *= _HALF
+                if c.chain.slides[j] == 0:
+                    moment = wp.cross(across, axis) * weight
+                    way = back * moment
+                    for column in range(3):
+                        found[row, column] = way[column]
+                    found[row, 3] = wp.dot(moment, b.at - wp.vec3d(at[j, 0], at[j, 1], at[j, 2]))
+                else:
+                    found[row, 3] = wp.dot(across, axis) * weight
+                row += 1
+        return found
+
     @named(f"arm_rates_{n}").func
     def rates_of(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> rows:
         """How ``normal . x`` changes with each joint, of corner p of the other body: ``rates . (p, 1)``."""
@@ -428,14 +485,14 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             found[i, 3] = c.sign[k] * level
         return found
 
-    @named(f"arm_slopes_{n}").func
-    def slopes(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> values:
-        """How ``normal . x`` changes with each joint, of the corner x of the other body that is nearest along it."""
+    @named(f"arm_nearest_{n}").func
+    def nearest(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> wp.vec4d:
+        """``(p, 1)``, p being the corner of the other body that is nearest along the normal."""
         other = c.pairs[pair][1]
         b, block = link(turn, at, c.bodies.link[other]), c.bodies.block[other]
         d = -(wp.transpose(b.turn) * normal)
         p = c.bodies.points[c.bodies.first[other] + _farthest(c.bodies.lanes, block, c.bodies.block[other + 1], d)]
-        return rates_of(c, turn, at, pair, normal) * wp.vec4d(p[0], p[1], p[2], one)
+        return wp.vec4d(p[0], p[1], p[2], one)
 
     @named(f"arm_bound_{n}").func
     def bound(
@@ -455,8 +512,13 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         rates = rates_of(c, turn, at, pair, normal)
         for i in range(n):
             rates[i, 3] -= slope[i]
-        d = wp.transpose(b.turn) * normal
-        return least_of(c.bodies.lanes, c.bodies.block[other], c.bodies.block[other + 1], d, level, rates, half)
+        d, begin, end = wp.transpose(b.turn) * normal, c.bodies.block[other], c.bodies.block[other + 1]
+        value = least_of(c.bodies.lanes, begin, end, d, level, rates, half, bends(), 0) - bend(c, pair, half)
+        twisted = twist(c, pair, half)
+        if value > _ZERO or twisted == _INFINITY:
+            return value
+        second, joints = second_of(c, turn, at, pair, normal, half), c.first[pair + 1] - c.first[pair]
+        return wp.max(value, least_of(c.bodies.lanes, begin, end, d, level, rates, half, second, joints) - twisted)
 
     @named(f"arm_room_{n}").func
     def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
@@ -584,9 +646,9 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
                 continue
             if s.gap > room + way:
                 continue
-            bent, value = bend(c, number, half), -wp.float64(wp.inf)
+            value = -wp.float64(wp.inf)
             if small and s.gap > -_INFINITY:
-                value = bound(c, turn, at, number, s.normal, room, half, values()) - bent
+                value = bound(c, turn, at, number, s.normal, room, half, values())
                 if value > _ZERO:
                     continue
             if asked == _FREE:
@@ -599,7 +661,7 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
                 count += 1
                 if value < lowest:
                     lowest = value
-                    slope = slopes(c, turn, at, number, s.normal)
+                    slope = rates_of(c, turn, at, number, s.normal) * nearest(c, turn, at, number, s.normal)
         if asked == _FULL:
             return
         if known and count == 0:
@@ -611,23 +673,35 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         for k in range(count):
             pair = c.pairs[left[k]]
             normal = wp.vec3d(directions[k, 0], directions[k, 1], directions[k, 2])
-            value = bound(c, turn, at, left[k], normal, room_of(c, pair), half, slope) - bend(c, left[k], half)
+            value = bound(c, turn, at, left[k], normal, room_of(c, pair), half, slope)
             if value < level:
                 level, worst = value, k
         # What the linear function loses is what the second order takes and what the corners' slopes differ by.
         number = left[worst]
         pair = c.pairs[number]
         normal = wp.vec3d(directions[worst, 0], directions[worst, 1], directions[worst, 2])
-        steps = slopes(c, turn, at, number, normal)
+        p = nearest(c, turn, at, number, normal)
+        steps, whole = rates_of(c, turn, at, number, normal) * p, bend(c, number, half)
         parts, line, axis, most, loss = numbers(), numbers(), wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
         for i in range(n):
             parts[c.chain.coordinate[i]] += wp.abs(steps[i] - slope[i]) * half[i]
             line[c.chain.coordinate[i]] -= slope[i] * c.chain.factor[i] / c.weights[c.chain.coordinate[i]]
+        rest, curved = twist(c, number, half), bends()
+        if rest < whole:
+            curved = second_of(c, turn, at, number, normal, half)
+        row, share = wp.int32(0), wp.min(rest, whole) / wp.max(whole, _TINY)
         for j in range(c.first[number], c.first[number + 1]):
             i = c.path[j]
-            for k in range(c.first[number], c.first[number + 1]):
-                later = c.reach[wp.max(j, k)]
-                parts[c.chain.coordinate[i]] += _HALF * later * half[i] * half[c.path[k]]
+            for k in range(j, c.first[number + 1]):
+                part = c.reach[k] * half[i] * half[c.path[k]] * share
+                twice = wp.dot(curved[row], p)
+                if k == j:
+                    part *= _HALF
+                    twice = -wp.min(twice, _ZERO)
+                part = (part + wp.abs(twice)) * _HALF
+                parts[c.chain.coordinate[i]] += part
+                parts[c.chain.coordinate[c.path[k]]] += part
+                row += 1
         for i in range(coordinates):
             loss += parts[i]
             if parts[i] > most:

@@ -26,7 +26,8 @@ for (int k = 1; k < 8; ++k)
 return best[found];
 
 /// LEAST:
-/// The least of ``d . x + level - sum_i |rates_i . (x, 1)| half_i`` over corners x.
+/// The least of ``d . x + level - sum_i |rates_i . (x, 1)| half_i - sum_ij |h_ij|`` over corners x, ``h_ij =
+/// second_ij . (x, 1)`` of each two of the path's joints; of a joint and itself only what is negative counts.
 const V *corners = (const V*)(lanes.data + begin), *last = (const V*)(lanes.data + end);
 constexpr unsigned joints = sizeof(half.c) / sizeof(half.c[0]);
 V least = corners[0] * 0.0 + __builtin_inf();
@@ -37,6 +38,13 @@ for (; corners < last; corners += 3) {
         const V rate = corners[0] * r[0] + corners[1] * r[1] + corners[2] * r[2] + r[3];
         value -= __builtin_elementwise_abs(rate) * half[i];
     }
+    const auto* r = second.data;
+    for (int k = 0; k < joints_of_path; ++k)
+        for (int m = k; m < joints_of_path; ++m, ++r) {
+            const V bent = corners[0] * (*r)[0] + corners[1] * (*r)[1] + corners[2] * (*r)[2] + (*r)[3];
+            const V off = __builtin_elementwise_abs(bent);
+            value -= m > k ? off : (off - bent) * 0.5;
+        }
     least = value < least ? value : least;
 }
 double found = least[0];
