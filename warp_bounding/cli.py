@@ -24,12 +24,13 @@ from typing import Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from warp_bounding.errors import BoundingError, BoundingWarning, QueryError, ShapeError
+import warp_bounding as wb
+from warp_bounding.errors import BoundingError, BoundingWarning, QueryError
 from warp_bounding.runtime import VERBOSE
+from warp_bounding.runtime.progress import bar, quiet_warp
 from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
-from warp_bounding.version import __version__
 
-__all__ = ["app_of", "main"]
+__all__ = ["main"]
 
 INTERRUPTED = 130
 ABOUT = "Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."
@@ -92,33 +93,27 @@ def _run(app: typer.Typer, arguments: list[str], program: str) -> int:
         return INTERRUPTED
 
 
-def app_of(name: str, about: str, commands: Mapping[str, Callable[..., int]], completion: bool = False) -> typer.Typer:
-    """A command line with these commands; their docstrings are the help, and their last line an ``Example:``."""
-    app = typer.Typer(name=name, help=about, no_args_is_help=True, add_completion=completion)
-    app.pretty_exceptions_enable = False
-    for word, command in commands.items():
-        text, _, example = (command.__doc__ or "").partition("Example:")
-        paragraphs = (" ".join(part.split()) for part in text.strip().split("\n\n"))
-        epilog = f"Example: {' '.join(example.split())}" if example else None
-        app.command(name=word, help="\n\n".join(paragraphs), epilog=epilog)(command)
-    return app
-
-
 def _app(arguments: Sequence[str]) -> typer.Typer:
-    """All commands; ``fit`` and ``bake`` have the options of methods where they are called, or completed."""
+    """All commands; ``fit`` and ``bake`` have the options of methods where they are called, or completed.
+
+    A docstring is a command's help, and its last line an ``Example:``.
+    """
     if {"fit", "bake"} & {*arguments, *os.environ.get("COMP_WORDS", "").split()}:
         _with_options(fit, *_method_options())
         _with_options(bake, *_bake_options().values())
-    commands = (fit, certify, evaluate, info, query, choose, show, bake)
-    app = app_of("warp-bounding", ABOUT, {command.__name__: command for command in commands}, completion=True)
+    app = typer.Typer(name="warp-bounding", no_args_is_help=True, pretty_exceptions_enable=False)
+    for command in (fit, certify, evaluate, info, query, choose, show, bake):
+        text, _, example = command.__doc__.partition("Example:")
+        paragraphs = (" ".join(part.split()) for part in text.strip().split("\n\n"))
+        example = f"Example: {' '.join(example.split())}"
+        app.command(name=command.__name__, help="\n\n".join(paragraphs), epilog=example)(command)
 
     def tell(wanted: bool) -> None:
         if wanted:
-            print(f"warp-bounding {__version__}")
+            print(f"warp-bounding {wb.__version__}")
             raise typer.Exit
 
     version = Option("--version", callback=tell, is_eager=True, help="Print the version and end.")
-
     loud = Option("--verbose", help="Print Warp's own messages, too; may stand behind a command.")
 
     @app.callback(help=ABOUT)
@@ -146,6 +141,14 @@ def count(text: Any) -> int:
     return whole_number(text, 1)
 
 
+def numbers(text: str) -> list[float]:
+    """Numbers from text such as 0,0.05; ``typer.BadParameter`` for another text."""
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise typer.BadParameter(f"expected a number, or several such as 0,0.05,0.1, got {text!r}") from None
+
+
 def number_option(help: str, parser: Callable[[Any], int] = whole_number) -> Any:
     """An option that takes a whole number."""
     return Option(help=help, parser=parser, metavar="N")
@@ -167,10 +170,10 @@ Output = Annotated[str, Option("--output", "-o", help="File to write the bounder
 Workload = Annotated[
     Path | None, Option(help="A .npy file, (Q, m), of your own queries: where false positives count.", **EXISTS)
 ]
-READING = {  # how the file of a shape is read: type, and help
+READING = {  # how the file of a shape is read: type or parser, and help
     "level": (str, "Which values of an array, or grey values of an image, are occupied: '<128', '<=0'."),
-    "spacing": (str, "Size of an array's or image's cells, one or one for each axis: 0.05 or 0.1,0.05; rows first."),
-    "origin": (str, "Where the centre of an array's or image's first cell is: -12.5,3; rows first."),
+    "spacing": (numbers, "Size of an array's or image's cells, one or one an axis: 0.05 or 0.1,0.05; rows first."),
+    "origin": (numbers, "Where the centre of an array's or image's first cell is: -12.5,3; rows first."),
     "unknown": (Literal["occupied", "free"], "Of a map, what unseen cells are (default: occupied)."),
     "hollow": (Literal["filled", "empty"], "What the air is that a shape encloses (default: a mesh's is filled)."),
 }
@@ -178,7 +181,11 @@ KEYWORD = inspect.Parameter.KEYWORD_ONLY
 
 
 def _option(name: str, kind: Any, *names: str, **about: Any) -> inspect.Parameter:
-    """An option of a command that need not be given."""
+    """An option of a command that need not be given; whole numbers may be written as 1e6."""
+    if kind is int:
+        about |= {"parser": whole_number, "metavar": "N"}
+    elif kind is numbers:
+        kind, about["parser"] = str, numbers
     return inspect.Parameter(name, KEYWORD, default=None, annotation=Annotated[kind | None, Option(*names, **about)])
 
 
@@ -194,8 +201,7 @@ def command(function: Callable[..., tuple]) -> Callable[..., int]:
         if json:
             print_json(found)
         else:
-            for line in filter(None, lines):
-                console().print(line)
+            console().print(*filter(None, lines), sep="\n")
         return status
 
     own = [p for p in inspect.signature(function).parameters.values() if p.kind != inspect.Parameter.VAR_KEYWORD]
@@ -213,28 +219,11 @@ def _with_options(run: Callable, *more: inspect.Parameter) -> Callable:
 
 
 def reading_of(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Options of a shape's file as keyword arguments of ``load_shape``; ``ShapeError`` for bad ones."""
+    """Options of a shape's file as keyword arguments of ``load_shape``."""
     found = {name: options[name] for name in READING if options.get(name) is not None}
-    for name in {"spacing", "origin"} & set(found):
-        found[name] = _numbers(name, found[name], ShapeError, "numbers such as 0.05 or 0.1,0.05")
     if len(found.get("spacing", ())) == 1:
         found["spacing"] = found["spacing"][0]
     return found
-
-
-def _numbers(name: str, text: str | None, kind: type[BoundingError], expected: str) -> list[float]:
-    """Numbers from text such as 0,0.05; none from ``None``."""
-    try:
-        return [float(word) for word in text.split(",")] if text is not None else []
-    except ValueError:
-        raise kind(f"{name} must be {expected}, got {text!r}") from None
-
-
-def read_shape(path: Path, options: Mapping[str, Any]):
-    """``load_shape`` of a file as options say; ``ShapeError``, in one line, for what cannot be read."""
-    from warp_bounding.shapes import load_shape
-
-    return load_shape(str(path), **reading_of(options))
 
 
 def read_queries(path: Path | None):
@@ -247,6 +236,12 @@ def read_queries(path: Path | None):
         return None
     with reading(str(path), "a NumPy .npy array of queries"), open(path, "rb") as file:
         return read_array(file, allow_pickle=False)
+
+
+def load_both(file: Path, shape: Path, device: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
+    """A bounder and a shape from their files."""
+    quiet_warp(device)
+    return wb.load(file, device=device), wb.load_shape(str(shape), **reading_of(options))
 
 
 # --- output ----------------------------------------------------------------------------------------------------------
@@ -264,13 +259,6 @@ def console(as_json: bool = False):
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object on standard output."""
     print(json_text.dumps(value, allow_nan=False, default=str))  # paths are text
-
-
-def bar(description: str):
-    """A progress bar on standard error; see ``progress.bar``."""
-    from warp_bounding.runtime import progress
-
-    return progress.bar(description)
 
 
 def warn(text: str) -> None:
@@ -293,24 +281,6 @@ def reported_warnings() -> Iterator[None]:
 
         warnings.showwarning = show
         yield
-
-
-def quiet_warp(device: str | None = None) -> None:
-    """Keep Warp's own messages off standard output, and check the device: ``DeviceError`` if there is no such one."""
-    from warp_bounding.runtime import progress
-    from warp_bounding.runtime.launch import device_of
-
-    progress.quiet_warp()
-    if device is not None:
-        device_of(device)
-
-
-def load_both(file: Path, shape: Path, device: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
-    """A bounder and a shape from their files."""
-    from warp_bounding.bounders import load
-
-    quiet_warp(device)
-    return load(file, device=device), read_shape(shape, options)
 
 
 def about(bounder, path: Path | str, certificate=None, shape: Path | None = None, given: str = "") -> dict[str, Any]:
@@ -359,20 +329,18 @@ def fit(
 
     Example: warp-bounding fit bunny.obj --method mlp --hidden 24,24 --margin 0.03 -o bunny.safetensors
     """
-    from warp_bounding.bounders import save
     from warp_bounding.certificates.statement import NOT_CONSERVATIVE
-    from warp_bounding.evaluation import evaluate as measure
-    from warp_bounding.training import fit as train
 
     quiet_warp(device)
     given = {"query": query, "length": length, "margin": margin, "force": force, "resolution": resolution, "side": side}
     arguments = arguments_of(rest | given | {"budget": budget, "seed": seed, "device": device})
     check_writable(output, shape, *([workload] if workload else []), suffix=BOUNDER)
-    own, loaded, started = read_queries(workload), read_shape(shape, rest), clock.perf_counter()
-    bounder = train(loaded, workload=own, **arguments)
+    own, loaded = read_queries(workload), wb.load_shape(str(shape), **reading_of(rest))
+    started = clock.perf_counter()
+    bounder = wb.fit(loaded, workload=own, **arguments)
     seconds = clock.perf_counter() - started
-    save(bounder, output)
-    rates, training = measure(bounder, loaded, samples=samples), bounder.info["training"]
+    bounder.save(output)
+    rates, training = wb.evaluate(bounder, loaded, samples=samples), bounder.info["training"]
     box, quick = bounder.info["rates"]["fp_rate_aabb"], bounder.info["rates"]["fp_rate"]
     if quick > box:
         longer = "; a longer budget makes it tighter" if "steps" in training else ""
@@ -391,10 +359,8 @@ def fit(
 
 def _takers() -> dict[str, dict[str, Any]]:
     """The options of methods by name, each by the methods that take it, for points or for distances."""
-    from warp_bounding.bounders import DISTANCES, METHODS
-
     found: dict[str, dict[str, Any]] = {}
-    for method, cls in (*METHODS.items(), *DISTANCES.items()):
+    for method, cls in (*wb.METHODS.items(), *wb.DISTANCES.items()):
         for option in cls.options:
             found.setdefault(option.name, {}).setdefault(method, option)
     return found
@@ -402,9 +368,7 @@ def _takers() -> dict[str, dict[str, Any]]:
 
 def _method_options() -> list[inspect.Parameter]:
     """The method, and a parameter for each option of a method, in a panel of those that take it."""
-    from warp_bounding.bounders import DISTANCES, METHODS
-
-    known, takers = list(METHODS | DISTANCES), _takers()
+    known, takers = list(wb.METHODS | wb.DISTANCES), _takers()
     which = f"{', '.join(known)}; or several, asked one after the other, as in learned-kdop+mlp."
     method = Annotated[str, Option(help=which, autocompletion=lambda: known)]
     found = [inspect.Parameter("method", KEYWORD, default="mlp", annotation=method)]
@@ -418,7 +382,6 @@ def _method_options() -> list[inspect.Parameter]:
         words = [text if len(texts) == 1 else f"{', '.join(names)}: {text}" for text, names in texts.items()]
         about_it = {"help": "; ".join(words), "rich_help_panel": f"Options of {whose}"}
         parse = next(iter(own.values())).parse
-        about_it |= {"parser": whole_number, "metavar": "N"} if parse is int else {}
         flag = [f"--{name}"] if parse is bool else []  # without a --no-NAME
         found.append(_option(name, parse if parse in (int, bool) else str, *flag, **about_it))
     return found
@@ -461,18 +424,15 @@ def certify(
     """
     from warp_bounding.bounders.file_format import read
     from warp_bounding.bounders.load import BALLS
-    from warp_bounding.proof import certify as prove
 
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
     if read(file)[1].get("method") == BALLS:
-        from warp_bounding.pairs import Balls
-
-        found = Balls.load(file).certify(read_shape(shape, reading), budget)
+        found = wb.pairs.Balls.load(file).certify(wb.load_shape(str(shape), **reading_of(reading)), budget)
         known = {"path": file, "shape": shape, "proven": found.proven, "certificate": found.to_dict()}
         return 0 if found.proven else 1, known, f"{found.kind}: {found.message}"
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
-        found = prove(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
+        found = wb.certify(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
     of_both = about(bounder, file, found, shape, found.indicator)
     if restricted := getattr(loaded, "restriction", ""):
         warn(f"warp-bounding: {loaded.name}: {restricted}")
@@ -508,15 +468,13 @@ def evaluate(
 
     Example: warp-bounding evaluate bunny.safetensors bunny.obj --samples 1e7
     """
-    from warp_bounding.evaluation import evaluate as measure
-
     bounder, loaded = load_both(file, shape, device, reading)
     if stress is not None:
         return _stress(file, shape, bounder, loaded, stress, seed)
     of_distance = {"radius": radius, "query": query, "length": length}
     with bar("evaluate") as update:
         seed = 1 if seed is None else seed
-        rates = measure(bounder, loaded, samples, protocol, seed=seed, progress=update, **of_distance)
+        rates = wb.evaluate(bounder, loaded, samples, protocol, seed=seed, progress=update, **of_distance)
     of_both = about(bounder, file, None, shape, rates.indicator)
     text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
     where = f"{rates.samples:,} samples ({rates.protocol}), {rates.reported_truth}"
@@ -529,10 +487,8 @@ def evaluate(
 
 def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | None) -> tuple:
     """What ``evaluate`` returns after it asked hard positives."""
-    from warp_bounding.proof import stress_test
-
     with bar("stress") as update:
-        found = stress_test(bounder, loaded, wanted, seed=seed, progress=update)
+        found = wb.proof.stress_test(bounder, loaded, wanted, seed=seed, progress=update)
     of_both, ended = about(bounder, file, None, shape, found.indicator), "interrupted: " if found.interrupted else ""
     asked = f"{ended}{found.done:,} hard positive {found.query} queries, {found.wanted:,} wanted"
     verdict = "none missed"
@@ -553,13 +509,12 @@ def info(file: BounderFile) -> tuple:
 
     Example: warp-bounding info bunny.safetensors
     """
-    from warp_bounding.bounders import load
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
     from warp_bounding.shapes.parts import SIDES
 
     quiet_warp()
-    bounder = load(file, device="cpu")
+    bounder = wb.load(file, device="cpu")
     certificate, words, domain = bounder.certificate, statement(bounder), bounder.domain
     kept = ("name", "indicator", "grid_shape", "margin", "resolution", "seed", "note", "library", "training", "rates")
     found = about(bounder, file) | {"dimension": bounder.ndim, "conservative": bounder.conservative}
@@ -592,11 +547,9 @@ def query(
     """
     import numpy as np
 
-    from warp_bounding.bounders import load
-
     quiet_warp(device)
     check_writable(output, file, points, suffix=".npy")
-    bounder, queries = load(file, device=device), read_queries(points)
+    bounder, queries = wb.load(file, device=device), read_queries(points)
     started = clock.perf_counter()
     try:
         mask = bounder.query(queries).numpy()
@@ -646,7 +599,6 @@ def choose(
 
     Example: warp-bounding choose bunny.obj --narrow-ns 600 --memory 16e3 --workload points.npy -o chosen.safetensors
     """
-    from warp_bounding.choice import choose as take
     from warp_bounding.choice import cost_plot, duration
 
     quiet_warp(device)
@@ -656,9 +608,9 @@ def choose(
     picture = str(Path(output).with_suffix(".png"))
     for path, suffix in ((output, BOUNDER), (picture, ".png")):
         check_writable(path, shape, *([workload] if workload else []), suffix=suffix)
-    own, loaded = read_queries(workload), read_shape(shape, reading)
+    own, loaded = read_queries(workload), wb.load_shape(str(shape), **reading_of(reading))
     kept = Path(output).with_suffix(".choice") if checkpoint is None else Path(checkpoint)
-    choice = take(loaded, workload=own, checkpoint=kept, **arguments)
+    choice = wb.choose(loaded, workload=own, checkpoint=kept, **arguments)
     if choice.bounder is not None:
         choice.bounder.save(output)
     write_whole(picture, cost_plot(choice), ".png")
@@ -709,7 +661,6 @@ def bake(
 
     Example: warp-bounding bake meshes --output bounders --method mlp --hidden 24,24 --budget 20 --margin 0.01
     """
-    from warp_bounding.baking import bake as bake_all
     from warp_bounding.baking.engine import MANIFEST, SHEET
 
     quiet_warp(given["device"])
@@ -720,7 +671,7 @@ def bake(
     own, options = inspect.signature(choose if choosing else fit).parameters, _bake_options()
     passed = {name: value for name, value in given.items() if name in own or value != options[name].default}
     passed = arguments_of(passed) | {"reading": reading_of(given), "workload": queries, "samples": given["samples"]}
-    done = bake_all(folder, output, jobs=jobs, scheduler=scheduler, **passed)
+    done = wb.baking.bake(folder, output, jobs=jobs, scheduler=scheduler, **passed)
     for record in (record for record in done.records if record.error):
         warn(f"{record.source}: {record.error}")
     proven = sum(record.certificate == "proven" for record in done.records)
@@ -757,8 +708,8 @@ def show(
     file: BounderFile,
     shape: ShapeFile,
     html: Annotated[Text, Option(metavar="FILE.html", help="Write the web page there, and open no browser.")] = None,
-    radius: Annotated[Text, Option(help="Of a distance: radii such as 0,0.05,0.1; object units.")] = None,
-    time: Annotated[Text, Option(help="Of a shape that moves: a time, or several such as 0,0.5,1.")] = None,
+    radius: Annotated[Text, Option(parser=numbers, help="Of a distance: such as 0,0.05,0.1; object units.")] = None,
+    time: Annotated[Text, Option(parser=numbers, help="Of a shape that moves: a time, or several: 0,0.5,1.")] = None,
     slice_: Annotated[Text, Option("--slice", metavar="K=VALUE,...", help="Hold coordinates, from 0 on.")] = None,
     up: Annotated[Axis, Option(help="The axis that is up.")] = "y",
     resolution: Annotated[
@@ -777,10 +728,6 @@ def show(
     from warp_bounding.views.draw import page
     from warp_bounding.views.view import needed, view_of
 
-    radii, times = (
-        _numbers(name, text, QueryError, "a number, or several such as 0,0.05,0.1")
-        for name, text in (("radius", radius), ("time", time))
-    )
     held, opened = _held(slice_), html is None
     if html is None:
         html = os.path.join(tempfile.mkdtemp(), f"{file.stem}.html")
@@ -791,7 +738,7 @@ def show(
         needed(package)
     bounder, loaded = load_both(file, shape, device, reading)
     with bar("show") as update:
-        given = {"radii": radii, "times": times, "held": held, "resolution": resolution}
+        given = {"radii": radius or (), "times": time or (), "held": held, "resolution": resolution}
         view = view_of(bounder, loaded, progress=update, **given)
     write_whole(html, page(view, view.title, up).encode(), ".html")
     if opened and not webbrowser.open(Path(html).as_uri()):

@@ -24,7 +24,7 @@ BAD = {
     "fit {c} --hidden 24-24 " + NEW: "hidden must be widths such as 50,50, got '24-24'",
     "fit {c} --seed 1.5 " + NEW: "expected a whole number",
     "fit {c} --method kdop --leaves 7 " + NEW: "kdop takes no option 'leaves'",
-    "fit {c} --method aabb --spacing a " + NEW: "spacing must be numbers such as 0.05",
+    "fit {c} --method aabb --spacing a " + NEW: "expected a number, or several such as 0,0.05",
     "fit {empty} --method aabb " + NEW: "empty.npy",
     "fit {c} --method aabb -o {dir}": "is a folder",
     "fit {c} --method aabb -o {c}": "is read here",

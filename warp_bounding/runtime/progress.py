@@ -6,8 +6,6 @@ import sys
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import warp as wp
-
 from warp_bounding.errors import BounderError
 from warp_bounding.runtime import VERBOSE
 
@@ -64,14 +62,22 @@ class _Messages:
     info = warning = error = debug
 
 
-def quiet_warp() -> None:
-    """Start Warp once, and divert its messages: to standard error where ``VERBOSE`` is set, elsewhere to nowhere."""
+def quiet_warp(device: str | None = None) -> None:
+    """Start Warp once, and divert its messages: to standard error where ``VERBOSE`` is set, elsewhere to nowhere.
+
+    Raises ``DeviceError`` if there is no such device.
+    """
+    import warp as wp  # here, so that a command line need not wait for it to show its help
+
+    from warp_bounding.runtime.launch import device_of
+
     if os.environ.get(VERBOSE):
         wp.set_logger(_Messages())
     else:
         wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
     with _silent_errors():  # a machine without a GPU is no news
         wp.init()
+    device_of(device)
 
 
 @contextlib.contextmanager
