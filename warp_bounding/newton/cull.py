@@ -63,17 +63,6 @@ class Tally:
         return f"{self.culled:,} of {self.pairs:,} ({share:.1f} %)"
 
 
-def tallies(names: list[str], shapes: np.ndarray, kept: np.ndarray) -> dict[str, Tally]:
-    """Pairs by the name of their shape, in the order of the shapes.
-
-    ``shapes`` ``(N,)`` int are those of the pairs, ``kept`` ``(N,)`` bool says which the pass goes through.
-    """
-    pairs = np.bincount(shapes, minlength=len(names))
-    culled = np.bincount(shapes[~kept], minlength=len(names))
-    order = {name: [s for s, own in enumerate(names) if own == name] for name in names}
-    return {name: Tally(int(pairs[own].sum()), int(culled[own].sum())) for name, own in order.items()}
-
-
 MOST_RECORDED = 8  # sets of arrays whose launches are kept
 # Of a GPU: warps of Newton's pass that run on a multiprocessor at a time, among which survivors are shared out; pairs
 # from which on they are sorted by place; and whether the cull of a graph has a stream of its own.
@@ -166,8 +155,8 @@ class ParticleCull:
             self._survivors = Compaction(self._keep)
             self._far = wp.empty(1, dtype=wp.int32, device=device)
             self.survivor_count = self._survivors.count
-            inputs = [self._all, self._survivors.indices]
-            gather = partial(wp.launch, kernels.gather_pairs, self.pairs, inputs, [self._kept], device=device)
+            inputs = [self._all, self._survivors.indices, self._survivors.count, self._far]
+            gather = partial(wp.launch, kernels.gather_or_repeat, self.pairs, inputs, [self._kept], device=device)
             self._gather = gather(record_cmd=True) if self.pairs else None
         self.survivor_count.fill_(self.pairs)
         # What is made when it is first needed is made now: a graph would hold the copy of a bounder's numbers to the
@@ -194,8 +183,11 @@ class ParticleCull:
         Returns:
             One tally for each kind of shape, under its name, as ``"plane"`` or ``"mesh with a bounder"``.
         """
-        shapes = self._all.numpy().reshape(-1, 2)[:, 1]
-        return tallies(self._shapes.names, shapes, self._keep.numpy() != 0)
+        shapes, names = self._all.numpy().reshape(-1, 2)[:, 1], self._shapes.names
+        pairs = np.bincount(shapes, minlength=len(names))
+        culled = np.bincount(shapes[self._keep.numpy() == 0], minlength=len(names))
+        order = {name: [s for s, own in enumerate(names) if own == name] for name in names}
+        return {name: Tally(int(pairs[own].sum()), int(culled[own].sum())) for name, own in order.items()}
 
     @property
     def _device(self) -> wp.Device:
@@ -359,13 +351,7 @@ class ParticleCull:
         if self._in_lists:
             own = [lists.sift, lists.arrange, lists.count_cells, lists.sort_by_cells]
         else:
-            own = [
-                kernels.split_particles,
-                kernels.gather_pairs,
-                kernels.find_far,
-                kernels.gather_or_repeat,
-                query_hulls,
-            ]
+            own = [kernels.split_particles, kernels.find_far, kernels.gather_or_repeat, query_hulls]
         return [place_shapes, *own, *map(self._asking, self._shapes.bounders)]
 
     def _query(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:

@@ -22,12 +22,6 @@ SUM_ROUNDING = wp.constant(IN_SUM)
 CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through on a CPU
 
 
-@wp.func
-def coordinates_of(v: wp.vec3) -> float:
-    """The sum of their sizes."""
-    return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
-
-
 @wp.kernel(enable_backward=False)
 def split_particles(
     # inputs
@@ -44,19 +38,6 @@ def split_particles(
     for k in range(3):
         rows[k * count + p] = q[k]
     rows[3 * count + p] = particle_radius[p]
-
-
-@wp.kernel(enable_backward=False)
-def gather_pairs(
-    # inputs
-    pairs: wp.array(dtype=wp.vec2i),
-    indices: wp.array(dtype=wp.int32),
-    # outputs
-    kept: wp.array(dtype=wp.vec2i),
-):
-    """The pairs that are left, in their order."""
-    i = wp.tid()
-    kept[i] = pairs[indices[i]]
 
 
 @wp.kernel(enable_backward=False)

@@ -18,8 +18,8 @@ from warp_bounding.bounders import Data
 from warp_bounding.kernels.distances import DistanceSource, distance_func
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.kernels.source import Source
-from warp_bounding.newton.kernels import ONE_PAIR, SUM_ROUNDING, coordinates_of
-from warp_bounding.newton.placing import Hull, Placed
+from warp_bounding.newton.kernels import ONE_PAIR, SUM_ROUNDING
+from warp_bounding.newton.placing import Hull, Placed, coordinates_of
 from warp_bounding.runtime.native import named, unique_name
 
 WARP = wp.constant(32)

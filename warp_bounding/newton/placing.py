@@ -227,7 +227,8 @@ class Hull:
 
 
 @wp.func
-def _size(v: wp.vec3) -> float:
+def coordinates_of(v: wp.vec3) -> float:
+    """The sum of their sizes."""
     return wp.abs(v[0]) + wp.abs(v[1]) + wp.abs(v[2])
 
 
@@ -330,8 +331,9 @@ def place_shapes(
     p.to_shape = wp.transform_inverse(to_world)
     p.scale = scale
     placed[s] = p
-    parts = _size(wp.transform_get_translation(place)) + _size(wp.transform_get_translation(shape_transform[s]))
-    world = wp.max(_size(wp.transform_get_translation(p.to_shape)), parts)
+    parts = coordinates_of(wp.transform_get_translation(place))
+    parts += coordinates_of(wp.transform_get_translation(shape_transform[s]))
+    world = wp.max(coordinates_of(wp.transform_get_translation(p.to_shape)), parts)
     margin = 0.0
     if shape_margin.shape[0] > 0:
         margin = shape_margin[s]
@@ -351,7 +353,7 @@ def place_shapes(
         bare = 0.0  # of a plane; its width and length are in the reach
     turn = wp.transform_get_rotation(to_world)
     length = wp.dot(turn, turn)
-    beyond = _HULL_ROUNDING * (bare + _size(hull.center) + world)
+    beyond = _HULL_ROUNDING * (bare + coordinates_of(hull.center) + world)
     parts_off = wp.max(
         _off_unit(wp.transform_get_rotation(place)), _off_unit(wp.transform_get_rotation(shape_transform[s]))
     )

@@ -25,8 +25,8 @@ from warp_bounding.bounders import DistanceBounder
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.newton.cull import Tally
-from warp_bounding.newton.kernels import coordinates_of
-from warp_bounding.newton.shapes import mesh_ids, triangles
+from warp_bounding.newton.placing import coordinates_of
+from warp_bounding.newton.shapes import triangles
 from warp_bounding.pairs import Balls, Pair, PairData
 from warp_bounding.pairs.kernels import closest_func
 from warp_bounding.rounding import UNIT32
@@ -167,7 +167,7 @@ class PairCull:
         self.pipeline, self._model = pipeline, pipeline.model
         model, device = self._model, pipeline.model.device
         count, self._pairs = model.shape_count, pipeline.broad_phase_shape_pairs
-        meshes = mesh_ids(model).numpy().astype(np.uint64) if count else np.zeros(0, np.uint64)
+        meshes = model.shape_source_ptr.numpy().astype(np.uint64) if count else np.zeros(0, np.uint64)
         bounders: list[DistanceBounder] = []
         balls: list[Balls] = []
         known: dict[int, Mesh] = {}
@@ -210,7 +210,7 @@ class PairCull:
         self._found.fill_(NONE)
         if not self._tests or not len(self._pairs):
             return
-        scene.now, scene.places, scene.scales = mesh_ids(model), pipeline.geom_transform, model.shape_scale
+        scene.now, scene.places, scene.scales = model.shape_source_ptr, pipeline.geom_transform, model.shape_scale
         scene.margins, scene.gaps = model.shape_margin, model.shape_gap
         size = len(self._pairs)
         asked = size if device.is_cuda else min(int(count.numpy()[0]), size)

@@ -53,11 +53,6 @@ def _copy(
         indices[i] = m.indices[i]
 
 
-def mesh_ids(model: newton.Model) -> wp.array:
-    """``(S,)`` uint64, the ``wp.Mesh`` of each shape as it is now; 0 where there is none."""
-    return model.shape_source_ptr
-
-
 def triangles(mesh: int, device: wp.Device) -> tuple[np.ndarray, np.ndarray]:
     """Points ``(P, 3)`` float32 and corners ``(T, 3)`` int32 of a ``wp.Mesh`` by its id; waits for the device."""
     sizes = wp.zeros(2, dtype=int, device=device)
@@ -214,7 +209,7 @@ class Shapes:
         self._domains, numbers = np.zeros((count, 2, 3), np.float32), np.full(count, -1, np.int32)
         kinds, unknown = model.shape_type.numpy().tolist() if count else [], Counter()
         collides = model.shape_flags.numpy() & int(newton.ShapeFlags.COLLIDE_PARTICLES) if count else []
-        self._ids = np.zeros(count, np.uint64) if not count else mesh_ids(model).numpy().astype(np.uint64)
+        self._ids = np.zeros(count, np.uint64) if not count else model.shape_source_ptr.numpy().astype(np.uint64)
         known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
         def mesh_of(shape: int) -> tuple[np.ndarray, np.ndarray]:
@@ -230,10 +225,11 @@ class Shapes:
         for shape, kind in enumerate(kinds):
             if shape in bounders or shape in untested:
                 continue
+            points = mesh_of(shape)[0] if kind in MESHES and self._ids[shape] else np.empty(0)
             if kind in PRIMITIVES:
                 self.roles[shape] = placing.PRIMITIVE
-            elif kind in MESHES and self._ids[shape] and _finite(mesh_of(shape)[0]):
-                self._enclose(shape, mesh_of(shape)[0])
+            elif points.size and np.isfinite(points).all():
+                self._enclose(shape, points)
                 self.roles[shape], self._margins[shape], self._grows[shape] = placing.HULL, np.inf, 1.0
             elif collides[shape]:
                 unknown[newton.GeoType(kind).name.lower()] += 1
@@ -252,7 +248,7 @@ class Shapes:
         """The arrays of a state and of the model that ``place_shapes`` reads, as they are now."""
         m = self._model
         places = [state.body_q, m.shape_transform, m.shape_body, m.shape_scale, m.shape_margin]
-        return [*places, m.shape_flags, m.shape_type, mesh_ids(m)]
+        return [*places, m.shape_flags, m.shape_type, m.shape_source_ptr]
 
     def inputs(self, state: newton.State, gap: float) -> list:
         """Of ``place_shapes``, but for the first: those, and what is known of the shapes."""
@@ -285,7 +281,3 @@ class Shapes:
         self._margins[shape] = np.inf if unproven else bounder.info["margin"]
         lower, upper = bounder.domain.lower, bounder.domain.upper
         self._domains[shape] = (lower + upper) / 2, (upper - lower) / 2
-
-
-def _finite(vertices: np.ndarray) -> bool:
-    return vertices.size > 0 and bool(np.isfinite(vertices).all())
