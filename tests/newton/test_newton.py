@@ -526,7 +526,7 @@ def test_untested_shapes_keep_all_their_pairs():
     assert len(ParticleCull(pipeline).candidates(state)) == 0
     assert len(ParticleCull(pipeline, untested=[0]).candidates(state)) == 50
     for wrong in (1, -1, "mesh", True):
-        with pytest.raises(wb.BounderError, match="untested must be indices of shapes, from 0 to 0, got"):
+        with pytest.raises(wb.BounderError, match="shape must be a whole number from 0 to 0, got"):
             ParticleCull(pipeline, untested=[wrong])
 
 

@@ -127,7 +127,8 @@ class ParticleCull:
         self._all = pipeline.soft_rigid_contact_pairs.contiguous()
         self.pairs = len(self._all)
         self._shapes = Shapes(pipeline, bounders, unproven, untested)
-        device, shape_count = self._device, self.model.shape_count
+        self._device = device = self.model.device
+        shape_count = self.model.shape_count
         self._placed = wp.empty(shape_count, dtype=Placed, device=device)
         self._hulls = wp.empty(shape_count, dtype=Hull, device=device)
         # The pairs that survive: which, and themselves; they hold for this contact gap.
@@ -145,6 +146,7 @@ class ParticleCull:
                 self._ordered = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
                 self._cells = wp.empty(self.pairs, dtype=wp.vec2i, device=device)
                 self._sizes, self._ends = (wp.zeros(lists.CELLS, dtype=wp.int32, device=device) for _ in range(2))
+            self._threads = max(1, min(self.pairs, THREADS * max(device.sm_count, 1)))  # that share a list
             self._stream = wp.Stream(device) if device.is_cuda else None
         else:
             # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are
@@ -188,10 +190,6 @@ class ParticleCull:
         culled = np.bincount(shapes[self._keep.numpy() == 0], minlength=len(names))
         order = {name: [s for s, own in enumerate(names) if own == name] for name in names}
         return {name: Tally(int(pairs[own].sum()), int(culled[own].sum())) for name, own in order.items()}
-
-    @property
-    def _device(self) -> wp.Device:
-        return self.model.device
 
     def collide(
         self, state: newton.State, contacts: newton.Contacts, *, candidates: wp.array | None = None, **options
@@ -335,11 +333,6 @@ class ParticleCull:
         inputs = [threads, self._listed, self._counts, self._cells, self._ends, self._sizes]
         launch(lists.sort_by_cells, inputs=inputs, outputs=[self._ordered])
         return self._ordered
-
-    @property
-    def _threads(self) -> int:
-        """Threads of a GPU that share a list."""
-        return max(1, min(self.pairs, THREADS * max(self._device.sm_count, 1)))
 
     def _asking(self, bounder: Bounder) -> wp.Kernel:
         """The kernel that asks a bounder."""

@@ -26,7 +26,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.newton.cull import Tally
 from warp_bounding.newton.placing import coordinates_of
-from warp_bounding.newton.shapes import triangles
+from warp_bounding.newton.shapes import check_index, check_proven, triangles
 from warp_bounding.pairs import Balls, Pair, PairData
 from warp_bounding.pairs.kernels import closest_func
 from warp_bounding.rounding import UNIT32
@@ -233,8 +233,7 @@ class PairCull:
 
 def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: dict[int, Mesh]) -> None:
     """Refuse, with ``BounderError``, what is no bounder or no balls of a shape's mesh, as it is on the device."""
-    if isinstance(shape, bool) or not isinstance(shape, int | np.integer) or not 0 <= shape < model.shape_count:
-        raise BounderError(f"shape must be a whole number from 0 to {model.shape_count - 1}, got {shape!r}")
+    check_index(model, shape)
     if int(model.shape_type.numpy()[shape]) != int(newton.GeoType.MESH):
         raise BounderError(f"shape {shape}: expected a mesh")
     if not isinstance(own, tuple) or len(own) != 2:
@@ -242,14 +241,11 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
     bounder, balls = own
     if bounder is not None:
         Pair(bounder, Balls(np.zeros((1, 3), np.float32), np.zeros(1, np.float32), ""))  # a distance in 3D, at rest
-        if str(bounder.device) != str(model.device):
-            raise BounderError(f"shape {shape}: expected a bounder on {model.device}, got one on {bounder.device}")
+        check_proven(model, shape, bounder, unproven)
     if not (balls is None or isinstance(balls, Balls)):
         raise BounderError(f"shape {shape}: expected balls (wb.pairs.Balls), got {type(balls).__name__}")
     if unproven:
         return
-    if bounder is not None and not (bounder.certificate and bounder.certificate.proven):
-        raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
     place = int(meshes[shape])
     if place not in known:
         known[place] = Mesh(*triangles(place, model.device))

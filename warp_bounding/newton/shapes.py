@@ -109,6 +109,21 @@ def _margin_for(coordinates: float, reach: float, world: float, scale: float) ->
     return (way + in_mesh + in_world) * (1 + 1e-6)
 
 
+def check_index(model: newton.Model, shape: object) -> None:
+    """Raise ``BounderError`` for what is no index of a shape."""
+    whole = isinstance(shape, (int, np.integer)) and not isinstance(shape, bool)
+    if not whole or not 0 <= shape < model.shape_count:
+        raise BounderError(f"shape must be a whole number from 0 to {model.shape_count - 1}, got {shape!r}")
+
+
+def check_proven(model: newton.Model, shape: int, bounder: Bounder, unproven: bool) -> None:
+    """Raise ``BounderError`` for a bounder of another device, or one without a proof."""
+    if str(bounder.device) != str(model.device):
+        raise BounderError(f"shape {shape}: expected a bounder on {model.device}, got one on {bounder.device}")
+    if not unproven and not (bounder.certificate and bounder.certificate.proven):
+        raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
+
+
 def check_bounder(
     pipeline: newton.CollisionPipeline,
     shape: int,
@@ -122,9 +137,7 @@ def check_bounder(
     too small a margin, too; ``mesh_of`` reads points and triangles of a shape.
     """
     model = pipeline.model
-    whole = isinstance(shape, (int, np.integer)) and not isinstance(shape, bool)
-    if not whole or not 0 <= shape < model.shape_count:
-        raise BounderError(f"shape must be a whole number from 0 to {model.shape_count - 1}, got {shape!r}")
+    check_index(model, shape)
     if not isinstance(bounder, Bounder):
         raise BounderError(f"shape {shape}: expected a bounder, got {type(bounder).__name__}")
     if int(model.shape_type.numpy()[shape]) not in MESHES:
@@ -135,12 +148,9 @@ def check_bounder(
         got = f"{bounder.ndim}D {bounder.query_kind}s"
         raise BounderError(f"shape {shape}: expected a bounder of 3D points or distances, got one of {got}")
     bounder.expect_local("a cull")
-    if str(bounder.device) != str(model.device):
-        raise BounderError(f"shape {shape}: expected a bounder on {model.device}, got one on {bounder.device}")
+    check_proven(model, shape, bounder, unproven)
     if unproven:
         return
-    if bounder.certificate is None or not bounder.certificate.proven:
-        raise BounderError(f"shape {shape}: expected a proven bounder, got {bounder!r}")
     made_for, resolution, margin = (bounder.info.get(key) for key in ("indicator", "resolution", "margin"))
     if made_for is None or margin is None or _digest(*mesh_of(shape), resolution, margin) != made_for:
         raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
@@ -198,10 +208,8 @@ class Shapes:
         self._model = model = pipeline.model
         count = model.shape_count
         for shape in untested:
-            if not isinstance(shape, (int, np.integer)) or isinstance(shape, bool) or not 0 <= shape < count:
-                raise BounderError(f"untested must be indices of shapes, from 0 to {count - 1}, got {shape!r}")
-        both = sorted(set(untested) & set(bounders))
-        if both:
+            check_index(model, shape)
+        if both := sorted(set(untested) & set(bounders)):
             raise BounderError(f"shape {both[0]}: it is both in bounders and in untested")
         self.bounders = list({id(bounder): bounder for bounder in bounders.values()}.values())
         self.roles, self._sizes = np.full(count, placing.UNTESTED, np.int32), np.zeros(count, np.float32)
