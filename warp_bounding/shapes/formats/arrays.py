@@ -49,7 +49,8 @@ class Level:
     @classmethod
     def of(cls, given: object) -> "Level":
         """From a number, from which on values are occupied, or a text such as ``"<128"``; ``ShapeError`` for others."""
-        found = _LEVEL.fullmatch(str(float(given)) if _is_number(given) else given if isinstance(given, str) else "")
+        number = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
+        found = _LEVEL.fullmatch(str(float(given)) if number else given if isinstance(given, str) else "")
         try:
             value = float(found[2]) if found and "_" not in found[2] else math.nan
         except ValueError:
@@ -176,7 +177,8 @@ def grid_of(
     level = wanted.level
     if level is not None and array.dtype.kind == "b":
         raise ShapeError(f"{name}: a level needs numbers, got truth values")
-    if level is None and array.size and not _is_clear(array):
+    clear = array.dtype.kind == "b" or (((array == 0) | (array == 1)).all() and not _may_be_vertices(array))
+    if level is None and array.size and not clear:
         raise ShapeError(f"{name}: {_what_to_say(array)}")
     occupancy = array.astype(bool) if level is None else level(array)
     above = level is not None and level.comparison[0] == ">" and array.dtype.kind in "if"
@@ -195,12 +197,6 @@ def grid_of(
     return grid if frame is None else Recentred(grid, frame)
 
 
-def _is_clear(array: np.ndarray) -> bool:
-    if array.dtype.kind == "b":
-        return True
-    return bool(((array == 0) | (array == 1)).all()) and not _may_be_vertices(array)
-
-
 def _may_be_vertices(array: np.ndarray) -> bool:
     return array.ndim == 2 and array.shape[1] == 3 and array.dtype.kind == "f"
 
@@ -217,10 +213,6 @@ def _what_to_say(array: np.ndarray) -> str:
     middle = 128 if array.dtype == np.uint8 else float(f"{high / 2:.3g}") if np.isfinite(high) else 0.5
     grey = "; of colours take a grey first" * (array.ndim == 3 and array.shape[2] in (3, 4))
     return f"{got}; give level='<{middle:g}' if low values, the dark of a map, are occupied, or '>={middle:g}'{grey}"
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
 def _numbers(what: str, given: object, count: int, *, one_for_all: bool = False) -> np.ndarray:

@@ -55,22 +55,17 @@ def read_png(path: Path, *, grey: bool) -> np.ndarray:
         return _pixels(image, path, grey=grey)
 
 
-def _alpha(image, name) -> np.ndarray | None:
-    """0 to 255, 255 where a pixel is opaque, ``(height, width)`` uint8; ``None`` for a picture without transparency.
+def _pixels(image, name, *, grey: bool) -> np.ndarray:
+    """See ``read_png``.
 
     A PNG file may name one colour that is transparent, in its own bits, of which PIL keeps other ones: it is refused.
     """
     image.load()
-    clear = "transparency" in image.info
+    alpha, clear = None, "transparency" in image.info
     if image.mode in ALPHA_MODES or (image.mode == "P" and (clear or image.palette.mode == "RGBA")):
-        return np.asarray(image.convert("RGBA"))[..., 3]
-    if clear:
+        alpha = np.asarray(image.convert("RGBA"))[..., 3]
+    elif clear:
         raise ShapeError(f"{name}: a transparent colour is not read; give the picture an alpha channel")
-    return None
-
-
-def _pixels(image, name, *, grey: bool) -> np.ndarray:
-    alpha = _alpha(image, name)
     if alpha is None and not grey:
         raise ShapeError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
     if grey and alpha is not None and alpha.min() < 255:

@@ -48,39 +48,27 @@ def _from_trimesh(source: Any) -> Mesh | Recentred:
     return mesh_of(vertices, faces, name="trimesh", note="; ".join(notes))
 
 
-def _from_newton(source: Any) -> Mesh:
-    return Mesh(np.asarray(source.vertices), _triangles(source.indices, "newton.Mesh"), name="newton.Mesh")
-
-
-def _from_warp(source: Any) -> Mesh:
-    return Mesh(source.points.numpy(), _triangles(source.indices.numpy(), "wp.Mesh"), name="wp.Mesh")
-
-
 def _from_torch(source: Any) -> np.ndarray:
     try:
         return source.detach().cpu().numpy()
     except (TypeError, RuntimeError) as error:  # sparse, or of a type that NumPy does not have
-        reason = " ".join(str(error).split())
-        raise ShapeError(
-            f"expected a tensor that NumPy can hold, got {source.dtype}, {source.layout}: {reason}"
-        ) from error
+        got = f"{source.dtype}, {source.layout}: {' '.join(str(error).split())}"
+        raise ShapeError(f"expected a tensor that NumPy can hold, got {got}") from error
 
 
-def _triangles(indices: Any, name: str) -> np.ndarray:
+def _indexed(vertices: Any, indices: Any, name: str) -> Mesh:
     indices = np.asarray(indices)
     if indices.size % 3:
         raise ShapeError(f"{name}: expected three indices a face, got {indices.size}")
-    return indices.reshape(-1, 3)
+    return Mesh(np.asarray(vertices), indices.reshape(-1, 3), name=name)
 
 
-# By module and class.
-_MESHES: dict[tuple[str, str], Callable[[Any], Any]] = {
+# By module and class: each makes a shape or an array.
+_OTHERS: dict[tuple[str, str], Callable[[Any], Any]] = {
     ("trimesh", "Trimesh"): _from_trimesh,
     ("trimesh", "Scene"): _from_trimesh,
-    ("newton", "Mesh"): _from_newton,
-    ("warp", "Mesh"): _from_warp,
-}
-_ARRAYS: dict[tuple[str, str], Callable[[Any], Any]] = {
+    ("newton", "Mesh"): lambda source: _indexed(source.vertices, source.indices, "newton.Mesh"),
+    ("warp", "Mesh"): lambda source: _indexed(source.points.numpy(), source.indices.numpy(), "wp.Mesh"),
     ("numpy", "ndarray"): lambda source: source,
     ("torch", "Tensor"): _from_torch,
     ("warp", "array"): lambda source: source.numpy(),
@@ -90,16 +78,12 @@ ACCEPTED = (
 )
 
 
-def mesh_from(source: object) -> Mesh | Recentred | None:
-    """The shape of another library's mesh, or of arrays ``(vertices, faces)``; ``None`` for anything else."""
-    if isinstance(source, tuple):
-        return _from_pair(source)
-    return _converted(source, _MESHES)
-
-
-def array_from(source: object) -> np.ndarray | None:
-    """Another library's array as NumPy's; ``None`` for anything else."""
-    return _converted(source, _ARRAYS)
+def _converted(source: object) -> Any:
+    """The shape of another library's mesh, or its array as NumPy's; ``None`` for anything else."""
+    for (module, name), convert in _OTHERS.items():
+        if (known := getattr(sys.modules.get(module), name, None)) is not None and isinstance(source, known):
+            return convert(source)
+    return None
 
 
 def _from_pair(source: tuple) -> Mesh | Recentred:
@@ -107,19 +91,12 @@ def _from_pair(source: tuple) -> Mesh | Recentred:
         raise ShapeError(f"expected a pair (vertices, faces), got a tuple of {len(source)}")
     arrays = []
     for name, part in zip(("vertices", "faces"), source, strict=True):
-        array = array_from(part)
+        array = _converted(part)
         try:
-            arrays.append(np.asarray(part) if array is None else array)
+            arrays.append(np.asarray(part if array is None else array))
         except ValueError as error:  # lists of unequal length
             raise ShapeError(f"mesh: expected {name} as an array of 3 columns, got {type(part).__name__}") from error
     return mesh_of(*arrays)
-
-
-def _converted(source: object, kinds: dict[tuple[str, str], Callable[[Any], Any]]) -> Any:
-    for (module, name), convert in kinds.items():
-        if (known := getattr(sys.modules.get(module), name, None)) is not None and isinstance(source, known):
-            return convert(source)
-    return None
 
 
 # --- Files ------------------------------------------------------------------------------------------------------------
@@ -240,14 +217,13 @@ def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
         return source
     if isinstance(source, str | os.PathLike):
         return _load_file(Path(os.fsdecode(source)), wanted)
-    array = image_from(source, grey=wanted.level is not None)
-    array = array_from(source) if array is None else array
-    if array is not None:
-        return Cells(array, "array")
-    mesh = mesh_from(source)
-    if mesh is None:
+    if isinstance(source, tuple):
+        return _from_pair(source)
+    found = image_from(source, grey=wanted.level is not None)
+    found = _converted(source) if found is None else found
+    if found is None:
         raise ShapeError(f"expected {ACCEPTED}, got {type(source).__name__}")
-    return mesh
+    return Cells(found, "array") if isinstance(found, np.ndarray) else found
 
 
 def _article(found: ShapeLike) -> str:
@@ -257,7 +233,7 @@ def _article(found: ShapeLike) -> str:
 
 def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
     suffix = path.suffix.lower()
-    try:
+    with reading(path, f"a {suffix} file"):
         if not path.exists():
             raise ShapeError(f"{path}: no such file")
         if not path.is_file():
@@ -269,13 +245,7 @@ def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
         with path.open("rb") as file:
             if not file.read(1):
                 raise ShapeError(f"{path}: expected a {suffix} file, but it is empty")
-        with reading(path, f"a {suffix} file"):
-            return READERS[suffix](path, wanted)
-    except (OSError, ValueError) as error:  # no permission, a name with a null byte, ...
-        if isinstance(error, ShapeError):
-            raise
-        reason = getattr(error, "strerror", None) or str(error)
-        raise ShapeError(f"{path}: cannot be read: {reason}") from error
+        return READERS[suffix](path, wanted)
 
 
 def _read_npy(path: Path) -> Cells:

@@ -26,7 +26,8 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
     except ShapeError:
         raise
     except Exception as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        known = getattr(error, "strerror", None) if not isinstance(error, FileNotFoundError) else None
+        reason = known or " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, ValueError) and reason.startswith("expected"):  # by a reader of ours
             raise ShapeError(f"{path}: {reason}") from error
         reason = f"{reason} is missing" if isinstance(error, KeyError | FileNotFoundError) else reason
