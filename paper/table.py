@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from warp_bounding import bounders
 from warp_bounding.bounders.bounder import STEPS
-from warp_bounding.bounders.mlp import Local
+from warp_bounding.bounders.cascade import Local
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
 from warp_bounding.bounders.volumes import VolumeBounder

@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.bounders.mlp import Lattice, packed, unpacked
+from warp_bounding.bounders.cascade import Lattice, packed, unpacked
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.errors import BounderError, QueryError, ShapeError
 from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives

@@ -11,7 +11,8 @@ from bounding_shapes import EARLY, domain_points, fitted, object_points, random_
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS, Cascade, Union
-from warp_bounding.bounders.mlp import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local, Mlp, Occupancy
+from warp_bounding.bounders.cascade import CERTAIN, EVERYWHERE, NOWHERE, Lattice, Local
+from warp_bounding.bounders.mlp import Mlp, Occupancy
 from warp_bounding.bounders.mlp_early import MlpEarly, grant_of
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError

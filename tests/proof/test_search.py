@@ -9,7 +9,7 @@ from bounding_shapes import device_coordinates, object_points, random_bounder, r
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.mlp import Lattice, Local
+from warp_bounding.bounders.cascade import Lattice, Local
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof import minimum, positive_boxes
 from warp_bounding.proof import search as module

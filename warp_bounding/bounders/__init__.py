@@ -4,15 +4,9 @@ from warp_bounding.bounders.batch import Prepared
 from warp_bounding.bounders.bounder import DISTANCES, METHODS, Bounder, method_class, register, supports, unregister
 from warp_bounding.bounders.bvh import Bvh, BvhDistance
 from warp_bounding.bounders.cascade import Cascade, cascade
-from warp_bounding.bounders.distance import (
-    DistanceBounder,
-)
+from warp_bounding.bounders.distance import AabbDistance, DistanceBounder, KdopDistance, ObbDistance
 from warp_bounding.bounders.distance_grid import DistanceGrid
-from warp_bounding.bounders.ellipsoids import (
-    Ellipsoid,
-    OrientedEllipsoid,
-    Sphere,
-)
+from warp_bounding.bounders.ellipsoids import Ellipsoid, OrientedEllipsoid, Sphere
 from warp_bounding.bounders.file_format import save
 from warp_bounding.bounders.learned_kdop import LearnedKdop, LearnedKdopDistance
 from warp_bounding.bounders.load import bounder_of, load
@@ -21,7 +15,7 @@ from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.bounders.union import Union, union, united
-from warp_bounding.bounders.volumes import Aabb, AabbDistance, Kdop, KdopDistance, Obb, ObbDistance
+from warp_bounding.bounders.volumes import Aabb, Kdop, Obb
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.certificates import Certificate
 from warp_bounding.kernels.functions import Data

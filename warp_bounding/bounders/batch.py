@@ -18,125 +18,11 @@ from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
 from warp_bounding.kernels.source import LABEL, Source
 from warp_bounding.queries import QUERIES
-from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.placement import Placement
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.arrays import Compaction, compact, flat_queries, memory_of, new_output
 from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.shapes.recentred import Frame
-
-# --- origins ---------------------------------------------------------------------------------------------------------
-#
-# Bounders of shapes that have an origin (``shapes.recentred``): world coordinates from Python, local ones in
-# kernels.
-#
-# One rule: ``query`` and its like take world coordinates, float32 or float64, as exactly the numbers that they are, and
-# subtract the origin in float64. Whatever reads float32 in place takes local coordinates: kernels' functions,
-# ``prepare``, placements. They belong to ``bounder.local``, which has no origin, so that nobody gives them world
-# coordinates unawares.
-
-
-class Framed:
-    """What a bounder has of an origin.
-
-    Attributes:
-        frame: Where its local coordinates begin; ``None`` where they are the world's.
-    """
-
-    frame: Frame | None = None
-
-    @property
-    def origin(self) -> np.ndarray:
-        """``(n,)`` float64, world coordinates of the local 0; zeros where local coordinates are the world's.
-
-        Example:
-            >>> bounder.origin
-            array([0., 0., 0.])
-        """
-        return np.zeros(self.ndim) if self.frame is None else np.array(self.frame.origin)
-
-    @property
-    def local(self):
-        """This bounder in world coordinates less ``origin``: for kernels of your own, ``prepare`` and ``xform=``."""
-        if self.frame is None:
-            return self
-        made = self.to()
-        made.frame = None
-        return made
-
-    def _flat(self, x, columns: int, directed: tuple[bool, ...]) -> tuple[wp.array, int, bool]:
-        """``flat_queries``, in local coordinates."""
-        return flat_queries(x, columns, self.device, None if self.frame is None else self.frame.shift(directed))
-
-    def expect_local(self, what: str) -> None:
-        """Refuse, with ``QueryError``, a bounder with an origin where ``what`` takes local coordinates."""
-        if self.frame is not None:
-            raise QueryError(
-                f"{what} takes local coordinates, and of this bounder {self.frame.told}: subtract bounder.origin in "
-                "float64, then ask "
-                "bounder.local"
-            )
-
-
-def in_frame(bounder, frame: Frame | None):
-    """A bounder of a local shape as one of the shape in its frame, in place.
-
-    Raises ``BounderError`` where delta does not hold the blur.
-    """
-    if frame is not None:
-        if fault := frame_fault(bounder, frame):
-            raise BounderError(f"{bounder.method}: {fault}")
-        bounder.frame = frame
-        if bounder.certificate is not None:
-            bounder.certificate = frame.noted(bounder.certificate)
-    return bounder
-
-
-def frame_fault(bounder, frame: Frame) -> str | None:
-    """Why a bounder's claim does not hold in a frame, in a few words; ``None`` if it does.
-
-    A distance subtracts the blur from its answers.
-    """
-    if len(frame.origin) != bounder.ndim:
-        return f"an origin of {len(frame.origin)} numbers for {bounder.ndim} coordinates"
-    blur = np.array(frame.blur)
-    domains = (
-        [] if isinstance(bounder.domain, DistanceDomain) else [bounder.domain, *(part.domain for part in bounder.parts)]
-    )
-    if blur.any() and (fault := next(filter(None, (domain.fault(blur) for domain in domains)), None)):
-        return (
-            f"cells stand up to {blur.max():.3g} beside the ones asked for, as float32 holds the inverse of their "
-            ""
-            f"size: {fault}"
-        )
-    return None
-
-
-# --- pickling --------------------------------------------------------------------------------------------------------
-#
-# How bounders of every kind are pickled and copied: as what a file of theirs holds, from which the class makes them
-# anew.
-
-
-class PicklableBounder:
-    """Pickles and copies by its class's constructor, which checks and copies all numbers.
-
-    No copy shares memory with another.
-    """
-
-    def __reduce__(self):
-        made = type(self), type(self.domain), self.domain.to_dict(), self.tensors, self.sizes, self._device
-        return _remade, (*made, self.threshold, self.certificate, self.info, self.frame)
-
-
-def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info, frame):
-    bounder = kind(domain.from_dict(numbers), tensors, copy.deepcopy(sizes), device)
-    bounder.freeze(threshold, certificate).info = copy.deepcopy(info)
-    bounder.frame = frame
-    return bounder
-
-
-# --- batches ---------------------------------------------------------------------------------------------------------
 
 
 class Prepared:
@@ -242,14 +128,29 @@ class Prepared:
         self._launch = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
-class Asking(Framed, PicklableBounder, ABC):
-    """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs."""
+class Asking(ABC):
+    """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs.
+
+    A bounder of a shape that has an origin (``shapes.recentred``) follows one rule. ``query`` and its like take world
+    coordinates, float32 or float64, as exactly the numbers that they are, and subtract the origin in float64. Whatever
+    reads float32 in place takes local coordinates: kernels' functions, ``prepare``, placements. They belong to
+    ``bounder.local``, which has no origin, so that nobody gives them world coordinates unawares.
+
+    Attributes:
+        frame: Where its local coordinates begin; ``None`` where they are the world's.
+    """
 
     of_distances: ClassVar[bool] = False  # its value is a lower bound of the distance, compared with a radius
     domain: AnyDomain
     threshold: np.float32
+    frame: Frame | None = None
     _device: str | None
     _data: tuple[np.float32, Data] | None = None  # the threshold for which ``data`` was made, and it
+
+    def __reduce__(self):
+        """Pickles and copies by the class's constructor, which checks and copies all numbers: no memory is shared."""
+        made = type(self), type(self.domain), self.domain.to_dict(), self.tensors, self.sizes, self._device
+        return _remade, (*made, self.threshold, self.certificate, self.info, self.frame)
 
     @property
     @abstractmethod
@@ -286,6 +187,50 @@ class Asking(Framed, PicklableBounder, ABC):
         return wp.get_device(self._device)
 
     Data = Data
+
+    @property
+    def origin(self) -> np.ndarray:
+        """``(n,)`` float64, world coordinates of the local 0; zeros where local coordinates are the world's.
+
+        Example:
+            >>> bounder.origin
+            array([0., 0., 0.])
+        """
+        return np.zeros(self.ndim) if self.frame is None else np.array(self.frame.origin)
+
+    @property
+    def local(self):
+        """This bounder in world coordinates less ``origin``: for kernels of your own, ``prepare`` and ``xform=``."""
+        if self.frame is None:
+            return self
+        made = self.to()
+        made.frame = None
+        return made
+
+    def _flat(self, x, columns: int, directed: tuple[bool, ...]) -> tuple[wp.array, int, bool]:
+        """``flat_queries``, in local coordinates."""
+        return flat_queries(x, columns, self.device, None if self.frame is None else self.frame.shift(directed))
+
+    def expect_local(self, what: str) -> None:
+        """Refuse, with ``QueryError``, a bounder with an origin where ``what`` takes local coordinates."""
+        if self.frame is not None:
+            raise QueryError(
+                f"{what} takes local coordinates, and of this bounder {self.frame.told}: subtract bounder.origin in "
+                "float64, then ask bounder.local"
+            )
+
+    def in_frame(self, frame: Frame | None):
+        """This bounder of a local shape as one of the shape in its frame, in place.
+
+        Raises ``BounderError`` where delta does not hold the blur.
+        """
+        if frame is not None:
+            if fault := frame.fault(self):
+                raise BounderError(f"{self.method}: {fault}")
+            self.frame = frame
+            if self.certificate is not None:
+                self.certificate = frame.noted(self.certificate)
+        return self
 
     @cached_property
     def func(self) -> wp.Function:
@@ -476,3 +421,10 @@ class Asking(Framed, PicklableBounder, ABC):
     ) -> BlockLaunch:
         """A launch of ``kernel_of()``; its third input is its first block's number. ``exact``: as in ``func``."""
         return BlockLaunch(kernel_of(), count, inputs, outputs, self.device, first_index=2, block=self.source.block)
+
+
+def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info, frame):
+    bounder = kind(domain.from_dict(numbers), tensors, copy.deepcopy(sizes), device)
+    bounder.freeze(threshold, certificate).info = copy.deepcopy(info)
+    bounder.frame = frame
+    return bounder

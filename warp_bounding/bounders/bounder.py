@@ -18,9 +18,10 @@ method by the same code. A new method is one file with a subclass, and its name 
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import cached_property
 from inspect import Parameter, signature
 from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
@@ -180,6 +181,7 @@ class Bounder(Asking):
     highest_threshold: ClassVar[float] = np.inf  # that a proof may set
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
+    of_volume: ClassVar[bool] = False  # regions are tested against a volume of points
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # false: there to show what goes wrong; it never holds a certificate
     bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names
@@ -187,11 +189,7 @@ class Bounder(Asking):
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can set
 
     def __init__(
-        self,
-        domain: AnyDomain,
-        tensors: dict[str, np.ndarray],
-        sizes: dict[str, Any],
-        device: str | None = None,
+        self, domain: AnyDomain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None
     ):
         """Copy and check what a bounder is made of.
 
@@ -302,10 +300,12 @@ class Bounder(Asking):
         """
         return [(part, shape) for part in self.parts]
 
-    @property
+    @cached_property
     def volume(self) -> "Bounder | None":
         """The volume that regions are tested against, as a bounder of points; ``None`` where f is a function of v."""
-        return None
+        if not (self.of_volume and self.domain.tested_as_region):
+            return None
+        return type(self)(self.domain.base, self.tensors, self.sizes, self._device)
 
     @classmethod
     def fit(cls, grid: Grid, domain: AnyDomain, *, device: str | None = None, **options) -> "Bounder":
@@ -403,8 +403,11 @@ class Bounder(Asking):
 
         The tag and the lengths in front of them (``Source.label``) are not counted.
         """
-        header = len(self.domain.header) + 1 + len(self.domain.extra)
-        return 4 * header + sum(t.nbytes for t in self.tensors.values())
+        return self._head_bytes + sum(t.nbytes for t in self.tensors.values())
+
+    @property
+    def _head_bytes(self) -> int:
+        return 4 * len(self._header(self.threshold))
 
     @property
     def tightness(self) -> str:
@@ -449,98 +452,6 @@ class Bounder(Asking):
         return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
 
 
-# --- bounders made of others -----------------------------------------------------------------------------------------
-#
-# Bounders that a bounder is made of: what they must share, how its tensors and sizes hold them, how they are read back.
-#
-# Tensor ``r`` of member i is the tensor ``i.r`` of the whole; ``sizes["parts"]`` has an entry for each member, its
-# ``method`` and its ``sizes``; and its ``domain``, where that is not the whole's.
-
-BIT_FIELDS = ("bits", "levels")  # tensors of members that are uint32
-Shapes = dict[str, tuple[int, ...]]
-
-
-def check_kinds(name: str, kinds: Sequence[type[Bounder]]) -> None:
-    """Refuse classes of members that say *no* to positives, with ``BounderError``; ``name`` is the whole's."""
-    if any(kind.of_distances for kind in kinds):
-        raise BounderError(f"{name}: expected bounders that answer yes or no, got one of distances")
-    if wrong := [kind.method for kind in kinds if not kind.conservative]:
-        raise BounderError(f"{name}: {wrong[0]} is not conservative")
-
-
-def check_members(name: str, members: Sequence[Bounder]) -> None:
-    """Refuse what is no conservative bounder of the first one's queries and domain, with ``BounderError``.
-
-    ``name`` is the whole's, for the message.
-    """
-    for member in members:
-        if not isinstance(member, Bounder):
-            raise BounderError(f"{name}: expected bounders, got {type(member).__name__}")
-    check_kinds(name, [type(member) for member in members])
-    for member in members:
-        if member.domain.to_dict() != members[0].domain.to_dict():
-            got = f"got {members[0]!r} and {member!r}"
-            raise BounderError(f"{name}: expected bounders of the same queries and domain, {got}")
-
-
-def holding(members: Sequence[Bounder]) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Tensors and sizes of a whole that hold its members."""
-    tensors = {f"{i}.{role}": value for i, member in enumerate(members) for role, value in member.tensors.items()}
-    return tensors, {"parts": [{"method": member.method, "sizes": member.sizes} for member in members]}
-
-
-def members_of(
-    whole: Bounder,
-    least: int,
-    most: int,
-    fits: Callable[[type[Bounder]], bool] = lambda kind: True,
-) -> tuple[list[Bounder], Shapes]:
-    """The members, from ``least`` to ``most``, that a whole's tensors and sizes hold, and the shapes of their tensors.
-
-    They are not yet at their thresholds. Raises ``BounderError`` if there are more or fewer, or one cannot be a member
-    (``fits``) or is not conservative.
-    """
-    entries = whole.sizes.get("parts")
-    if not isinstance(entries, list) or not least <= len(entries) <= most:
-        expected = f"{least} to {most} parts" if least < most else f"a list of parts, {least} of them"
-        got = len(entries) if isinstance(entries, list) else repr(entries)
-        raise BounderError(f"{whole.method}: expected {expected}, got {got}")
-    own: list[dict[str, np.ndarray]] = [{} for _ in entries]
-    for name, value in whole.tensors.items():
-        number, _, role = name.partition(".")
-        if role and number.isdecimal() and str(int(number)) == number and int(number) < len(own):
-            own[int(number)][role] = value
-    members = []
-    for i, (entry, tensors) in enumerate(zip(entries, own, strict=True)):
-        kind = class_named(entry.get("method")) if isinstance(entry, dict) else None
-        if kind is None or not fits(kind):
-            raise BounderError(f"{whole.method}: part {i} is no bounder that can be a part: {entry!r}")
-        members.append(kind(whole.domain, tensors, entry["sizes"], whole._device))
-    check_kinds(whole.method, [type(member) for member in members])
-    return members, {f"{i}.{role}": t.shape for i, tensors in enumerate(own) for role, t in tensors.items()}
-
-
-def words_of(members: Sequence[Bounder]) -> np.ndarray | None:
-    """The words of all members that have a bit field, one behind the other; ``None`` where no member has one."""
-    fields = [member.words() for member in members if has_bits(member)]
-    return np.concatenate(fields) if fields else None
-
-
-def word_places(members: Sequence[Bounder]) -> list[int]:
-    """For each member, where its own words begin in ``words_of``; 0 where it has none."""
-    places, place = [], 0
-    for member in members:
-        own = len(member.words()) if has_bits(member) else 0
-        places.append(place if own else 0)
-        place += own
-    return places
-
-
-def has_bits(member: Bounder) -> bool:
-    """Whether a member has a bit field, or holds members that do."""
-    return any(tensor.dtype == np.uint32 for tensor in member.tensors.values())
-
-
 # --- registry --------------------------------------------------------------------------------------------------------
 #
 # The methods by name. ``register`` adds one, from inside the package (``bounders/__init__.py``) or from outside it.
@@ -550,7 +461,7 @@ _distances: dict[str, type[Bounder]] = {}
 METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
 DISTANCES: Mapping[str, type[Bounder]] = MappingProxyType(_distances)  # those of distances; equal names: equal volumes
 Kind = TypeVar("Kind", bound=Bounder)
-_composed: dict[str, type[Bounder]] = {}  # classes of bounders that are made of others
+COMPOSED: dict[str, type[Bounder]] = {}  # made of others (``cascade.Composed``): files name them, ``fit`` does not
 
 
 def register(kind: type[Kind]) -> type[Kind]:
@@ -569,26 +480,17 @@ def register(kind: type[Kind]) -> type[Kind]:
     if not (isinstance(kind, type) and issubclass(kind, Bounder)):
         raise BounderError(f"expected a class of bounders, got {kind!r}")
     name, known = getattr(kind, "method", None), _distances if kind.of_distances else _registered
-    if not isinstance(name, str) or not name or "+" in name or name in _composed:
-        others = ", ".join(sorted(_composed))
+    if not isinstance(name, str) or not name or "+" in name or name in COMPOSED:
+        others = ", ".join(sorted(COMPOSED))
         raise BounderError(f"{kind.__name__}.method must be a name without +, none of {others}, got {name!r}")
     if known.setdefault(name, kind) is not kind:
         raise BounderError(f"method {name} is {known[name].__name__} already, got {kind.__name__}")
     return kind
 
 
-def composed(kind: type[Kind]) -> type[Kind]:
-    """Make a class known whose bounders are made of others: files name it, ``fit`` does not take it.
-
-    A decorator of a class.
-    """
-    _composed[kind.method] = kind
-    return kind
-
-
 def class_named(name: str, query: str = "point") -> type[Bounder] | None:
     """The class that a file calls by a name, of a method or of composed bounders; ``None`` for unknown names."""
-    return _distances.get(name) if query == DISTANCE.name else _registered.get(name) or _composed.get(name)
+    return _distances.get(name) if query == DISTANCE.name else _registered.get(name) or COMPOSED.get(name)
 
 
 def unregister(kind: type[Bounder]) -> None:

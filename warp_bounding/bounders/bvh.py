@@ -12,7 +12,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 from heapq import heapify, heappop, heappush
 from itertools import pairwise
 from typing import NamedTuple
@@ -34,8 +33,6 @@ from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_down, round_up
 from warp_bounding.shapes.grid import Grid
-
-# --- hierarchies of boxes --------------------------------------------------------------------------------------------
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
@@ -329,9 +326,8 @@ def _depth_first(root: Node) -> Hierarchy:
 
 
 LEAVES = 64  # of ``Bvh.fit`` where it is called directly, as in tests; ``fit`` always passes the option's value
-LARGEST = (
-    2.0**40
-)  # local units, of a node's corners: divided by ``PARALLEL``, as rays may be clipped, it stays under 2^127
+# Local units, of a node's corners: divided by ``PARALLEL``, as rays may be clipped, it stays under 2^127.
+LARGEST = 2.0**40
 _leaves = whole("leaves", 1)
 LEADING = 2  # of the method's numbers, before the nodes: how many nodes there are, and the room of a plane
 
@@ -374,7 +370,7 @@ class Bvh(Bounder):
     """
 
     method = "bvh"
-    lays_cells = True
+    lays_cells = of_volume = True
     takes_seconds = True
     options = (
         Option("leaves", None, "leaf boxes; by default as many as take a network's memory", _leaves, int),
@@ -440,12 +436,6 @@ class Bvh(Bounder):
     def leaves(self) -> np.ndarray:
         """Indices of the leaf nodes."""
         return np.flatnonzero(self.past == np.arange(len(self.past)) + 1)
-
-    @cached_property
-    def volume(self) -> "Bvh | None":
-        if self.domain.tested_as_point:
-            return None
-        return type(self)(self.domain.base, self.tensors, self.sizes, self._device)
 
     @property
     def source(self) -> BvhSource:

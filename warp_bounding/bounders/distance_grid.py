@@ -34,6 +34,7 @@ from warp_bounding.shapes.shape import Shape
 SMALLEST_HALF = 2.0**-14  # the least normal number of 16 bits; smaller ones are rounded down to 0, or to minus this
 LEVELS = 255  # of 8 bits, above the lowest
 
+# By the storage, a function of a value's number among those stored, and of what 8 bits mean.
 _DECODE = {
     "float32": "[&](int i, float, float) { union { unsigned int u; float f; } x; x.u = words.data[i]; return x.f; }",
     "float16": """[&](int i, float, float) {
@@ -88,11 +89,6 @@ class Values(NamedTuple):
         return half and bool(((self.stored != 0) & (np.abs(self.exact) < SMALLEST_HALF)).any())
 
 
-def decode_text(storage: str) -> str:
-    """Native text of a function of a value's number among those stored, and of what 8 bits mean."""
-    return _DECODE[storage]
-
-
 # --- native text -----------------------------------------------------------------------------------------------------
 #
 # Native code of ``distance-grid``: the cell of a query, the values at its corners, and what is multilinear between
@@ -144,7 +140,7 @@ class DistanceGridSource(DistanceSource):
     def body(self, lanes: Lanes) -> str:
         floor = "__builtin_elementwise_floor" if lanes.vector else "floorf"
         lane, loop = ("[l]", "for (int l = 0; l < L; ++l)") if lanes.vector else ("", "")
-        return fill(_INTERPOLATION, decode=decode_text(self.storage), floor=floor, lanes=loop, l=lane)
+        return fill(_INTERPOLATION, decode=_DECODE[self.storage], floor=floor, lanes=loop, l=lane)
 
 
 # --- the grid --------------------------------------------------------------------------------------------------------

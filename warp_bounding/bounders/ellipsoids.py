@@ -21,9 +21,7 @@ from warp_bounding.rounding import TINY, UNIT64, gamma
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 
-# --- ellipsoids ------------------------------------------------------------------------------------------------------
-
-# --- native ----------------------------------------------------------------------------------------------------------
+# --- native text -----------------------------------------------------------------------------------------------------
 #
 # The C text of ``f`` of ellipsoids, for points and for each kind of region.
 
@@ -440,37 +438,22 @@ class QuadricBounder(VolumeBounder):
         return -support.square(*self.shape[:2]), 1
 
 
-# --- sphere ----------------------------------------------------------------------------------------------------------
-#
-# ``sphere``: the smallest enclosing ball, in object space (the paper's Sphere), its radius within 0.005 % of the least.
-
-
 class Sphere(QuadricBounder):
-    """Minimal ball."""
+    """The smallest enclosing ball, in object space (the paper's Sphere), its radius within 0.005 % of the least."""
 
     method = "sphere"
     family = "trace"
 
 
-# --- ellipsoid -------------------------------------------------------------------------------------------------------
-#
-# ``ellipsoid``: the axis-aligned ellipsoid of least volume (the paper's AAElli).
-
-
 class Ellipsoid(QuadricBounder):
-    """Axis-aligned ellipsoid of least volume."""
+    """Axis-aligned ellipsoid of least volume (the paper's AAElli)."""
 
     method = "ellipsoid"
     family = "diagonal"
 
 
-# --- oriented ellipsoid ----------------------------------------------------------------------------------------------
-#
-# ``oriented-ellipsoid``: the ellipsoid of least volume (the paper's OElli), by Khachiyan's problem.
-
-
 class OrientedEllipsoid(QuadricBounder):
-    """Ellipsoid of least volume."""
+    """Ellipsoid of least volume (the paper's OElli), by Khachiyan's problem."""
 
     method = "oriented-ellipsoid"
     family = "determinant"

@@ -23,18 +23,7 @@ from warp_bounding.version import __version__
 
 FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
 KEY = "warp_bounding"
-INFO_FIELDS = (
-    "indicator",
-    "name",
-    "grid_shape",
-    "margin",
-    "resolution",
-    "shape",
-    "seed",
-    "note",
-    "training",
-    "rates",
-)
+INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "shape", "seed", "note", "training", "rates")
 
 
 def save(bounder: Subject, path: str | os.PathLike) -> None:

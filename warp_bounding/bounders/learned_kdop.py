@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from warp_bounding.bounders.bounder import STEPS, Option
+from warp_bounding.bounders.distance import FacesDistance
 from warp_bounding.bounders.volumes import (
     BY_VERTICES,
     CORNERS,
     ROOM,
     FaceBounder,
-    FacesDistance,
     SlabBox,
     SlabPlane,
     SlabPoint,

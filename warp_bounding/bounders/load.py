@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from warp_bounding.bounders.batch import frame_fault
 from warp_bounding.bounders.bounder import DISTANCES, METHODS, Bounder, class_named
 from warp_bounding.bounders.file_format import INFO_FIELDS, read
 from warp_bounding.certificates import Certificate
@@ -60,7 +59,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         bounder.freeze(threshold, certificate)
         if "frame" in document:
             bounder.frame = Frame.from_dict(document["frame"], bounder.ndim)
-            if fault := frame_fault(bounder, bounder.frame):
+            if fault := bounder.frame.fault(bounder):
                 raise FileFormatError(fault)
         bounder.info = {field: document.get(field) for field in INFO_FIELDS} | {"library": document["library"]}
         _bring_up(bounder)

@@ -7,29 +7,17 @@ network's output and the relief, and jumps at the edges.
 """
 
 from dataclasses import dataclass, replace
-from math import prod
 
 import numpy as np
 
-from warp_bounding.activations import activation_of
 from warp_bounding.bounders.bounder import STEPS
+from warp_bounding.bounders.cascade import Lattice, checked_parts, packed, unpacked
 from warp_bounding.bounders.distance import REACH, DistanceBounder
-from warp_bounding.bounders.mlp import (
-    ACTIVATION,
-    HIDDEN,
-    PARTS,
-    Lattice,
-    Mlp,
-    check_hidden,
-    checked_parts,
-    packed,
-    unpacked,
-)
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, PARTS, Layered, Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import FLUSHED, DistanceSource
 from warp_bounding.kernels.source import PER_WORD, Lanes, level_text
-from warp_bounding.networks import tensor_cores
-from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
+from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
 from warp_bounding.rounding import UNIT32, UNIT64
 
@@ -40,10 +28,8 @@ NORMS = 1 + 1e-9  # outweighs what float64 rounds in products of norms
 
 LEVELS = 255  # the highest level of relief
 STEPS_OF_RELIEF = (2.0**-100, 2.0**10)  # local units between two levels
-MANY, AXES_OF_MANY = (
-    256,
-    4,
-)  # parts of a domain of so many axes, where no number is given; of fewer axes one: slack is small there
+# Parts of a domain of so many axes, where no number is given; of fewer axes one: slack is small there.
+MANY, AXES_OF_MANY = 256, 4
 
 
 @dataclass(frozen=True)
@@ -88,7 +74,7 @@ class MlpDistanceSource(DistanceSource, MlpSource):
 SLACKS = replace(PARTS, default=None, help="parts of the domain, each with a slack of its own")
 
 
-class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
+class MlpDistance(Layered, DistanceBounder):
     """A network's distance; see module.
 
     Tensors: ``layers.i.weight`` ``(H, K)`` and ``layers.i.bias`` ``(H,)``, the last layer with H = 1; where the domain
@@ -107,20 +93,13 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         return super().supports(query, ndim) and ndim <= MOST_AXES
 
     def check_tensors(self) -> None:
-        self.hidden = check_hidden(self.sizes.get("hidden", ()))
-        self.activation = activation_of(self.sizes.get("activation")).name
-        sizes = (self.domain.ndim, *self.hidden, 1)
-        expected = {}
-        for i in range(len(sizes) - 1):
-            expected |= {f"layers.{i}.weight": (sizes[i + 1], sizes[i]), f"layers.{i}.bias": (sizes[i + 1],)}
-        shape = checked_parts(self) if self.sizes.get("shape", []) != [] else []
-        if shape:
-            expected |= {"edges": (sum(shape) - len(shape),), "levels": (-(-prod(shape) // PER_WORD),), "step": (1,)}
-        self.expect_shapes(expected)
+        expected = self.layer_shapes(self.domain.ndim, 1)
+        shape, of_lattice = checked_parts(self) if self.sizes.get("shape", []) != [] else ([], {})
+        self.expect_shapes(expected | of_lattice | ({"step": (1,)} if shape else {}))
         self.lattice = self._check_lattice(shape) if shape else None
         limit = self.domain.limit.astype(np.float64)
-        *layers, (weight, bias) = self._layers()
-        self.network = Network([*layers, (weight, bias)], self.activation, limit)
+        *layers, (weight, bias) = self.layers
+        self.network = Network(self.layers, self.activation, limit)
         self._negative = Network([*layers, (-weight, -bias)], self.activation, limit)
 
     def _check_lattice(self, shape: list[int]) -> Lattice:
@@ -189,27 +168,19 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
         """The relief of boxes that lie in a part each."""
         return 0.0 if self.lattice is None else self.relief[self.lattice.place(lower / 2 + upper / 2)]
 
-    def _layers(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        names = [f"layers.{i}" for i in range(len(self.hidden) + 1)]
-        return [(self.tensors[f"{name}.weight"], self.tensors[f"{name}.bias"]) for name in names]
-
     @property
     def source(self) -> MlpDistanceSource:
-        cut = {} if self.lattice is None else {"count": len(self._network_numbers()), "shape": self.lattice.shape}
+        cut = {} if self.lattice is None else {"count": len(super().weights()), "shape": self.lattice.shape}
         return MlpDistanceSource(self.ndim, self.domain.time, hidden=self.hidden, activation=self.activation, **cut)
 
     def weights(self) -> np.ndarray:
-        numbers = self._network_numbers()
+        numbers = super().weights()
         if self.lattice is None:
             return numbers
         return np.concatenate([numbers, self.tensors["edges"], self.tensors["step"]])
 
     def words(self) -> np.ndarray:
         return super().words() if self.lattice is None else packed(self._levels)
-
-    def _network_numbers(self) -> np.ndarray:
-        *layers, last = self._layers()
-        return np.concatenate([*(layer_numbers(*layer) for layer in layers), head_numbers(*last)])
 
     @property
     def nbytes(self) -> int:
@@ -241,11 +212,9 @@ class MlpDistance(tensor_cores.TensorCores, DistanceBounder):
     @property
     def rate(self) -> float:
         """See ``DistanceBounder``; two kinds of products of layer norms, as activations have slopes up to 1."""
-        (weight, _), *others = self._layers()
-        entries, spectral = (
-            np.abs(weight[:, 0]).astype(np.float64),
-            float(np.linalg.norm(weight[:, 0].astype(np.float64))),
-        )
+        (weight, _), *others = self.layers
+        first = weight[:, 0].astype(np.float64)
+        entries, spectral = np.abs(first), float(np.linalg.norm(first))
         for weight, _ in others:
             weight = weight.astype(np.float64)
             entries, spectral = np.abs(weight) @ entries, spectral * float(np.linalg.norm(weight, 2))

@@ -175,8 +175,8 @@ class MlpEarly(Mlp):
         other.info = dict(self.info)
         return other.freeze(float(self.threshold), self.certificate)
 
-    def _shapes(self) -> dict[str, tuple[int, ...]]:
-        shapes, outputs = super()._shapes(), self.head.outputs
+    def more_shapes(self) -> dict[str, tuple[int, ...]]:
+        shapes, outputs = {}, self.head.outputs
         for role in ("exits", "grants"):
             for index, width in enumerate(self.hidden[:-1]):
                 shapes |= {f"{role}.{index}.weight": (outputs, width), f"{role}.{index}.bias": (outputs,)}

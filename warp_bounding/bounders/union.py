@@ -16,19 +16,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from warp_bounding.bounders.bounder import (
-    BIT_FIELDS,
-    Bounder,
-    check_members,
-    composed,
-    holding,
-    members_of,
-    word_places,
-    words_of,
-)
-from warp_bounding.bounders.cascade import ABOUT, check_objects
+from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.cascade import Composed, check_objects
 from warp_bounding.certificates import Certificate, together
-from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import ALIGN, DENIED, GRANTED, Early, Lanes, Source, aligned, fill, words_at
 from warp_bounding.networks.bounds import BoxBounds
@@ -208,8 +198,7 @@ def _decided(test: Early) -> str:
     return f"{{ {test.code} denied_ |= (f < {test.bar}) & ~granted_; {grant} }}"
 
 
-@composed
-class Union(Bounder):
+class Union(Composed):
     """Bounders of which any may say *maybe*; made by ``warp_bounding.union`` and ``warp_bounding.hierarchy``.
 
     Tensors: those of part i, each under ``i.`` and its role there; ``thresholds`` ``(parts,)``. Sizes: ``parts``, a
@@ -219,12 +208,6 @@ class Union(Bounder):
 
     method = "union"
     composed = True
-    exact_on_cells = False
-    bit_fields = BIT_FIELDS
-
-    @classmethod
-    def supports(cls, query: str, ndim: int) -> bool:
-        return True  # whatever its parts support
 
     @classmethod
     def of(cls, parts: list[Bounder], held: list[Held] | None = None) -> "Union":
@@ -232,8 +215,7 @@ class Union(Bounder):
 
         Raises ``BounderError`` if they are bounders of other queries or domains, or cannot be put together.
         """
-        check_members(cls.method, parts)
-        tensors, sizes = holding(parts)
+        tensors, sizes = cls.holding(parts)
         for entry, own in zip(sizes["parts"], held or [None] * len(parts), strict=True):
             if own is not None:
                 entry["region"] = [[float(x) if np.isfinite(x) else None for x in np.float32(end)] for end in own]
@@ -241,7 +223,7 @@ class Union(Bounder):
         return cls(parts[0].domain, tensors, sizes, parts[0]._device)
 
     def check_tensors(self) -> None:
-        self.members, shapes = members_of(self, 1, MOST_PARTS, lambda kind: not kind.composed)
+        shapes = self.read_members(1, MOST_PARTS, lambda kind: not kind.composed)
         self.expect_shapes(shapes | {"thresholds": (len(self.members),)})
         self.held = [self._held(entry) for entry in self.sizes["parts"]]
         for part, threshold in zip(self.members, self.tensors["thresholds"], strict=True):
@@ -291,10 +273,6 @@ class Union(Bounder):
         low, high = held
         return part_of(shape, held) if (low <= shape.upper).all() and (high >= shape.lower).all() else None
 
-    @property
-    def provable(self) -> bool:
-        return all(part.provable for part in self.members)
-
     @cached_property
     def _codes(self) -> list[Any]:
         return list(dict.fromkeys(part.source for part in self.members))
@@ -305,7 +283,7 @@ class Union(Bounder):
 
     def weights(self) -> np.ndarray:
         """See ``Bounder``; the layout is described in the module's docstring."""
-        place, fields = aligned(ROW * len(self.members)), word_places(self.members)
+        place, fields = aligned(ROW * len(self.members)), self.word_places()
         rows, held = np.zeros((len(self.members), ROW), np.float32), [np.zeros(place, np.float32)]
         for i, part in enumerate(self.members):
             own = part.weights()
@@ -317,16 +295,11 @@ class Union(Bounder):
         held[0][: rows.size] = rows.reshape(-1)
         return np.concatenate(held)
 
-    def words(self) -> np.ndarray:
-        words = words_of(self.members)
-        return super().words() if words is None else words
-
     @property
     def nbytes(self) -> int:
         """See ``Bounder``: domain, rows and the parts' numbers; what they hold is the proof's."""
-        header = 4 * (len(self.domain.header) + 1 + len(self.domain.extra))
-        own = sum(part.nbytes - 4 * (len(part.domain.header) + 1 + len(part.domain.extra)) for part in self.members)
-        return 4 * ROW * len(self.members) + header + own
+        own = sum(part.nbytes - part._head_bytes for part in self.members)
+        return 4 * ROW * len(self.members) + self._head_bytes + own
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         v = np.asarray(v, dtype=np.float64)
@@ -382,12 +355,7 @@ def union(*bounders: Bounder) -> Union:
         parts += bounder.parts if isinstance(bounder, Union) else [bounder.local]
         held += bounder.held if isinstance(bounder, Union) else [None]
     whole, first = Union.of(parts, held).freeze(0.0, None), bounders[0]
-    whole.frame = first.frame
-    for bounder in bounders:
-        if other := differing(first, bounder):
-            raise BounderError(f"union: expected bounders of the same object, got {other}")
-    whole.info = {key: first.info.get(key) for key in ABOUT}
-    whole.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
+    whole.describe(bounders, first)
     certificates = [bounder.certificate for bounder in (*(b for b in bounders if b is not first), first)]
     if all(certificates):
         check_objects(certificates)

@@ -16,19 +16,16 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder, Option
-from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS, checked_inverse, polytope_vertices, whole_hull
-from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source, fill
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.base import GUARD, PARALLEL
 from warp_bounding.queries.boundary import ObjectSupport, outline
-from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
-from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma, round_down, round_up
+from warp_bounding.rounding import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 
@@ -41,9 +38,7 @@ class VolumeTest:
     """The test of one kind of query against a volume; that of points also has ``bound``, as ``Bounder`` does."""
 
     weights: np.ndarray  # (K,) float32, as ``Bounder.weights`` gives them
-    error: (
-        float  # of points: ``Bounder.rounding_bound``; of regions: how far the computed f may lie under ``reference``
-    )
+    error: float  # of points: ``Bounder.rounding_bound``; of regions: how far computed f may lie under ``reference``
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """``(N,)`` float64: f of points; of regions the largest value of the volume's f on each, or more."""
@@ -68,6 +63,7 @@ class VolumeBounder(Bounder):
     A subclass has the numbers of its volume (``shape``) and the tests that are made of them and a domain.
     """
 
+    of_volume = True
     tests: ClassVar[Mapping[str, Callable[..., Any]]]  # by the kind of query that is tested
 
     @classmethod
@@ -87,12 +83,6 @@ class VolumeBounder(Bounder):
     def volume_domain(self) -> Domain:
         """The domain of points."""
         return self.domain.base
-
-    @cached_property
-    def volume(self) -> "VolumeBounder | None":
-        if not self.domain.tested_as_region:
-            return None
-        return type(self)(self.volume_domain, self.tensors, self.sizes, self._device)
 
     @cached_property
     def test(self) -> Any:
@@ -146,12 +136,10 @@ class VolumeBounder(Bounder):
         """See ``Bounder``; of a region's test, the numbers that it reads, not the tensors that they follow from."""
         if self.volume is None:
             return super().nbytes
-        return 4 * (len(self.domain.header) + 1 + len(self.domain.extra) + len(self.weights()))
+        return self._head_bytes + 4 * len(self.weights())
 
 
-# --- slabs -----------------------------------------------------------------------------------------------------------
-
-# --- native ----------------------------------------------------------------------------------------------------------
+# --- native text -----------------------------------------------------------------------------------------------------
 #
 # The C text of ``f`` of slabs, for points and for each kind of region.
 
@@ -623,25 +611,18 @@ def _ends(occupancy: np.ndarray) -> np.ndarray:
     return np.argwhere(first | last)
 
 
-# --- aabb ------------------------------------------------------------------------------------------------------------
-#
-# ``aabb``: the axis-aligned bounding box (the paper's AABox).
+# --- aabb, obb and kdop ----------------------------------------------------------------------------------------------
 
 
 class Aabb(SlabBounder):
-    """Axis-aligned box: n slabs along the coordinates, tested without a product."""
+    """Axis-aligned box (the paper's AABox): n slabs along the coordinates, tested without a product."""
 
     method = "aabb"
     diagonal = True
 
 
-# --- obb -------------------------------------------------------------------------------------------------------------
-#
-# ``obb``: the oriented bounding box (the paper's OBox), along the principal axes of the object.
-
-
 class Obb(SlabBounder):
-    """Oriented box whose axes are the eigenvectors of the occupied cells' covariance, as in the paper's code."""
+    """Oriented box (the paper's OBox); its axes are eigenvectors of the cells' covariance, as in the paper's code."""
 
     method = "obb"
     of_samples = True
@@ -651,20 +632,17 @@ class Obb(SlabBounder):
         return np.linalg.eigh(np.atleast_2d(np.cov(samples.T, ddof=0)))[1].T
 
 
-# --- kdop ------------------------------------------------------------------------------------------------------------
-#
-# ``kdop``: discretely oriented polytopes (Klosowski et al. 1998; the paper's kDOP), k half-spaces in k/2 slabs.
-#
-# By default k = 4 m as in the paper: the m axes and the m normals that are all ones but for one zero. In 2D those would
-# be the axes again, so the diagonals take their place; 6 half-spaces in 2D are a hexagon's. In 3D the usual 14, 18 and
-# 26 are offered too.
-
 HEXAGON = np.array([[1.0, 0.0], [0.5, np.sqrt(0.75)], [-0.5, np.sqrt(0.75)]])  # unit normals of the slabs of a hexagon
 BY_VERTICES = ("plane",)  # kinds of query that are tested against the polytope's vertices
 
 
 class Kdop(SlabBounder):
-    """k-DOP with fixed normals in object space."""
+    """Discretely oriented polytope (Klosowski et al. 1998; the paper's kDOP): k half-spaces in k/2 slabs.
+
+    By default k = 4 m as in the paper: the m axes and the m normals that are all ones but for one zero. In 2D those
+    would be the axes again, so the diagonals take their place; 6 half-spaces in 2D are a hexagon's. In 3D the usual 14,
+    18 and 26 are offered too.
+    """
 
     method = "kdop"
     options = (
@@ -706,152 +684,3 @@ def kdop_directions(ndim: int, k: int | None = None) -> np.ndarray:
         raise BounderError(f"kdop offers k = {offered} in {ndim}D, got k={k!r}")
     directions = np.concatenate([axes, more])
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
-
-
-# --- distances to flat faces -----------------------------------------------------------------------------------------
-#
-# Distances to volumes between flat faces: ``aabb``, ``obb``, ``kdop`` and ``learned-kdop``.
-#
-# A face ``a . y <= h`` with ``|a| <= 1`` is ``a . y - h`` away from y, or farther, so the largest of these numbers is a
-# lower bound of the distance to the volume. That is the distance itself where the nearest point lies within a face, and
-# less beside edges and corners. Where the first n pairs of faces are at right angles to each other (a box, whose axes a
-# k-DOP has, too), the n distances together are a vector ``m`` whose length is the distance to that box: exact for
-# ``aabb`` and ``obb``; the others take the larger one of both numbers.
-#
-# Of free half-spaces (``learned-kdop``) there is no such box, and at a sharp edge the bound may be much under the
-# distance.
-#
-# *Directions.* Those of the bounder of points belong to its own coordinates; here they are turned into unit normals,
-# shortened by ``SHORTENED`` so that after rounding to float32 none is longer than 1, and a frame of n of them, as a
-# matrix, has a norm of at most 1 (``_norm``). What the rounding of a normal moves a face by is at most ``|rounding| .
-# limit``, since the object lies in the domain, and is added to the face.
-#
-# *Rounding*, u = 2^-24: a product of a normal with v is off by ``gamma(n + 1) |v|_1``, the difference to a face by ``u
-# (|v|_1 + |h|)``; n of them at right angles by ``root(n)`` times as much, their squares, sum and root by ``(n + 4) u``
-# of what they give.
-
-SHORTENED = 1.0 - 2.0**-21  # of a normal: more than rounding to float32 makes it longer, n <= 64
-UPRIGHT = (
-    1e-5  # entries of a frame's products beyond the identity's: rounding of directions to float32 makes no larger ones
-)
-
-_FACES = """
-{
-    constexpr int K = $faces;
-    const float* high = w;
-    const float* low = w + K;
-    const float* a = w + ($two_sided ? 2 : 1) * K;
-    V square = zero, farthest = zero - 3e38f;
-#pragma unroll $unrolled
-    for (int k = 0; k < K; ++k) {
-        V z;
-        if ($diagonal) {
-            z = v[k];
-        } else {
-            z = v[0] * a[k * N];
-#pragma unroll
-            for (int j = 1; j < N; ++j) z = z + v[j] * a[k * N + j];
-        }
-        V m = z - high[k];
-        if ($two_sided) m = most(m, low[k] - z);
-        farthest = most(farthest, m);
-        if (k < $frame) {
-            const V out = most(m, zero);
-            square = square + out * out;
-        }
-    }
-    f = farthest;
-    if ($frame > 0) f = most(f, root(square));
-}
-"""
-_MOST_UNROLLED = 16
-
-
-@dataclass(frozen=True)
-class FacesSource(DistanceSource):
-    """Native code. Numbers: ``high[k]``, ``low[k]`` where two-sided, and ``a`` ``(k, n)`` unless diagonal."""
-
-    faces: int
-    frame: int  # the first so many are at right angles to each other: n, or 0
-    two_sided: bool
-    diagonal: bool
-
-    def body(self, lanes: Lanes) -> str:
-        own = {name: str(value).lower() for name, value in vars(self).items()}
-        return fill(_FACES, **own, unrolled=min(self.faces, _MOST_UNROLLED))
-
-
-def frame_norm(frame: np.ndarray) -> float:
-    """An upper bound of the spectral norm of a matrix.
-
-    Infinite unless its rows are about orthogonal, and of one length.
-    """
-    products = frame @ frame.T
-    if not (np.abs(products - np.eye(len(frame))) <= UPRIGHT).all():
-        return np.inf
-    return float(np.sqrt(np.abs(products).sum(axis=1).max() + NOISE))
-
-
-class FacesDistance(VolumeDistance):
-    """Between flat faces; see module."""
-
-    two_sided: ClassVar[bool] = True
-
-    @classmethod
-    def form_of(cls, volume: Bounder, domain: DistanceDomain) -> Form:
-        shape, tau, n = volume.shape, float(volume.threshold), domain.ndim
-        limit, per_unit = domain.limit.astype(np.float64), volume.domain.scale.astype(np.float64)
-        slopes = shape.directions * per_unit / domain.scale.astype(np.float64)  # of y; a . v = slopes . y + moved
-        apart = domain.center.astype(np.float64) - volume.domain.center.astype(np.float64)
-        moved = (shape.directions * per_unit) @ apart
-        size = np.abs(shape.directions * per_unit) @ np.abs(apart) + np.abs(slopes) @ limit + abs(tau)
-        length = np.linalg.norm(slopes, axis=1)
-        if not (length > 0).all():
-            raise BounderError(f"{cls.method}: a face has no direction")
-        diagonal = bool(shape.diagonal) and cls.two_sided
-        unit = slopes / length[:, None]
-        normals = unit if diagonal else (unit * SHORTENED).astype(np.float32).astype(np.float64)
-        upright = diagonal or (cls.two_sided and len(normals) >= n and frame_norm(normals[:n]) <= 1.0)
-        if not diagonal and not (np.linalg.norm(normals, axis=1) <= 1 - NOISE).all():
-            raise BounderError(f"{cls.method}: a face's normal is longer than 1")
-        turned = np.abs(normals - unit) @ limit
-        high = (shape.high - tau - moved) / length
-        room = turned + NOISE * (np.abs(shape.high) + size) / length + NOISE
-        numbers = [round_up(high + room)]
-        if cls.two_sided:
-            low = (shape.low + tau - moved) / length
-            numbers.append(round_down(low - turned - NOISE * (np.abs(shape.low) + size) / length - NOISE))
-        largest = max(float(np.abs(part).max()) for part in numbers)
-        if not diagonal:
-            numbers.append(normals.astype(np.float32).reshape(-1))
-        faces = [np.asarray(part, dtype=np.float64) for part in numbers[: 1 + cls.two_sided]]
-        frame, root = (n, float(np.sqrt(n))) if upright else (0, 1.0)
-
-        def reference(v: np.ndarray) -> np.ndarray:
-            m = (z := v @ normals.T) - faces[0]
-            if cls.two_sided:
-                m = np.maximum(m, faces[1] - z)
-            far = m.max(axis=1)
-            return np.maximum(far, np.linalg.norm(np.maximum(m[:, :n], 0.0), axis=1)) if upright else far
-
-        source = FacesSource(n, False, len(normals), frame, cls.two_sided, diagonal)
-        error, growth = root * 2 * UNIT32 * largest, root * (n + 3) + n + 8
-        return Form(source, np.concatenate(numbers).astype(np.float32), error, growth, reference)
-
-
-class AabbDistance(FacesDistance):
-    """The distance to the axis-aligned box, exact but for rounding."""
-
-    method, bounds = Aabb.method, Aabb
-
-
-class ObbDistance(FacesDistance):
-    """The distance to the oriented box, exact but for rounding where its axes are at right angles in object space."""
-
-    method, bounds = Obb.method, Obb
-
-
-class KdopDistance(FacesDistance):
-    """A lower bound of the distance to the k-DOP: that to its farthest face, or to the box among its faces."""
-
-    method, bounds = Kdop.method, Kdop

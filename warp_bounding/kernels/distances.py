@@ -56,10 +56,7 @@ def share_of(ndim: int, growth: float) -> float:
 
 # Parts of ``distances.h``: where there is time; where f is asked of v itself; where distances are written.
 _CLOCK = {False: "", True: text.CLOCK}
-_AXES = {
-    False: {"scale": "scale", "free": "false"},
-    True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"},
-}
+_AXES = {False: {"scale": "scale", "free": "false"}, True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"}}
 _BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
 _AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
 _THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}

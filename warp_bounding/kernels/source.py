@@ -215,10 +215,7 @@ def words_at(whole: str, place: int | str) -> str:
 PER_WORD = 4  # levels, a byte each, in a word
 
 # The index of v's part, in array order: along each axis, how many edges v has reached.
-_PLACE = {
-    True: "I part_ = {};\n$axes",
-    False: "int part_ = 0;\n$axes",
-}
+_PLACE = {True: "I part_ = {};\n$axes", False: "int part_ = 0;\n$axes"}
 _AXIS = {
     True: "{ I i = {}; for (int e = $first; e < $last; ++e) i -= v[$k] >= w[e]; part_ = part_ * $count + i; }",
     False: "{ int i = 0; for (int e = $first; e < $last; ++e) i += v[$k] >= w[e]; part_ = part_ * $count + i; }",

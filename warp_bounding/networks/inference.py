@@ -115,13 +115,7 @@ class MlpSource(Source):
             if size:
                 place = at + first * (k + 1)
                 own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place, KEEP=int(keep))
-                lines += [
-                    "{",
-                    own,
-                    constants(**counts, **places),
-                    text.QUERIES_IN_LANES,
-                    "}",
-                ]
+                lines += ["{", own, constants(**counts, **places), text.QUERIES_IN_LANES, "}"]
         lines.append("}")
         for place, names in ((output_at, ("f", "other")), (sure_at, ("sure", "surer"))):
             if place is not None:

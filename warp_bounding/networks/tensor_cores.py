@@ -90,11 +90,7 @@ class TensorCores:
             own = self.rounding_bound() + (rounding(self.network) - self.network.rounding) * (1 + 1e-6)
             held = data, None
             if np.isfinite(own):
-                layers = [
-                    (self.tensors[f"layers.{i}.weight"], self.tensors[f"layers.{i}.bias"])
-                    for i in range(len(self.hidden) + 1)
-                ]
-                values = numbers(source, layers, lowered(self.threshold, proven, own))
+                values = numbers(source, self.layers, lowered(self.threshold, proven, own))
                 held = data, wp.array(values, dtype=wp.float32, device=device)
             self._held = held
         return held[1]
@@ -257,9 +253,8 @@ def _of_sums(layer: "Layer", size: np.ndarray, *, first: bool) -> np.ndarray:
         of_bias = [np.abs(part.astype(np.float64)) for part in _split(layer.bias)]
         rest_of_bias = np.abs(layer.bias - sum(part.astype(np.float64) for part in _split(layer.bias)))
         terms = [part * x for part in (high, low) for x in (of_high, of_low)]
-        inputs = np.stack(
-            [*terms, np.zeros_like(high)], axis=-1
-        )  # of each coordinate four, and of the last one the bias
+        # Of each coordinate four, and of the last one the bias.
+        inputs = np.stack([*terms, np.zeros_like(high)], axis=-1)
         inputs = np.concatenate([inputs[..., :4], np.zeros((len(bias), 1, 4))], axis=1)
         inputs[:, -1, 0], inputs[:, -1, 1] = of_bias
         inputs = np.pad(inputs, ((0, 0), (0, -inputs.shape[1] % 4), (0, 0))).reshape(len(bias), -1)

@@ -14,7 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.bounders.batch import frame_fault
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
@@ -116,8 +115,7 @@ def certify(
         return _inapplicable(bounder, shape, str(error))
     if frame is not None:
         own = {"margin": margin, "length": length, "resolution": resolution, "query": query}
-        fault = frame_fault(bounder, frame)
-        if fault:
+        if fault := frame.fault(bounder):
             return _inapplicable(bounder, shape, fault)
         run = {"budget": budget, "progress": progress, "checkpoint": checkpoint}
         return frame.noted(certify(bounder, shape, **own, **run))

@@ -11,8 +11,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.cascade import EVERYWHERE, Lattice, Local
 from warp_bounding.bounders.distance import DistanceBounder
-from warp_bounding.bounders.mlp import EVERYWHERE, Lattice, Local, Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.certificates import Certificate, document, shown
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError

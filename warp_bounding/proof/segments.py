@@ -26,11 +26,10 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.activations import constant, constants
-from warp_bounding.bounders.batch import Framed
 from warp_bounding.bounders.bounder import DISTANCES, Bounder
-from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.cascade import Cascade, Local
 from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
-from warp_bounding.bounders.mlp import Local, Mlp
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
 from warp_bounding.errors import BounderError, QueryError
@@ -89,7 +88,7 @@ def clear_segments(
         >>> wb.proof.clear_segments(network, starts, np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
-    if isinstance(bounder, Framed):
+    if isinstance(bounder, Bounder):
         bounder.expect_local("clear_segments")
     far = _with_distance(bounder)
     if far is None and not (

@@ -71,11 +71,7 @@ def pulled(
 
 
 def border_points(
-    shape: Shape,
-    count: int,
-    rng: np.random.Generator,
-    known: np.ndarray | None = None,
-    nearest: float = NEAREST,
+    shape: Shape, count: int, rng: np.random.Generator, known: np.ndarray | None = None, nearest: float = NEAREST
 ) -> np.ndarray:
     """``(count, n)`` float64 points of the object, each within ``nearest`` longest sides of one that is not.
 

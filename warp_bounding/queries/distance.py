@@ -15,10 +15,8 @@ from warp_bounding.rounding import UNIT32, round_up
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 
-METRICS = (
-    "space",
-    "spacetime",
-)  # where coordinate 0 is time: distances in space at a time, or in all coordinates alike
+# Where coordinate 0 is time: distances in space at a time, or in all coordinates alike.
+METRICS = ("space", "spacetime")
 
 
 @dataclass(frozen=True)

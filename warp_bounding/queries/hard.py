@@ -111,14 +111,7 @@ SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
 
 
 def draw_positives(
-    query: str,
-    grid: Grid,
-    count: int,
-    seed: int | Sequence[int],
-    device=None,
-    length=1.0,
-    *,
-    outside: bool = True,
+    query: str, grid: Grid, count: int, seed: int | Sequence[int], device=None, length=1.0, *, outside: bool = True
 ) -> Iterator[np.ndarray]:
     """Fresh independent positives ``(N, m)`` float32, in chunks, at least ``count`` of them.
 

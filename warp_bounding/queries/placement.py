@@ -65,7 +65,7 @@ class Placement:
             raise QueryError("configurations of joints have no place in the world, got xform or scale")
         n, first_spatial = domain.space_ndim, int(domain.time)  # coordinate 0 may be time, which no placement moves
         spatial = n - first_spatial
-        factors = np.ones(spatial) if scale is None else _numbers(scale)
+        factors = np.ones(spatial) if scale is None else numbers_of(scale)
         if factors is not None and factors.size == 1:
             factors = np.repeat(factors, spatial)
         if factors is None or factors.shape != (spatial,) or not all(0 < size < np.inf for size in factors.tolist()):
@@ -142,7 +142,7 @@ def placement_allowance(domain: Domain | RegionDomain) -> np.ndarray:
     return np.maximum(_covered(domain) / GROWTH - map_error, 0.0) / base.scale / GROWTH
 
 
-def _numbers(given) -> np.ndarray | None:
+def numbers_of(given) -> np.ndarray | None:
     """Real numbers of any library's array, or of a sequence, as float64; ``None`` for anything else."""
     given = given.detach().cpu() if hasattr(given, "detach") else given  # torch, which may want gradients
     try:
@@ -160,7 +160,7 @@ def _orthogonal(xform, spatial: int) -> tuple[np.ndarray, np.ndarray]:
     """R and the translation, float64, of what ``xform=`` takes."""
     if xform is None:
         return np.eye(spatial), np.zeros(spatial)
-    values = _numbers(xform)
+    values = numbers_of(xform)
     if values is None:
         raise QueryError(f"xform must be a transform or a matrix of numbers, got {type(xform).__name__}")
     values = values.reshape(getattr(type(xform), "_shape_", values.shape))  # Warp matrices come flat

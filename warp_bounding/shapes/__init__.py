@@ -16,24 +16,11 @@ Example:
 
 from importlib import import_module
 
-__all__ = [
-    "READERS",
-    "Complement",
-    "Function",
-    "Grid",
-    "Mesh",
-    "MovingMesh",
-    "Network",
-    "ShapeLike",
-]
+__all__ = ["READERS", "Complement", "Function", "Grid", "Mesh", "MovingMesh", "Network", "ShapeLike"]
 
 _HOMES = {
     "warp_bounding.networks.network_shape": ("Network",),
-    "warp_bounding.shapes.formats.load": (
-        "READERS",
-        "ShapeLike",
-        "load_shape",
-    ),
+    "warp_bounding.shapes.formats.load": ("READERS", "ShapeLike", "load_shape"),
     "warp_bounding.shapes.function": ("Function",),
     "warp_bounding.shapes.grid": ("Grid",),
     "warp_bounding.shapes.mesh": ("Mesh",),

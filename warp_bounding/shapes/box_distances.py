@@ -37,13 +37,7 @@ class BoxDistances:
         vector, narrow = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32)
         self._inputs = [
             wp.array(values, dtype=dtype, device="cpu")
-            for values, dtype in (
-                (lower, vector),
-                (upper, vector),
-                (low, narrow),
-                (high, narrow),
-                (links, wp.vec3i),
-            )
+            for values, dtype in ((lower, vector), (upper, vector), (low, narrow), (high, narrow), (links, wp.vec3i))
         ]
         self._vector, self._n = vector, n
         self._size = float(np.abs(lower).max() + np.abs(upper).max())

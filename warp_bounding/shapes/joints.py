@@ -31,11 +31,8 @@ __all__ = ["BEYOND", "MAGIC", "NUMBERS", "TEXT", "TURNS", "TWO_PI", "WIDER", "Jo
 TURNS = 1024  # from 0, either way: farther away the answer is maybe
 TURNS64 = 2**20  # the same of float64, where only the truth is asked
 WIDER = 1 + 2.0**-10  # of one turn: what a query that is turned back may be; see above
-BEYOND = (
-    2.0**-21
-    # of the largest coordinate within limits: how far the shape must be known
-    # beyond these, for queries that are rounded to them
-)
+# Of the largest coordinate within limits: how far the shape must be known beyond these, for queries that are rounded.
+BEYOND = 2.0**-21
 HEAD_BITS, HEAD_BITS64 = 12, 30  # times a number of turns exact in float32, in float64
 LARGEST_TURN = 2.0**60  # coordinates: of a period
 TWO_PI = Fraction("6.283185307179586476925286766559005768394338798750211641949889")

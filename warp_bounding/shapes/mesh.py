@@ -34,13 +34,7 @@ from warp_bounding.shapes.surfaces import Surface, surface_of, turns_of
 if TYPE_CHECKING:
     from warp_bounding.shapes.triangles.solid import DilatedSolid, Solid
 
-__all__ = [
-    "Mesh",
-    "cells_around",
-    "cells_per_unit",
-    "check_faces",
-    "mesh_of",
-]
+__all__ = ["Mesh", "cells_around", "cells_per_unit", "check_faces", "mesh_of"]
 
 CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
 LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object

@@ -102,11 +102,8 @@ def part_of(shape: Shape, box: tuple[np.ndarray, np.ndarray]) -> Shape:
 # times; beyond these there is nothing, and every bounder answers *maybe*.
 
 SIDES = ("outside", "inside")  # from which a bounder may hold a shape: where "no" is certain to be
-
-TRIED, TINY_BOX = (
-    4096,
-    2.0**-10,
-)  # points of the object around which boxes are tried; their sides, of the shape's longest
+# Points of the object around which boxes are tried; their sides, of the shape's longest.
+TRIED, TINY_BOX = 4096, 2.0**-10
 
 
 class Complement(Derived):

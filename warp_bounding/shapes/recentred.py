@@ -50,6 +50,22 @@ class Frame:
         told = f"{self.told[0].upper()}{self.told[1:]}, which is taken off in float64."
         return replace(certificate, message=f"{certificate.message} {told}")
 
+    def fault(self, bounder) -> str | None:
+        """Why a bounder's claim does not hold in this frame, in a few words; ``None`` if it does.
+
+        A distance subtracts the blur from its answers.
+        """
+        if len(self.origin) != bounder.ndim:
+            return f"an origin of {len(self.origin)} numbers for {bounder.ndim} coordinates"
+        blur = np.array(self.blur)
+        domains = [] if bounder.of_distances else [each.domain for each in (bounder, *bounder.parts)]
+        if blur.any() and (fault := next(filter(None, (domain.fault(blur) for domain in domains)), None)):
+            return (
+                f"cells stand up to {blur.max():.3g} beside the ones asked for, as float32 holds the inverse of their "
+                f"size: {fault}"
+            )
+        return None
+
     def to_dict(self) -> dict:
         """JSON-ready."""
         return {"origin": list(self.origin), "blur": list(self.blur)}

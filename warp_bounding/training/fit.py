@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
-from warp_bounding.bounders.batch import in_frame
 from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import METRIC, REACH, DistanceBounder, VolumeDistance
@@ -159,7 +158,7 @@ def fit(
         own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
         found = _fit_distance(shape, method, options, **own, progress=progress, force=force)
         found.info["training"] |= spent.seconds()
-        return in_frame(found, frame)
+        return found.in_frame(frame)
     if side == SIDES[1]:
         shape = Complement(shape)
     grid = _bounded(shape, query, method, resolution, margin)
@@ -180,7 +179,7 @@ def fit(
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
     before = {} if last is None else last.info.get("training") or {}
     bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
-    return in_frame(bounder, frame)
+    return bounder.in_frame(frame)
 
 
 class Stopwatch:

@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.mlp import Lattice, Local, Mlp
+from warp_bounding.bounders.cascade import Lattice, Local
+from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import head_of

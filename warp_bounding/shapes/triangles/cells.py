@@ -159,9 +159,8 @@ def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | N
     empty = np.zeros(count + 1, dtype=bool)
     if air is not None and count > 1:
         some, order = np.zeros(count + 1, dtype=np.int64), np.random.default_rng(0).permutation(regions.size)
-        some[regions.ravel()[order]] = (
-            order  # any cell of each: in symmetric objects the last ones lie where rays meet edges
-        )
+        # Any cell of each: in symmetric objects the last ones lie where rays meet edges.
+        some[regions.ravel()[order]] = order
         empty[1:] = air(np.stack(np.unravel_index(some[1:], surface.shape), axis=1))
     empty[regions[0, 0, 0]] = True
     return ~empty[regions]

@@ -368,9 +368,8 @@ class Triangles:
     count: int  # nodes
     lower: wp.array(dtype=wp.vec3)  # of the nodes' boxes
     upper: wp.array(dtype=wp.vec3)
-    links: wp.array(
-        dtype=wp.vec3i
-    )  # first triangle, one past the last (none but in leaves), the node after the subtree
+    # Of a node: the first triangle, one past the last (none but in leaves), and the node after the subtree.
+    links: wp.array(dtype=wp.vec3i)
     corners: wp.array(dtype=wp.vec3)  # three a triangle
     cycles: wp.array(dtype=wp.uint64)  # of a triangle: see ``surfaces.py``
 

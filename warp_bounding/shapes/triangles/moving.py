@@ -31,15 +31,8 @@ from warp_bounding.shapes.triangles.hierarchy import (
 #
 # Grids are made when they are first asked for. All of a motion's together are small (``MOST_BYTES``).
 
-RESOLUTIONS = (
-    96,
-    64,
-    48,
-    32,
-    24,
-    16,
-    8,
-)  # cells along the longest side of a grid; the first that is cheap enough counts
+# Cells along the longest side of a grid; the first that is cheap enough counts.
+RESOLUTIONS = (96, 64, 48, 32, 24, 16, 8)
 WAY = 1.0  # cells that a vertex goes in a piece, at most
 MOST_BYTES = 2**26  # of all grids of a motion
 MOST_PIECES = 1024  # between two keyframes: in pieces of a longer way vertices go farther

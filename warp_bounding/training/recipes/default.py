@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from warp_bounding.bounders.mlp import Lattice
+from warp_bounding.bounders.cascade import Lattice
 from warp_bounding.queries import QUERIES
 from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, evaluated, geometric
 from warp_bounding.training.lazy_torch import torch
