@@ -16,7 +16,6 @@ from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.errors import QueryError
 from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
 from warp_bounding.queries.box import BOX
-from warp_bounding.queries.distance import METRICS, in_metric
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 from warp_bounding.queries.region_domain import domain_of
@@ -69,12 +68,6 @@ class Rates:
             'exact'
         """
         return asdict(self)
-
-
-def _truth_in_words(judge: Shape, fitted: Shape) -> str:
-    if not isinstance(judge, Grid):
-        return "of the shape itself"
-    return "of its cells" + (f" at resolution {fitted.resolution}" if fitted.resolution else "")
 
 
 # --- truth -----------------------------------------------------------------------------------------------------------
@@ -160,14 +153,14 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
     """Which points lie within a radius of the object: called with ``(N, n)`` it answers as ``Shape.decide``."""
     if radius == 0:
         return shape.decide
-    if isinstance(shape, Grid):
+    if not isinstance(shape, Grid):
+        return shape.dilated(radius).decide
 
-        def decide(x: np.ndarray) -> np.ndarray:
-            low, high = shape.distances(x).T
-            return np.where(low > radius, OUT, np.where(high <= radius, IN, UNDECIDED)).astype(np.uint8)
+    def decide(x: np.ndarray) -> np.ndarray:
+        low, high = shape.distances(x).T
+        return np.where(low > radius, OUT, np.where(high <= radius, IN, UNDECIDED)).astype(np.uint8)
 
-        return decide
-    return shape.dilated(radius).decide
+    return decide
 
 
 def _of_distance(
@@ -187,23 +180,19 @@ def _of_distance(
         return judge, around, truth_of, lambda x: bounder.query(x, radius), {"query": query, "radius": radius}
     length = float(told.pop("length", 1.0))
     ask = ASKED[query](bounder, length, **told)
-    judge = judge_of(in_metric(shape, _metric(bounder)), fitted, query, protocol)
+    judge = judge_of(shape, fitted, query, protocol)
     truth_of = truth_by(protocol, query, judge, bounder.device, length, seed)
     return judge, judge, truth_of, lambda x: ask(*parts_of(query, x)), {"query": query}
-
-
-def _metric(bounder: DistanceBounder) -> str:
-    return bounder.sizes.get("metric", METRICS[0])
 
 
 def judge_of_points(bounder: DistanceBounder, shape: Shape, fitted: Shape, radius: float):
     """Whose truth counts for points within a radius, the shape around which they are drawn, and that truth."""
     margin = bounder.info.get("margin") or 0.0
-    judge = fitted if isinstance(shape, Grid) else in_metric(shape, _metric(bounder))
+    judge = fitted if isinstance(shape, Grid) else shape
     around = judge if judge.margin else judge.dilated(margin)
-    if isinstance(judge, Grid):
-        return judge, around, within(judge, radius)
-    return judge, around, within(judge, margin + radius) if not judge.margin else within(around, radius)
+    if judge.margin and not isinstance(judge, Grid):
+        return judge, around, within(around, radius)
+    return judge, around, within(judge, radius if isinstance(judge, Grid) else margin + radius)
 
 
 def evaluate(
@@ -261,7 +250,7 @@ def evaluate(
     if not bounder.of_distances:
         for name, value in (told | ({} if query is None else {"query": query})).items():
             raise QueryError(f"{name} is for distances, got {name}={value} for {bounder.query_kind} queries")
-        shape = of_side(bounder, shape)
+    shape = of_side(bounder, shape)
     fitted, seed = as_fitted(bounder, shape), int(seed)
     if fitted.ndim != bounder.ndim:
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
@@ -274,6 +263,9 @@ def evaluate(
         truth_of = truth_by(protocol, query, judge, bounder.device, bounder.domain.oracle_length, seed)
         if isinstance(fitted, Grid) and judge is not fitted:
             more["of_cells"] = oracle(query, fitted, bounder.device, bounder.domain.oracle_length)
+    truth = "of the shape itself"
+    if isinstance(judge, Grid):
+        truth = f"of its cells at resolution {fitted.resolution}" if fitted.resolution else "of its cells"
     rng = np.random.default_rng(seed)
     return counted(
         lambda count: sample(query, around, count, rng),
@@ -283,7 +275,7 @@ def evaluate(
         progress,
         protocol=protocol,
         seed=seed,
-        truth=_truth_in_words(judge, fitted),
+        truth=truth,
         indicator=fitted.digest,
         **more,
     )

@@ -220,11 +220,11 @@ def view_of(
     pairs = [(radius, time) for time in (times or [None]) for radius in radii]
     axes, within = _running(shape.ndim, held | ({0: 0.0} if shape.time else {})), bool(bounder.domain.unbounded)
     local, shape = in_local(bounder, shape)
-    fitted = as_fitted(local, shape)
+    fitted, own = as_fitted(local, shape), of_side(local, shape)
     if local.of_distances:
-        around = judge_of_points(local, shape, fitted, radii[0])[1]
+        around = judge_of_points(local, own, fitted, radii[0])[1]
     else:
-        around = judge_of(of_side(local, shape), fitted, POINT.name, PROTOCOLS[0])
+        around = judge_of(own, fitted, POINT.name, PROTOCOLS[0])
     room = max(radii) + BEYOND * (around.upper - around.lower)[axes].max()
     lower, upper, solid = around.lower[axes] - room, around.upper[axes] + room, len(axes) == SPACE
     cells = resolution or (CELLS if solid else PIXELS)
