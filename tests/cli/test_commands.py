@@ -97,7 +97,7 @@ def test_what_is_not_proven_is_said(files, capsys, monkeypatch):
     bounder.save(path)
     status, out, err = run(capsys, "info", path)
     assert (status, err) == (1, "")
-    assert all(word in out for word in ("statistical", "not proven", "what is known", "alpha = 0.05"))
+    assert all(word in out for word in ("statistical", "not proven", "what is known", "at 95% confidence"))
     status, out, _ = run(capsys, "certify", path, files / "c.npy")
     assert (status, out.partition(":")[0]) == (1, "statistical")
 
@@ -156,7 +156,7 @@ def test_a_distance_from_fit_to_stress(method, own, files, capsys):
     fitted = json.loads(out)
     assert (status, fitted["method"], fitted["query"], fitted["fn"]) == (0, method, "distance", 0)
     assert fitted["certificate"]["kind"] == "proven"
-    assert "never above" in run(capsys, "info", path)[1]
+    assert "never overestimated" in run(capsys, "info", path)[1]
     status, out, _ = run(capsys, "certify", path, source, "--query", "distance")
     assert (status, out.partition(":")[0]) == (0, "proven")
     rates = as_json(capsys, "evaluate", path, source, "--radius", 0.1, *FEW)

@@ -176,6 +176,9 @@ def document(
     are covered.
     """
     base = bounder.domain.base
+    if grid is not None:
+        sentences = [f"{message.strip().rstrip('.')}.", about(bounder, grid), numbers, _placed(bounder)]
+        message = " ".join(filter(None, sentences))
     return Certificate(
         kind=kind,
         query=bounder.query_kind,
@@ -189,7 +192,7 @@ def document(
         indicator="" if grid is None else grid.digest,
         cells=len(grid.occupied) if isinstance(grid, Grid) else 0,
         counterexample=None if counterexample is None else [float(c) for c in counterexample],
-        message=message if grid is None else _reported(bounder, grid, message, numbers),
+        message=message,
         object=None if grid is None else grid.name,
         margin=None if grid is None else float(grid.margin),
         length=bounder.domain.length,
@@ -197,12 +200,6 @@ def document(
         placement=None if grid is None else placement_allowance(bounder.domain).tolist(),
         **more,
     )
-
-
-def _reported(bounder: Subject, grid: Shape, message: str, numbers: str) -> str:
-    """A message, with what it is about."""
-    sentences = [f"{message.strip().rstrip('.')}.", about(bounder, grid), numbers, _placed(bounder)]
-    return " ".join(filter(None, sentences))
 
 
 def about(bounder: Subject, grid: Shape) -> str:
@@ -223,17 +220,13 @@ def _placed(bounder: Subject) -> str:
         return "Beyond limits of joints the answer is maybe."
     if not bounder.domain.base.delta.any():  # nothing is left for a placement
         return "Queries are in the object's own coordinates."
-    return f"An xform= or scale= that rounds a query by more than {least_allowance(bounder):.2g} is refused."
+    least = float(placement_allowance(bounder.domain)[int(bounder.domain.time) :].min())
+    return f"An xform= or scale= that rounds a query by more than {least:.2g} is refused."
 
 
 def shown(value: float, digits: int = 6) -> str:
     """A number for people: what lies nearer to 0 than normal float32 numbers is 0."""
     return f"{value if abs(value) >= np.finfo(np.float32).tiny else 0.0:.{digits}g}"
-
-
-def least_allowance(bounder: Subject) -> float:
-    """By how much ``xform=`` and ``scale=`` may round a query on every axis of space, object units."""
-    return float(placement_allowance(bounder.domain)[int(bounder.domain.time) :].min())
 
 
 ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part
