@@ -521,12 +521,9 @@ def info(file: BounderFile) -> tuple:
     found |= {"side": SIDES[domain.unbounded], "length": domain.length, "threshold": float(bounder.threshold)}
     found |= {} if isinstance(bounder, Voxels) else bounder.sizes
     found |= {name: bounder.info.get(name) for name in kept} | {"statement": words}
-    side = " from the inside" if domain.unbounded else ""
-    kind = f"{bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
-    sizes = textwrap.shorten(
-        ", ".join(f"{key} {value}" for key, value in bounder.sizes.items()), 90, placeholder=" ..."
-    )
-    rows = {"method": f"{bounder.method}, {kind}", "sizes": sizes, "tightness": bounder.tightness} | words
+    sizes = ", ".join(f"{key} {value}" for key, value in bounder.sizes.items())
+    sizes = textwrap.shorten(sizes, 90, placeholder=" ...")
+    rows = {"method": words["method"], "sizes": sizes, "tightness": bounder.tightness} | words
     rows |= {} if certificate else {"threshold": f"{float(bounder.threshold):.9g}"}
     indent = 2 + max(map(len, rows))
     lines = (f"{key:{indent}}{value}" for key, value in rows.items() if value)

@@ -146,6 +146,7 @@ class Subject(Protocol):
     frame: Frame | None
     query_kind: str
     ndim: int
+    nbytes: int
     provable: bool
     parts: Sequence["Subject"]
 
@@ -224,9 +225,9 @@ def _placed(bounder: Subject) -> str:
     return f"An xform= or scale= that rounds a query by more than {least:.2g} is refused."
 
 
-def shown(value: float, digits: int = 6) -> str:
+def shown(value: float) -> str:
     """A number for people: what lies nearer to 0 than normal float32 numbers is 0."""
-    return f"{value if abs(value) >= np.finfo(np.float32).tiny else 0.0:.{digits}g}"
+    return f"{value if abs(value) >= np.finfo(np.float32).tiny else 0.0:.6g}"
 
 
 ORDER = ("refuted", "undecided", "statistical", "proven")  # a conjunction is known no better than its worst part

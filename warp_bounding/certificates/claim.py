@@ -76,8 +76,10 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
         ``OUTSIDE`` if all but the domain agrees: then points of the shape out there may refute the claim.
     """
     domain = bounder.domain
-    if other := _other_dimension(bounder, shape):
-        return other
+    sides = ((shape.ndim, shape.time), (bounder.ndim, domain.time))
+    if sides[0] != sides[1]:
+        kinds = [f"{n}D" + (", animated" if t else "") for n, t in sides]
+        return f"the shape is {kinds[0]}, the bounder {kinds[1]}"
     if shape.unbounded != domain.unbounded:
         sides = SIDES[domain.unbounded], SIDES[shape.unbounded]
         return f"the bounder holds an object from the {sides[0]}, the shape is one from the {sides[1]}"
@@ -104,13 +106,6 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
     return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)
 
 
-def _other_dimension(bounder: Subject, shape: Shape) -> str | None:
-    """How a shape's dimension, or its having a time, differs from the bounder's; ``None`` where it does not."""
-    sides = ((shape.ndim, shape.time), (bounder.ndim, bounder.domain.time))
-    kinds = [f"{n}D" + (", animated" if t else "") for n, t in sides]
-    return None if sides[0] == sides[1] else f"the shape is {kinds[0]}, the bounder {kinds[1]}"
-
-
 def _other_times(bounder: Subject, shape: Shape) -> str | None:
     """Times are denied only where the object is known, and a distance knows how fast that moves.
 
@@ -133,16 +128,11 @@ def _reaches_outside(bounder: Subject, shape: Shape) -> bool:
     domain = bounder.domain.base
     if domain.unbounded:  # all that the domain's limit lets through is searched, and the rest is maybe
         return False
-    for axis in range(shape.ndim):
-        for side, beyond in ((0, shape.lower < domain.lower), (1, shape.upper > domain.upper)):
-            if beyond[axis]:
-                lower, upper = shape.lower[None].copy(), shape.upper[None].copy()
-                if side:
-                    lower[0, axis] = domain.upper[axis]
-                else:
-                    upper[0, axis] = domain.lower[axis]
-                if not shape.empty(lower, upper)[0]:
-                    return True
+    for side, axis in np.argwhere([shape.lower < domain.lower, shape.upper > domain.upper]):
+        beyond = np.array([shape.lower, shape.upper])
+        beyond[1 - side, axis] = (domain.lower, domain.upper)[side][axis]
+        if not shape.empty(*beyond[:, None])[0]:
+            return True
     return False
 
 

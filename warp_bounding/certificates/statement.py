@@ -25,7 +25,10 @@ def statement(bounder: Subject) -> dict[str, str]:
     Args:
         bounder: Any bounder, with or without a certificate.
     """
-    certificate, info, words = bounder.certificate, bounder.info, {}
+    certificate, info = bounder.certificate, bounder.info
+    side = ", from the inside" if bounder.domain.unbounded else ""
+    kind = f"{bounder.ndim}D {bounder.query_kind} queries{side}"
+    words = {"method": f"{bounder.method}, {kind}, {bounder.nbytes:,} bytes"}
     if certificate is not None:
         known = "what is proven" if certificate.proven else "what is known"
         words["certificate"] = certificate.kind if certificate.proven else f"{certificate.kind}, not proven"

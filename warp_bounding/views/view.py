@@ -16,7 +16,7 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
-from warp_bounding.certificates.statement import NOT_CONSERVATIVE
+from warp_bounding.certificates.statement import statement
 from warp_bounding.errors import BoundingError, QueryError
 from warp_bounding.evaluation import PROTOCOLS, judge_of, judge_of_points
 from warp_bounding.queries.box import BOX
@@ -310,16 +310,10 @@ def _check(bounder, shape: Shape, radii: Sequence[float], times: Sequence[float]
 
 def _facts(bounder: Bounder, shape: Shape, indicator: str, held: Mapping[int, float]) -> dict[str, str]:
     """What is known of a bounder, in the words that stand beside a picture of it."""
-    side = ", from the inside" if bounder.domain.unbounded else ""
-    bounds = f"{bounder.method}, {bounder.ndim}D {bounder.query_kind} queries{side}, {bounder.nbytes:,} bytes"
-    unknown = "None: nothing is known of its false negatives." if bounder.conservative else NOT_CONSERVATIVE
-    facts = {"Bounder": bounds, "Certificate": unknown if bounder.certificate is None else bounder.certificate.message}
-    fitted, margin = bounder.info.get("indicator") or "unknown", bounder.info.get("margin")
+    facts, fitted = statement(bounder), bounder.info.get("indicator") or "unknown"
     if indicator != fitted:
         digests = f"SHA-256 {indicator[:16]}, that of the fit {fitted[:16]}"
-        facts["Another shape"] = f"{shape.name} is not the shape that the bounder was fitted to: {digests}."
-    if margin:
-        facts["Margin"] = f"The bound holds the object dilated by {margin:g} (object units)."
+        facts["another shape"] = f"{shape.name} is not the shape that the bounder was fitted to: {digests}"
     if held:
-        facts["Held"] = ", ".join(f"coordinate {axis} at {value:g}" for axis, value in held.items())
+        facts["held"] = ", ".join(f"coordinate {axis} at {value:g}" for axis, value in held.items())
     return facts
