@@ -9,24 +9,26 @@ import hashlib
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import safetensors
 import safetensors.numpy
 
-from warp_bounding.certificates import Subject
 from warp_bounding.errors import FileFormatError
 from warp_bounding.queries.region_domain import SPACE
 from warp_bounding.runtime.whole_file import BOUNDER, write_whole
 from warp_bounding.version import __version__
+
+if TYPE_CHECKING:
+    from warp_bounding.bounders.bounder import Bounder
 
 FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
 KEY = "warp_bounding"
 INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "shape", "seed", "note", "training", "rates")
 
 
-def save(bounder: Subject, path: str | os.PathLike) -> None:
+def save(bounder: "Bounder", path: str | os.PathLike) -> None:
     """Write a bounder; see ``Bounder.save``."""
     document = {
         "format": 1 if bounder.frame is None else FRAMED,

@@ -1,19 +1,18 @@
 """What is known about a bounder, as a document: what was proven, over which set and in which arithmetic."""
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from math import expm1, log1p
-from typing import Any, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from warp_bounding.errors import FileFormatError
-from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.placement import placement_allowance
-from warp_bounding.queries.region_domain import RegionDomain
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.recentred import Frame
 from warp_bounding.shapes.shape import Shape
+
+if TYPE_CHECKING:
+    from warp_bounding.bounders.bounder import Bounder
 
 ARITHMETIC = (
     "float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
@@ -131,34 +130,11 @@ class Certificate:
         return cls(**values)
 
 
-class Subject(Protocol):
-    """A bounder as certificates and files see it, without its method; every ``Bounder`` is one."""
-
-    method: str
-    conservative: bool
-    composed: bool
-    domain: Domain | RegionDomain
-    tensors: dict[str, np.ndarray]
-    sizes: dict[str, Any]
-    threshold: np.float32
-    certificate: Certificate | None
-    info: dict[str, Any]
-    frame: Frame | None
-    query_kind: str
-    ndim: int
-    nbytes: int
-    provable: bool
-    parts: Sequence["Subject"]
-
-    def rounding_bound(self) -> float:
-        """See ``Bounder``."""
-
-
 COMPOSED = 1.0  # f of a union where it says *maybe*
 
 
 def document(
-    bounder: Subject,
+    bounder: "Bounder",
     grid: Shape | None,
     kind: str,
     threshold: float,
@@ -203,7 +179,7 @@ def document(
     )
 
 
-def about(bounder: Subject, grid: Shape) -> str:
+def about(bounder: "Bounder", grid: Shape) -> str:
     """What a certificate is about, in words: object, margin, cells, length of rays, and restrictions."""
     words = [grid.name, f"dilated by {float(grid.margin)} of its own units" if grid.margin else "not dilated"]
     if isinstance(grid, Grid):
@@ -215,7 +191,7 @@ def about(bounder: Subject, grid: Shape) -> str:
     return f"Object: {', '.join(words)}{restricted}.{rays}"
 
 
-def _placed(bounder: Subject) -> str:
+def _placed(bounder: "Bounder") -> str:
     """Which placements are covered."""
     if bounder.domain.joints is not None:
         return "Beyond limits of joints the answer is maybe."
@@ -256,7 +232,7 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
     )
 
 
-def together(bounder: Subject, certificates: list[Certificate], indicator: str) -> Certificate:
+def together(bounder: "Bounder", certificates: list[Certificate], indicator: str) -> Certificate:
     """What is known of a bounder whose ``obligations`` for the object of this digest these certificates are about.
 
     A chain of tests has the threshold of its last part; what ends in a union has one of its own.

@@ -10,12 +10,12 @@ A file's digest detects damage, and ``check_claims`` detects careless edits by s
 claim that adds up passes, and only ``certify`` finds it out.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from warp_bounding import shapes
-from warp_bounding.certificates import Certificate, Subject
+from warp_bounding.certificates import Certificate
 from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.queries.distance import DISTANCE, METRICS, in_metric
 from warp_bounding.rounding import round_down
@@ -24,13 +24,16 @@ from warp_bounding.shapes.parts import SIDES, Complement, outside_of
 from warp_bounding.shapes.recentred import Frame, own_coordinates, parted
 from warp_bounding.shapes.shape import Shape
 
+if TYPE_CHECKING:
+    from warp_bounding.bounders.bounder import Bounder
+
 OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
 
 
 # --- a bounder and a shape -------------------------------------------------------------------------------------------
 
 
-def in_local(bounder: Subject, shape) -> tuple:
+def in_local(bounder: "Bounder", shape) -> tuple:
     """A bounder and its shape, both in local coordinates.
 
     Raises:
@@ -47,7 +50,7 @@ def _framed(frame: Frame | None) -> str:
     return "none" if frame is None else f"{list(frame.origin)} (blur {max(frame.blur):.3g})"
 
 
-def of_side(bounder: Subject, shape) -> Shape:
+def of_side(bounder: "Bounder", shape) -> Shape:
     """The shape that is given, in a distance's metric; its complement where the bounder is about that."""
     shape = own_coordinates(shapes.load_shape(shape), "this")
     bounder.expect_local("this")
@@ -56,7 +59,7 @@ def of_side(bounder: Subject, shape) -> Shape:
     return Complement(shape) if bounder.domain.unbounded and not shape.unbounded else shape
 
 
-def as_fitted(bounder: Subject, shape) -> Shape:
+def as_fitted(bounder: "Bounder", shape) -> Shape:
     """What the fit bounded: the shape dilated by the bounder's margin, or its cells where these were bounded."""
     shape, margin = of_side(bounder, shape), bounder.info.get("margin") or 0.0
     resolution = bounder.info.get("resolution")
@@ -65,7 +68,7 @@ def as_fitted(bounder: Subject, shape) -> Shape:
     return shape.to_grid(resolution=resolution, margin=margin)
 
 
-def mismatch(bounder: Subject, shape: Shape) -> str | None:
+def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
     """Why a bounder's claim cannot be about a shape, in a few words; ``None`` if it can.
 
     Args:
@@ -106,7 +109,7 @@ def mismatch(bounder: Subject, shape: Shape) -> str | None:
     return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)
 
 
-def _other_times(bounder: Subject, shape: Shape) -> str | None:
+def _other_times(bounder: "Bounder", shape: Shape) -> str | None:
     """Times are denied only where the object is known, and a distance knows how fast that moves.
 
     Its domain's corners are these times: ``fault`` checks its ``limit`` against them.
@@ -121,7 +124,7 @@ def _other_times(bounder: Subject, shape: Shape) -> str | None:
     return None
 
 
-def _reaches_outside(bounder: Subject, shape: Shape) -> bool:
+def _reaches_outside(bounder: "Bounder", shape: Shape) -> bool:
     """Whether a shape may have points outside the bounder's domain."""
     if isinstance(shape, Grid):
         return len(outside(bounder, shape)) > 0
@@ -136,7 +139,7 @@ def _reaches_outside(bounder: Subject, shape: Shape) -> bool:
     return False
 
 
-def outside(bounder: Subject, grid: Grid) -> np.ndarray:
+def outside(bounder: "Bounder", grid: Grid) -> np.ndarray:
     """The occupied cells that reach outside the bounder's domain."""
     domain, cells = bounder.domain.base, grid.occupied
     lower, upper = grid.position(cells - 0.5), grid.position(cells + 0.5)
@@ -146,7 +149,7 @@ def outside(bounder: Subject, grid: Grid) -> np.ndarray:
 # --- a bounder and what is expected of it, or another one ------------------------------------------------------------
 
 
-def other_claim(bounder: Subject, expected: dict[str, str | float | None]) -> str | None:
+def other_claim(bounder: "Bounder", expected: dict[str, str | float | None]) -> str | None:
     """How a bounder's claim differs from what is expected of it, or ``None``; an expected ``None`` is not compared."""
     claimed = {
         "query": bounder.query_kind,
@@ -161,7 +164,7 @@ def other_claim(bounder: Subject, expected: dict[str, str | float | None]) -> st
     return None
 
 
-def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", "resolution")) -> str | None:
+def differing(one: "Bounder", other: "Bounder", names: tuple[str, ...] = ("margin", "resolution")) -> str | None:
     """How the objects of two bounders differ, in a few words; ``None`` if both are about the same.
 
     Args:
@@ -186,7 +189,7 @@ def differing(one: Subject, other: Subject, names: tuple[str, ...] = ("margin", 
     return None if objects[0] == objects[1] else f"different shapes, of digests {short[0]}... and {short[1]}..."
 
 
-def object_of(bounder: Subject) -> str | None:
+def object_of(bounder: "Bounder") -> str | None:
     """The digest of the geometry that is bounded, without margin and cells; ``None`` where that is not known."""
     if reported := bounder.info.get("shape"):
         return reported
@@ -195,7 +198,7 @@ def object_of(bounder: Subject) -> str | None:
     return _reported(bounder, "indicator") if undivided else None
 
 
-def _reported(bounder: Subject, name: str):
+def _reported(bounder: "Bounder", name: str):
     """What a bounder says of its object: in its ``info``, or without one in its certificate."""
     if (reported := bounder.info.get(name)) is None and bounder.certificate is not None:
         reported = getattr(bounder.certificate, name, None)
@@ -209,7 +212,7 @@ KINDS = ("proven", "statistical", "refuted", "undecided", "inapplicable")
 LEAST_ERROR = 0.5  # of E as this version computes it: other versions may bound E otherwise, but not by less than half
 
 
-def check_claims(bounder: Subject, certificate: Certificate, document: dict[str, Any]) -> None:
+def check_claims(bounder: "Bounder", certificate: Certificate, document: dict[str, Any]) -> None:
     """Refuse a certificate that is about something else than the file, or whose threshold is not what it proves.
 
     Args:

@@ -5,13 +5,17 @@ certificate's or the domain's.
 """
 
 from math import floor, log10
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warp_bounding.certificates import Certificate, Subject
+from warp_bounding.certificates import Certificate
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.shapes.joints import TURNS
+
+if TYPE_CHECKING:
+    from warp_bounding.bounders.bounder import Bounder
 
 __all__ = ["NOT_CONSERVATIVE", "statement"]
 
@@ -19,7 +23,7 @@ NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, an
 DIGITS = 4  # of the size of a box, to which its corners are printed
 
 
-def statement(bounder: Subject) -> dict[str, str]:
+def statement(bounder: "Bounder") -> dict[str, str]:
     """What is known of a bounder, by heading, in the order in which it is to be read.
 
     Args:
@@ -52,7 +56,7 @@ def statement(bounder: Subject) -> dict[str, str]:
     return words
 
 
-def _corners(domain: Subject) -> str:
+def _corners(domain) -> str:
     """Both corners of a domain, as finely as its sides are long: what is negligible next to a side is 0."""
     lower, upper = np.asarray(domain.lower, dtype=np.float64), np.asarray(domain.upper, dtype=np.float64)
     places = [DIGITS - 1 - floor(log10(side)) if side > 0 else DIGITS for side in (upper - lower).tolist()]
@@ -64,7 +68,7 @@ def _corners(domain: Subject) -> str:
     return f"{told(lower)} to {told(upper)} (the object's own coordinates)"
 
 
-def _queries(bounder: Subject) -> str:
+def _queries(bounder: "Bounder") -> str:
     domain, corners = bounder.domain, _corners(bounder.domain)
     if bounder.query_kind == DISTANCE.name:
         return f"every float32 point, inside the domain, {corners}, or outside; NaN and infinity have distance 0"
@@ -80,12 +84,12 @@ def _queries(bounder: Subject) -> str:
     return f"{every}; only its part inside the domain counts, {corners}"
 
 
-def _without_cells(bounder: Subject) -> bool:
+def _without_cells(bounder: "Bounder") -> bool:
     """Whether the bounder is of a shape itself; what was made without ``fit`` says nothing of it."""
     return "grid_shape" in bounder.info and bounder.info["grid_shape"] is None
 
 
-def _object(bounder: Subject, certificate: Certificate | None) -> str:
+def _object(bounder: "Bounder", certificate: Certificate | None) -> str:
     info, cells = bounder.info, ""
     if not _without_cells(bounder):
         shape = info.get("grid_shape")
@@ -97,7 +101,7 @@ def _object(bounder: Subject, certificate: Certificate | None) -> str:
     return f"{info.get('name') or 'a shape'}{cells}, {dilated}; SHA-256 {digest[:16]}"
 
 
-def _not_proven(bounder: Subject) -> str:
+def _not_proven(bounder: "Bounder") -> str:
     info, far, moves = bounder.info, bounder.query_kind == DISTANCE.name, bounder.domain.time
     if info.get("resolution"):
         what = "anything of the shape but that it lies in these cells (every cell that it or its margin meets is one)"
