@@ -55,9 +55,6 @@ def select(source: str | Callable[[list[int]], list[Object]], columns: str | Non
 
     The first object of every column comes first, and of these what is cheap: all columns show something soon, and what
     an interrupted run shows is the same objects for every method.
-
-    Raises:
-        BoundingError: For a word that names nothing, or if no method can answer any of the columns' queries.
     """
     wanted, variants = select_columns(columns), select_methods(methods, among)
     dimensions = list(dict.fromkeys(c.ndim for c in wanted))
@@ -120,13 +117,7 @@ def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
 
 
 def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
-    """The bounder of a cell: an earlier run's, or fitted and stored; a cascade's last part is its row's, if there.
-
-    Args:
-        folder: Where it is kept.
-        cell: Not a parametric one.
-        settings: ``budget``, ``budgets``, ``seed``, ``length``; ``activation`` and ``device`` if not the defaults.
-    """
+    """The bounder of a cell: an earlier run's, or fitted and stored; a cascade's last part is its row's, if there."""
     path, variant, query = folder.bounder(cell.file), cell.variant, cell.column.kind
     if (bounder := load(path, cell, settings)) is not None:
         return bounder

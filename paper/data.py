@@ -27,11 +27,7 @@ class Object(NamedTuple):
 
 
 def objects_in(data: Path, dimensions: Iterable[int]) -> list[Object]:
-    """Every object of these dimensions in a data folder.
-
-    Raises:
-        ShapeError: If the folder, or a dimension in it, is missing.
-    """
+    """Every object of these dimensions in a data folder; ``ShapeError`` if that, or a dimension in it, is missing."""
     if not data.is_dir():
         raise ShapeError(f"{data}: no such folder; it must hold {', '.join(PATTERNS.values())}")
     found = []
@@ -46,11 +42,7 @@ def objects_in(data: Path, dimensions: Iterable[int]) -> list[Object]:
 
 
 def select_objects(objects: Sequence[Object], text: str | None) -> list[Object]:
-    """The objects that words name: ``bunny`` in every dimension that has it, ``2d/dragon1`` in one; all for ``None``.
-
-    Raises:
-        ShapeError: For a word that names none of them.
-    """
+    """The objects that words name: ``bunny`` in every dimension that has it, ``2d/dragon1`` in one; all for none."""
     if text is None:
         return list(objects)
     chosen: dict[Object, None] = {}
@@ -72,11 +64,7 @@ def usual(objects: Sequence[Object]) -> list[Object]:
 
 @cache
 def grid_of(thing: Object) -> Any:
-    """The cells of an object.
-
-    Raises:
-        ShapeError: If it cannot be read, or is of another dimension.
-    """
+    """The cells of an object; ``ShapeError`` if it cannot be read, or is of another dimension."""
     grid = shapes.load_shape(thing.path)
     if grid.ndim != thing.ndim:
         raise ShapeError(f"{thing.path}: {grid.ndim}D, expected {thing.ndim}D")

@@ -66,18 +66,6 @@ def unpack(value: dict[str, Any]) -> np.ndarray:
     return np.unpackbits(bits, count=int(np.prod(value["shape"]))).reshape(value["shape"]).astype(bool)
 
 
-def pack_numbers(values: np.ndarray) -> dict[str, Any]:
-    """Numbers ``(...)`` as JSON, rounded to float16, for pictures."""
-    small = np.asarray(values, dtype="<f2")
-    return {"shape": list(small.shape), "float16": base64.b64encode(zlib.compress(small.tobytes(), 9)).decode()}
-
-
-def unpack_numbers(value: dict[str, Any]) -> np.ndarray:
-    """Inverse of ``pack_numbers``, as float64."""
-    small = np.frombuffer(zlib.decompress(base64.b64decode(value["float16"])), "<f2")
-    return small.reshape(value["shape"]).astype(np.float64)
-
-
 def picture(png: bytes) -> np.ndarray:
     """``(H, W, 3)`` uint8 of a PNG."""
     from PIL import Image

@@ -17,7 +17,7 @@ import numpy as np
 from paper import results
 from paper.data import PATTERNS, Object, grid_of
 from paper.drawing import packed, raster
-from paper.gallery import FIGURES, RADII
+from paper.gallery import FIGURES
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16
@@ -183,9 +183,6 @@ def facts(parts: dict[str, Any], means: bool = False) -> list[str]:
             rate, denied = (part[key][-1] if isinstance(part[key], list) else part[key] for key in ("fp", "fn"))
             counted = f"{denied:,}" if isinstance(denied, int) else f"{denied:.3f} %"
             lines.append(f"{name} {rate:.2f} %" + (f", FN {counted}" if denied else ""))
-            if "gap" in part:
-                at = (f"{rate:.2f} % at {radius}" for radius, rate in zip(RADII, part["rates"], strict=True))
-                lines[-1] += f" at radius 0, {', '.join(at)}; the gap outside is {part['mean']:.4f} on average"
         elif "occupied" in part:
             lines.append(f"{name} {part['occupied']:g} % occupied")
     found = [

@@ -408,74 +408,6 @@ def sides(parts):
     return d.grid([row], svg=False, inch=2.4)
 
 
-# --- distances: how far below the true distance a proven one is, and how far outside the true offsets its level lines
-
-RADII, LINES = (0.02, 0.05, 0.1, 0.2), ("#0b3c8c", "#1f7fd0", "#39b8d9", "#8fd3c8")  # of level lines
-AROUND, MOST = 0.28, 0.2  # of what is shown around an object's domain; the largest gap that colours tell apart
-
-
-def distances_parts(work, labels):
-    def points_of(grid) -> np.ndarray:
-        middle, longest = (grid.lower + grid.upper) / 2, (grid.upper - grid.lower).max()
-        points = middle + (raster(grid, 160).astype(np.float64) - middle) * (1 + 2 * AROUND / longest)
-        return points.astype(np.float32)
-
-    def most(grid, points) -> np.ndarray:
-        """Certified upper bounds of the distance at the points of a raster, exact up to float64 rounding."""
-        return grid.distances(points.reshape(-1, 2))[:, 1].reshape(points.shape[:-1])
-
-    def truth(label: str) -> dict:
-        grid = work.shape(label)
-        points = points_of(grid)
-        return {"inside": packed(grid, points), "distance": d.pack_numbers(most(grid, points))}
-
-    def bounded(label: str) -> dict:
-        """What the network is, how tight at each radius, and the gap at the points of a raster."""
-        from warp_bounding.evaluation import evaluate
-
-        grid, s = work.shape(label), work.settings
-        bounder = work.fit(grid, work.choose(40, 6), "distance", method="mlp", hidden=(16, 16))
-        reported, rates, points = work.rates(bounder, grid), [], points_of(grid)
-        for radius in RADII:
-            found = evaluate(bounder, grid, s["samples"], seed=s["seed"] + 1, radius=radius)
-            rates.append(round(float(found.fp_rate), 4))
-            reported["fn"] += int(found.fn)
-        truth = most(grid, points)
-        gap = truth - bounder.distance(points.reshape(-1, 2)).numpy().reshape(truth.shape).astype(np.float64)
-        outside, corner, side = gap[truth > 0], points[0, 0], points[-1, -1] - points[0, 0]
-        reported["box"] = [((end - corner) / side).tolist() for end in (bounder.domain.lower, bounder.domain.upper)]
-        reported |= {"slack": bounder.slack, "mean": outside.mean(), "least": outside.min(), "most": outside.max()}
-        return reported | {"rates": rates, "gap": d.pack_numbers(gap)}
-
-    steps = (("", truth), (" mlp", bounded))
-    return {f"{label}{name}": partial(work_of, label) for label in labels for name, work_of in steps}
-
-
-def distances(parts):
-    from matplotlib.colors import PowerNorm
-    from matplotlib.patches import Rectangle
-
-    extent, labels = (0.0, 1.0, 0.0, 1.0), labels_of(parts)
-    lines = {"extent": extent, "origin": "upper", "levels": RADII, "colors": LINES}
-
-    def plot(label: str, axes) -> None:
-        truth, own = parts[label], parts[f"{label} mlp"]
-        distance, gap = d.unpack_numbers(truth["distance"]), d.unpack_numbers(own["gap"])
-        image = axes.imshow(d.upright(gap), cmap="YlOrRd", norm=PowerNorm(0.5, 0, MOST), extent=extent)
-        axes.contour(d.upright(distance - gap), linewidths=2, **lines)
-        axes.contour(d.upright(distance), linewidths=0.8, **lines)
-        body = {"extent": extent, "origin": "upper", "levels": [0.5, 1.5], "colors": [d.OBJECT]}
-        axes.contourf(d.upright(unpack(truth["inside"])), **body)
-        low, high = np.array(own["box"])
-        axes.add_patch(Rectangle(low, *(high - low), fill=False, ls="--", lw=0.8, ec=d.INK))
-        axes.set(xticks=[], yticks=[], title=label)
-        axes.set_xlabel(f"{own['nbytes']:,} bytes, slack {own['slack']:.2g}, mean gap {own['mean']:.4f}")
-        if label == labels[-1]:
-            axes.figure.colorbar(image, ax=axes, extend="max", shrink=0.8, label="true distance - bound")
-
-    return d.grid([[partial(plot, label) for label in labels]], inch=4.2)
-
-
 # --- digits, a generative model, bounded before it is run; and applications: four demos, with and without a proof
 
 DEMOS = {  # the picture that a demo draws, the share of its height that is shown, and what is said of it
@@ -552,7 +484,6 @@ FIGURES = {
     "complexity": Figure(complexity_parts, complexity, BY_SIZE, means=True),
     "hierarchy": Figure(hierarchy_parts, hierarchy),
     "inside-and-outside": Figure(sides_parts, sides, ("2d/star1", "2d/dragon2", "3d/bunny", "3d/teapot")),
-    "distances": Figure(distances_parts, distances, ("2d/star1", "2d/bunny")),
     "digits": Figure(digits_parts, digits),
     "applications": Figure(applications_parts, applications),
 }

@@ -86,26 +86,13 @@ class Folder:
         return text
 
 
-def opened(
-    path: Path,
-    name: str,
-    columns: Sequence[str],
-    defaults: dict[str, Any],
-    given: Mapping[str, Any],
-    create: bool = True,
-) -> Folder:
-    """Read a folder's settings and rows, or begin it.
+def opened(path: Path, name: str, columns: Sequence[str], defaults: dict[str, Any], given: Mapping[str, Any],
+           create: bool = True) -> Folder:  # fmt: skip
+    """Read a folder's settings and rows, or begin it, if that is allowed (``create``).
 
-    Args:
-        path: The folder.
-        name: Of the command whose folder it is, and of its CSV.
-        columns: Of the CSV; none where the command keeps its results in other files.
-        defaults: All settings, with the values that they have where nothing is said.
-        given: Settings that were requested; the others (``None``) are those of the folder, or the defaults.
-        create: Whether to begin a folder where there is none.
-
-    Raises:
-        BoundingError: If it is not such a folder, damaged, of other settings, or cannot be written to.
+    The name is that of the command, and of its CSV, if that has columns. Settings that are not ``given`` (or ``None``)
+    are those of the folder, or the defaults. Raises ``BoundingError`` if it is not such a folder, damaged, of other
+    settings, or cannot be written to.
     """
     given = {key: value for key, value in given.items() if value is not None}
     wanted = checked(defaults | given)
@@ -150,11 +137,7 @@ def _write_settings(path: Path, settings: dict[str, Any], commands: list[str]) -
 
 
 def read_rows(table: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
-    """The rows of a CSV, without one at its end that an interruption tore; none where there is no file.
-
-    Raises:
-        FileFormatError: If it is not such a table, or damaged.
-    """
+    """The rows of a CSV, without one at its end that an interruption tore; none where there is no file."""
     text = table.read_text() if table.exists() else ""
     rows = csv.DictReader(io.StringIO(text[: text.rfind("\n") + 1]))
     if rows.fieldnames not in (None, list(columns)):
@@ -162,9 +145,8 @@ def read_rows(table: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     try:
         return [{name: row[name] if name in TEXT else _number(row[name]) for name in columns} for row in rows]
     except ValueError as error:
-        raise FileFormatError(
-            f"{table}: line {rows.line_num} is damaged; delete it and it is measured again"
-        ) from error
+        where = f"{table}: line {rows.line_num}"
+        raise FileFormatError(f"{where} is damaged; delete it and it is measured again") from error
 
 
 def _number(text: str | None) -> float | int | None:
@@ -191,19 +173,10 @@ def finished(bounder: Any) -> Any:
 
 
 def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], title: Callable[[Any], str]) -> bool:
-    """Do all cells; one that fails is told and the others go on. An interruption is never taken for a result.
+    """Do all cells, and tell whether all were done; one that fails is told and the others go on.
 
-    Args:
-        folder: Where the results go.
-        cells: What is missing.
-        measure: Does one; returns what it has found, in a line for people.
-        title: Of a cell, for people.
-
-    Returns:
-        Whether everything was done.
-
-    Raises:
-        FileFormatError: If a result cannot be written: it is no use going on then.
+    ``measure`` does one and returns what it has found, in a line for people. An interruption is never taken for a
+    result; a result that cannot be written ends the run.
     """
     try:
         for number, cell in enumerate(cells, start=1):

@@ -156,11 +156,7 @@ def device_name(alias: str) -> str:
 
 
 def break_even(time: float, rate: float, other_time: float, other_rate: float) -> tuple[float, float]:
-    """Eq. 6, ``time + rate t < other_time + other_rate t``: a method pays where a test of the geometry costs t.
-
-    Returns:
-        The price above which it pays, and the one below which it does, in the unit of the times of a query.
-    """
+    """Prices t between which a method pays, Eq. 6: ``time + rate t < other_time + other_rate t``."""
     if rate == other_rate:
         return 0.0, math.inf if time < other_time else 0.0
     price = max((time - other_time) / (other_rate - rate), 0.0)

@@ -89,14 +89,7 @@ def _paper() -> dict[str, dict[str, dict[Column, float]]]:
 
 PAPER = _paper()
 EXACT = ("voxels",)  # on its own grid, at the price of its memory
-NETWORKS = (
-    "mlp",
-    "mlp-early",
-    LOCAL,
-    TREE,
-    "learned-kdop+mlp",
-    DISTANCE,
-)  # compared with the paper's best
+NETWORKS = ("mlp", "mlp-early", LOCAL, TREE, "learned-kdop+mlp", DISTANCE)  # compared with the paper's best
 ROWS = (*PAPER["fp_rate"], *NETWORKS[2:], "occupancy", *EXACT)  # methods, in the table's order
 
 
@@ -206,10 +199,7 @@ def select_columns(text: str | None) -> list[Column]:
 
 
 def select_methods(text: str | None, among: Sequence[Variant] = VARIANTS) -> list[Variant]:
-    """The rows that names of methods stand for; all for ``None``.
-
-    Raises ``BounderError`` for a name that is not ``among`` these.
-    """
+    """The rows that names of methods stand for, among these; all for ``None``."""
     words, names = words_of(text), list(dict.fromkeys(v.name for v in among))
     for word in words or ():
         if word not in names:
@@ -220,8 +210,7 @@ def select_methods(text: str | None, among: Sequence[Variant] = VARIANTS) -> lis
 def budgets_in(text: str, default: float) -> dict[str, Any]:
     """The settings ``budget`` and ``budgets`` from ``--budget``: seconds of learned fits, for some columns or methods.
 
-    Such as ``20,3d=40,3d-ray:mlp=240``: of all words that name a fit's column or method, the last one counts. Raises
-    ``BounderError`` with the word that makes no sense.
+    Such as ``20,3d=40,3d-ray:mlp=240``: of all words that name a fit's column or method, the last one counts.
     """
     general, parts = [], []
     for word in words_of(text):

@@ -71,21 +71,11 @@ def made() -> dict:
     return names | {"np": np, "wp": wp, "wb": wb, "stress_test": stress_test, "__name__": __name__}
 
 
-def link(name: str) -> str:
-    """Of a robot: a ball."""
-    return f'<link name="{name}"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
-
-
-def joint(name: str, parent: str, child: str) -> str:
-    """Of a robot: a hinge."""
-    between = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="0.5 0 0"/><axis xyz="0 0 1"/>'
-    return (
-        f'<joint name="{name}" type="revolute">{between}<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
-    )
-
-
-ROBOT = [link("base"), link("upper"), link("lower"), link("hand"), joint("shoulder", "base", "upper")]
-ROBOT += [joint("elbow", "upper", "lower"), joint("finger", "lower", "hand")]
+BALL = '<link name="{}"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
+HINGE = '<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/><origin xyz="0.5 0 0"/>'
+HINGE += '<axis xyz="0 0 1"/><limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+JOINTS = (("shoulder", "base", "upper"), ("elbow", "upper", "lower"), ("finger", "lower", "hand"))
+ROBOT = [*map(BALL.format, ("base", "upper", "lower", "hand")), *(HINGE.format(*names) for names in JOINTS)]
 
 
 def run(text: str, name: str, made: dict) -> None:

@@ -7,7 +7,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-import torch
 from bounding_shapes import fitted
 from distances import far, thing
 from shape_kinds import KINDS
@@ -104,15 +103,9 @@ def star(x: np.ndarray) -> np.ndarray:
     return np.hypot(x[:, 0], x[:, 1]) <= 0.7 + 0.2 * np.sin(5 * np.arctan2(x[:, 1], x[:, 0]))
 
 
-def _network() -> wb.shapes.Network:
-    layers = torch.nn.Sequential(torch.nn.Linear(2, 8), torch.nn.ReLU(), torch.nn.Linear(8, 1))
-    return wb.shapes.Network(layers, [-1, -1], [1, 1])
-
-
 LEFT_OUT = "steep function", "short function", "motion"  # lambdas; costs ten times what the open motion does
 SHAPES = {name: make for name, make in KINDS.items() if name not in LEFT_OUT}
 SHAPES |= {
-    "network": cache(_network),
     "dilated mesh": lambda: KINDS["mesh"]().dilated(0.1),
     "points alone": lambda: wb.shapes.Function(star, [-1, -1], [1, 1]),
 }

@@ -20,21 +20,12 @@ DOUBLES = st.floats(allow_nan=False, allow_infinity=False)
 
 @settings(deadline=None, max_examples=300)
 @given(DOUBLES)
-def test_round_down_is_the_largest_float32_below(value):
-    below = round_down(value)[()]
-    assert below.dtype == F32
-    assert float(below) <= value
+def test_a_number_is_rounded_to_its_nearest_float32_below_and_above(value):
+    below, above = round_down(value)[()], round_up(value)[()]
+    assert below.dtype == above.dtype == F32
+    assert float(below) <= value <= float(above)
     with np.errstate(over="ignore"):
-        assert float(np.nextafter(below, F32(np.inf))) > value
-
-
-@settings(deadline=None, max_examples=300)
-@given(DOUBLES)
-def test_round_up_is_the_smallest_float32_above(value):
-    above = round_up(value)[()]
-    assert float(above) >= value
-    with np.errstate(over="ignore"):
-        assert float(np.nextafter(above, F32(-np.inf))) < value
+        assert float(np.nextafter(below, F32(np.inf))) > value > float(np.nextafter(above, F32(-np.inf)))
 
 
 @given(st.floats(width=32, allow_nan=False, allow_infinity=False))

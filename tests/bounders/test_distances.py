@@ -13,7 +13,7 @@ from plain_shapes import box_of
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
 from warp_bounding.bounders.distance_grid import STORAGES, DistanceGrid
-from warp_bounding.errors import BounderError, FileFormatError, QueryError, ShapeError
+from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.proof import stress_test
 from warp_bounding.proof.distances import excesses, largest_overestimate
 from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
@@ -162,25 +162,6 @@ def test_what_only_touches_the_objects_box_is_not_cut_off(method, rng):
     assert (bounder.rays(np.concatenate([one, d], axis=1), length=2.1 * np.abs(way) + 1e-6)[0].numpy() == 1).all()
 
 
-def test_times_of_contact():
-    bounder = far("aabb", "tetrahedron")
-    low, high = bounder.domain.lower, bounder.domain.upper
-    middle = (low + high) / 2
-    start = middle - [5 + (high - low)[0] / 2, 0, 0]
-    for radius, expected in ((0.0, 0.5), (1.0, 0.4)):
-        end = start + np.array([10.0, 0, 0])
-        maybe, t = bounder.segments(start[None].astype(np.float32), end[None].astype(np.float32), radius)
-        assert maybe.numpy()[0] == 1
-        assert expected - 1e-3 < t.numpy()[0] <= expected
-    maybe, t = bounder.segments(
-        start[None].astype(np.float32), start[None].astype(np.float32), 4.9
-    )  # of no length: a point
-    assert (maybe.numpy()[0], t.numpy()[0]) == (0, 1.0)
-    maybe, t = bounder.segments(start[None].astype(np.float32), start[None].astype(np.float32), 5.1)
-    assert (maybe.numpy()[0], t.numpy()[0]) == (1, 0.0)
-    assert bounder.segments(start[None].astype(np.float32), middle[None].astype(np.float32), steps=1)[0].numpy()[0] == 1
-
-
 def test_radii_of_their_own(rng):
     bounder, x = far("kdop", "blob"), points_around(thing("blob"), 500, rng)
     radius, g = rng.uniform(0, 1, len(x)), bounder.distance(x).numpy()
@@ -190,6 +171,10 @@ def test_radii_of_their_own(rng):
     assert bounder.query(x, radius=g).numpy().all()  # g > g is false
     indices, count = bounder.candidates(x, 0.25)
     assert (np.flatnonzero(~(g > 0.25)) == indices.numpy()[: int(count.numpy()[0])]).all()
+    still, t = (part.numpy() for part in bounder.segments(x, x, radius))  # of no length: points
+    assert not still[g > radius + 1e-6].any()
+    assert still[thing("blob").contains(x)].all()
+    assert (t == np.where(still, 0.0, 1.0)).all()
     many = bounder.segments(x[:-1], x[1:], radius[1:])[0].numpy()
     one = [bounder.segments(x[i : i + 1], x[i + 1 : i + 2], radius[i + 1])[0].numpy()[0] for i in range(40)]
     assert (many[:40] == one).all()
@@ -391,40 +376,54 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
 def test_bad_questions():
     bounder, x = far("aabb", "blob"), np.zeros((3, 3), np.float32)
     for radius in (-0.1, np.nan, np.inf, [0.1, 0.2], "wide", None):
-        with pytest.raises(QueryError, match="radius must be"):
-            bounder.query(x, radius)
-        with pytest.raises(QueryError, match="radius must be"):
-            bounder.segments(x, x, radius)
-    for steps in (0, -1, 1.5, True, None):
-        with pytest.raises(QueryError, match="steps must be a whole number of at least 1"):
-            bounder.segments(x, x, steps=steps)
-        with pytest.raises(QueryError, match="steps must be"):
-            bounder.boxes(x, x, steps=steps)
-    with pytest.raises(QueryError, match="as many"):
-        bounder.segments(x, x[:2])
-    with pytest.raises(QueryError, match="length must be"):
-        bounder.rays(np.zeros((3, 6), np.float32), length=-1)
-    with pytest.raises(QueryError, match=r"\(N, 3\)"):
-        bounder.distance(np.zeros((3, 2), np.float32))
-    with pytest.raises(QueryError, match="object space"):
-        bounder.query(x, scale=2.0)
+        for ask in (lambda r: bounder.query(x, r), lambda r: bounder.segments(x, x, r)):
+            with pytest.raises(QueryError, match="radius must be"):
+                ask(radius)
+    for steps in (0, 1.5, True):
+        for ask in (lambda s: bounder.segments(x, x, steps=s), lambda s: bounder.boxes(x, x, steps=s)):
+            with pytest.raises(QueryError, match="steps must be a whole number of at least 1"):
+                ask(steps)
+    for ask, words in (
+        (lambda: bounder.segments(x, x[:2]), "as many"),
+        (lambda: bounder.rays(np.zeros((3, 6), np.float32), length=-1), "length must be"),
+        (lambda: bounder.distance(np.zeros((3, 2), np.float32)), r"\(N, 3\)"),
+        (lambda: bounder.query(x, scale=2.0), "object space"),
+    ):
+        with pytest.raises(QueryError, match=words):
+            ask()
     assert bounder.boxes(x + np.float32(2), x).numpy().all()  # upside down
 
 
 def test_bad_fits():
-    for method in ("voxels", "nothing", "aabb+sphere"):
-        with pytest.raises(BounderError, match="method of a distance must be one of aabb"):
-            wb.fit(thing("c"), "distance", method)
-    with pytest.raises(BounderError, match=r"aabb takes no option 'hidden'; .*aabb takes metric for distances"):
-        wb.fit(thing("c"), "distance", "aabb", hidden=(8,))
-    for name, value in (("length", 2.0), ("side", "inside")):
-        with pytest.raises(BounderError, match=f"{name} is not for distances"):
-            wb.fit(thing("c"), "distance", "aabb", **{name: value})
-    with pytest.raises(QueryError, match="point, ray, plane, box, distance"):
-        wb.fit(thing("c"), "distances", "aabb")
-    inside = wb.shapes.Function(lambda x: (x**2).sum(axis=1) < 1, [-1, -1], [1, 1])
-    with pytest.raises((BounderError, ShapeError), match=r"proven|certifies"):
-        wb.fit(inside, "distance", "aabb")
+    unknown = wb.shapes.Function(
+        lambda x: (x**2).sum(axis=1) < 1,
+        [-1, -1],
+        [1, 1],
+        empty=lambda low, high: (np.maximum(np.maximum(low, -high), 0) ** 2).sum(axis=1) > 1,
+    )
+    for shape, query, method, told, error, words in (
+        *((thing("c"), "distance", m, {}, BounderError, "of a distance must be") for m in ("voxels", "aabb+sphere")),
+        (thing("c"), "distance", "aabb", {"hidden": (8,)}, BounderError, "aabb takes no option 'hidden'"),
+        (thing("c"), "distance", "aabb", {"length": 2.0}, BounderError, "length is not for distances"),
+        (thing("c"), "distance", "aabb", {"side": "inside"}, BounderError, "side is not for distances"),
+        (thing("c"), "distances", "aabb", {}, QueryError, "point, ray, plane, box, distance"),
+        *((thing("c"), "distance", "distance-grid", {"nodes": n}, BounderError, "nodes") for n in (1, 2.5)),
+        (thing("c"), "distance", "distance-grid", {"storage": "float64"}, BounderError, "storage"),
+        (unknown, "distance", "distance-grid", {}, BounderError, "functions with distance= have one"),
+        (wb.shapes.Function(unknown.contains, [-1, -1], [1, 1]), "distance", "aabb", {}, wb.BoundingError, "certifies"),
+    ):
+        with pytest.raises(error, match=words):
+            wb.fit(shape, query, method, **told)
+    bounder, value = far("distance-grid", "c"), np.float16(1e-6)
+    for values in (np.zeros((3, 3, 3), np.float16), np.zeros((1, 5), np.float16), np.full((3, 3), value)):
+        with pytest.raises(BounderError):
+            DistanceGrid(bounder.domain, {"values": values}, bounder.sizes, "cpu")
+    for tensors, sizes, words in (
+        ({"values": np.zeros((3, 3), np.float32)}, {}, "stored"),
+        (bounder.tensors, {"refine": 2}, "no longer read"),
+    ):
+        with pytest.raises(BounderError, match=words):
+            DistanceGrid(bounder.domain, tensors, bounder.sizes | sizes, "cpu")
 
 
 def brute(bounder, x: np.ndarray, count: int = 400_000) -> np.ndarray:
@@ -510,26 +509,3 @@ def test_excesses_hold(rng):
     v = rng.uniform(lower.min(axis=0), upper.max(axis=0), (100_000, 2))
     above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 0] / raised.domain.unit
     assert above.max() <= most <= above.max() + 0.01
-
-
-def test_grids_that_are_refused():
-    grid = thing("c")
-    for option, value in (("nodes", 1), ("nodes", 2.5), ("storage", "float64")):
-        with pytest.raises(BounderError, match=option):
-            wb.fit(grid, "distance", "distance-grid", **{option: value})
-    bounder = far("distance-grid", "c")
-    for values in (np.zeros((3, 3, 3), np.float16), np.zeros((1, 5), np.float16), np.full((3, 3), 1e-6, np.float16)):
-        with pytest.raises(BounderError):
-            DistanceGrid(bounder.domain, {"values": values}, bounder.sizes, "cpu")
-    with pytest.raises(BounderError, match="stored"):
-        DistanceGrid(bounder.domain, {"values": np.zeros((3, 3), np.float32)}, bounder.sizes, "cpu")
-    with pytest.raises(BounderError, match="no longer read"):
-        DistanceGrid(bounder.domain, bounder.tensors, bounder.sizes | {"refine": 2}, "cpu")
-    unknown = wb.shapes.Function(
-        lambda x: (x**2).sum(axis=1) < 1,
-        [-1, -1],
-        [1, 1],
-        empty=lambda low, high: (np.maximum(np.maximum(low, -high), 0) ** 2).sum(axis=1) > 1,
-    )
-    with pytest.raises(BounderError, match="meshes, grids, solids and functions with distance= have one"):
-        wb.fit(unknown, "distance", "distance-grid")

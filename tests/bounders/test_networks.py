@@ -70,7 +70,7 @@ def test_devices_compute_f_less_the_threshold_of_the_part(name, device, rng):
 def test_linear_bounds_lie_under_f_less_the_threshold_of_the_part(name, rng):
     bounder = some_local(name)
     limit, share = bounder.domain.limit.astype(np.float64), rng.uniform(size=(30, 500, bounder.ndim))
-    middle, radius = rng.uniform(-limit, limit, (500, bounder.ndim)), rng.uniform(0, 0.2, (500, 1)) * limit
+    middle, radius = rng.uniform(-limit, limit, (500, bounder.ndim)), 10 ** rng.uniform(-4, 0, (500, 1)) * limit
     lower, upper = np.maximum(middle - radius, -limit), np.minimum(middle + radius, limit)
     bounds = bounder.bound(lower, upper)
     assert 50 < (bounds.slope != 0).any(axis=1).sum() < 500
@@ -108,16 +108,6 @@ def relevelled(bounder: Local, levels: np.ndarray) -> Local:
     lying = Local(bounder.domain, bounder.tensors | {"levels": words}, bounder.sizes, "cpu")
     lying.freeze(bounder.threshold, None).info = bounder.info
     return lying
-
-
-@pytest.mark.parametrize("name", list(CLOSE))
-def test_bounds_hold_over_boxes_of_any_size(name, rng):
-    bounder = some_local(name)
-    low = rng.uniform(-1, 1, (2000, shape(name).ndim))
-    high = low + 10 ** rng.uniform(-4, 0, (2000, 1))
-    bounds = bounder.bound(low, high)
-    for t in rng.random((20, 1, 1)):
-        assert (bounder.reference(low + t[0] * (high - low)) >= bounds.lower).all()
 
 
 def test_a_cascade_may_end_with_local_thresholds(rng):
@@ -201,16 +191,9 @@ def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
 
 
 def test_what_a_fit_refuses():
-    for query, method, count in (
-        ("point", "mlp", 0),
-        ("point", "mlp", 1.5),
-        ("point", "mlp", 1 << 20),
-        ("plane", "mlp", 4),
-        ("ray", "mlp", 4),
-        ("box", "mlp", 4),
-    ):
+    for query, count in (("point", 0), ("point", 1.5), ("point", 1 << 20), ("plane", 4), ("ray", 4), ("box", 4)):
         with pytest.raises(BounderError, match="parts"):
-            wb.fit(shape("c"), query, method, parts=count, steps=1, device="cpu", progress=False)
+            wb.fit(shape("c"), query, "mlp", parts=count, steps=1, device="cpu", progress=False)
 
 
 EXITS = {  # shape, query, hidden, activation: one exit and two

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 import warp as wp
+from asking import ask
 from bounding_shapes import (
     CONSERVATIVE,
     HIDDEN,
@@ -106,6 +107,7 @@ def test_points_beyond_the_keyframes(method, rng):
         x = np.column_stack([times, places(len(times), rng)])
         assert bounder.query(x).numpy().all()
         assert bounder.query(x.astype(np.float64)).numpy().all()
+        assert ask(bounder, x).all()
     inside = rng.uniform(SPAN[0] + 0.1, SPAN[1] - 0.1, len(times))  # between them there are answers
     assert method == "mlp" or not bounder.query(np.column_stack([inside, np.full((len(times), 3), 5.0)])).numpy().any()
 

@@ -1,11 +1,12 @@
 """Volumes and grids that learn: no false negative for any query, kernels as the reference, and numbers that are none
 are refused."""
 
+import math
 from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import domain_points, object_points, shape
+from bounding_shapes import domain_points, fitted, object_points, shape
 from region_cases import fitted_region
 
 import warp_bounding as wb
@@ -14,6 +15,7 @@ from warp_bounding.bounders.learned_kdop import LearnedKdop, classic_normals
 from warp_bounding.bounders.relu_field import FieldMap, ReluField, positive_boxes
 from warp_bounding.bounders.volumes import kdop_directions
 from warp_bounding.errors import BounderError
+from warp_bounding.geometry import GAP
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
@@ -29,6 +31,21 @@ def leaf_cells(tree, shape_of_grid) -> np.ndarray:
     for index in np.flatnonzero(tree.past == np.arange(len(tree.past)) + 1):
         covered[tuple(slice(a, b + 1) for a, b in zip(tree.first[index], tree.last[index], strict=True))] = True
     return covered
+
+
+@pytest.mark.parametrize("name", ["c", "star", "animated"])
+def test_volumes_are_the_least_of_their_families(name):
+    """Each family is part of the next; how much of a volume the domain cuts off is another matter."""
+    sizes, rates = {}, {}
+    for method in ("sphere", "ellipsoid", "oriented-ellipsoid", "aabb", "kdop"):
+        bounder = fitted(method, name)
+        rates[method] = wb.evaluate(bounder, shape(name), samples=20_000).fp_rate
+        if "matrix" in bounder.tensors or method == "sphere":
+            radius = math.log(-float(bounder.threshold)) / 2
+            sizes[method] = shape(name).ndim * radius - np.linalg.slogdet(bounder.shape.matrix)[1]
+    assert rates["kdop"] <= rates["aabb"] + 1e-6
+    assert sizes["oriented-ellipsoid"] <= sizes["ellipsoid"] + shape(name).ndim * GAP
+    assert sizes["ellipsoid"] <= sizes["sphere"] + shape(name).ndim * GAP
 
 
 @pytest.mark.parametrize("leaves", [1, 5, 300])

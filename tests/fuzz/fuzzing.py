@@ -55,17 +55,8 @@ def attack(
     """Put some ``4 count`` certain positives to a bounder, through everything that is deployed: none may be denied.
 
     They are those of the stress test's stream, and regions on corners, faces and hulls, nudged by single floats, whose
-    truth the exact oracles know.
-
-    Args:
-        bounder: Proven, or so it is said.
-        shape: The object of the claim, margin included.
-        rng: Of the queries.
-        count: Positives of a kind.
-        quick: Batches of float32 only: each other form needs a kernel of its own.
-
-    Returns:
-        How many were queried, and the first that was denied.
+    truth the exact oracles know; with ``quick`` batches of float32 only, since each other form needs a kernel. Returns
+    how many were queried, and the first that was denied.
     """
     queried, far = 0, bounder.of_distances
     if far:
@@ -149,12 +140,7 @@ def _near(query: str, grid: Grid, length: float, number: int, count: int = 2000)
 
 @dataclass
 class Tally:
-    """Figures of a run.
-
-    Attributes:
-        counts: Files mutated, refused on load, not proven, still proven, hard queries asked, lies, crashes, stuck ones.
-        found: What was found, as it is written to the record.
-    """
+    """Figures of a run, and what was found, as it is written to the record."""
 
     counts: Counter = field(default_factory=Counter)
     found: list[dict] = field(default_factory=list)
@@ -234,18 +220,9 @@ def fuzz(
     quick: bool = False,
     progress: Callable[[Tally, float], None] = lambda tally, seconds: None,
 ) -> Tally:
-    """Spoil files until time or number are used up, or Ctrl-C.
+    """Spoil files until time or number are used up, or Ctrl-C; what is found is kept in the folder ``out``.
 
-    Args:
-        seed: Of everything.
-        iterations: Files.
-        seconds: Time.
-        first: Number of the first iteration.
-        among: Subjects; all if ``None``.
-        out: Folder for what is found: ``found.jsonl`` and the files.
-        count: Positives of a kind that a proven file is attacked with.
-        quick: See ``attack``.
-        progress: Called after each iteration with the figures and the seconds so far.
+    Numbers of iterations begin with ``first``; a proven file is attacked with ``count`` positives of a kind.
     """
     among, tally, started, number = among or subjects(), Tally(), time.monotonic(), first
     honest: dict[str, File] = {}

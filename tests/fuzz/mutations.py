@@ -347,17 +347,8 @@ def mutate(file: File, rng: np.random.Generator) -> list[str]:
 
 
 def tighten(file: File, bounder: Bounder, grid: Grid, rng: np.random.Generator) -> None:
-    """Make the most of the proof of a spoilt file, as a liar would.
-
-    Voxels keep what the proof counts on, and nothing else; raise (or lower) every threshold to the highest one
-    that the proof of its part allows.
-
-    Args:
-        file: Changed in place.
-        bounder: As it was loaded from it.
-        grid: The object.
-        rng: Whether to choose the voxels.
-    """
+    """Make the most of the proof of a spoilt file, as a liar would: voxels keep what the proof counts on, and nothing
+    else; every threshold is the highest one that the proof of its part allows."""
     if bounder.of_distances:
         of_volume = bounder.volume is not None
         least = 0.0 if of_volume else -float(largest_overestimate(bounder, grid, SEARCH_SECONDS)[0].max())

@@ -20,7 +20,6 @@ from bounding_shapes import (
 
 from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS
-from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.plain import kdop_kernel, mlp_kernel
 
 COUNTS = (1, 511, 513, 2049)
@@ -106,27 +105,6 @@ def test_answers_do_not_depend_on_the_number_of_queries(method, device, monkeypa
         assert (bounder.values(part).numpy() == values[start : start + count]).all()
 
 
-def test_functions_of_two_bounders_in_one_kernel(device, rng):
-    grid = shape("blob")
-    first, second = random_bounder("sphere", "blob", device), random_bounder("aabb", "blob", device)
-    third = random_bounder("aabb", "blob", device)  # the same code, other numbers
-    third.freeze(0.2, None)
-    one, two, three = first.func, second.func, third.func
-
-    @wp.kernel(module="unique", enable_backward=False)
-    def both(a: Data, b: Data, c: Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.int32)):
-        i = wp.tid()
-        answer[i] = 4 * int(one(a, q[i])) + 2 * int(two(b, q[i])) + int(three(c, q[i]))
-
-    x = domain_points(grid, 3000, rng)
-    answer = wp.zeros(len(x), dtype=wp.int32, device=device)
-    q = wp.array(x, dtype=wp.vec3, device=device)
-    wp.launch(both, len(x), [first.data, second.data, third.data, q], [answer], device=device)
-    expected = sum(w * ask(b, x).astype(int) for w, b in ((4, first), (2, second), (1, third)))
-    assert (answer.numpy() == expected).all()
-    assert len(np.unique(expected)) > 2
-
-
 @pytest.mark.parametrize("method", METHODS)
 def test_special_numbers(method, device):
     bounder = random_bounder(method, "blob", device)
@@ -140,21 +118,6 @@ def test_special_numbers(method, device):
     far = np.float32([[3.4e38, 0.5, 0.5], [-3.4e38] * 3, [0.5, 0.5, 7.0], [1e-45, -1e-45, -7.0]])
     assert not bounder.query(far).numpy().any()
     assert not ask(bounder, far).any()
-
-
-def test_outside_of_time_the_answer_is_maybe(device):
-    bounder, grid = random_bounder("mlp", "animated", device), shape("animated")
-    bounder.freeze(np.inf, None)
-    inside = (grid.lower + grid.upper) / 2
-    t = np.float32([grid.lower[0], grid.upper[0]])
-    outside = np.concatenate([np.nextafter(t, np.float32([-np.inf, np.inf])), np.float32([-1e30, 1e30, np.nan])])
-    x = np.tile(inside, (len(outside), 1)).astype(np.float32)
-    x[:, 0] = outside
-    assert bounder.query(x).numpy().all()
-    assert ask(bounder, x).all()
-    assert not bounder.query(inside[None]).numpy().any()
-    x[:, 1] = 1e30  # far away in space, too: there is nothing to be certain of outside of time
-    assert bounder.query(x).numpy().all()
 
 
 @pytest.mark.parametrize("name", SHAPES)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 import warp as wp
 from plain_shapes import ball_at, box_of
 from reading_order import ROOT
@@ -10,30 +11,16 @@ from scipy.spatial.transform import Rotation
 import warp_bounding as wb
 from warp_bounding.bounders.file_format import read, write
 from warp_bounding.cli import main
-from warp_bounding.pairs import Balls, Pair, PairData, balls, kernels
+from warp_bounding.pairs import Balls, Pair, PairData, kernels
 from warp_bounding.pairs.pair import distance_func, query_func
 
 HERE = np.array([[0, 0, 0, 0, 0, 0, 1]], np.float32)
-
-
-def ring(sides: int = 24, around: int = 10) -> wb.shapes.Mesh:
-    """A torus of radii 1 and 0.25."""
-    a, b = np.meshgrid(np.arange(sides), np.arange(around), indexing="ij")
-    u, v = 2 * np.pi * a / sides, 2 * np.pi * b / around
-    wide = 1 + 0.25 * np.cos(v)
-    points = np.stack([wide * np.cos(u), wide * np.sin(u), 0.25 * np.sin(v)], -1).reshape(-1, 3)
-
-    def at(i, j):
-        return (i % sides) * around + j % around
-
-    faces = [[at(a, b), at(a + 1, b), at(a + 1, b + 1)] for a in range(sides) for b in range(around)]
-    faces += [[at(a, b), at(a + 1, b + 1), at(a, b + 1)] for a in range(sides) for b in range(around)]
-    return wb.shapes.Mesh(points.astype(np.float32), np.array(faces), name="ring")
+TORUS = trimesh.creation.torus(1.0, 0.25, major_sections=24, minor_sections=10)
 
 
 @pytest.fixture(scope="module")
 def mesh() -> wb.shapes.Mesh:
-    return ring()
+    return wb.shapes.Mesh(TORUS.vertices, TORUS.faces, name="ring")
 
 
 @pytest.fixture(scope="module")
@@ -364,9 +351,7 @@ def test_bad_input(pairs, mesh, held):
         r"\(N, 7\)": lambda: pair.query(HERE[:, :6], HERE),
         "gap must be": lambda: pair.query(HERE, HERE, -1.0),
         "duration": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), duration=0.0),
-        "at most": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), duration=1e300),
         "steps": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), steps=0),
-        "got 1099": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 6)), np.zeros((1, 6)), steps=2**40),
         r"\(N, 6\)": lambda: pair.contact_time(HERE, HERE, np.zeros((1, 3)), np.zeros((1, 6))),
     }
     for message, call in cases.items():
@@ -389,13 +374,8 @@ def test_one_placement_serves_all(pairs):
         assert len(pair.query(HERE, b[:0]).numpy()) == 0
 
 
-def test_groups_that_wait_fit_the_stack(pairs):
-    """Balls all around, equally far: every group of a level waits before the first leaf is asked."""
-    most, levels = balls.MOST, 0
-    while most > 1:
-        most, levels = -(-most // kernels.GROUP), levels + 1
-    together = 32 // kernels.GROUP  # of a network, the widest
-    assert kernels.STACK // 4 + kernels.GROUP * together * (levels + 1) <= kernels.STACK
+def test_balls_all_around_equally_far(pairs):
+    """Every group of a level waits before the first leaf is asked."""
     x = np.random.default_rng(19).normal(size=(4096, 3))  # 512 groups of leaves
     around = (10 * x / np.linalg.norm(x, axis=1, keepdims=True)).astype(np.float32)
     pair = Pair(pairs[0].bounder, Balls(around, np.full(len(x), 0.01, np.float32), ""))

@@ -13,7 +13,6 @@ from bounding_shapes import (
     SHAPES,
     crossed,
     fitted,
-    object_points,
     random_bounder,
     random_mlp,
     shape,
@@ -138,25 +137,6 @@ def test_a_threshold_raised_by_its_last_bits_is_not_proven(method):
     check_refuted(bounder, shape("blob"), ("refuted", "undecided"))
 
 
-def test_every_weight_of_a_network_and_every_bit_counts():
-    """Whatever is changed far enough for a sample to notice, ``certify`` notices."""
-    grid, rng = shape("blob"), np.random.default_rng(0)
-    bounder, noticed = copy_of(fitted("mlp", "blob")), 0
-    x = object_points(grid, rng)
-    for name in bounder.tensors:
-        tensor = bounder.tensors[name].copy()
-        tensor.flat[rng.integers(tensor.size)] += np.float32(rng.choice([-1.0, 1.0]))
-        spoilt = copy_of(bounder, bounder.tensors | {name: tensor})
-        if not spoilt.query(x).numpy().all():
-            noticed += 1
-            assert not wb.certify(spoilt, grid).proven
-    assert noticed
-    bounder, grid = fitted("voxels", "c"), shape("c")
-    bits, index = bounder.tensors["bits"].copy(), int(np.flatnonzero(grid.occupancy.ravel())[9])
-    bits[index >> 5] ^= np.uint32(1 << (index & 31))
-    check_refuted(copy_of(bounder, bounder.tensors | {"bits": bits}), grid)
-
-
 def test_prove_reports_what_it_did_and_parts_are_proven_one_by_one():
     bounder = random_bounder("mlp", "blob")
     search, certificate = prove(bounder, shape("blob")), bounder.certificate
@@ -194,30 +174,14 @@ def test_another_shape_does_not_apply_or_is_refuted():
     assert wb.certify(fitted("aabb", "star"), shape("star").occupancy).proven
 
 
-DOMAINS = {
-    "delta": lambda d: {"delta": d.delta * 1e-6},
-    "delta nan": lambda d: {"delta": d.delta * np.nan},
-    "limit": lambda d: {"limit": d.limit * np.float32(0.5)},  # denies what lies beyond, and P_delta would be cut there
-    "limit nan": lambda d: {"limit": d.limit * np.float32(np.nan)},
-    "scale": lambda d: {"scale": -d.scale},  # boxes inside out
-    "corner": lambda d: {"lower": d.lower - 1e9},
-    "center": lambda d: {"center": d.center + np.float32(1e4)},
-    "shape": lambda d: {"scale": d.scale[:1]},
-}
-
-
 def test_a_domain_that_is_false_does_not_apply():
-    bounder = fitted("aabb", "blob")
-    for what, change in DOMAINS.items():
-        spoilt = copy_of(bounder)
-        spoilt.domain = replace(bounder.domain, **change(bounder.domain))
-        assert spoilt.domain.fault(), what
-        proof = wb.certify(spoilt, shape("blob"))
-        assert proof.kind == "inapplicable", what
-        with pytest.raises(BounderError, match="domain"):
-            prove(spoilt, shape("blob"))
-    domain = fitted("aabb", "animated").domain  # time must end inside its range
-    limit = domain.limit.copy()
+    """Others are in the lies below, and in the files that are refused."""
+    spoilt, domain = copy_of(fitted("aabb", "blob")), fitted("aabb", "animated").domain
+    spoilt.domain = replace(spoilt.domain, delta=spoilt.domain.delta * 1e-6)
+    assert wb.certify(spoilt, shape("blob")).kind == "inapplicable"
+    with pytest.raises(BounderError, match="domain"):
+        prove(spoilt, shape("blob"))
+    limit = domain.limit.copy()  # time must end inside its range
     limit[0] = np.float32(1.01)
     assert replace(domain, limit=limit).fault()
     assert all(Domain.of(shape(name)).fault() is None for name in SHAPES)
@@ -271,19 +235,8 @@ def test_certificates_say_what_they_are_about(query):
 
 
 def test_a_claim_edited_in_a_file_is_told_or_found_out(tmp_path):
-    """Margin and length beside the certificate contradict it; edited in both, they are another claim, which is
-    named."""
+    """Edited beside the certificate and in it, it is another claim, which is named; in one of them it is refused."""
     path = tmp_path / "b.safetensors"
-    for query, change in (
-        ("point", lambda d: d.update(margin=0.05)),
-        ("point", lambda d: d.update(resolution=4)),
-        ("point", lambda d: d.update(name="cube.obj")),
-        ("ray", lambda d: (d.update(length=0.5), d["domain"].update(length=0.5))),
-        ("ray", lambda d: d["certificate"].update(length=0.5)),
-        ("point", lambda d: d["certificate"].update(margin=None)),
-    ):
-        with pytest.raises(FileFormatError, match="does not add up"):
-            wb.load(edited(bounder_of(query), path, change), device="cpu")
 
     def smaller(document):
         for part in (document, document["certificate"], document["domain"]):

@@ -180,21 +180,6 @@ def random_boxes(lower, upper, count, rng):
     return low, low + size
 
 
-@pytest.mark.parametrize("activation", ["Sine", "ReLU"])
-def test_half_spaces_hold_the_points_of_the_object(activation, rng):
-    own = network_shape(activation)
-    low, high = random_boxes(own.lower, own.upper, 2000, rng)
-    known = own.half_spaces(low, high)
-    x = low[:, None] + rng.choice([0.0, 0.5, 1.0, 0.3], (2000, 40, 3)) * (high - low)[:, None]
-    held = own.contains(x.reshape(-1, 3)).reshape(2000, 40)
-    value = known.level[:, None] + ((x - known.center[:, None]) * known.slope[:, None]).sum(axis=2)
-    assert held.any()
-    assert not held.all()
-    assert not held[known.empty].any()
-    assert (value >= -1e-12)[held & ~known.empty[:, None]].all()
-    assert (known.empty == own.empty(low, high)).all()
-
-
 def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
     own = network_shape()
     bounder = random_mlp(own)

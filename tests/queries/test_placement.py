@@ -7,15 +7,13 @@ import pytest
 import torch
 import warp as wp
 from bounding_shapes import crossed, fitted, random_mlp, shape
-from region_cases import REGIONS, fitted_region, hard_regions, ray_length
+from region_cases import REGIONS, fitted_region, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.placement import Placement, placement_error
 from warp_bounding.queries.region_domain import domain_of
-from warp_bounding.shapes import Grid
 
 
 def rotation(s: int, rng) -> np.ndarray:
@@ -126,7 +124,6 @@ def test_impossible_placements_are_refused():
 
 NAMES = ("c", "blob", "animated")
 CLEAR = 1e-9  # cells: far above the float64 rounding of the tests' own maps
-QUANTUM = 2.0**-13  # of coordinates in the exact tests: a shift then stays exact
 
 
 def points_and_directions(query: str, n: int) -> tuple[slice, slice]:
@@ -226,64 +223,6 @@ def test_placed_regions_are_never_denied(query, name, dtype, device, rng):
             for bounder in bounders(name, query, length):
                 values = bounder.to(device).values(world, xform=homogeneous(rotated, shift), scale=factors).numpy()
                 assert (values >= bounder.threshold).all(), (bounder, world[values < bounder.threshold][:3])
-
-
-def signed_permutation(s: int, rng) -> np.ndarray:
-    return np.eye(s)[rng.permutation(s)] * rng.choice([-1.0, 1.0], size=s)
-
-
-@cache
-def dyadic(time: bool) -> Grid:
-    """Its faces are float32 numbers, and still are after a shift."""
-    occupancy = np.random.default_rng(7).random((5, 9, 9, 5) if time else (9, 9, 5)) < 0.1
-    occupancy.flat[:2] = True, False
-    return Grid(occupancy, time=time)
-
-
-@cache
-def dyadic_bounders(time: bool, query: str):
-    methods = ("kdop",) if time else ("kdop", "sphere")
-    return [fitted_region(method, query, dyadic(time)) for method in methods]
-
-
-@pytest.mark.parametrize("time", [False, True])
-@pytest.mark.parametrize("query", REGIONS)
-def test_exact_placements_of_touching_regions(query, time, device, rng):
-    """Right angles, powers of two and dyadic shifts round nothing, so the oracle knows the truth about the world."""
-    grid, s = dyadic(time), dyadic(time).ndim - time
-    n, first, length = grid.ndim, int(time), ray_length(grid)
-    q = np.concatenate([hard_regions(query, grid, rng, length), sample(query, grid, 4000, rng)])
-    snapped = slice(0, 2 * n) if query == "box" else points_and_directions(query, n)[0]
-    q = q[(np.abs(q[:, snapped]) < 16).all(axis=1)]
-    q[:, snapped] = np.rint(q[:, snapped] / QUANTUM) * QUANTUM
-    truth = oracle(query, grid, "cpu", length)(q)
-    assert truth.mean() > 0.2
-    for _ in range(3):
-        rotated, factors = signed_permutation(s, rng), 2.0 ** rng.integers(-2, 3, size=s)
-        shift = rng.integers(-64, 64, size=s) / 16.0
-        if query == "box":
-            ends = [
-                np.concatenate([q[:, k : k + first], (q[:, k + first : k + n] * factors) @ rotated.T + shift], 1)
-                for k in (0, n)
-            ]
-            world = np.concatenate([np.minimum(*ends), np.maximum(*ends)], axis=1)
-        else:
-            world = to_world(grid, query, q, rotated, shift, factors)
-        single = world.astype(np.float32)
-        exact = (single == world).all(axis=1)  # all but some subnormal entries of directions
-        assert exact.mean() > 0.9
-        xform = homogeneous(rotated, shift)
-        for bounder in (b.to(device) for b in dyadic_bounders(time, query)):
-            placed = bounder.values(single, xform=xform, scale=factors).numpy() >= bounder.threshold
-            plain = bounder.values(q).numpy() >= bounder.threshold
-            missed = truth & ~placed & exact
-            assert not missed.any(), single[missed][:3]
-            assert (placed != plain).mean() < 0.02  # nor is it looser: regions that graze the volume
-            idx, count = bounder.candidates(single[:1000], xform=xform, scale=factors)
-            assert (
-                idx.numpy()[: count.numpy()[0]]
-                == np.flatnonzero(bounder.query(single[:1000], xform=xform, scale=factors).numpy())
-            ).all()
 
 
 def network_of(grid, query: str, length: float) -> Mlp:

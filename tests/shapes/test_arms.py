@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from arm_cases import random_arm
+from exact_mesh import squared_between_segments
 from scipy.spatial import ConvexHull
 
 import warp_bounding as wb
@@ -14,31 +15,11 @@ SLIDES = pytest.mark.parametrize("slides", [False, True])
 BLURRED = 1e-8  # metres: what the distances of the tests themselves may be off
 
 
-def segments_apart(a, b, c, d) -> float:
-    """The distance of two segments, by all pairs of what may be nearest."""
-    u, v, w = b - a, d - c, a - c
-    found = [point_apart(p, c, d) for p in (a, b)] + [point_apart(p, a, b) for p in (c, d)]
-    cross = (u @ u) * (v @ v) - (u @ v) ** 2
-    if cross > 1e-12 * (u @ u) * (v @ v):
-        s = ((u @ v) * (v @ w) - (v @ v) * (u @ w)) / cross
-        t = ((u @ u) * (v @ w) - (u @ v) * (u @ w)) / cross
-        if 0 <= s <= 1 and 0 <= t <= 1:
-            found.append(np.linalg.norm(w + s * u - t * v))
-    return min(found)
-
-
-def point_apart(p, a, b) -> float:
-    u = b - a
-    t = np.clip((p - a) @ u / (u @ u), 0, 1) if u @ u > 0 else 0.0
-    return np.linalg.norm(a + t * u - p)
-
-
 def hulls_apart(one: np.ndarray, other: np.ndarray) -> float:
     """The distance of two hulls of points, below 0 by their depth where they meet; up to about 1e-9."""
     if len(one) <= 2 and len(other) <= 2:
-        return segments_apart(one[0], one[-1], other[0], other[-1])
-    if len(one) == 1 and len(other) == 1:
-        return np.linalg.norm(one[0] - other[0])
+        ends = (points[i].tolist() for points in (one, other) for i in (0, -1))
+        return float(squared_between_segments(*ends)) ** 0.5
     differences = (other[:, None] - one[None]).reshape(-1, 3)
     hull = ConvexHull(differences)
     outside = hull.equations[:, 3].max()

@@ -4,7 +4,6 @@ asked for."""
 import contextlib
 import sys
 import zlib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -85,11 +84,6 @@ def test_a_fan_holds_a_polygon_that_is_not_convex(tmp_path, rng):
     x = rng.uniform([0, 0, 0], [3, 3, 1], (2000, 3))
     inside = (x[:, 1] < 1) | (np.abs(x[:, 0] - 1.5) > 0.5)
     assert shape.contains(x)[inside].all()
-
-
-def test_the_guide_names_every_format():
-    page = (Path(__file__).parents[2] / "docs/guide/formats.md").read_text("utf-8")
-    assert [suffix for suffix in READERS if f"`{suffix}`" not in page] == []
 
 
 BOX = trimesh.creation.box(extents=(1, 2, 3))
@@ -262,18 +256,13 @@ NO_SHAPES = (
     *((MAP, "level must be a number or a text such as", {"level": t}) for t in ("", "<x", True, np.nan, [3])),
     (CELLS, "spacing must be positive", {"spacing": 0}),
     (CELLS, "spacing must be 2 numbers or one for all", {"spacing": (1, 2, 3)}),
-    *((CELLS, "spacing must be 2 numbers", {"spacing": spacing}) for spacing in (np.nan, "wide")),
     (CELLS, "cells_per_unit must be positive float32", {"spacing": 1e-60}),
     *((CELLS, "origin must be 2 numbers", {"origin": origin}) for origin in (1.0, (0, np.inf))),
     (np.arange(120).reshape(2, 3, 4, 5) % 3 == 0, "spacing must be 4 numbers", {"spacing": 0.1}),
     *(((VERTICES, FACES), "is for arrays and images", {name: 1.0}) for name in ("level", "spacing", "origin")),
     ((VERTICES,), "a pair (vertices, faces), got a tuple of 1", {}),
-    ((FACES, VERTICES), "faces as integers", {}),
-    (([[0, 1], [2]], FACES), "expected vertices", {}),
     ((VERTICES, [[0, 1, 99]]), "got vertex 99", {}),
-    ((None, None), "expected vertices as numbers", {}),
     *((source, "", {}) for source in ([VERTICES, FACES], None, 3, [[0, 1]], b"\0", object(), "a\0b.png", "")),
-    *((source, "", {}) for source in ("a" * 300 + ".png", np.ma.array([0, 1], mask=[0, 1]))),
     (CELLS, "time must be", {"time": "yes"}),
     (np.array([0, 1]), "time", {"time": True}),
     (BOX, "no time coordinate", {"time": True}),

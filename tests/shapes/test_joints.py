@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import warp as wp
+from asking import ask
 
 import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
@@ -190,16 +191,7 @@ def test_in_a_kernel_as_in_a_batch(shape, bounders, device, rng):
     x = np.concatenate([beyond(shape), rng.uniform([-60, -1.5], [60, 1.5], (4000, 2)), at_edges(shape, rng)]).astype(
         np.float32
     )
-    test = bounder.func
-
-    @wp.kernel(enable_backward=False, module="unique")
-    def ask(data: wb.Data, x: wp.array(dtype=wp.vec2), answers: wp.array(dtype=wp.int32)):
-        i = wp.tid()
-        answers[i] = int(wp.static(test)(data, x[i]))
-
-    answers = wp.zeros(len(x), dtype=wp.int32, device=device)
-    wp.launch(ask, len(x), [bounder.data, wp.array(x, dtype=wp.vec2, device=device), answers], device=device)
-    maybe = answers.numpy().astype(bool)
+    maybe = ask(bounder, x).astype(bool)
     assert maybe[: len(BEYOND) + len(OTHERS)].all()
     assert maybe[shape.contains(x.astype(np.float64))].all()
     assert not maybe.all()
@@ -289,7 +281,7 @@ def test_a_file_that_lies_about_joints_is_no_proof(shape, bounders):
 
 
 def test_what_is_not_asked_of_configurations(shape, bounders):
-    for ask, message in (
+    for wrong, message in (
         (lambda: wb.fit(shape, "box", method="aabb"), "box queries of configurations are not bounded"),
         (lambda: wb.fit(shape, "distance", method="aabb"), "distances of configurations are not bounded"),
         (lambda: bounders["mlp"].query(np.zeros((1, 2), np.float32), scale=2.0), "no place in the world"),
@@ -297,4 +289,4 @@ def test_what_is_not_asked_of_configurations(shape, bounders):
         (lambda: Joint(slides="no"), "expected slides to be True or False, got 'no'"),
     ):
         with pytest.raises(BoundingError, match=message):
-            ask()
+            wrong()

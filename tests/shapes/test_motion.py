@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import warp_bounding as wb
 from warp_bounding.errors import ShapeError
+from warp_bounding.queries.boundary import ENDS_SHARE, border_points
 from warp_bounding.shapes import Mesh, MovingMesh
 from warp_bounding.shapes.motion import MAX_TIMES
 from warp_bounding.shapes.shape import IN, OUT, SPARE, UNDECIDED, HalfSpaces, time_axis
@@ -319,3 +320,17 @@ def test_distances_at_a_time(rng):
     outside = motion.distances(np.array([[-1.0, 0, 0, 0], [4.0, 0, 0, 0], [np.nan, 0, 0, 0], [1.0, np.inf, 0, 0]]))
     assert (outside == [0, np.inf]).all()
     assert (motion.distance(x) == motion.distances(x)[:, 0]).all()
+
+
+def test_an_object_that_is_cut_off_has_points_on_its_ends(rng):
+    ball, count, axis = SMALL["sphere"](), 4000, 0
+    frames = [ball.vertices, ball.vertices * 1.2 + 0.3, ball.vertices + np.array([0.5, 0.0, 0.0])]
+    shape = MovingMesh(np.array(frames), ball.faces, times=[0.5, 1.0, 3.0])
+    x = border_points(shape, count, rng)
+    assert shape.contains(x).all()
+    for end in (shape.lower[axis], shape.upper[axis]):
+        on = x[x[:, axis] == end]
+        assert 0.5 * ENDS_SHARE / 2 < len(on) / count <= ENDS_SHARE / 2
+        away = np.delete(on, axis, axis=1)
+        beside = away + 1e-3 * (away - away.mean(axis=0))  # outwards, about
+        assert (~shape.contains(np.insert(beside, axis, end, axis=1))).mean() > 0.5

@@ -58,7 +58,7 @@ def in_tetrahedron(corners: np.ndarray, x: np.ndarray) -> bool:
     return True
 
 
-def _squared_between_segments(a, b, c, d) -> Fraction:
+def squared_between_segments(a, b, c, d) -> Fraction:
     """Between the segments from a to b and from c to d."""
     found = [_squared_to_segment(a, c, d), _squared_to_segment(b, c, d)]
     found += [_squared_to_segment(c, a, b), _squared_to_segment(d, a, b)]
@@ -95,7 +95,7 @@ def _segment_is_near(p, q, triangle, limit) -> bool:
         return False
     if _crosses(p, q, a, b, c) or min(_squared_to_triangle(x, a, b, c) for x in (p, q)) <= limit:
         return True
-    return any(_squared_between_segments(p, q, *edge) <= limit for edge in ((a, b), (b, c), (c, a)))
+    return any(squared_between_segments(p, q, *edge) <= limit for edge in ((a, b), (b, c), (c, a)))
 
 
 def segment_is_near(
@@ -119,14 +119,14 @@ def box_is_near(vertices: np.ndarray, faces: np.ndarray, limit: Fraction, lower:
             gap = [max(x - y, z - x, Fraction(0)) for x, y, z in zip(v, high, low, strict=True)]
             if _dot(gap, gap) <= limit:
                 return True
-        if any(_passes_box(*edge, low, high) for edge in ((a, b), (b, c), (c, a))):
+        if any(passes_box(*edge, low, high) for edge in ((a, b), (b, c), (c, a))):
             return True
         if any(_segment_is_near(*edge, triangle, limit) for edge in edges):
             return True
     return False
 
 
-def _passes_box(u, v, low, high) -> bool:
+def passes_box(u, v, low, high) -> bool:
     """Whether a segment meets a closed box: the times at which it lies between the sides of each axis overlap."""
     first, last = Fraction(0), Fraction(1)
     for x, y, z, w in zip(u, v, low, high, strict=True):

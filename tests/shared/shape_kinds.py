@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import torch
 import trimesh
 from arm_cases import random_arm, robot
 from bounding_shapes import shape as grid
@@ -43,6 +44,19 @@ def arm(**joint):
     return ArmConfigurations(Arm([Joint(**joint), Joint(step)], links), walls, weights=[1.3, 0.7])
 
 
+def network():
+    """Of sines and of steps, steep enough to have a border."""
+    torch.manual_seed(0)
+    layers = torch.nn.Linear(3, 12), Sine(), torch.nn.Linear(12, 12), torch.nn.ReLU(), torch.nn.Linear(12, 1)
+    layers[0].weight.requires_grad_(False).mul_(3.0)
+    return wb.shapes.Network(torch.nn.Sequential(*layers), [-1, -1, 0], [1, 1, 1])
+
+
+class Sine(torch.nn.Module):
+    def forward(self, z):
+        return torch.sin(z)
+
+
 def distance(x):
     return np.linalg.norm(x, axis=1) - 1.0
 
@@ -75,6 +89,7 @@ KINDS = {
         None, [-1] * 5, [1] * 5, distance=lambda x: 4 * distance(x), lipschitz=4.0
     ),
     "short function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * distance(x)),
+    "network": network,
     "outside": lambda: wb.shapes.Complement(mesh(TORUS)),
     "part": lambda: Clipped(mesh(TORUS), [0, -9, -9], [9, 9, 9]),
     "far away": lambda: Recentred(grid("blob"), Frame((500000.13, 4649776.37, 12.7), (1e-4, 0.0, 0.0))),
@@ -87,4 +102,4 @@ def made(name: str, margin: float = 0.0):
 
 
 def dilates(name: str) -> bool:
-    return not name.startswith("arm")
+    return not name.startswith(("arm", "network"))

@@ -85,18 +85,6 @@ def test_edges_do_not_miss_a_collision_and_what_is_cleared_along_them_is_not_che
     ].tolist()
 
 
-def test_mistakes(place):
-    exact = Hulls(place)
-    for x in (np.zeros((3, 2)), np.zeros((3, 3), np.float32), np.full((1, 2), np.nan, np.float32)):
-        with pytest.raises(wb.QueryError):
-            exact.states(x)
-    with pytest.raises(wb.QueryError, match="as many ends"):
-        exact.segments(np.zeros((3, 2), np.float32), np.zeros((2, 2), np.float32))
-    swallowed = Cell("full", "Full", planar((0.5,)), (wb.arms.Body.sphere([0, 0, 0], 1.0),))
-    with pytest.raises(wb.ShapeError, match="free of collisions"):
-        Workplace(swallowed).problems_of(2, 0)
-
-
 def test_meshes_lie_in_the_hulls_and_collide_where_these_do(place, bounders, rng, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setitem(sys.modules, "coal", None)

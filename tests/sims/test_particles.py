@@ -7,13 +7,11 @@ import warp as wp
 from broken import denying
 
 import warp_bounding as wb
-from sims.base import compare
-from sims.particles import run
 from sims.particles.broad import MovingBox, OfMotion, OfSides
 from sims.particles.demo import MOVING_BOX, simulate
 from sims.particles.example import CONTACT, CONTAINMENT, Example
-from sims.particles.kernels import RADIUS, collide
-from sims.particles.scene import PERIOD, Scene
+from sims.particles.kernels import collide
+from sims.particles.scene import Scene
 from sims.prefitted import FOLDER, FitSpec, fit
 
 PARTICLES, STEPS = 2000, 12
@@ -56,22 +54,6 @@ def test_proven_bounders_change_nothing_but_the_number_of_calls(scene, bounders,
     assert alone.state() == reference.state() != other.state()
 
 
-@pytest.fixture(scope="module")
-def broken(scene, bounders):
-    """A bounder, the same denying a part of the object, and a short run with each."""
-    shown = {"kdop": bounders["kdop"], "broken": denying(bounders["kdop"], [[0.3, -0.2, 0.6, 0.1]])}
-    return shown, simulate(scene, {n: OfMotion(b, scene) for n, b in shown.items()}, particles=PARTICLES, steps=3)
-
-
-def test_a_bounder_that_denies_a_part_of_the_object_is_found_out(broken):
-    shown, runs = broken
-    row = compare(runs, {name: {name: b} for name, b in shown.items()})[2]
-    assert row.missed > 0
-    assert not row.identical
-    with pytest.raises(AssertionError, match="contacts were missed"):
-        runs["broken"].test_final(runs["none"])
-
-
 def test_what_certainly_is_in_a_porous_bunny_needs_no_narrow_phase(scene, bounders, inner):
     outer, broken = bounders["voxels"], denying(inner, [[0.3, -0.7, 1.5, 0.5]])  # calls free space inside
     broad = {"voxels": OfMotion(outer, scene), "sided": OfSides(outer, inner, scene)}
@@ -86,12 +68,6 @@ def test_what_certainly_is_in_a_porous_bunny_needs_no_narrow_phase(scene, bounde
         runs["broken"].test_final(reference)
     with pytest.raises(wb.BoundingError, match="of a porous mesh only"):
         Example(scene, broad["sided"], particles=10)
-
-
-def test_the_margin_covers_the_contact_distance_and_its_rounding(scene):
-    assert RADIUS < scene.margin < RADIUS * 1.001
-    assert RADIUS - scene.core.margin == pytest.approx(scene.margin - RADIUS)
-    assert all(0.0 < scene.time(step) < PERIOD for step in range(1000))
 
 
 def test_the_sign_agrees_with_the_shape_and_no_point_is_deeper_than_containment_looks(scene):
@@ -114,11 +90,3 @@ def test_the_sign_agrees_with_the_shape_and_no_point_is_deeper_than_containment_
         assert deep.any()
         assert not (touched & ~held).any()
         assert touched[deep].all()
-
-
-def test_nothing_to_simulate_is_refused(tmp_path):
-    for option in ("particles", "steps"):
-        with pytest.raises(wb.BoundingError, match="at least 1"):
-            run(tmp_path, **{option: 0})
-    with pytest.raises(wb.DeviceError, match="no such device"):
-        Scene.bunny("cuda:99")

@@ -8,7 +8,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from bounding_shapes import report_of
-from broken import Everything, denying
+from broken import denying
 from rich.console import Console
 
 import warp_bounding as wb
@@ -101,24 +101,6 @@ def test_a_broken_bounder_is_found_out(world, bounders, name):
     assert runs[wrong].missed() > 0
     with pytest.raises(AssertionError, match=reported):
         runs[wrong].test_final(runs["none"])
-
-
-def test_paths_through_walls_are_found_out_and_identical_means_to_the_bit(world, examples, monkeypatch):
-    through, again = (Example(world, each, states=STATES, problems=PROBLEMS) for each in (Everything(), None))
-    through.step()
-    assert through.checks == 0
-    assert through.missed() > 0
-    again.step()
-    for array in (again.nodes, again.lengths, again.paths[3]):
-        assert again.state() == examples["none"].state()
-        flat = array.reshape(-1)
-        before, flat[2] = flat[2], np.nextafter(flat[2], array.dtype.type(np.inf))
-        with pytest.raises(AssertionError, match="the paths differ"):
-            again.test_final(examples["none"])
-        flat[2] = before
-    monkeypatch.setattr(Example, "missed", lambda self, reference: 0)
-    with pytest.raises(AssertionError, match="paths collide"):
-        through.test_final(examples["none"])
 
 
 def test_blocked_and_unsolvable_problems_are_counted(world):
@@ -224,16 +206,3 @@ def test_users_worlds_are_fitted_once(tmp_path):
     mlp = next(file for file in times if file.name.startswith("path-a") and file.name.endswith("-mlp.safetensors"))
     with pytest.raises(wb.BounderError, match=r"expected a bounder of one of b\.map"):
         go(world=mine / "b.map", bounder_file=mlp)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"states": 1}, "at least 2 states"),
-        ({"budget": -1.0}, "budget must be a positive"),
-        ({"world": "there-is-none.map"}, "cannot be read"),
-    ],
-)
-def test_bad_options_are_refused(tmp_path, options, message):
-    with pytest.raises(wb.BoundingError, match=message):
-        run(tmp_path, console=Console(quiet=True), **options)

@@ -4,22 +4,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from exact_mesh import passes_box
 
 import warp_bounding as wb
 from sims.path.exact import ExactWorld
-
-
-def meets_cell(a, b, low, high):
-    """Exactly: clip the segment by a closed cell, in fractions (another way than the kernel's)."""
-    first, last = Fraction(0), Fraction(1)
-    for p, q, lo, hi in zip(a, b, low, high, strict=True):
-        if p == q:
-            if not lo <= p <= hi:
-                return False
-            continue
-        ends = sorted(((lo - p) / (q - p), (hi - p) / (q - p)))
-        first, last = max(first, ends[0]), min(last, ends[1])
-    return first <= last
 
 
 def meets_world(grid, start, end):
@@ -27,7 +15,7 @@ def meets_world(grid, start, end):
     half = Fraction(1, 2)
     scale, offset = ([Fraction(float(v)) for v in values] for values in (grid.cells_per_unit, grid.offset))
     a, b = ([Fraction(float(x[k])) * scale[k] - offset[k] for k in range(2)] for x in (start, end))
-    return any(meets_cell(a, b, [c - half for c in cell], [c + half for c in cell]) for cell in grid.occupied.tolist())
+    return any(passes_box(a, b, [c - half for c in cell], [c + half for c in cell]) for cell in grid.occupied.tolist())
 
 
 def random_world(shape, seed, share=0.15, **placed):
@@ -118,18 +106,3 @@ def test_lines_through_a_corner_that_float64_cannot_tell():
     aside = np.nextafter(starts, np.float32(rng.choice([-1.0, 1.0], starts.shape) * np.inf))
     _, found = agree(grid, aside, ends)
     assert 0 < found.sum() < len(found)
-
-
-def test_bad_input_is_refused():
-    world, x = ExactWorld(WORLDS["unit"]), np.zeros((3, 2), dtype=np.float32)
-    for bad in (x.astype(np.float64), x[:, :1], x[0]):
-        with pytest.raises(wb.QueryError, match="float32"):
-            world.states(bad)
-    with pytest.raises(wb.QueryError, match="finite"):
-        world.segments(x, x + np.float32(np.nan))
-    with pytest.raises(wb.QueryError, match="within"):
-        world.segments(x, x + np.float32(1e12))
-    with pytest.raises(wb.QueryError, match="as many"):
-        world.segments(x, x[:2])
-    with pytest.raises(wb.ShapeError, match="2 dimensions"):
-        ExactWorld(wb.shapes.Grid(np.eye(3, dtype=bool)[None].repeat(2, 0)))

@@ -44,22 +44,16 @@ def test_a_scenario(map_file, name):
 
 BAD = (  # which text, what is replaced in it, and what is said
     (MAP, "type octile", "type hex", "line 1: expected 'type octile'"),
-    (MAP, "height 3", "width 3", "line 2: expected 'height'"),
     (MAP, "width 4", "width 9999999", "line 3: expected 'width'"),
     (MAP, "GTSW\n", "", "expected 3 rows, got 2"),
     (MAP, "GTSW", "GTS", "line 6: expected 4 cells, got 3"),
     (MAP, "GTSW", "GT?W", r"line 6: expected cells of .*, got '\?'"),
-    (MAP, "GTSW", "GTéW", "expected plain text"),
-    (MAP, MAP, "", "got the end of the file"),
     (MAP, ".@..\nGTSW\n...O", "....\n....\n....", "nothing to bound"),
     (SCEN, "version 1", "version 2", "line 1: expected 'version 1'"),
     (SCEN, "\t4.0", "", "line 2: expected 9 fields, got 8"),
-    (SCEN, "\t0\t0\t", "\tx\t0\t", "line 2: expected numbers"),
     (SCEN, "m.map\t4\t3\t0", "m.map\t3\t4\t0", "line 2: expected a map of 4 x 3 cells, got 3 x 4"),
     (SCEN, "\t2\t2\t", "\t4\t2\t", "line 2: expected cells of the map"),
-    (SCEN, "4.0", "nan", "line 2: expected a length"),
     (SCEN, SCEN, "version 1\n", "at least one problem"),
-    (SCEN, SCEN, "", "got the end of the file"),
 )
 
 
@@ -73,14 +67,7 @@ def test_what_is_no_map_and_no_scenario(map_file, text, old, new, message):
 
 
 def test_what_is_no_world(tmp_path):
-    with pytest.raises(wb.ShapeError, match="expected a folder with"):
-        worlds_at(tmp_path)
-    with pytest.raises(wb.ShapeError, match="no such file"):
-        worlds_at(tmp_path / "nothing.png")
-    (tmp_path / "mesh.obj").write_text("v 0 0 0")
-    with pytest.raises(wb.ShapeError, match=r"expected a world, one of .map .png .npy .npz, got '.obj'"):
-        worlds_at(tmp_path / "mesh.obj")
-    solid = tmp_path / "solid.npy"
-    np.save(solid, np.eye(4, dtype=bool)[None].repeat(2, 0))
-    with pytest.raises(wb.ShapeError, match="expected a 2D world, got 3 dimensions"):
-        worlds_at(solid)
+    np.save(tmp_path / "solid.npy", np.eye(4, dtype=bool)[None].repeat(2, 0))
+    for name, message in (("nothing.png", "no such file"), ("solid.npy", "expected a 2D world, got 3 dimensions")):
+        with pytest.raises(wb.ShapeError, match=message):
+            worlds_at(tmp_path / name)

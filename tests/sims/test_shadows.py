@@ -6,11 +6,8 @@ import pytest
 import warp as wp
 
 import warp_bounding as wb
-from sims.base import compare
-from sims.report import kept
 from sims.shadows import Example, Scene
 from sims.shadows.demo import simulate
-from sims.shadows.example import check_rays
 from sims.shadows.scene import LENGTH, LIFT, margin_of
 from warp_bounding.queries import oracle
 
@@ -59,13 +56,6 @@ def stopped_by(scene, example, step=0):
     return example.shadows[step][scene.seen.things >= 0][facing(scene, example, step)]
 
 
-def denying(scene, bounders, example):
-    """The bounders, that of the chair with its threshold raised above what a good part of its shadow has."""
-    values = bounders["chair"].values(shadow_rays(scene, example)[stopped_by(scene, example) & 2 != 0]).numpy()
-    raised = bounders["chair"].to(str(scene.device))
-    return bounders | {"chair": raised.freeze(float(np.nextafter(np.median(values), np.float32(np.inf))), None)}
-
-
 def test_proven_bounders_change_nothing_but_the_number_of_calls(scene, examples, monkeypatch):
     reference, things = examples["none"], scene.seen.things
     for bit in (1, 2):
@@ -96,41 +86,3 @@ def test_every_stopped_ray_meets_the_cells(scene, cells, examples):
             stopped = rays[shadow & (1 << bit) != 0]
             assert len(stopped) > 100
             assert oracle("ray", grid, str(scene.device), LENGTH)(stopped).all()
-
-
-def test_a_bounder_that_denies_a_part_of_the_object_is_found_out_and_drawn(scene, bounders, examples, tmp_path):
-    pytest.importorskip("matplotlib")
-    from matplotlib.image import imread
-
-    from sims.shadows.pictures import draw
-
-    broken = {"broken": denying(scene, bounders["kdop"], examples["none"])}
-    runs = simulate(scene, broken, steps=STEPS)
-    row = compare(runs, broken)[1]
-    assert (kept([row]), row.identical) == (False, False)
-    assert row.missed > 0
-    with pytest.raises(AssertionError, match="shadow pixels were lost"):
-        runs["broken"].test_final(runs["none"])
-    picture = imread(draw(tmp_path, runs["none"], runs))[..., :3]
-    red = (picture[..., 0] > 0.8) & (picture[..., 1] < 0.3) & (picture[..., 2] < 0.35)
-    half = picture.shape[1] // 2
-    assert not red[50:, :half].any()
-    assert red[50:, half:].sum() > 10
-    # a pixel in both shadows that loses one of them stays dark: nothing is missed, and the pictures still differ
-    row, column = np.argwhere(runs["none"].shadows[0] != 0)[0]
-    runs["none"].shadows[0][row, column] ^= 4
-    assert runs["none"].missed(examples["none"]) == 0
-    with pytest.raises(AssertionError, match="pictures differ"):
-        runs["none"].test_final(examples["none"])
-
-
-def test_bounders_of_other_rays_are_refused(scene, bounders, cells):
-    grid = cells["chair"]
-    options = {"margin": grid.margin, "resolution": RESOLUTION, "method": "aabb"}
-    short, point = wb.fit(grid, query="ray", length=1.0, **options), wb.fit(grid, **options)
-    with pytest.raises(wb.BounderError, match="expected a bounder of rays of length 3, got length 1"):
-        check_rays(short, "chair")
-    with pytest.raises(wb.BounderError, match="expected a bounder of rays or distances, got one of points"):
-        Example(scene, bounders["aabb"] | {"chair": point})
-    with pytest.raises(wb.BounderError, match="expected a bounder for each of bunny, chair, got some for chair"):
-        Example(scene, {"chair": short})

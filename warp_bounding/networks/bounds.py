@@ -9,8 +9,6 @@ neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply
 middle and half-range, centre, noise and columns forwards, one coefficient backwards; and fewer than ``C^3 H`` of the
 polynomial. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
 rounding of all of them, and the relaxations add what the kernel's own sine errs by.
-``tests/shared/plain_bounds.py`` computes the same in NumPy, for boxes of the inputs themselves
-(``PlainParametrization``), without constraints.
 
 The C text of bounds comes first, then that of the polynomial to which they lead; ``body`` puts them together for the
 shape of a network and its parametrization. K are the network's inputs, Z the numbers of a box, C the columns, the
