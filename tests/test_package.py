@@ -1,9 +1,11 @@
-"""The package as a whole is light to import."""
+"""The package as a whole is light to import, and its pages show what ``results`` holds."""
 
 import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("torch", "trimesh", "pyvista", "matplotlib", "scipy", "typer", "PIL", "pxr")
@@ -33,3 +35,11 @@ def test_loading_and_asking_is_light(tmp_path):
         f"print(n, [m for m in {HEAVY} if m in sys.modules])"
     )
     assert python(code) == "5 []"
+
+
+def test_pages_are_as_measured():
+    """Otherwise ``python docs/site/measured.py`` writes them anew."""
+    pytest.importorskip("newton", reason="newton is not installed")
+    from measured import changed
+
+    assert not changed()

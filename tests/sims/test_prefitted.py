@@ -28,32 +28,20 @@ def test_closed_forms_are_fitted_and_networks_loaded(tmp_path, monkeypatch):
     assert bounder_from(path, grid, MLP, device="cpu").threshold == made["mlp"].threshold
 
 
-def test_what_does_not_fit_is_refused_with_both_numbers(tmp_path):
-    grid = disc()
-    bounder = fit(MLP, grid, device="cpu")
-    check_fit(bounder, grid, MLP, "file")
-    with pytest.raises(wb.BounderError, match="another shape, array; expected"):
-        check_fit(bounder, disc(0.35), MLP, "file")
-    with pytest.raises(wb.BounderError, match=r"too small a margin, expected 0\.05, got 0"):
-        check_fit(bounder, grid.to_grid(margin=0.05), MLP, "file")
-    cells = FitSpec("aabb", resolution=8)
+def test_what_does_not_fit_is_refused_with_both_numbers():
     mesh = wb.shapes.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
-    for own, other, got in (
-        (cells, FitSpec("aabb"), "itself, got one of its cells at resolution 8"),
-        (FitSpec("aabb"), cells, "cells at resolution 8, got one of the shape itself"),
+    cells, inner = FitSpec("aabb", resolution=8), FitSpec("mlp", options=MLP.options | {"side": "inside"})
+    rays, whole, grid = FitSpec("aabb", query="ray", options={"length": 2.0}), FitSpec("aabb"), disc()
+    for own, of, other, given, words in (
+        (MLP, grid, MLP, disc(0.35), "another shape, array; expected"),
+        (MLP, grid, MLP, grid.to_grid(margin=0.05), r"too small a margin, expected 0\.05, got 0"),
+        (MLP, grid, inner, grid, "from the inside, got one from the other side"),
+        (MLP, grid, FitSpec("mlp-early"), grid, "of method mlp-early, got mlp"),
+        (cells, mesh, whole, mesh, "itself, got one of its cells at resolution 8"),
+        (whole, mesh, cells, mesh, "cells at resolution 8, got one of the shape itself"),
+        (rays, grid, FitSpec("aabb", query="ray"), grid, "rays of length 1, got 2"),
     ):
-        made = fit(own, mesh, device="cpu")
-        check_fit(made, mesh, own, "file")
-        with pytest.raises(wb.BounderError, match=got):
-            check_fit(made, mesh, other, "file")
-    inner = FitSpec("mlp", options=MLP.options | {"side": "inside"})
-    with pytest.raises(wb.BounderError, match="from the inside, got one from the other side"):
-        check_fit(bounder, grid, inner, "file")
-    with pytest.raises(wb.BounderError, match="of method mlp-early, got mlp"):
-        check_fit(bounder, grid, FitSpec("mlp-early"), "file")
-    rays = FitSpec("aabb", query="ray", options={"length": 2.0})
-    with pytest.raises(wb.BounderError, match="rays of length 1, got 2"):
-        check_fit(fit(rays, grid, device="cpu"), grid, FitSpec("aabb", query="ray"), "file")
-    bounder.certificate = None
-    with pytest.raises(wb.BounderError, match="expected a bounder with a certificate"):
-        check_fit(bounder, grid, MLP, "file")
+        bounder = fit(own, of, device="cpu")
+        check_fit(bounder, of, own, "file")
+        with pytest.raises(wb.BounderError, match=words):
+            check_fit(bounder, given, other, "file")

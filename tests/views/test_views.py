@@ -11,7 +11,7 @@ import warp_bounding as wb
 from warp_bounding.errors import QueryError
 from warp_bounding.views import view_of
 from warp_bounding.views.draw import page
-from warp_bounding.views.view import level_surface, object_surface
+from warp_bounding.views.view import object_surface
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")
@@ -28,15 +28,6 @@ def volume(surface) -> float:
     assert surface.is_manifold
     a, b, c = (np.asarray(surface.points, np.float64)[surface.regular_faces[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
-
-
-def test_a_level_set_lies_where_the_answer_changes():
-    ball = level_surface(lambda x: np.linalg.norm(x, axis=1) < 1, np.array([-2.0, -2, -2]), np.array([2.0, 2, 2.5]), 30)
-    np.testing.assert_allclose(np.linalg.norm(ball.points, axis=1), 1.0, atol=1e-4)
-    assert 0.97 < volume(ball) / (4 / 3 * np.pi) < 1
-    half = level_surface(lambda x: x[:, 0] < 0.3, -np.ones(3), np.ones(3), 8)  # closed where the box ends
-    assert volume(half) == pytest.approx(1.3 * 4, rel=1e-3)
-    assert level_surface(lambda x: x[:, 0] > 9, -np.ones(3), np.ones(3), 8).n_cells == 0
 
 
 def test_the_object_of_a_grid_lies_where_its_cells_do():
