@@ -112,12 +112,15 @@ def spoilt(content: bytes):
         ({"found": held["found"] - 1}, {}, False),
         ({}, {"levels": document["levels"][:-1]}, False),
         ({"found": held["found"][:-1]}, {}, True),
+        ({"found": held["found"].astype(np.float32)}, {}, True),
         ({first: held[first].T.copy()}, {}, True),
         ({first: held[first] + 9.0}, {}, True),
         ({first: held[first] * np.nan}, {}, True),
         ({first.replace("lower", "owner"): held[first.replace("lower", "owner")] + 10**6}, {}, True),
         ({}, {"levels": ["1"] * len(document["levels"])}, True),
         ({}, {"levels": [0] * (1 + len(document["levels"]))}, True),
+        ({}, {"levels": None}, True),
+        ({}, {"boxes": 1.5}, True),
         ({}, {"seconds": float("inf")}, True),
     ):
         tensors, left = held | changes, document | told
