@@ -97,13 +97,11 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     """The measured columns of a row; those about threshold 0 are ``None`` where a network learns distances."""
     grid, has_output = cell.grid, cell.column.query not in DISTANCES
     rates = Thresholds.of(bounder, grid, s["samples"], seed + 1)
-    hard, lowest = hard_positives(
-        bounder, grid, s["positives"], seed + 424_243
-    )  # not the seed of any fit or certificate
+    # not the seed of any fit or certificate
+    hard, lowest = hard_positives(bounder, grid, s["positives"], seed + 424_243)
     sampled, copy, started = float(hard.min()), bounder.to(str(bounder.device)), time.perf_counter()
-    points = (
-        as_queried(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
-    )  # others are searched over other numbers
+    # others are searched over other numbers
+    points = as_queried(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
     search = prove(copy, grid, budget=s["seconds"], eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     certificate = bounder.certificate

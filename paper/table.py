@@ -159,12 +159,13 @@ class Variant(NamedTuple):
         return PAPER[what].get(self.method, {}).get(column) if belongs else None
 
 
+# in the order of the rows
 VARIANTS = tuple(
     Variant(method, leaves, parametric)
     for method in ROWS
     for leaves in ((None, 16, 64, 256) if method == "bvh" else (None,))
     for parametric in ((False, True) if method in IN_BOTH else (False,))
-)  # in the order of the rows
+)
 
 
 def column_of(row: dict[str, Any]) -> Column:

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import warp as wp
 
-if (
-    "PYTEST_XDIST_WORKER" in os.environ
-):  # the cores are shared out already: torch's own threads would only wait for each other
+# the cores are shared out already: torch's own threads would only wait for each other
+if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 wp.config.log_level = getattr(wp, "LOG_ERROR", 40)

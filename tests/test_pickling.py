@@ -78,9 +78,8 @@ def test_every_method(copied, method, rng):
     check_bounder(copied, bounder, lambda b: b.values(x).numpy())
 
 
-@pytest.mark.parametrize(
-    "method", ["bvh", "mlp", "distance-grid"]
-)  # the others are volumes without tensors of their own
+# the others are volumes without tensors of their own
+@pytest.mark.parametrize("method", ["bvh", "mlp", "distance-grid"])
 def test_distances(copied, method, rng):
     x = thing("blob").lower + rng.random((500, 3)) * 2
     check_bounder(copied, far(method, "blob").to("cpu"), lambda b: b.distance(x.astype(np.float32)).numpy())

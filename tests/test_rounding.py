@@ -6,13 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from warp_bounding import rounding
-from warp_bounding.rounding import (
-    UNIT32,
-    UNIT64,
-    gamma,
-    round_down,
-    round_up,
-)
+from warp_bounding.rounding import UNIT32, UNIT64, gamma, round_down, round_up
 
 F32 = np.float32
 DOUBLES = st.floats(allow_nan=False, allow_infinity=False)

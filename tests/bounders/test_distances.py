@@ -106,9 +106,8 @@ def test_marching_and_halving_decide_what_g_can(method, rng):
     maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=4000))
     if bounder.volume is not None:  # whose g itself is a distance; others may march past a point at which g is 0
         assert (maybe[held] == 1).all()
-    near = (
-        np.linalg.norm(b.astype(np.float64) - a, axis=1) / 128 + 1e-3
-    )  # between two of the points that were looked at
+    # between two of the points that were looked at
+    near = np.linalg.norm(b.astype(np.float64) - a, axis=1) / 128 + 1e-3
     assert not maybe[g > near].any()
     assert (t[maybe == 0] == 1).all()
     d = (b - a) * np.float32(3)

@@ -8,16 +8,7 @@ import pytest
 import trimesh
 import warp as wp
 from asking import ask
-from bounding_shapes import (
-    CONSERVATIVE,
-    HIDDEN,
-    crossed,
-    domain_points,
-    fitted,
-    object_points,
-    report_of,
-    shape,
-)
+from bounding_shapes import CONSERVATIVE, HIDDEN, crossed, domain_points, fitted, object_points, report_of, shape
 from plain_shapes import box_of
 
 import warp_bounding as wb

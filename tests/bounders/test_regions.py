@@ -105,10 +105,7 @@ def random_coordinates(domain, rng: np.random.Generator, count: int) -> tuple[np
     return np.concatenate([m, c[:, None]], axis=1), points
 
 
-@pytest.mark.parametrize(
-    ("method", "name"),
-    [*((m, "blob") for m in KINDS), ("oriented-ellipsoid", "c")],
-)
+@pytest.mark.parametrize(("method", "name"), [*((m, "blob") for m in KINDS), ("oriented-ellipsoid", "c")])
 @pytest.mark.parametrize("query", REGIONS)
 def test_rounding_bound(method, query, name, device, rng):
     """What a device computes is at least f of every point of the region, less the bound; and it is what the reference

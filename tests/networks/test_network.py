@@ -94,10 +94,8 @@ def test_noise_does_not_shrink_where_the_sine_falls():
     """Two neurons that fall and rise add their noise; were it signed, it would cancel, and the bound would be wrong."""
     first = (np.array([[1.4]], F32), np.array([np.pi / 2], F32))  # at its top: no slope, only noise
     second = (np.array([[1.0], [-1.0]], F32), np.array([np.pi, 0.0], F32) - F32([0.5, -0.5]))
-    third = (
-        np.array([[1.0, 1.0]], F32),
-        np.array([np.pi / 2], F32),
-    )  # at a top again: it falls as far as the noise goes
+    # at a top again: it falls as far as the noise goes
+    third = (np.array([[1.0, 1.0]], F32), np.array([np.pi / 2], F32))
     network = Network([first, second, third, (np.array([[1.0]], F32), np.zeros(1, F32))], "sin", np.ones(1))
     for sign in (1, -1):
         network.output = type(network.output)(np.array([[float(sign)]]), np.zeros(1), "none")
@@ -123,8 +121,7 @@ def test_linear_bounds_and_points_of_boxes(hidden, activation, rng):
 
 
 @pytest.mark.parametrize(
-    ("hidden", "activation", "name"),
-    [((25, 25), "relu", "c"), ((25, 25), "sin", "blob"), ((13, 30, 5), "sin", "blob")],
+    ("hidden", "activation", "name"), [((25, 25), "relu", "c"), ((25, 25), "sin", "blob"), ((13, 30, 5), "sin", "blob")]
 )
 def test_corners_are_multilinear_bounds(hidden, activation, name, rng):
     """f is nowhere under what is multilinear between the numbers at the corners, and they are no lower than the linear
@@ -219,9 +216,8 @@ def least_of_piecewise_linear(layers, low, high):
     """Exact minimum, a fraction, of a ReLU network of one input on ``[low, high]``: between kinks it is linear."""
     exact = [([[Fraction(float(x)) for x in row] for row in w], [Fraction(float(x)) for x in b]) for w, b in layers]
     points = [Fraction(float(low)), Fraction(float(high))]
-    for depth in range(
-        1, len(exact)
-    ):  # the kinks of layer `depth` lie where its sums vanish, linear between those before
+    # the kinks of layer `depth` lie where its sums vanish, linear between those before
+    for depth in range(1, len(exact)):
         ends = [[sums(exact, depth, x)[j] for x in points] for j in range(len(exact[depth - 1][1]))]
         kinks = set(points)
         for sum_ in ends:

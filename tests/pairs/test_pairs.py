@@ -248,9 +248,8 @@ def test_certify_finds_what_is_missing(mesh, held):
     smaller = Balls(held.centers, held.radii * np.float32(0.98), held.mesh)
     assert not smaller.certify(mesh).proven
     huge = np.append(held.centers, np.float32([[1e9, 0, 0]]), 0), np.append(held.radii, np.float32(9e8))
-    found = Balls(*huge, held.mesh).certify(
-        mesh, budget=20.0
-    )  # next to this ball the KD-tree cannot tell the others apart
+    # next to this ball the KD-tree cannot tell the others apart
+    found = Balls(*huge, held.mesh).certify(mesh, budget=20.0)
     assert found.kind != "refuted"
     assert held.certify(mesh.dilated(0.1)).kind == "inapplicable"
     assert held.certify(ball_at([0, 0, 0], 1.0)).kind == "inapplicable"

@@ -8,15 +8,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from bounding_shapes import (
-    CONSERVATIVE,
-    SHAPES,
-    crossed,
-    fitted,
-    random_bounder,
-    random_mlp,
-    shape,
-)
+from bounding_shapes import CONSERVATIVE, SHAPES, crossed, fitted, random_bounder, random_mlp, shape
 from plain_shapes import ball_at, box_of
 from rewriting import rewrite
 
@@ -444,10 +436,7 @@ def test_parts_keep_the_checks_of_the_whole(monkeypatch):
     """``certify`` asks of every part what ``prove`` asks of it: here a part is about the other side, and about another
     margin."""
     bounder = of_kind("cascade")
-    for change in (
-        {"domain": dataclasses.replace(bounder.domain, unbounded=True)},
-        {"info": {"margin": 2 * MARGIN}},
-    ):
+    for change in ({"domain": dataclasses.replace(bounder.domain, unbounded=True)}, {"info": {"margin": 2 * MARGIN}}):
         parts = bounder.parts
         for name, value in change.items():
             setattr(parts[0], name, value)

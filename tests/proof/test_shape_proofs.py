@@ -190,11 +190,7 @@ def test_the_hull_of_a_mesh_holds_it_with_its_margin():
     assert ((x @ m.T).max(axis=0) <= reach).all()
     bounder, low, high = fit(mesh(), method="kdop"), mesh().lower, mesh().upper
     assert bounder.exact_on_hull(mesh())
-    for other in (
-        ball_at([0, 0, 0], 1.0),
-        wb.shapes.Complement(mesh()),
-        Clipped(mesh(), low, (low + high) / 2),
-    ):
+    for other in (ball_at([0, 0, 0], 1.0), wb.shapes.Complement(mesh()), Clipped(mesh(), low, (low + high) / 2)):
         assert hull_of(other) is None or not bounder.exact_on_hull(other)
 
 

@@ -166,9 +166,8 @@ def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
     bounder.save(tmp_path / "s.safetensors")
     again = wb.load(tmp_path / "s.safetensors", device="cpu")
     assert again.certificate == certificate
-    statistical_test(
-        again, shape("c"), least=0.0, room=20.0, count=10_000
-    )  # far below any value: no fresh positive refutes it
+    # far below any value: no fresh positive refutes it
+    statistical_test(again, shape("c"), least=0.0, room=20.0, count=10_000)
     assert certify(again, shape("c")).kind == "statistical"
     with pytest.raises(BounderError, match="no proof"):
         prove(bounder, shape("c"))

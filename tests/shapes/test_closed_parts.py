@@ -171,10 +171,7 @@ def test_the_digest_is_of_the_geometry_and_arrays_are_copied(rng):
     moved = mesh.vertices.copy()
     moved[3, 1] = np.nextafter(moved[3, 1], np.float32(9))
     assert mesh.digest == load_shape(BOX).digest == same.digest
-    assert mesh.digest not in (
-        Mesh(moved, mesh.faces).digest,
-        Mesh(mesh.vertices, mesh.faces[:-1]).digest,
-    )
+    assert mesh.digest not in (Mesh(moved, mesh.faces).digest, Mesh(mesh.vertices, mesh.faces[:-1]).digest)
     turned = Mesh(mesh.vertices, rng.permutation(mesh.faces))
     assert turned.to_grid(resolution=20, margin=0.05).digest == mesh.to_grid(resolution=20, margin=0.05).digest
 

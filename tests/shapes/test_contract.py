@@ -109,9 +109,8 @@ def test_what_is_no_point_and_no_box(name):
                 assert np.isfinite(known.slope).all()
 
 
-@pytest.mark.parametrize(
-    "name", [name for name in KINDS if dilates(name) and name not in ("outside", "part")]
-)  # the whole is dilated there
+# the whole is dilated there
+@pytest.mark.parametrize("name", [name for name in KINDS if dilates(name) and name not in ("outside", "part")])
 def test_a_margin_holds_what_is_near(name, rng):
     """All points within it in space, and nothing beyond the box; cells that are laid over it hold it."""
     shape, wide = made(name), made(name, MARGIN)

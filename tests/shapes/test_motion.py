@@ -247,11 +247,7 @@ def test_every_point_at_every_time_lies_in_an_occupied_cell(name, margin, rng):
         assert grid.contains(np.column_stack([np.full(len(x), t, np.float64), x])).all()
 
 
-@given(
-    start=st.floats(-1e3, 1e3, width=32),
-    length=st.floats(2.0**-6, 1e3, width=32),
-    count=st.integers(1, MAX_TIMES),
-)
+@given(start=st.floats(-1e3, 1e3, width=32), length=st.floats(2.0**-6, 1e3, width=32), count=st.integers(1, MAX_TIMES))
 @example(start=2.0, length=1.5, count=7)
 @example(start=-0.3, length=1e-2, count=MAX_TIMES)
 def test_cells_of_time_lie_between_the_keyframes(start, length, count):

@@ -46,9 +46,8 @@ def far(method: str, name: str, margin: float = 0.0) -> wb.DistanceBounder:
     if method == "bvh" and name == "torus":
         return wb.fit(thing(name), "distance", method, margin=margin, resolution=24, device="cpu", **TOLD[method])
     reported = dict(TOLD.get(method, {}))
-    if (
-        "budget" in reported and thing(name).ndim <= 3
-    ):  # seconds enough for the finest search on a slow machine; it ends when it is done
+    # seconds enough for the finest search on a slow machine; it ends when it is done
+    if "budget" in reported and thing(name).ndim <= 3:
         reported["budget"] = 100.0
     return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **reported)
 

@@ -94,9 +94,8 @@ def test_lines_through_a_corner_that_float64_cannot_tell():
     occupied = np.zeros((8, 8), dtype=bool)
     occupied[4, 4] = True
     scale = np.float32([7.1234565, 5.9876547]).astype(np.float64)
-    grid = wb.shapes.Grid(
-        occupied, cells_per_unit=scale, offset=np.full(2, -3.5)
-    )  # the cell has a corner in the origin
+    # the cell has a corner in the origin
+    grid = wb.shapes.Grid(occupied, cells_per_unit=scale, offset=np.full(2, -3.5))
     rng = np.random.default_rng(9)
     starts = (rng.random((400, 2), dtype=np.float32) + np.float32(0.01)) * np.float32([-0.4, 0.4])
     ends = -starts * np.float32(2.0) ** -rng.integers(0, 4, (400, 1)).astype(np.float32)

@@ -7,10 +7,7 @@ from bounding_shapes import shape
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.queries.domain import Domain
-from warp_bounding.training.engine import (
-    Evaluator,
-    TrainableNetwork,
-)
+from warp_bounding.training.engine import Evaluator, TrainableNetwork
 
 NETWORKS = [  # coordinates, hidden, activation
     (3, (7,), "sin"),

@@ -40,14 +40,7 @@ def test_wrong_options(option, value):
     assert str(error.value).count("got") == 1
 
 
-TOLD = {
-    "hidden": (8,),
-    "activation": "relu",
-    "k": 12,
-    "leaves": 7,
-    "steps": 3,
-    "length": 0.5,
-}
+TOLD = {"hidden": (8,), "activation": "relu", "k": 12, "leaves": 7, "steps": 3, "length": 0.5}
 TAKEN = {
     ("aabb", "point"): set(),
     ("kdop", "point"): {"k"},
@@ -118,9 +111,7 @@ def motion():
 
 
 @pytest.mark.parametrize(
-    ("given", "extent"),
-    [(BOX, 2), (motion(), 2.1), (BALL, 1.125)],
-    ids=["mesh", "motion", "grid"],
+    ("given", "extent"), [(BOX, 2), (motion(), 2.1), (BALL, 1.125)], ids=["mesh", "motion", "grid"]
 )
 def test_a_margin_beyond_the_extent_is_an_error_unless_forced(given, extent, monkeypatch):
     shape = wb.load_shape(given)
