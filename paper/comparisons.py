@@ -13,16 +13,14 @@ from warp_bounding.training.engine import Clock, single_threaded_torch
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.samples import samples_of
 
-# The paper's recipe: uniform samples, asymmetric cross-entropy, a linear schedule of its two weights.
-#
-# Every ``stage`` iterations the weight of negatives shrinks (1/20, 1/40, ... in 2D, in steps of 1/100 and 1/200 in 3D
-# and 4D) and that of positives grows by 0.2, until no false negative was seen for six stages (paper, Sec. 3.4;
-# supplement, Sec. 2).
-
 
 @dataclass(frozen=True)
 class PaperRecipe:
-    """Constants of the paper and its supplement."""
+    """Uniform samples, and asymmetric cross-entropy of two weights (paper, Sec. 3.4; supplement, Sec. 2).
+
+    Every ``stage`` iterations that of negatives shrinks and that of positives grows, until no false negative was seen
+    for six stages.
+    """
 
     batch: int = 200_000
     stage: int = 10_000  # iterations between two changes of the weights
@@ -91,18 +89,12 @@ class PaperTrainer(NetworkTrainer):
         return sum(missed)
 
 
-# The paper's recipe and the common loss, with a record of both errors while they train.
-#
-# The only difference between the two runs is the weights of the loss: network, first weights, samples, optimiser and
-# learning rate are the same. Errors are those at the paper's threshold, an output of one half, on the same fresh
-# points.
-
 POINTS = 100_000  # that errors are measured on
 RATE = 5e-3  # of Adam, for both losses: the paper's 1e-3 takes tens of thousands of steps
 
 
 class _Recorded(PaperTrainer):
-    """A network in training that writes down its errors every so many steps."""
+    """A network in training that writes down its errors at an output of one half, every so many steps."""
 
     def __init__(self, samples, hidden, activation, paper: PaperRecipe, every: int, note):
         super().__init__(samples, hidden, activation)
@@ -139,14 +131,8 @@ def record(
     return {"step": trainer.steps, "fp": trainer.fp, "fn": trainer.fn}
 
 
-# A field of numbers on a grid, interpolated, trained as a classifier: what ``relu-field`` would be with a symmetric
-# loss.
-#
-# It is no bounder, and only shows what the asymmetric loss and the repair are for.
-
-
 def plain_field(grid, nodes: int, seed: int, steps: int, batch: int, rate: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Train it on uniform points of a 2D object; the answer tells which points ``(N, 2)`` are likely in it."""
+    """Train ``relu-field`` with a symmetric loss; the answer tells which points ``(N, 2)`` are likely in the object."""
     lower, upper = grid.sample_lower, grid.sample_upper
     rng, values = np.random.default_rng(seed), torch.zeros(1, 1, nodes, nodes, requires_grad=True)
 

@@ -34,9 +34,8 @@ def objects_in(data: Path, dimensions: Iterable[int]) -> list[Object]:
     for ndim in dict.fromkeys(dimensions):
         own = [Object(ndim, p.stem, p) for p in sorted(data.glob(PATTERNS[ndim])) if p.is_file()]
         if not own:
-            raise ShapeError(
-                f"{data}: no {PATTERNS[ndim]} there; add the {ndim}D objects, or choose --columns without {ndim}d"
-            )
+            cure = f"add the {ndim}D objects, or choose --columns without {ndim}d"
+            raise ShapeError(f"{data}: no {PATTERNS[ndim]} there; {cure}")
         found += own
     return found
 

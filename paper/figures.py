@@ -84,15 +84,14 @@ class Work:
         from warp_bounding.evaluation import evaluate
 
         found = evaluate(bounder, shape, self.settings["samples"], seed=self.settings["seed"] + 1)
-        return {
+        rates = {
             "fp": round(float(found.fp_rate), 4),
             "fn": int(found.fn),
             "positives": round(float(found.positives), 4),
-            "samples": int(found.samples),
-            "certificate": bounder.certificate.kind if bounder.certificate else "",
-            "nbytes": int(bounder.nbytes),
-            "numbers": int(sum(np.size(t) for t in bounder.tensors.values())),
         }
+        rates |= {"samples": int(found.samples), "nbytes": int(bounder.nbytes)}
+        rates |= {"certificate": bounder.certificate.kind if bounder.certificate else ""}
+        return rates | {"numbers": int(sum(np.size(t) for t in bounder.tensors.values()))}
 
 
 def run(line, name, output="out/figures", data=None, quick=False, effort=None, samples=None, seed=None) -> int:

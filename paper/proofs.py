@@ -9,7 +9,7 @@ oracle affirms and the deployed kernel denies, that is a false negative that sam
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -65,11 +65,11 @@ def run(
     return int(not done or any(r["fn_proven"] for r in folder.rows))
 
 
-class Thresholds:
+class Thresholds(NamedTuple):
     """f of random queries, as the device computes it, and their truth: rates at any threshold come from it."""
 
-    def __init__(self, values: np.ndarray, truth: np.ndarray):
-        self.values, self.truth = values, truth
+    values: np.ndarray
+    truth: np.ndarray
 
     @classmethod
     def of(cls, bounder: Any, grid: Any, samples: int, seed: int) -> "Thresholds":
@@ -97,8 +97,7 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     """The measured columns of a row; those about threshold 0 are ``None`` where a network learns distances."""
     grid, has_output = cell.grid, cell.column.query not in DISTANCES
     rates = Thresholds.of(bounder, grid, s["samples"], seed + 1)
-    # not the seed of any fit or certificate
-    hard, lowest = hard_positives(bounder, grid, s["positives"], seed + 424_243)
+    hard, lowest = hard_positives(bounder, grid, s["positives"], seed + 424_243)  # no fit has this seed
     sampled, copy, started = float(hard.min()), bounder.to(str(bounder.device)), time.perf_counter()
     # others are searched over other numbers
     points = as_queried(bounder, lowest) if has_output and cell.variant.method == "mlp" else None

@@ -69,19 +69,10 @@ def _trained(cell: Cell, way: str, seconds: float, seed: int) -> tuple[Mlp, int,
 def _measured(cell: Cell, way: str, s: dict[str, Any]) -> dict[str, Any]:
     bounder, steps, trained, spent = _trained(cell, way, s["seconds"], s["seed"])
     rates, threshold = Thresholds.of(bounder, cell.grid, s["samples"], s["seed"] + 1), float(bounder.threshold)
-    return about(cell, bounder, s) | {
-        "way": way,
-        "steps": steps,
-        "steps_asked": STEPS if way == WAYS[1] else None,
-        "step_seconds": trained / max(steps, 1),
-        "fp_rate": rates.fp(threshold),
-        "fn": rates.fn(threshold),
-        "fp_zero": rates.fp(0.0),
-        "fn_zero": rates.fn(0.0),
-        "positives": 100 * float(rates.truth.mean()),
-        "fit_seconds": round(spent, 3),
-        "seconds": s["seconds"],
-    }
+    row = about(cell, bounder, s) | {"way": way, "steps": steps, "steps_asked": STEPS if way == WAYS[1] else None}
+    row |= {"step_seconds": trained / max(steps, 1), "fit_seconds": round(spent, 3), "seconds": s["seconds"]}
+    row |= {"fp_rate": rates.fp(threshold), "fn": rates.fn(threshold), "positives": 100 * float(rates.truth.mean())}
+    return row | {"fp_zero": rates.fp(0.0), "fn_zero": rates.fn(0.0)}
 
 
 def page(folder: results.Folder) -> str:
@@ -94,5 +85,4 @@ def page(folder: results.Folder) -> str:
         + (f"{r['fp_rate']:.2f}", f"{r['fp_zero']:.2f}", f"{100 * r['fn_zero'] / r['samples']:.3f}")
         for r in rows
     ]
-    seconds = f"{folder.settings['seconds']:g}"
-    return folder.page(NAME, seconds=seconds, table=markdown(heads.split("|"), lines, 3))
+    return folder.page(NAME, seconds=f"{folder.settings['seconds']:g}", table=markdown(heads.split("|"), lines, 3))

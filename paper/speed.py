@@ -71,9 +71,10 @@ def run(line, output, data, quick=False, columns=None, methods=None, objects=Non
         folder.write(results.PAGE, page(folder))
         return ", ".join(f"{variant_of(r).label} {r['ns']:.3g} ns ({r['ratio']:.3f})" for r in rows)
 
-    title = lambda key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}"  # noqa: E731
-    done = results.work(folder, sorted(groups), measure, title)
-    for kind, content in early_plot(devices_of([*folder.rows, *_rows_of_gpu(folder.path)])).items():
+    titles = {key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}" for key in groups}
+    done = results.work(folder, sorted(groups), measure, titles.get)
+    of_gpu = results.read_rows(folder.path / "cuda" / f"{NAME}.csv", CSV)  # of a run there, which the chart shows, too
+    for kind, content in early_plot(devices_of([*folder.rows, *of_gpu])).items():
         folder.write(f"early_out.{kind}", content)
     folder.write(results.PAGE, page(folder))
     missed = sum(r["fn"] for r in folder.rows if variant_of(r).conservative)
@@ -81,12 +82,6 @@ def run(line, output, data, quick=False, columns=None, methods=None, objects=Non
         results.say(f"promise broken: {missed:,} false negatives of methods that promise none")
     print(f"{len(folder.rows)} cells; the tables are {folder.path / results.PAGE}")
     return int(bool(missed or not done))
-
-
-def _rows_of_gpu(path: Path) -> Rows:
-    """Rows of a run on a GPU, from the folder ``cuda`` in this one if there is one; the chart shows both runs."""
-    table = path / "cuda" / f"{NAME}.csv"
-    return results.read_rows(table, CSV)
 
 
 def _raced(folder: results.Folder, cells: Sequence[Cell], device: str) -> list[dict[str, Any]]:
@@ -212,15 +207,7 @@ def page(folder: results.Folder) -> str:
 
 
 def _table_2(cells: Mapping[tuple[Variant, Column], Mean]) -> list[str]:
-    heads = [
-        "",
-        "ms for 10 million",
-        "billions a second",
-        "time / mlp",
-        "FP %",
-        "pays from, ms",
-        "pays from, × a query",
-    ]
+    heads = "|ms for 10 million|billions a second|time / mlp|FP %|pays from, ms|pays from, × a query".split("|")
     lines, whole, ours = [], PAPER["ms"]["mlp"][TABLE_2], cells.get((EARLY, TABLE_2))
     mlp = cells.get((REFERENCE, TABLE_2))
     for variant, cell in ((v, cell) for (v, column), cell in cells.items() if column == TABLE_2):

@@ -112,14 +112,12 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
 # --- means and the page -----------------------------------------------------------------------------------------------
 
 NO_METHOD, NOT_YET, SAME = "–", "…", "="
+OUTSIDE = "Exact on the grid that all of them bound, at the price of memory or time: outside the ranking"
 GROUPS = (
     ("Classic volumes", lambda v: v.method in t.CLASSIC),
     ("Learned", lambda v: v.learned and v.conservative),
     ("Not conservative, shown for comparison", lambda v: not v.conservative),
-    (
-        "Exact on the grid that all of them bound, at the price of memory or time: outside the ranking",
-        lambda v: v.method in t.EXACT,
-    ),
+    (OUTSIDE, lambda v: v.method in t.EXACT),
 )
 HEADLINES = {
     "exact": "Truth is exact: any query that touches a cell of the object counts, however thin the touch.",
@@ -181,9 +179,7 @@ class Means:
         """All means, a row a method."""
         columns, dimensions = list(self.objects), sorted({c.ndim for c in self.objects})
         sizes = ((len(names), t.OBJECTS[c.ndim]) for c, names in self.objects.items())
-        lines: list[list[str | None]] = [
-            ["*objects*", *(str(n) if n == all_ else f"{n} (of {all_})" for n, all_ in sizes)]
-        ]
+        lines = [["*objects*", *(str(n) if n == all_ else f"{n} (of {all_})" for n, all_ in sizes)]]
         for heading, belongs in GROUPS:
             variants = [v for v in self.variants if belongs(v)]
             lines += [[f"*{heading}*"]] if variants else []
@@ -207,7 +203,8 @@ class Means:
         parts, lower = [], 0
         for column in self.objects:
             rates = ((self.rate(v, column), v.name) for v in self.variants if v.method in t.NETWORKS)
-            able, theirs = [pair for pair in rates if pair[0] is not None], paper_network(column)
+            able = [pair for pair in rates if pair[0] is not None]
+            theirs = min(t.PAPER["fp_rate"][m][column] for m in ("mlp", "mlp-early"))
             if able:
                 rate, name = min(able)
                 lower += rate < theirs
@@ -216,11 +213,6 @@ class Means:
         head = "columns our best network has fewer false positives than the paper's best; mean %, and in brackets the"
         text = f"In {lower} of {len(parts)} {head} paper's and the name of ours: {'; '.join(parts)}."
         return f"{text} Planes cannot be compared: most of their hits are missed by samples." if parts else ""
-
-
-def paper_network(column: Column) -> float:
-    """The paper's best network: false positives, per cent."""
-    return min(t.PAPER["fp_rate"][m][column] for m in ("mlp", "mlp-early"))
 
 
 def _mean(rows: Rows, name: str) -> float:
@@ -254,9 +246,8 @@ HIGHLIGHTED = {"mlp": "#d1420ao", "learned-kdop+mlp": "#7a2f00*", "kdop": "#0084
 GREYS = ("mlp-early", "mlp-local", "hierarchy", "distance", "relu-field", "learned-kdop", "aabb", "obb",
     "sphere", "ellipsoid", "oriented-ellipsoid")  # fmt: skip
 STYLES = dict.fromkeys(GREYS, "#c3c8cc,") | HIGHLIGHTED  # colour and marker; the highlighted ones are drawn last
-CAPTIONS = dict(
-    zip(t.SPACES, ("volumes around the object", "volumes around query parameters,\nas in the paper"), strict=True)
-)
+AROUND = "volumes around the object", "volumes around query parameters,\nas in the paper"
+CAPTIONS = dict(zip(t.SPACES, AROUND, strict=True))
 TICKS = (0.01, 0.03, 0.1, 0.3, 1, 3, 10, 30, 100)  # per cent; what is less than the first is drawn there
 
 
