@@ -45,7 +45,7 @@ from warp_bounding.rounding import UNIT32
 # * plane, infinite: d is ``z``; so only above it particles are denied.
 # * plane, finite: d is ``max(|x| - w, |y| - l, |z|)``, which is not a Euclidean distance; so there is no ball.
 #
-# What float32 makes of all that, in the pass and here, ``placing.place_shapes`` adds, for which ``size`` is the
+# What float32 makes of all that, in the pass and here, ``placing.place_shapes`` adds, for which ``reach`` is the
 # largest length that enters. Height fields are not tested.
 #
 # Source: ``create_soft_contacts`` in Newton's ``geometry/kernels.py``, whose formulas for these shapes are the same
@@ -63,132 +63,6 @@ _LARGEST_RADIUS = wp.constant(1.0e7)
 _MOST_WAY = wp.constant(2.0**100)
 _MOST_OF_ELLIPSOIDS = wp.constant(2.0**46)  # over the square of its least radius, see module
 _ARC_ROUNDING = wp.constant(32.0 * UNIT32)  # of a barrel, see module
-
-
-@wp.struct
-class Extent:
-    """A box and a ball around a primitive, in its own axes; see module."""
-
-    half: wp.vec3  # half widths
-    grow: wp.vec3  # by which they grow for each unit of way
-    below: float  # by how much the box is longer on the negative side of its third axis
-    radius: float  # of the ball
-    grow_radius: float
-    size: float
-    most_way: float  # nothing is said where the way is longer
-    tested: bool
-
-
-@wp.func
-def _finite(half: wp.vec3) -> Extent:
-    e = Extent()
-    e.half = half
-    e.grow = wp.vec3(1.0, 1.0, 1.0)
-    e.below = 0.0
-    e.radius = wp.length(half)
-    e.grow_radius = 1.0
-    e.most_way = _MOST_WAY
-    e.size = e.radius
-    e.tested = True
-    return e
-
-
-@wp.func
-def _sphere(scale: wp.vec3) -> Extent:
-    r = wp.abs(scale[0])
-    e = _finite(wp.vec3(r, r, r))
-    e.radius = r
-    return e
-
-
-@wp.func
-def _cylinder(scale: wp.vec3) -> Extent:
-    r, h, b = wp.abs(scale[0]), wp.abs(scale[1]), wp.abs(scale[2])
-    e = _finite(wp.vec3(r, r, h))
-    if b > 0.0:
-        out = wp.min(h * h / b, h) + _ARC_ROUNDING * b
-        e = _finite(wp.vec3(r + out, r + out, h + _ARC_ROUNDING * b * (b + r) / h))
-        e.size = e.size + b
-    return e
-
-
-@wp.func
-def _ellipsoid(scale: wp.vec3) -> Extent:
-    r = wp.max(wp.vec3(_LEAST_RADIUS), wp.abs(scale))
-    least, most = wp.min(r), wp.max(r)
-    e = _finite(r)
-    e.grow = r / least
-    e.radius = most
-    e.grow_radius = most / least
-    e.most_way = wp.min(_MOST_WAY, _MOST_OF_ELLIPSOIDS * least * least)
-    e.tested = most <= _LARGEST_RADIUS
-    return e
-
-
-@wp.func
-def _plane(scale: wp.vec3) -> Extent:
-    width, length = 0.5 * scale[0], 0.5 * scale[1]
-    if width > 0.0 and length > 0.0:
-        e = _finite(wp.vec3(width, length, 0.0))
-        e.radius = wp.inf
-        e.grow_radius = 0.0
-        return e
-    e = _finite(wp.vec3(0.0, 0.0, 0.0))
-    e.half = wp.vec3(wp.inf, wp.inf, 0.0)
-    e.radius = wp.inf
-    e.grow_radius = 0.0
-    e.below = wp.inf
-    return e
-
-
-@wp.func
-def extent_of(kind: int, scale: wp.vec3) -> Extent:
-    """The box and the ball around a primitive, world units; ``tested`` is false for a shape of another kind."""
-    if kind == _PLANE:
-        return _plane(scale)
-    if kind == _SPHERE:
-        return _sphere(scale)
-    if kind == _BOX:
-        return _finite(wp.abs(scale))
-    if kind == _CAPSULE:
-        return _finite(wp.vec3(wp.abs(scale[0]), wp.abs(scale[0]), wp.abs(scale[0]) + wp.abs(scale[1])))
-    if kind == _CYLINDER:
-        return _cylinder(scale)
-    if kind == _CONE:
-        return _finite(wp.vec3(wp.abs(scale[0]), wp.abs(scale[0]), wp.abs(scale[1])))
-    if kind == _ELLIPSOID:
-        return _ellipsoid(scale)
-    return Extent()  # all zeros, hence not tested
-
-
-# --- Places -----------------------------------------------------------------------------------------------------------
-
-# What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh
-# (the closest point 16, the division by the scale 1, the search's own products 8) and of the way; and of the
-# coordinates in the world: two transforms, once in the pass and once here, each a rotation by a quaternion and a sum
-# (module).
-IN_MESH, IN_WORLD = 32.0, 256.0
-_WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
-_MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
-# Of the ball and the box around a domain in the world, and of a distance from its middle: under 64 units in all.
-_HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
-# Of the sum that a bounder's margin is compared with: eight roundings.
-IN_SUM = 8.0 * UNIT32
-_SUM_ROUNDING = wp.constant(IN_SUM)
-# A quaternion whose squared length is farther from 1 than this, more than float32 rounding makes it, does not only
-# rotate.
-_UNIT_ROTATION = wp.constant(1.0e-6)
-_LONGEST_ROTATION = wp.constant(2.0)
-# What the way around a shape in closed form is at least, since the squares of lengths under 2^-63 are lost.
-_LEAST_WAY = wp.constant(2.0**-60)
-# Of a mesh: the largest sizes of gap and margin together, and of a radius; Newton's distance of what it does not find
-# is 1e6.
-_MOST_OF_GAPS, _MOST_OF_RADII = wp.constant(5.0e5), wp.constant(4.0e5)
-_COLLIDES = wp.constant(int(newton.ShapeFlags.COLLIDE_PARTICLES))
-# What is done with a shape: nothing, its hull in closed form, the hull of its mesh, or that and its bounder.
-UNTESTED, PRIMITIVE, HULL, BOUNDED = 0, 1, 2, 3
-_MESH, _CONVEX_MESH = wp.constant(int(newton.GeoType.MESH)), wp.constant(int(newton.GeoType.CONVEX_MESH))
-_UNTESTED, _PRIMITIVE, _BOUNDED = wp.constant(UNTESTED), wp.constant(PRIMITIVE), wp.constant(BOUNDED)
 
 
 @wp.struct
@@ -224,6 +98,119 @@ class Hull:
     # from a rotation
     margin: float
     stays: int  # 1 where no bounder is queried: a pair that the hull does not deny stays
+
+
+@wp.func
+def _finite(half: wp.vec3) -> Hull:
+    """The hull of a box that grows by the way alike on all sides, in a primitive's own axes; ``reach`` is its size."""
+    hull = Hull()
+    hull.half = half
+    hull.grow = wp.vec3(1.0, 1.0, 1.0)
+    hull.below = 0.0
+    hull.radius = wp.length(half)
+    hull.grow_radius = 1.0
+    hull.margin = _MOST_WAY
+    hull.reach = hull.radius
+    return hull
+
+
+@wp.func
+def _sphere(scale: wp.vec3) -> Hull:
+    r = wp.abs(scale[0])
+    hull = _finite(wp.vec3(r, r, r))
+    hull.radius = r
+    return hull
+
+
+@wp.func
+def _cylinder(scale: wp.vec3) -> Hull:
+    r, h, b = wp.abs(scale[0]), wp.abs(scale[1]), wp.abs(scale[2])
+    hull = _finite(wp.vec3(r, r, h))
+    if b > 0.0:
+        out = wp.min(h * h / b, h) + _ARC_ROUNDING * b
+        hull = _finite(wp.vec3(r + out, r + out, h + _ARC_ROUNDING * b * (b + r) / h))
+        hull.reach += b
+    return hull
+
+
+@wp.func
+def _ellipsoid(scale: wp.vec3) -> Hull:
+    r = wp.max(wp.vec3(_LEAST_RADIUS), wp.abs(scale))
+    least, most = wp.min(r), wp.max(r)
+    hull = _finite(r)
+    hull.grow = r / least
+    hull.radius = most
+    hull.grow_radius = most / least
+    hull.margin = wp.where(most <= _LARGEST_RADIUS, wp.min(_MOST_WAY, _MOST_OF_ELLIPSOIDS * least * least), -wp.inf)
+    return hull
+
+
+@wp.func
+def _plane(scale: wp.vec3) -> Hull:
+    width, length = 0.5 * scale[0], 0.5 * scale[1]
+    if width > 0.0 and length > 0.0:
+        hull = _finite(wp.vec3(width, length, 0.0))
+        hull.radius = wp.inf
+        hull.grow_radius = 0.0
+        return hull
+    hull = _finite(wp.vec3(0.0, 0.0, 0.0))
+    hull.half = wp.vec3(wp.inf, wp.inf, 0.0)
+    hull.radius = wp.inf
+    hull.grow_radius = 0.0
+    hull.below = wp.inf
+    return hull
+
+
+@wp.func
+def extent_of(kind: int, scale: wp.vec3) -> Hull:
+    """The box and the ball around a primitive in its own axes, world units, and in ``reach`` the largest length."""
+    if kind == _PLANE:
+        return _plane(scale)
+    if kind == _SPHERE:
+        return _sphere(scale)
+    if kind == _BOX:
+        return _finite(wp.abs(scale))
+    if kind == _CAPSULE:
+        return _finite(wp.vec3(wp.abs(scale[0]), wp.abs(scale[0]), wp.abs(scale[0]) + wp.abs(scale[1])))
+    if kind == _CYLINDER:
+        return _cylinder(scale)
+    if kind == _CONE:
+        return _finite(wp.vec3(wp.abs(scale[0]), wp.abs(scale[0]), wp.abs(scale[1])))
+    if kind == _ELLIPSOID:
+        return _ellipsoid(scale)
+    hull = _finite(scale)
+    hull.margin = -wp.inf  # not tested
+    return hull
+
+
+# --- Places -----------------------------------------------------------------------------------------------------------
+
+# What float32 does between a particle's place and the closest point, in units of 2^-24: of the coordinates in the mesh
+# (the closest point 16, the division by the scale 1, the search's own products 8) and of the way; and of the
+# coordinates in the world: two transforms, once in the pass and once here, each a rotation by a quaternion and a sum
+# (module).
+IN_MESH, IN_WORLD = 32.0, 256.0
+_WORLD_ROUNDING = wp.constant(IN_WORLD * UNIT32)
+_MESH_ROUNDING = wp.constant(IN_MESH * UNIT32)
+# Of the ball and the box around a domain in the world, and of a distance from its middle: under 64 units in all.
+_HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
+# Of the sum that a bounder's margin is compared with: eight roundings.
+IN_SUM = 8.0 * UNIT32
+_SUM_ROUNDING = wp.constant(IN_SUM)
+# A quaternion whose squared length is farther from 1 than this, more than float32 rounding makes it, does not only
+# rotate.
+_UNIT_ROTATION = wp.constant(1.0e-6)
+_LONGEST_ROTATION = wp.constant(2.0)
+# What the way around a shape in closed form is at least, since the squares of lengths under 2^-63 are lost.
+_LEAST_WAY = wp.constant(2.0**-60)
+# Of a mesh: the largest sizes of gap and margin together, and of a radius; Newton's distance of what it does not find
+# is 1e6.
+_MOST_OF_GAPS, _MOST_OF_RADII = wp.constant(5.0e5), wp.constant(4.0e5)
+_COLLIDES = wp.constant(int(newton.ShapeFlags.COLLIDE_PARTICLES))
+# What is done with a shape: nothing, its hull in closed form, the hull of its mesh, or that and its bounder.
+UNTESTED, PRIMITIVE, HULL, BOUNDED = 0, 1, 2, 3
+_MESH, _CONVEX_MESH = wp.constant(int(newton.GeoType.MESH)), wp.constant(int(newton.GeoType.CONVEX_MESH))
+_UNTESTED, _PRIMITIVE, _BOUNDED = wp.constant(UNTESTED), wp.constant(PRIMITIVE), wp.constant(BOUNDED)
 
 
 @wp.func
@@ -266,19 +253,15 @@ def _around_mesh(
 
 
 @wp.func
-def _around_primitive(hull: Hull, kind: int, scale: wp.vec3, gap: float, margin: float, world: float) -> Hull:
+def _around_primitive(kind: int, scale: wp.vec3, gap: float, margin: float, world: float) -> Hull:
     """The hull of a primitive in closed form; its margin is minus infinity where there is none."""
-    e = extent_of(kind, scale)
-    hull.half = e.half
-    hull.radius = e.radius
-    hull.below = e.below
-    hull.grow = e.grow * (1.0 + _HULL_ROUNDING)
-    hull.grow_radius = e.grow_radius * (1.0 + _HULL_ROUNDING)
-    rounding = _WORLD_ROUNDING * (world + e.size) + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(margin))
+    hull = extent_of(kind, scale)
+    hull.grow = hull.grow * (1.0 + _HULL_ROUNDING)
+    hull.grow_radius = hull.grow_radius * (1.0 + _HULL_ROUNDING)
+    rounding = _WORLD_ROUNDING * (world + hull.reach) + _SUM_ROUNDING * (wp.abs(gap) + wp.abs(margin))
     hull.reach = wp.max(gap + margin, 0.0) + rounding + _LEAST_WAY
     hull.per_radius = 1.0 + _MESH_ROUNDING + _SUM_ROUNDING
     hull.per_coordinate = _WORLD_ROUNDING
-    hull.margin = wp.where(e.tested, e.most_way, -wp.inf)
     return hull
 
 
@@ -339,15 +322,15 @@ def place_shapes(
         margin = shape_margin[s]
 
     hull = Hull()
-    hull.center = wp.transform_point(to_world, wp.cw_mul(domains[s, 0], scale))
     hull.margin = margins[s]
     role = roles[s]
     if role == _PRIMITIVE:
-        hull = _around_primitive(hull, shape_type[s], scale, gap, margin, world)
+        hull = _around_primitive(shape_type[s], scale, gap, margin, world)
     else:
         hull = _around_mesh(hull, domains[s, 1], grows[s], sizes[s], scale, gap, margin, world)
         if shape_mesh[s] != meshes[s] or (shape_type[s] != _MESH and shape_type[s] != _CONVEX_MESH):
             hull.margin = -wp.inf  # another shape than the one that is known
+    hull.center = wp.transform_point(to_world, wp.cw_mul(domains[s, 0], scale))
     bare = hull.radius
     if bare == wp.inf:
         bare = 0.0  # of a plane; its width and length are in the reach

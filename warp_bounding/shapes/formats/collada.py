@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from warp_bounding.shapes.formats.reading import MeshData, as_numbers, joined, placed, triangulated
+from warp_bounding.shapes.formats.reading import MeshData, joined, placed, triangulated
 
 __all__ = ["read_collada"]
 
@@ -34,7 +34,6 @@ class _File:
     def __init__(self, root: Element):
         self.root, self.notes = root, []
         self.named = {element.get("id"): element for element in root.iter()}
-        self.geometries: dict[Element, list[tuple[np.ndarray, np.ndarray]]] = {}
 
     def read(self) -> MeshData:
         """All that the scene shows."""
@@ -80,10 +79,7 @@ class _File:
             elif child.tag == "instance_node":
                 yield from self._node(self.target(child, "node"), matrix)
             elif child.tag == "instance_geometry":
-                geometry = self.target(child, "geometry")
-                if geometry not in self.geometries:
-                    self.geometries[geometry] = list(self._geometry(geometry))
-                for vertices, faces in self.geometries[geometry]:
+                for vertices, faces in self._geometry(self.target(child, "geometry")):
                     yield placed(vertices, faces, matrix)
             elif child.tag not in UNPLACED and child.tag not in TRANSFORMS:
                 raise ValueError(f"expected meshes in a node, got {child.tag}")
@@ -106,12 +102,14 @@ class _File:
         inputs = {one.get("semantic"): one for one in part.findall("input")}
         vertices = self._positions(self.target(inputs["VERTEX"], "vertices"))
         stride = 1 + max(int(one.get("offset", 0)) for one in part.findall("input"))
-        runs = [_integers(p).reshape(-1, stride)[:, int(inputs["VERTEX"].get("offset", 0))] for p in part.findall("p")]
+        runs = [
+            _numbers(p, int).reshape(-1, stride)[:, int(inputs["VERTEX"].get("offset", 0))] for p in part.findall("p")
+        ]
         indices = np.concatenate([np.zeros(0, np.int64), *runs])
         if part.tag == "triangles":
             sizes = np.full(len(indices) // 3, 3)
         elif part.tag == "polylist":
-            sizes = np.concatenate([np.zeros(0, np.int64), *map(_integers, part.findall("vcount"))])
+            sizes = np.concatenate([np.zeros(0, np.int64), *(_numbers(n, int) for n in part.findall("vcount"))])
         else:
             sizes = np.array([len(run) for run in runs], np.int64)
         if len(sizes) != int(part.attrib["count"]):
@@ -132,17 +130,10 @@ class _File:
         return numbers.reshape(int(accessor.attrib["count"]), 3)
 
 
-def _numbers(element: Element) -> np.ndarray:
+def _numbers(element: Element, kind: type = float) -> np.ndarray:
     if len(element):
         raise ValueError(f"expected numbers in {element.tag}, got the element {element[0].tag}")
-    return as_numbers((element.text or "").encode().split())
-
-
-def _integers(element: Element) -> np.ndarray:
-    numbers = _numbers(element)
-    if not (np.floor(numbers) == numbers).all():
-        raise ValueError(f"expected integers in {element.tag}, got something else")
-    return numbers.astype(np.int64)
+    return np.array([kind(word) for word in (element.text or "").encode().split()], kind)
 
 
 def _transform(element: Element) -> np.ndarray:
