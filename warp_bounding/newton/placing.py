@@ -25,23 +25,18 @@ from warp_bounding.rounding import UNIT32
 # h_k and growth g_k: ``|x_k| > h_k + g_k way`` implies ``d >= way``:
 #
 # * sphere, box, capsule, cylinder, cone: d is a distance to points of the shape, or less inside, and never under
-#   ``|x_k| - h_k``; so g is 1. A box with half diagonal
-#   R holds them, so a ball of radius ``R + way`` is as good.
+#   ``|x_k| - h_k``; so g is 1. A box with half diagonal R holds them, so a ball of radius ``R + way`` is as good.
 # * barrel, a cylinder of radius r whose side is an arc of radius b: the arc stands out by ``b - sqrt(b^2 - h^2) <= h^2
-#   / b``, h being half its height. What float32 makes
-#   of the root is that of an ``h^2`` larger by ``3 b^2`` units of 2^-24, which is ``3 b`` units in the width; and a
-#   point of the arc is taken for one between its ends with an
-#   error of 4 units of ``2 b + r``, so that it stands over the end by ``(3 b^2 + 8 b (2 b + r)) / 2 h`` units at most.
+#   / b``, h being half its height. What float32 makes of the root is that of an ``h^2`` larger by ``3 b^2`` units of
+#   2^-24, which is ``3 b`` units in the width; and a point of the arc is taken for one between its ends with an error
+#   of 4 units of ``2 b + r``, so that it stands over the end by ``(3 b^2 + 8 b (2 b + r)) / 2 h`` units at most.
 #   ``_ARC_ROUNDING`` is more than both.
 # * ellipsoid with radii r: Newton's d is ``k0 (k0 - 1) / k1`` with ``k0 = |x / r|`` and ``k1 = |x / r^2| <= k0 /
-#   r_min``. So ``d >= r_min (k0 - 1)``, and
-#   ``|x_k| <= r_k k0``; so g_k is ``r_k / r_min``, and that of the ball ``r_max / r_min``. Radii are 1e-8 at least;
-#   where ``k1`` is at most 1e-8 the pass takes another
-#   formula, which no particle outside meets while ``r_max <= 1e7``. Larger ellipsoids are not tested. Far away ``|x /
-#   r^2|`` overflows, and d is 0: so of an
-#   ellipsoid nothing is said where the way is over ``2^46 r_min^2``. A way is at least 2^-16 of ``|x|``
-#   (``placing.IN_WORLD``), so that below ``|x_k / r_k^2|`` is
-#   at most 2^62, and its square is a number.
+#   r_min``. So ``d >= r_min (k0 - 1)``, and ``|x_k| <= r_k k0``; so g_k is ``r_k / r_min``, and that of the ball
+#   ``r_max / r_min``. Radii are 1e-8 at least; where ``k1`` is at most 1e-8 the pass takes another formula, which no
+#   particle outside meets while ``r_max <= 1e7``. Larger ellipsoids are not tested. Far away ``|x / r^2|`` overflows,
+#   and d is 0: so of an ellipsoid nothing is said where the way is over ``2^46 r_min^2``. A way is at least 2^-16 of
+#   ``|x|`` (``placing.IN_WORLD``), so that below ``|x_k / r_k^2|`` is at most 2^62, and its square is a number.
 # * plane, infinite: d is ``z``; so only above it particles are denied.
 # * plane, finite: d is ``max(|x| - w, |y| - l, |z|)``, which is not a Euclidean distance; so there is no ball.
 #
