@@ -478,11 +478,8 @@ def evaluate(
     of_both = about(bounder, file, None, shape, rates.indicator)
     text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
     where = f"{rates.samples:,} samples ({rates.protocol}), {rates.reported_truth}"
-    return (
-        0 if rates.fn == 0 else 1,
-        of_both | rates.to_dict(),
-        f"{text}, {rates.positives:.3f} % positives in {where}",
-    )
+    line = f"{text}, {rates.positives:.3f} % positives in {where}"
+    return 0 if rates.fn == 0 else 1, of_both | rates.to_dict(), line
 
 
 def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | None) -> tuple:
@@ -496,11 +493,8 @@ def _stress(file: Path, shape: Path, bounder, loaded, wanted: int, seed: int | N
         place = f", the shape placed by {found.missed_world}" if found.missed_world else ""
         region = f"the {found.query} {found.missed} ({found.missed_form}{place})"
         verdict = f"FALSE NEGATIVE: {region} meets the shape and is answered with no"
-    return (
-        0 if found.missed is None else 1,
-        of_both | vars(found),
-        f"{verdict}; {asked}; --seed {found.seed}; {found.seconds:.1f} s",
-    )
+    line = f"{verdict}; {asked}; --seed {found.seed}; {found.seconds:.1f} s"
+    return 0 if found.missed is None else 1, of_both | vars(found), line
 
 
 @command
@@ -556,13 +550,10 @@ def query(
     np.save(content, mask)
     write_whole(output, content.getvalue(), ".npy")
     found = about(bounder, file) | {"points": points, "output": output}
+    found |= {"count": len(mask), "maybe": maybe, "seconds": round(seconds, 6)}
     share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""
     asked = f"{len(mask):,} {bounder.query_kind} queries"
-    return (
-        0,
-        found | {"count": len(mask), "maybe": maybe, "seconds": round(seconds, 6)},
-        f"{bounder.method}: maybe for {maybe:,} of {asked}{share}; written to {output}",
-    )
+    return 0, found, f"{bounder.method}: maybe for {maybe:,} of {asked}{share}; written to {output}"
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------

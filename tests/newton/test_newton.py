@@ -216,7 +216,7 @@ def test_what_does_not_fit_is_refused(bunny):
             ParticleCull(wrong, {shapes[0]: good})
     cull = ParticleCull(pipeline, {shapes[0]: good})
     kept = cull.candidates(state)
-    with pytest.raises(wb.BounderError, match=r"contact gap of 0\.02, got ones for 0\.01"):
+    with pytest.raises(wb.BounderError, match=r"contact gap 0\.02, got ones for 0\.01"):
         cull.collide(state, pipeline.contacts(), candidates=kept, soft_contact_margin=0.02)
     with pytest.raises(wb.BounderError, match="at least 0 and scale not 0"):
         margin_for(mesh, -0.1, scale=1.0, world=1.0)

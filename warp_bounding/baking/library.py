@@ -224,9 +224,7 @@ class BounderStack:
         groups: dict[Source, list[int]] = {}
         for number, bounder in enumerate(bounders):
             if (bounder.query_kind, bounder.ndim, bounder.device) != (self.query_kind, self.ndim, self.device):
-                raise QueryError(
-                    f"bounders of a stack must be of one kind, dimension and device, got {first!r} and {bounder!r}"
-                )
+                raise QueryError(f"a stack is of one kind, dimension and device, got {first!r} and {bounder!r}")
             groups.setdefault(bounder.source, []).append(number)
         self._bounders = [bounder.to() for bounder in bounders]  # at these thresholds, for pickling
         self.groups = tuple(self._group(source, members, bounders) for source, members in groups.items())

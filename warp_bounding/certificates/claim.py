@@ -97,10 +97,7 @@ def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
                 return f"{what}, and the shape has none; give a resolution"
     if shape.joints != (known := bounder.domain.base.joints):
         if known is None:
-            return (
-                "the bounder does not know the limits and turns of the shape's joints, such as one from an older "
-                "file; fit it anew"
-            )
+            return "the bounder knows no limits and turns of the shape's joints, as in older files; fit it anew"
         if shape.joints is None:
             return "the bounder is for values of joints, the shape for coordinates"
         return "the shape's joints have other limits, turns or weights than those that the bounder was made for"

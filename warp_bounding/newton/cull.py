@@ -208,9 +208,7 @@ class ParticleCull:
         gap = options.get("soft_contact_margin")
         gap = contact_gap(self.pipeline) if gap is None else float(gap)
         if candidates is not None and gap != self._candidates_gap:
-            raise BounderError(
-                f"expected candidates for a contact gap of {gap:g}, got ones for {self._candidates_gap:g}"
-            )
+            raise BounderError(f"expected candidates for contact gap {gap:g}, got ones for {self._candidates_gap:g}")
         if candidates is None:
             candidates = self._candidates_beside(state, gap)
         self.pipeline.soft_rigid_contact_pairs = candidates

@@ -258,9 +258,7 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
         raise BounderError(f"shape {shape}: its mesh is open, and what Newton takes for its inside is not known")
     properties = getattr(model, "_shape_mesh_properties", None)
     if properties is None or not int(properties.numpy()[shape]) & CLOSED:
-        raise BounderError(
-            f"shape {shape}: an edge of its mesh has not two faces, so Newton tells its inside by normals"
-        )
+        raise BounderError(f"shape {shape}: an edge has not two faces, so Newton tells the inside by normals")
     index = getattr(model, "_shape_sdf_index", None)
     if index is not None and len(index) and int(index.numpy()[shape]) >= 0:
         raise BounderError(f"shape {shape}: it has a texture SDF, whose distances are only about right")

@@ -94,9 +94,8 @@ def _margin_for(coordinates: float, reach: float, world: float, scale: float) ->
     """``margin_for`` of a mesh with this largest coordinate."""
     scale = abs(float(scale))
     if not (reach >= 0 and world >= 0 and scale > 0):
-        raise BounderError(
-            f"reach and world must be at least 0 and scale not 0, got {reach:g}, {world:g} and {scale:g}"
-        )
+        got = f"{reach:g}, {world:g} and {scale:g}"
+        raise BounderError(f"reach and world must be at least 0 and scale not 0, got {got}")
     # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most
     # reach.
     way = reach / min(scale, 1.0)
@@ -243,9 +242,8 @@ class Shapes:
                 unknown[newton.GeoType(kind).name.lower()] += 1
         if unknown:
             reported = ", ".join(f"{name} ({number})" for name, number in sorted(unknown.items()))
-            warnings.warn(
-                f"shapes that keep all their pairs, having no test: {reported}", BoundingWarning, stacklevel=3
-            )
+            told = f"shapes that keep all their pairs, having no test: {reported}"
+            warnings.warn(told, BoundingWarning, stacklevel=3)
         on_device = [(self.roles, wp.int32), (self._domains, wp.vec3)]
         on_device += [(values, wp.float32) for values in (self._margins, self._grows, self._sizes)]
         on_device.insert(1, (self._ids, wp.uint64))

@@ -188,9 +188,7 @@ def grid_of(
         occupancy = occupancy & ~unknown if wanted.unknown == UNKNOWN[1] else occupancy | unknown
         remark = "; ".join(filter(None, [remark, *wanted.count(int(unknown.sum()))]))
     elif wanted.unknown is not None and not seen:
-        raise ShapeError(
-            f"{name}: unknown is for maps, whose cells have -1, unknown, or 0 and more, and a level such as '>=65'"
-        )
+        raise ShapeError(f"{name}: unknown is for maps of cells that have -1 or 0 and more, and a level such as '>=65'")
     time = array.ndim == TIME_NDIM if time is None else bool(time)
     where, frame = placement.map_of(array.shape, time, name)
     grid = Grid(occupancy, name=name, time=time, remark=remark, **where)

@@ -39,10 +39,7 @@ class _File:
         """All that the scene shows."""
         axis = (self.root.findtext("asset/up_axis") or "").strip()
         if axis not in ("Z_UP", ""):
-            raise ValueError(
-                f"expected up_axis Z_UP, got {axis[:20]}: programs disagree whether it is to be turned, so write it "
-                "with z up"
-            )
+            raise ValueError(f"expected up_axis Z_UP, as programs turn others or do not, got {axis[:20]}; write it so")
         self.notes += ["no up_axis: taken as z up"] * (not axis)
         unit = self.root.find("asset/unit")
         meter = 1.0 if unit is None else float(unit.get("meter", "1"))

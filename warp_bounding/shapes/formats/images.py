@@ -69,10 +69,8 @@ def _pixels(image, name, *, grey: bool) -> np.ndarray:
     if alpha is None and not grey:
         raise ShapeError(f"{name}: expected an image with an alpha channel, got mode {image.mode} without; {WHICH}")
     if grey and alpha is not None and alpha.min() < 255:
-        raise ShapeError(
-            f"{name}: expected opaque pixels for a level of their grey, got {int((alpha < 255).sum())} that are "
-            "not; without level what is opaque is occupied"
-        )
+        got = f"got {int((alpha < 255).sum())} that are not; without level what is opaque is occupied"
+        raise ShapeError(f"{name}: expected opaque pixels for a level of their grey, {got}")
     if grey:
         return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))
     return alpha / 255.0 >= OPAQUE

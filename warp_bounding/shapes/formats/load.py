@@ -176,9 +176,8 @@ def load_shape(
     found = _load(source, wanted)
     if isinstance(found, Cells):
         if found.placement is not None and (spacing is not None or origin is not None):
-            raise ShapeError(
-                f"{found.name}: its own resolution and origin place it, got spacing={spacing}, origin={origin}"
-            )
+            got = f"got spacing={spacing}, origin={origin}"
+            raise ShapeError(f"{found.name}: its own resolution and origin place it, {got}")
         place = found.placement or Placement(spacing, origin)
         # where it has a place of its own, its reader asked what is occupied
         own = wanted if found.placement is None else Wanted()
@@ -186,16 +185,12 @@ def load_shape(
     else:
         given = {"level": level, "spacing": spacing, "origin": origin, "unknown": unknown}
         for option in (key for key, value in given.items() if value is not None):
-            kind = type(found).__name__
-            raise ShapeError(
-                f"{found.name}: {option} is for arrays and images, got {option}={given[option]!r} for {kind}"
-            )
+            got = f"{option}={given[option]!r} for {type(found).__name__}"
+            raise ShapeError(f"{found.name}: {option} is for arrays and images, got {got}")
     if hollow is not None:
         local = getattr(found, "local", found)
         if not isinstance(local, Mesh):
-            raise ShapeError(
-                f"{found.name}: hollow is for meshes at rest; fill cells by scipy.ndimage.binary_fill_holes"
-            )
+            raise ShapeError(f"{found.name}: hollow is for meshes at rest; cells: scipy.ndimage.binary_fill_holes")
         local = replace(local, hollow=hollow)
         found = Recentred(local, found.coordinates) if isinstance(found, Recentred) else local
     if not isinstance(found, Grid):

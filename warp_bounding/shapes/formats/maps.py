@@ -53,20 +53,16 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
         raise ValueError(f"expected mode {' or '.join(MODES)}, got {mode!r}; load its picture with a level")
     resolution, occupied, free = (_number(key, fields[key]) for key in ("resolution", "occupied_thresh", "free_thresh"))
     if not resolution > 0 or not 0 <= free <= occupied <= 1:
-        raise ValueError(
-            f"expected resolution > 0 and 0 <= free_thresh <= occupied_thresh <= 1, got {resolution}, {free}, "
-            f"{occupied}"
-        )
+        got = f"{resolution}, {free}, {occupied}"
+        raise ValueError(f"expected resolution > 0 and 0 <= free_thresh <= occupied_thresh <= 1, got {got}")
     if fields["negate"] not in (0, 1):
         raise ValueError(f"expected negate: 0 or 1, got {fields['negate']!r}")
     if not isinstance(fields["origin"], list) or len(fields["origin"]) != 3:
         raise ValueError(f"expected origin: [x, y, yaw], got {fields['origin']}")
     x, y, yaw = (_number("origin", word) for word in fields["origin"])
     if yaw:
-        raise ShapeError(
-            f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; set yaw to 0, and place the bounder with "
-            "xform="
-        )
+        instead = "set yaw to 0, and place the bounder with xform="
+        raise ShapeError(f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; {instead}")
     shade = _shades(path.parent / str(fields["image"]))
     occ = (255 * shade if fields["negate"] else 255 - 255 * shade) / 255.0
     full = occ >= occupied

@@ -153,10 +153,9 @@ def _check_gltf(content: bytes) -> list[str]:
     if not str(document["asset"]["version"]).startswith("2.") or document["asset"].get("minVersion", "2.0") != "2.0":
         raise ValueError(f"expected glTF 2.0, got {document['asset']}")
     required = {*document.get("extensionsRequired", ())}
-    if wrong := sorted(
-        n for n in names | required if GEOMETRY.fullmatch(n) or (n in required and not HARMLESS.match(n))
-    ):
-        raise ValueError(f"expected a plain mesh, got extensions that are not read: {', '.join(wrong)}")
+    wrong = [n for n in names | required if GEOMETRY.fullmatch(n) or (n in required and not HARMLESS.match(n))]
+    if wrong:
+        raise ValueError(f"expected a plain mesh, got extensions that are not read: {', '.join(sorted(wrong))}")
     nodes, scenes = document.get("nodes", ()), document.get("scenes", ())
     primitives = [primitive for mesh in document.get("meshes", ()) for primitive in mesh["primitives"]]
     below = [child for node in nodes for child in node.get("children", ())]
@@ -166,9 +165,7 @@ def _check_gltf(content: bytes) -> list[str]:
     if any("camera" in node and node.keys() & {"mesh", "children"} for node in nodes):
         raise ValueError("expected cameras in nodes of their own, got one with a mesh or with nodes below it")
     if any("skin" in node for node in nodes):
-        raise ValueError(
-            "expected a mesh without a skin, which is not read; write it in the pose that is to be bounded"
-        )
+        raise ValueError("expected a mesh without a skin, which is not read; write it in the pose to be bounded")
     for primitive in primitives:
         if primitive.get("mode", TRIANGLES) == FAN:
             raise ValueError("expected triangles or strips, got a fan")
