@@ -227,20 +227,14 @@ class BounderStack:
                 raise QueryError(f"a stack is of one kind, dimension and device, got {first!r} and {bounder!r}")
             groups.setdefault(bounder.source, []).append(number)
         self._bounders = [bounder.to() for bounder in bounders]  # at these thresholds, for pickling
-        self.groups = tuple(self._group(source, members, bounders) for source, members in groups.items())
-
-    def _group(self, source: Source, members: list[int], bounders: Sequence[Bounder]) -> BounderGroup:
-        slots = np.full(len(bounders), -1, np.int32)
-        slots[members] = np.arange(len(members))
-        held = tuple(bounders[number].data for number in members)
-        return BounderGroup(
-            func=point_func(source),
-            data=wp.array(list(held), dtype=Data, device=self.device),
-            slots=wp.array(slots, dtype=wp.int32, device=self.device),
-            members=tuple(members),
-            source=source,
-            held=held,
-        )
+        self.groups: tuple[BounderGroup, ...] = ()
+        for source, members in groups.items():
+            slots = np.full(len(bounders), -1, np.int32)
+            slots[members] = np.arange(len(members))
+            held = tuple(bounders[number].data for number in members)
+            data = wp.array(list(held), dtype=Data, device=self.device)
+            places = wp.array(slots, dtype=wp.int32, device=self.device)
+            self.groups += (BounderGroup(point_func(source), data, places, tuple(members), source, held),)
 
     def __reduce__(self):
         return BounderStack, (self._bounders,)

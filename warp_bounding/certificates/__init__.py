@@ -130,9 +130,6 @@ class Certificate:
         return cls(**values)
 
 
-COMPOSED = 1.0  # f of a union where it says *maybe*
-
-
 def document(
     bounder: "Bounder",
     grid: Shape | None,
@@ -246,7 +243,7 @@ def together(bounder: "Bounder", certificates: list[Certificate], indicator: str
     return replace(
         known,
         threshold=float(bounder.threshold),
-        lower_bound=COMPOSED,
+        lower_bound=1.0,  # f of a union where it says *maybe*
         rounding_bound=bounder.rounding_bound(),
         indicator=indicator,
         message=reported + certificates[-1].message,

@@ -108,19 +108,15 @@ def _from_warp(x: wp.array, columns: int, device: wp.Device) -> tuple[wp.array, 
         return _at_least_one(wp.empty(0, dtype=wp.float32, device=device), device), 0, False
     flat = wp.array(ptr=x.ptr, dtype=scalar, shape=(count * columns,), device=device, copy=False)
     if scalar == wp.float64:
-        return _rounded(flat), count, True
+        if device.is_cpu:  # without a kernel, which would have to be compiled first
+            with np.errstate(over="ignore"):
+                rounded = wp.array(flat.numpy().astype(np.float32), dtype=wp.float32, device=device, copy=False)
+        else:
+            rounded = wp.empty(len(flat), dtype=wp.float32, device=device)
+            wp.utils.array_cast(flat, rounded)
+        return rounded, count, True
     flat._source = x  # keeps the memory alive for as long as the view
     return flat, count, False
-
-
-def _rounded(flat: wp.array) -> wp.array:
-    """float64 as float32, to nearest; on a CPU without a kernel, which would have to be compiled first."""
-    if flat.device.is_cpu:
-        with np.errstate(over="ignore"):
-            return wp.array(flat.numpy().astype(np.float32), dtype=wp.float32, device=flat.device, copy=False)
-    rounded = wp.empty(len(flat), dtype=wp.float32, device=flat.device)
-    wp.utils.array_cast(flat, rounded)
-    return rounded
 
 
 def _check_shape(shape: tuple[int, ...], columns: int) -> None:
@@ -212,8 +208,7 @@ class Compaction:
         device, count = mask.device, mask.shape[0]
         self.indices = wp.empty(count, dtype=wp.int32, device=device)
         self.count = wp.zeros(1, dtype=wp.int32, device=device)
-        self._steps: list[Callable[[], None]] = []
-        self._recorded: list[Callable[[], None]] = []  # the same as a graph can hold them
+        self._steps: list[tuple[Callable[[], None], Callable[[], None]]] = []  # each also as a graph can hold it
         if count == 0:
             return
         size = CPU_BLOCK if device.is_cpu else CUDA_BLOCK
@@ -227,24 +222,22 @@ class Compaction:
             if device.is_cpu:  # the same without Warp's checks, which take longer than the sum
                 scanning = partial(np.cumsum, counts.numpy(), out=ends.numpy())
             counting = BlockLaunch(_count, items, [mask, count, size, 0], [counts], **options)
-            self._steps += [counting.launch, scanning]
-            self._recorded += [counting.launch_whole, scanned]
+            self._steps += [(counting.launch, counting.launch_whole), (scanning, scanned)]
             ready(_count, device)
         outputs = [self.indices, self.count]
         writing = BlockLaunch(_write, items, [mask, count, size, 0, ends], outputs, **options)
-        self._steps.append(writing.launch)
-        self._recorded.append(writing.launch_whole)
+        self._steps.append((writing.launch, writing.launch_whole))
         ready(_write, device)
 
     def launch(self) -> tuple[wp.array, wp.array]:
         """Fill ``indices`` and ``count``, and return them."""
-        for step in self._steps:
+        for step, _ in self._steps:
             step()
         return self.indices, self.count
 
     def launch_recorded(self) -> tuple[wp.array, wp.array]:
         """As ``launch``, by launches of Warp's only, for a graph that is being captured; on one core of a CPU."""
-        for step in self._recorded:
+        for _, step in self._steps:
             step()
         return self.indices, self.count
 

@@ -195,10 +195,11 @@ def load_shape(
         found = Recentred(local, found.coordinates) if isinstance(found, Recentred) else local
     if not isinstance(found, Grid):
         moves = isinstance(found, MovingMesh) or getattr(found, "time", False) is True
+        what = {Mesh: "a mesh", MovingMesh: "a motion"}.get(type(found), f"this {type(found).__name__}")
         if moves and time is False:
-            raise ShapeError(f"{found.name}: coordinate 0 of {_article(found)} is time, got time=False")
+            raise ShapeError(f"{found.name}: coordinate 0 of {what} is time, got time=False")
         if time and not moves:
-            raise ShapeError(f"{found.name}: {_article(found)} has no time coordinate, got time=True")
+            raise ShapeError(f"{found.name}: {what} has no time coordinate, got time=True")
         return found
     if time is not None and time != found.time:
         found = replace(found, time=bool(time))
@@ -219,11 +220,6 @@ def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
     if found is None:
         raise ShapeError(f"expected {ACCEPTED}, got {type(source).__name__}")
     return Cells(found, "array") if isinstance(found, np.ndarray) else found
-
-
-def _article(found: ShapeLike) -> str:
-    known = {Mesh: "a mesh", MovingMesh: "a motion"}
-    return known.get(type(found), f"this {type(found).__name__}")
 
 
 def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
