@@ -713,8 +713,7 @@ def show(
 
     Example: warp-bounding show bunny.safetensors bunny.obj --html bunny.html
     """
-    from warp_bounding.views.draw import page
-    from warp_bounding.views.view import needed, view_of
+    from warp_bounding.views import needed, page, view_of
 
     held, opened = _held(slice_), html is None
     if html is None:

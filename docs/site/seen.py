@@ -18,8 +18,7 @@ def main(path: Path) -> None:
     from sims.cloth.scene import SPECS, dilated
     from sims.prefitted import bounders_of
     from warp_bounding.runtime.progress import quiet_warp
-    from warp_bounding.views import view_of
-    from warp_bounding.views.draw import page
+    from warp_bounding.views import page, view_of
 
     quiet_warp()
     shape = dilated("bunny")

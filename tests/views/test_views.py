@@ -9,9 +9,7 @@ from bounding_shapes import shape
 
 import warp_bounding as wb
 from warp_bounding.errors import QueryError
-from warp_bounding.views import view_of
-from warp_bounding.views.draw import page
-from warp_bounding.views.view import object_surface
+from warp_bounding.views import object_surface, page, view_of
 
 pytest.importorskip("pyvista")
 pytest.importorskip("plotly")
