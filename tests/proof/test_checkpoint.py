@@ -11,9 +11,8 @@ import warp_bounding as wb
 from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.proof import distances
-
-KEY = distances.KEY
+from warp_bounding.proof import check, distances
+from warp_bounding.proof.halving import KEY
 
 
 def ball(steep: float = 0.0) -> wb.shapes.Function:
@@ -40,7 +39,8 @@ def small_steps(monkeypatch, ticking):
     busy machine.
     """
     ticking(2.0**-13)
-    monkeypatch.setattr(distances, "CHUNK", 16)
+    monkeypatch.setattr(distances._Excess, "chunk", 16)
+    monkeypatch.setattr(check._Positives, "chunk", 2)
     monkeypatch.setattr(distances, "SAMPLES", 2000)
 
 
@@ -51,8 +51,14 @@ def left(tmp_path):
     return tmp_path / "left"
 
 
-def test_stopped_again_and_again(tmp_path):
-    bounder, file, shares = far(), tmp_path / "left.safetensors", []
+def points() -> wb.Bounder:
+    """A network."""
+    return wb.fit(ball(), hidden=(6,), steps=20, device="cpu", progress=False)
+
+
+@pytest.mark.parametrize("made", [far, points])
+def test_stopped_again_and_again(tmp_path, made):
+    bounder, file, shares = made(), tmp_path / "left.safetensors", []
     whole = wb.certify(bounder, ball())
     for calls in (1, 5, 10):
         told = []
@@ -110,16 +116,18 @@ def spoilt(content: bytes):
     first, document = sorted(k for k in held if k.startswith("lower"))[0], entry["left"]
     for changes, told, signed in (
         ({"found": held["found"] - 1}, {}, False),
-        ({}, {"levels": document["levels"][:-1]}, False),
+        ({}, {"worths": document["worths"][:-1]}, False),
         ({"found": held["found"][:-1]}, {}, True),
         ({"found": held["found"].astype(np.float32)}, {}, True),
         ({first: held[first].T.copy()}, {}, True),
         ({first: held[first] + 9.0}, {}, True),
         ({first: held[first] * np.nan}, {}, True),
         ({first.replace("lower", "owner"): held[first.replace("lower", "owner")] + 10**6}, {}, True),
-        ({}, {"levels": ["1"] * len(document["levels"])}, True),
-        ({}, {"levels": [0] * (1 + len(document["levels"]))}, True),
-        ({}, {"levels": None}, True),
+        ({first.replace("lower", "level"): held[first.replace("lower", "level")] - 10**6}, {}, True),
+        ({}, {"worths": ["1"] * len(document["worths"])}, True),
+        ({}, {"worths": [0.0] * (1 + len(document["worths"]))}, True),
+        ({}, {"worths": None}, True),
+        ({}, {"taken": -1}, True),
         ({}, {"boxes": 1.5}, True),
         ({}, {"seconds": float("inf")}, True),
     ):
@@ -147,6 +155,8 @@ def test_what_is_no_checkpoint_or_damaged_is_refused_and_kept(left, tmp_path):
 
 
 def test_what_needs_none(tmp_path):
-    for bounder in (wb.fit(ball(), "distance", "aabb", device="cpu"), wb.fit(ball(), method="aabb", device="cpu")):
-        with pytest.raises(BounderError, match="checkpoint"):
-            wb.certify(bounder, ball(), checkpoint=tmp_path / "left")
+    with pytest.raises(BounderError, match="checkpoint"):
+        wb.certify(wb.fit(ball(), "distance", "aabb", device="cpu"), ball(), checkpoint=tmp_path / "left")
+    box = wb.fit(ball(), method="aabb", device="cpu")
+    assert wb.certify(box, ball(), checkpoint=tmp_path / "left").proven
+    assert not (tmp_path / "left").exists()

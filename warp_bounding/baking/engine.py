@@ -13,9 +13,7 @@ import hashlib
 import html
 import io
 import json
-import logging
 import os
-import signal
 import time
 import warnings
 from collections.abc import Iterator, Mapping
@@ -29,9 +27,9 @@ import numpy as np
 
 from warp_bounding.baking.library import HASH_DIGITS, MANIFEST, RECORDS, Record
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, QueryError, ShapeError
-from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import Progress, quiet_warp, reported
 from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
+from warp_bounding.runtime.workers import ONE_THREAD, connected
 from warp_bounding.shapes import load_shape
 from warp_bounding.shapes.formats.load import READERS
 from warp_bounding.shapes.formats.meshes import referred_buffers
@@ -41,11 +39,6 @@ from warp_bounding.version import __version__
 __all__ = ["SAMPLES", "SHEET", "Baked", "Job", "Settings", "bake"]
 
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
-DEATHS = 10  # of workers under the same task, after which it is given up: it would go on for ever
-CONNECT_SECONDS = 15
-# Each task has one core: the library's own threads, and those of the libraries below it.
-THREADS = ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
-ONE_THREAD = dict.fromkeys(THREADS, "1")
 SHEET = "contact-sheet.html"  # in the folder of a bake
 
 
@@ -203,12 +196,6 @@ def _made(job: Job) -> tuple[Any, Record]:
     found |= {"certificate": bounder.certificate.kind if bounder.certificate else ""}
     found |= {"fp_rate": round(rates.fp_rate, 4), "picture": base64.b64encode(drawn).decode()}
     return bounder, replace(record, **found)
-
-
-def dask_setup(worker: object) -> None:
-    """Called by Dask in a worker that starts: leaves Ctrl-C to the client, and standard output to its ``--json``."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.dup2(2, 1)
 
 
 SIDE, WALL = 72, 3  # pixels of a slice, and between two
@@ -393,10 +380,9 @@ def bake(
 
 def _ended(open_: list[Job], jobs: int | None, scheduler: str | None) -> Iterator[Record]:
     """Hand out jobs; the records, as they end."""
-    with _connected(jobs, scheduler) as client:
+    with connected(jobs if scheduler is None else scheduler) as client:
         import distributed
 
-        client.run(os.getpid, on_error="return")  # Dask restarts no worker that dies before its first answer
         by_key = {f"bake-{job.key}": job for job in open_}
         for future in distributed.as_completed(client.map(bake_shape, open_, key=list(by_key), pure=False)):
             error = future.exception() if future.status == "error" else None
@@ -411,36 +397,3 @@ def _ended(open_: list[Job], jobs: int | None, scheduler: str | None) -> Iterato
                 reason = f"{type(error).__name__}: {error}" if error else "the scheduler has gone away"
                 raise BoundingError(f"{' '.join(reason.split())}; what is baked stays, and the same command goes on")
             future.release()  # else Dask would do it again if the worker that has its result died
-
-
-@contextlib.contextmanager
-def _connected(jobs: int | None, scheduler: str | None) -> Iterator[Any]:
-    """A Dask client of local workers that are restarted when they die, or of a scheduler.
-
-    Raises ``BoundingError`` where there is none.
-    """
-    try:
-        import dask
-        import distributed
-    except ImportError as error:
-        raise BoundingError("baking needs Dask: pip install 'warp-bounding[bake]'") from error
-    own = {
-        "distributed.scheduler.allowed-failures": DEATHS,
-        "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the task that waits behind
-        "logging.distributed": "critical",
-    }
-    with contextlib.ExitStack() as stack:
-        stack.enter_context(dask.config.set(own))
-        try:
-            if scheduler is None:
-                workers = {"n_workers": jobs or cpu_threads(), "threads_per_worker": 1, "memory_limit": 0}
-                workers |= {"silence_logs": logging.CRITICAL, "env": ONE_THREAD, "preload": __name__}
-                cluster = distributed.LocalCluster(**workers, dashboard_address="127.0.0.1:0")
-                client = distributed.Client(stack.enter_context(cluster))
-            else:
-                client = distributed.Client(scheduler, timeout=CONNECT_SECONDS)
-        except (OSError, TimeoutError, ValueError) as error:
-            reason = " ".join(str(error).split())[:200] or type(error).__name__
-            raise BoundingError(f"{scheduler or 'local workers'}: no scheduler answers ({reason})") from error
-        stack.callback(client.close, timeout=2)
-        yield client

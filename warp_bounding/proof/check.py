@@ -22,9 +22,10 @@ from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, misma
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS
-from warp_bounding.proof.distances import Checkpoint, overestimate_within
+from warp_bounding.proof.distances import overestimate_within
+from warp_bounding.proof.halving import Boxes, Checkpoint, Seen, search
 from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized
-from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives, halve
+from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import taylor_bounds
 from warp_bounding.queries import QUERIES, decision
@@ -76,6 +77,7 @@ def certify(
     budget: float = 900.0,
     progress: Callable[[int, int], None] | None = None,
     checkpoint: str | os.PathLike | None = None,
+    scheduler: str | int | None = None,
 ) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape, or find out why that is not so.
 
@@ -92,9 +94,11 @@ def certify(
         query: The kind of query that is expected; the bounder's own if ``None``.
         budget: Seconds allowed for all parts together; compiling kernels is not counted. Where they do not suffice, a
             search for a counterexample takes up to a quarter more.
-        progress: Called with cells done and cells in all; counts begin anew for each part of a conjunction.
-        checkpoint: Of a learned distance or a ``distance-grid``: a file that holds what is left of a proof whose time
-            was over, or that was stopped; the same call goes on from there. It is removed when the proof has ended.
+        progress: Called with what is done and how much there is; counts begin anew for each part of a conjunction.
+        checkpoint: A file that holds what is left of a proof whose time was over, or that was stopped; the same call
+            goes on from there. It is removed when the proof has ended. For proofs of one part.
+        scheduler: Address of a Dask scheduler whose workers search, or a number of processes of this machine, in a
+            script behind ``if __name__ == "__main__":``. The result is the same.
 
     Returns:
         A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were queried,
@@ -117,14 +121,13 @@ def certify(
         own = {"margin": margin, "length": length, "resolution": resolution, "query": query}
         if fault := frame.fault(bounder):
             return _inapplicable(bounder, shape, fault)
-        run = {"budget": budget, "progress": progress, "checkpoint": checkpoint}
+        run = {"budget": budget, "progress": progress, "checkpoint": checkpoint, "scheduler": scheduler}
         return frame.noted(certify(bounder, shape, **own, **run))
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
+    told = {"progress": progress, "scheduler": scheduler}
     if bounder.of_distances:
-        return certify_distance(bounder, shape, expected, budget, progress, checkpoint)
-    if checkpoint is not None:
-        raise BounderError(f"{bounder.method}: a checkpoint is for proofs of distances")
+        return certify_distance(bounder, shape, expected, budget, checkpoint, told)
     other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)
@@ -144,12 +147,15 @@ def certify(
         point, threshold = _denied_outside(bounder, bounder, grid), float(bounder.threshold)
         kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
+    if checkpoint is not None and (len(obligations) > 1 or not bounder.provable):
+        raise BounderError(f"{bounder.method}: a checkpoint is for a proof of one part, this has {len(obligations)}")
+    told["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
     certificates = []
     for part, own in obligations:
         left = budget - (working_seconds() - started)
         # what a network's exit grants, no part of it can deny
         asked = part if bounder.composed else bounder
-        certificates.append(_certify(part, own, max(left, 0.0), progress, asked))
+        certificates.append(_certify(part, own, max(left, 0.0), told, asked))
         if certificates[-1].kind not in ("proven", "statistical"):
             break
     return together(bounder, certificates, grid.digest)
@@ -164,7 +170,7 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _certify(bounder: Bounder, grid: Grid, budget: float, progress, asked: Bounder) -> Certificate:
+def _certify(bounder: Bounder, grid: Grid, budget: float, told: dict, asked: Bounder) -> Certificate:
     """``certify`` for one part of a conjunction; ``asked`` is who must deny a counterexample."""
     started = working_seconds()
     threshold, error = float(bounder.threshold), bounder.rounding_bound()
@@ -182,7 +188,7 @@ def _certify(bounder: Bounder, grid: Grid, budget: float, progress, asked: Bound
         point = _denied_outside(asked, bounder, grid) if reason == OUTSIDE else None
         return result("refuted" if point is not None else "undecided", reason, threshold, 0, point)
     if QUERIES[bounder.query_kind].is_region:
-        return _certify_regions(bounder, grid, target, budget, result, progress)
+        return _certify_regions(bounder, grid, target, budget, result, told)
     if not grid.certified:
         return _attested(bounder, grid, budget, result)
     if not isinstance(grid, Grid):
@@ -191,20 +197,26 @@ def _certify(bounder: Bounder, grid: Grid, budget: float, progress, asked: Bound
             least, boxes = bounder.least(grid)
             if target <= least < np.inf:
                 return result("proven", _proven(bounder), least, boxes)
-        found = _check_shape(bounder, grid, target, started + budget, progress)
-        return _conclusion(bounder, grid, found, budget, result, asked)
-    found = _checked(_cell_pieces(bounder, grid, target), started + budget, len(grid.occupied), progress)
-    return _conclusion(bounder, grid, found, budget, result, asked)
+    cover = _cells(bounder, grid) if isinstance(grid, Grid) else _points(bounder, grid)
+    found = _checked(cover, target, budget, told)
+    return _conclusion(bounder, grid, found, f"{budget:.3g} s{_goes_on(told)}", budget, result, asked)
 
 
-def _conclusion(bounder: Bounder, grid: Shape, found: Checked, budget: float, result, asked: Bounder) -> Certificate:
-    """The certificate for what a check has found."""
+def _goes_on(told: dict) -> str:
+    """Of a proof whose time was over."""
+    return GOES_ON.format(told["checkpoint"].path) if told.get("checkpoint") else ""
+
+
+def _conclusion(
+    bounder: Bounder, grid: Shape, found: Checked, time: str, budget: float, result, asked: Bounder
+) -> Certificate:
+    """The certificate for what a check has found; ``time`` is what it had."""
     least, boxes = found.least, found.boxes
     if not found.complete:
         denied = descend(asked, grid, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]
         if len(denied):
             return result("refuted", f"a {bounder.query_kind} {DENIED}", least, boxes, denied[0])
-        return result("undecided", f"no decision within {budget:.3g} s", least, boxes)
+        return result("undecided", f"no decision within {time}", least, boxes)
     if found.suspects is None:
         return result("proven", _proven(bounder), least, boxes)
     if (point := _denied(asked, grid, found.suspects)) is not None:
@@ -214,25 +226,21 @@ def _conclusion(bounder: Bounder, grid: Shape, found: Checked, budget: float, re
     )
 
 
-def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float, result, progress) -> Certificate:
+def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float, result, told: dict) -> Certificate:
     """``certify`` for rays, planes and boxes."""
     if not bounder.provable:
         return _attested(bounder, grid, budget, result)
     kind = COVERS[bounder.query_kind]
     least, boxes, suspects, complete = Checked(-np.inf, 0)
-    end, cells = working_seconds() + budget, getattr(grid, "occupied", ())
     text = "f comes closer to the threshold than the proof allows"
     try:
         if bounder.exact_on_cells:
             least, boxes = bounder.least(grid)
         elif not isinstance(grid, Grid) and kind.pieces:
             grid.check()
-            cells = coarse_cells(grid, OTHER_CELLS)
-            pieces = _region_pieces(ShapeRegions(bounder, grid, cells, FINER * NARROWEST), target)
-            least, boxes, suspects, complete = _checked(pieces, end, len(cells.occupied), progress)
+            least, boxes, suspects, complete = _checked(_regions(bounder, grid), target, budget, told)
         else:
-            pieces = _charted_pieces(bounder, grid, target)
-            least, boxes, suspects, complete = _checked(pieces, end, len(cells), progress)
+            least, boxes, suspects, complete = _checked(_parametrized(bounder, grid), target, budget, told)
     except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
         text = str(error)
     if target <= least < np.inf:  # infinity: no positive was looked at, which proves nothing
@@ -242,7 +250,7 @@ def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float,
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
     if missed is not None:
         return result("refuted", f"a query {DENIED}", least, boxes, missed)
-    text = text if complete else f"no decision within {budget:.3g} s"
+    text = text if complete else f"no decision within {budget:.3g} s{_goes_on(told)}"
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     return result("undecided", text, least, boxes)
 
@@ -330,104 +338,66 @@ class Everything:
         return np.ones(len(v), dtype=bool)
 
 
-def _halved(
-    positives: Everything | ShapePositives | ShapeRegions,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    target: float,
-    end: float,
-    told: Callable[[float], None] = lambda volume: None,
-) -> tuple[Checked, np.ndarray]:
-    """Halve boxes until ``f >= target`` on all positives.
+class _Positives:
+    """Looks at boxes: whether ``f >= target`` on all positives.
 
-    Ends as well when a positive refutes that, a box is too small, or time is over.
-
-    Newest boxes come first, so that memory grows with depth, not with the number of boxes. A point with f under the
-    target refutes nothing until the deployed bounder has denied it (``certify``).
+    A positive refutes that, a box that is too small ends it as well. A point with f under the target refutes nothing
+    until the deployed bounder has denied it (``certify``). What is found is minus the least bound of boxes that reach
+    the target, and of those that did not.
 
     Args:
         positives: What is known of f, and of where positives are.
-        lower: ``(N, Z)`` float64, in the numbers that ``positives`` takes.
-        upper: ``(N, Z)`` float64.
         target: What every lower bound must reach.
-        end: On the clock ``working_seconds``.
-        told: Called with the volume that is done.
-
-    Returns:
-        What was found, its suspects in the same numbers as the boxes; and ``(S,)``, of which given box each suspect is
-        a part.
     """
-    waiting, least, lowest_open, boxes, done = [(lower, upper, np.arange(len(lower)))], np.inf, np.inf, 0, 0.0
-    nobody = np.zeros(0, dtype=np.int64)
-    while waiting:
-        if boxes and working_seconds() > end:
-            return Checked(float(np.fmin(least, lowest_open)), boxes, complete=False), nobody
-        low, high, owner = waiting.pop()
-        if len(low) > CHUNK:
-            first, rest = ((low[part], high[part], owner[part]) for part in (slice(CHUNK), slice(CHUNK, None)))
-            waiting += [rest, first]
-            continue
-        bounds, volume = positives.bound(low, high), float((high - low).prod(axis=1).sum())
-        boxes += len(low)
-        least = min(least, bounds.lower[bounds.lower >= target].min(initial=np.inf))
-        left = np.flatnonzero(~(bounds.lower >= target))  # NaN is below
+
+    chunk = CHUNK
+
+    def __init__(self, positives: Everything | ShapePositives | ShapeRegions, target: float):
+        self.positives, self.target = positives, target
+
+    @taylor_bounds()
+    def __call__(self, boxes: Boxes) -> Seen:
+        positives, target, (low, high) = self.positives, self.target, boxes[:2]
+        bounds = positives.bound(low, high)
+        reached = bounds.lower >= target
+        least = bounds.lower[reached].min(initial=np.inf)
+        left = np.flatnonzero(~reached)  # NaN is below
         low, high, bounds = low[left], high[left], bounds.part(left)
         small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
         found = positives.held(low, high, bounds, np.full(len(left), target))
         open_ = ~(found.lower >= target)
         least = min(least, found.lower[~open_].min(initial=target if found.cut.any() else np.inf))
         low, high = (np.asarray(corner)[open_] for corner in found.corners)
-        axis, bounds, small, owner = (
-            found.axis[open_].astype(np.int64),
-            bounds.part(open_),
-            small[open_],
-            owner[left[open_]],
-        )
-        done += volume - float((high - low).prod(axis=1).sum())
-        told(done)
-        if not len(low):
-            continue
+        axis, bounds, small = found.axis[open_].astype(np.int64), bounds.part(open_), small[open_]
         failed = small | ((high - low)[np.arange(len(low)), axis] < SMALLEST)
         lowest = np.argpartition(bounds.value, TRIED)[:TRIED] if len(low) > TRIED else np.arange(len(low))
         lowest = lowest[bounds.value[lowest] < target]
         failed[lowest] |= positives.holds(bounds.point[lowest])
+        rest, suspects = boxes.part(left[open_])._replace(lower=low, upper=high), None
         if failed.any():
             order = np.lexsort((bounds.value, ~failed))[:SUSPECTS]
             at = np.concatenate([bounds.point[order], (low + high)[order] / 2])
-            worst = np.fmin.reduce(np.concatenate([bounds.lower[failed], bounds.value[failed]]))
-            return Checked(float(np.fmin(least, worst)), boxes, at), np.tile(owner[order], 2)
-        lowest_open = np.fmin(lowest_open, np.fmin.reduce(bounds.lower))
-        waiting.append((*halve(low, high, axis), np.tile(owner, 2)))
-    return Checked(least, boxes), nobody
+            suspects = at, np.tile(rest.owner[order], 2)
+            least = np.fmin(least, np.fmin.reduce(np.concatenate([bounds.lower[failed], bounds.value[failed]])))
+        least = np.array([least, np.fmin.reduce(bounds.lower, initial=np.inf)])
+        return Seen(rest.halves(axis), np.arange(2), -least, suspects)
 
 
-class Piece(NamedTuple):
-    """Some of an object's positives."""
+class Cover(NamedTuple):
+    """All positives of an object."""
 
     positives: Everything | ShapePositives | ShapeRegions
-    lower: np.ndarray
-    upper: np.ndarray
-    target: float
+    starts: Iterable[tuple[np.ndarray, np.ndarray, float]]  # as ``halving.search`` takes them
     at: Callable[[np.ndarray, np.ndarray], np.ndarray]  # suspects, of their numbers and of the boxes that they are in
-    done: int  # cells of the object that are done with this piece
 
 
-def _checked(
-    pieces: Iterable[Piece], end: float, cells: int, progress: Callable[[int, int], None] | None = None
-) -> Checked:
-    """Check pieces one after another, until one fails or time is over."""
-    least, boxes = np.inf, 0
-    for piece in pieces:
-        if boxes and working_seconds() > end:
-            return Checked(least, boxes, complete=False)
-        found, owner = _halved(*piece[:4], end)
-        least, boxes = min(least, found.least), boxes + found.boxes
-        if found.suspects is not None or not found.complete:
-            suspects = None if found.suspects is None else piece.at(found.suspects, owner)
-            return Checked(least, boxes, suspects, found.complete)
-        if progress:
-            progress(piece.done, cells)
-    return Checked(least, boxes)
+def _checked(cover: Cover, target: float, budget: float, told: dict) -> Checked:
+    """Check that ``f >= target`` on all positives, until that fails or time is over; ``told`` is for the search."""
+    left = search(_Positives(cover.positives, target), cover.starts, np.full(2, -np.inf), budget=budget, **told)
+    reached, not_reached = -left.found
+    if left.failed is not None:
+        return Checked(float(reached), left.boxes, cover.at(*left.failed))
+    return Checked(float(reached if left.complete else np.fmin(reached, not_reached)), left.boxes, None, left.complete)
 
 
 def reachable(domain: Domain, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -457,31 +427,44 @@ def uncovered(domain: Domain) -> str:
     return "the domain's delta does not cover what float32 rounds" if (np.maximum(*needed) > domain.delta).any() else ""
 
 
-def _cell_pieces(f: Bounder, grid: Grid, target: float) -> Iterator[Piece]:
+def _cells(f: Bounder, grid: Grid) -> Cover:
     """Every v that the pipeline can make of the points of the object's cells; suspects are points of the object."""
-    for start in range(0, len(grid.occupied), CHUNK):
-        cells = grid.occupied[start : start + CHUNK]
-        corners = grid.position(cells - 0.5), grid.position(cells + 0.5)
-        lower, upper, owner = f.cut(*reachable(f.domain, *corners))
 
-        def inside(v: np.ndarray, box: np.ndarray, corners=corners, owner=owner) -> np.ndarray:
-            first, last = (side[owner[box]] for side in corners)
-            x = np.clip(f.domain.to_object(v), first, last)  # the boxes are wider, by delta
-            # a corner's float32 neighbour may lie outside
-            return np.concatenate([x, x + PULL * ((first + last) / 2 - x)])
+    def corners(some) -> tuple[np.ndarray, np.ndarray]:
+        return grid.position(grid.occupied[some] - 0.5), grid.position(grid.occupied[some] + 0.5)
 
-        yield Piece(Everything(f), lower, upper, target, inside, start + len(cells))
+    def starts() -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+        for start in range(0, len(grid.occupied), CHUNK):
+            lower, upper, owner = f.cut(*reachable(f.domain, *corners(slice(start, start + CHUNK))))
+            cells.append(start + owner)
+            yield lower, upper, CHUNK / max(len(grid.occupied), CHUNK)
+
+    def inside(v: np.ndarray, box: np.ndarray) -> np.ndarray:
+        first, last = corners(np.concatenate(cells)[box])
+        x = np.clip(f.domain.to_object(v), first, last)  # the boxes are wider, by delta
+        # a corner's float32 neighbour may lie outside
+        return np.concatenate([x, x + PULL * ((first + last) / 2 - x)])
+
+    cells: list[np.ndarray] = []  # the number of the cell of each box
+    return Cover(Everything(f), starts(), inside)
 
 
-def _charted_pieces(bounder: Bounder, grid: Shape, target: float) -> Iterator[Piece]:
+def _parametrized(bounder: Bounder, grid: Grid) -> Cover:
     """The positives of a network as boxes of a parametrization; of planes, their normals."""
     kind, cover = COVERS[bounder.query_kind], parametrized(bounder, grid)
     if cover is None:
         f, lower, upper = kind.best_first(bounder, grid)
-        yield Piece(Everything(f), lower, upper, target, lambda m, _: kind.coordinates(bounder, grid, m), 1)
-        return
+        starts = [(lower, upper, 1.0)]
+        return Cover(Everything(f), starts, lambda m, _: kind.coordinates(bounder, grid, m))
+    return Cover(Everything(cover), _anew(kind, bounder, grid, cover), lambda z, _: cover.coordinates(z))
+
+
+def _anew(kind, bounder: Bounder, grid: Grid, cover) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
+    """The starts of a parametrization."""
+    before, whole = 0, max(len(grid.occupied), 1)
     for lower, upper, done in kind.anew(bounder, grid, cover):
-        yield Piece(Everything(cover), lower, upper, target, lambda z, _: cover.coordinates(z), done)
+        yield lower, upper, (done - before) / whole
+        before = done
 
 
 # --- shapes without cells --------------------------------------------------------------------------------------------
@@ -490,7 +473,6 @@ def _charted_pieces(bounder: Bounder, grid: Shape, target: float) -> Iterator[Pi
 FINER = 1 / 8  # boxes are halved so much further than in the fit's proof, whose smallest count as object
 OTHER_CELLS = 0.8  # of the number of cells along the longest side: regions rest on other ones than the fit
 BORDER = 65_536  # points of the border among which some outside the domain are looked for
-PARTS = 1000  # of the domain, in which progress is told
 INWARD = 1 - 1e-3  # of the way from the domain's middle, where a suspect is tried besides
 
 
@@ -502,32 +484,22 @@ def points_outside(bounder: Bounder, shape: Shape) -> np.ndarray:
     return x[((x < domain.lower) | (x > domain.upper)).any(axis=1)]
 
 
-def _check_shape(
-    bounder: Bounder, shape: Shape, target: float, end: float, progress: Callable[[int, int], None] | None
-) -> Checked:
+def _points(bounder: Bounder, shape: Shape) -> Cover:
     """The points of a shape, in the domain's box; suspects are points in object space."""
     positives = ShapePositives(bounder, shape, FINER * NARROWEST)
-    lower, upper = positives.boxes()
-    whole = float(np.prod(upper - lower, axis=1).sum())
 
-    def told(volume: float) -> None:
-        if progress:
-            progress(round(PARTS * volume / whole), PARTS)
+    def inside(v: np.ndarray, _: np.ndarray) -> np.ndarray:
+        # a point on the end of a complement's domain may round to one beyond it, where the answer is maybe
+        return bounder.domain.to_object(np.concatenate([v, v * INWARD]) if bounder.domain.unbounded else v)
 
-    found, _ = _halved(positives, lower, upper, target, end, told)
-    if found.suspects is None:
-        return found
-    at = found.suspects
-    # a point on the end of a complement's domain may round to one beyond it, where the answer is maybe
-    if bounder.domain.unbounded:
-        at = np.concatenate([at, at * INWARD])
-    return found._replace(suspects=bounder.domain.to_object(at))
+    return Cover(positives, [(*positives.boxes(), 1.0)], inside)
 
 
-def _region_pieces(positives: ShapeRegions, target: float) -> Iterator[Piece]:
+def _regions(bounder: Bounder, shape: Shape) -> Cover:
     """The rays or boxes of a shape, over the cover of cells that hold it, other ones than the fit's."""
-    for lower, upper, done in positives.kind.anew(positives.bounder, positives.cells, positives.cover):
-        yield Piece(positives, lower, upper, target, lambda z, _: positives.coordinates(z), done)
+    positives = ShapeRegions(bounder, shape, coarse_cells(shape, OTHER_CELLS), FINER * NARROWEST)
+    starts = _anew(positives.kind, bounder, positives.cells, positives.cover)
+    return Cover(positives, starts, lambda z, _: positives.coordinates(z))
 
 
 # --- distances -------------------------------------------------------------------------------------------------------
@@ -543,8 +515,8 @@ def certify_distance(
     shape,
     expected: dict[str, str | float | None],
     budget: float,
-    progress: Callable[[int, int], None] | None,
-    checkpoint: str | os.PathLike | None = None,
+    checkpoint: str | os.PathLike | None,
+    told: dict,
 ) -> Certificate:
     """``certify`` of a distance.
 
@@ -553,8 +525,8 @@ def certify_distance(
         shape: As ``certify`` takes it.
         expected: The claim that is expected (``other_claim``).
         budget: Seconds allowed.
-        progress: As ``certify`` takes it.
         checkpoint: As ``certify`` takes it.
+        told: Progress and scheduler, as ``certify`` takes them.
     """
     started, threshold, error = working_seconds(), float(bounder.threshold), bounder.rounding_bound()
     before = 0.0  # seconds of the part that a checkpoint holds
@@ -582,15 +554,15 @@ def certify_distance(
     if bounder.volume is not None:
         volume = bounder.volume.to()
         volume.info = {name: bounder.info.get(name) for name in ("margin", "resolution")}
-        of_volume = certify(volume, grid, budget=budget, progress=progress)
+        of_volume = certify(volume, grid, budget=budget, **told)
         suspects = None if of_volume.counterexample is None else np.array([of_volume.counterexample])
         least, boxes, told = (0.0 if of_volume.proven else -np.inf), of_volume.boxes, of_volume.message
     else:
-        held = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
+        held = told["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
         bar = -float(np.nextafter(threshold + error, np.inf))
-        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, budget, held, progress)
+        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, budget, **told)
         least, before = -overestimate, held.seconds if held else 0.0
-        told = CLOSE if complete else f"no decision within {budget:.3g} s{GOES_ON.format(checkpoint) if held else ''}"
+        told = CLOSE if complete else f"no decision within {budget:.3g} s{_goes_on(told)}"
     if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
         told = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."
         return result("proven", told, least, boxes)

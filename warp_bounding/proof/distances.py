@@ -9,25 +9,14 @@ most, boxes become needles along which the distance bends, that no halving elsew
 times the overestimate it has, a moving ellipsoid with twice the boxes).
 """
 
-import hashlib
-import json
-import os
-from collections.abc import Callable
-from typing import NamedTuple
-
 import numpy as np
-import safetensors
-import safetensors.numpy
 
 from warp_bounding.bounders.distance import DistanceBounder
-from warp_bounding.bounders.file_format import digest_of
-from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.proof.search import halve
+from warp_bounding.errors import BounderError
+from warp_bounding.proof.halving import Boxes, Seen, search
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.runtime.whole_file import check_writable, file_path, write_whole
 from warp_bounding.shapes.shape import Shape
-from warp_bounding.version import __version__
 
 # --- tolerances ------------------------------------------------------------------------------------------------------
 
@@ -96,153 +85,10 @@ class Tolerances:
             np.maximum.at(self.met, parts, met)
 
 
-# --- checkpoint ------------------------------------------------------------------------------------------------------
-
-
-KEY = "warp_bounding_checkpoint"
-EVERY = 15.0  # seconds between two writes
-TELLING = (
-    1024  # points whose distances tell one function from another, of which a digest knows little more than the object
-)
-
-
-class Boxes(NamedTuple):
-    """Waiting boxes: ``(N, n)`` lower and upper corners, ``(N,)`` numbers of the boxes that they are parts of.
-
-    And how often all of them were halved.
-    """
-
-    lower: np.ndarray
-    upper: np.ndarray
-    owner: np.ndarray
-    level: int
-
-
-class Left(NamedTuple):
-    """What a search has found, and what it has still to do.
-
-    Attributes:
-        waiting: The last one is next.
-        found: ``(N,)``, what is known of each box that the search began with.
-        boxes: How many boxes were looked at.
-        seconds: How long that took.
-    """
-
-    waiting: list[Boxes]
-    found: np.ndarray
-    boxes: int
-    seconds: float
-
-
-class Checkpoint:
-    """What a search has still to do, in a file: read at the beginning, written now and then, removed at the end.
-
-    Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be
-    proven. It names the bounder's numbers, the shape with its margin, some of its distances and the library's version,
-    and holds a SHA-256 of its content; a file that says anything else is refused, and kept as it is.
-    """
-
-    def __init__(self, path: str | os.PathLike, bounder: DistanceBounder, shape: Shape):
-        """Look at the file, if there is one.
-
-        Raises:
-            FileFormatError: If it is no checkpoint, one of another proof, or damaged, or if none can be written there.
-        """
-        self.path, self._written = file_path(path), working_seconds()
-        about = {"method": bounder.method, "sizes": bounder.sizes, "domain": bounder.domain.to_dict()}
-        about |= {"threshold": float(bounder.threshold), "shape": shape.digest, "library": __version__}
-        low, high = shape.lower, shape.upper  # what the search rests on, as this machine computes it
-        queried = low + np.random.default_rng(0).uniform(-0.5, 1.5, (TELLING, shape.ndim)) * (high - low)
-        about["distances"] = hashlib.sha256(np.asarray(shape.distances(queried)).tobytes()).hexdigest()
-        self._claim = digest_of(bounder.tensors, about)
-        self._ndim = shape.ndim
-        check_writable(self.path)
-        self._left = self._read() if self.path.exists() else None
-
-    def load(self, count: int) -> Left | None:
-        """What was left of ``count`` boxes; ``None`` for a proof that begins.
-
-        Raises:
-            FileFormatError: If it is about another number of boxes.
-        """
-        if self._left is not None and len(self._left.found) != count:
-            raise FileFormatError(f"{self.path}: the checkpoint is damaged; remove it to begin anew")
-        return self._left
-
-    @property
-    def seconds(self) -> float:
-        """How long the proof has taken until it was stopped."""
-        return self._left.seconds if self._left else 0.0
-
-    def save(self, left: Left, *, now: bool = False) -> None:
-        """Write what is left, unless that was done a moment ago, or at once.
-
-        Raises:
-            FileFormatError: If it cannot be written.
-        """
-        if not now and working_seconds() - self._written < EVERY:
-            return
-        tensors = {"found": left.found} | {
-            f"{name}.{i}": np.ascontiguousarray(getattr(boxes, name))
-            for i, boxes in enumerate(left.waiting)
-            for name in ("lower", "upper", "owner")
-        }
-        document = {"claim": self._claim, "boxes": left.boxes, "seconds": left.seconds}
-        document["levels"] = [boxes.level for boxes in left.waiting]
-        text = json.dumps({"sha256": digest_of(tensors, document), "left": document})
-        write_whole(self.path, safetensors.numpy.save(tensors, metadata={KEY: text}))
-        self._written = working_seconds()
-
-    def remove(self) -> None:
-        """The proof has ended."""
-        self.path.unlink(missing_ok=True)
-
-    def _read(self) -> Left:
-        try:
-            with safetensors.safe_open(str(self.path), framework="numpy") as file:
-                text = (file.metadata() or {})[KEY]
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a dict)
-            signed = json.loads(text)
-            document, sha = signed["left"], signed["sha256"]
-        except (safetensors.SafetensorError, OSError, ValueError, TypeError, KeyError) as error:
-            raise FileFormatError(
-                f"{self.path}: expected the checkpoint of a proof, or no file yet; it is kept"
-            ) from error
-        damaged = FileFormatError(f"{self.path}: the checkpoint is damaged; remove it to begin anew")
-        if sha != digest_of(tensors, document) or not isinstance(document, dict):
-            raise damaged
-        if document.get("claim") != self._claim:
-            raise FileFormatError(f"{self.path}: the checkpoint of another bounder, shape or version; it is kept")
-        try:
-            waiting = [
-                Boxes(*(tensors[f"{name}.{i}"] for name in ("lower", "upper", "owner")), level)
-                for i, level in enumerate(document["levels"])
-            ]
-            left = Left(waiting, tensors["found"].copy(), document["boxes"], document["seconds"])
-            if not self._sound(left):
-                raise damaged
-        except (KeyError, TypeError, ValueError) as error:
-            raise damaged from error
-        return left
-
-    def _sound(self, left: Left) -> bool:
-        """Whether these are numbers of the kinds and sizes that a search has."""
-        counts = [left.boxes, *(boxes.level for boxes in left.waiting)]
-        sound = all(type(count) is int and count >= 0 for count in counts)
-        sound = sound and type(left.seconds) is float and 0 <= left.seconds < float("inf")
-        sound = sound and left.found.dtype == np.float64 and left.found.ndim == 1
-        for low, high, owner, _ in left.waiting:
-            sound = sound and low.dtype == high.dtype == np.float64 and owner.dtype == np.int64
-            sound = sound and low.shape == high.shape == (len(owner), self._ndim) and owner.ndim == 1
-            sound = sound and ((owner >= 0) & (owner < len(left.found))).all() and (low <= high).all()
-        return bool(sound)
-
-
 # --- search ----------------------------------------------------------------------------------------------------------
 
 
 CHUNK = 1 << 16  # boxes that are queried at a time
-PARTS = 10_000  # that progress is told in
 # relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
 NOISE = 1e-12
 SAMPLES = 200_000  # points at which the largest overestimate is looked for first
@@ -269,8 +115,7 @@ def excesses(
     least: float = 0.0,
     budget: float = float("inf"),
     most: float = float("inf"),
-    held: Checkpoint | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    **told,
 ) -> tuple[np.ndarray, int, bool]:
     """Certified: by how much F exceeds the distance in boxes, at most.
 
@@ -285,9 +130,7 @@ def excesses(
         least: Excesses under it are not distinguished.
         budget: Seconds; when it is over, boxes count with what is known of them.
         most: Boxes that are looked at; when there are more, it is as if time were over.
-        held: Where to begin, and to write now and then what is left: everything, when time is over or an exception ends
-            the search.
-        progress: Called with how much of the boxes' volume is done, in parts of ``PARTS``.
+        **told: For ``halving.search``.
 
     Returns:
         ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for
@@ -296,66 +139,51 @@ def excesses(
     Raises:
         BounderError: If the shape has no distance.
     """
-    started, domain = working_seconds(), bounder.domain
     tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances.of_boxes(tolerance, len(lower))
-    left = held.load(len(lower)) if held else None
-    if left is None:
-        each = [slice(i, i + CHUNK) for i in range(0, len(lower), CHUNK)]
-        every = np.arange(len(lower))
-        left = Left([Boxes(lower[i], upper[i], every[i], 0) for i in each][::-1], np.full(len(lower), least), 0, 0.0)
-    waiting, found, boxes, before = left
-    complete, all_volume, file = True, _volume(lower, upper), held
-    undone = sum(_volume(each.lower, each.upper) for each in waiting)
-    try:
-        while waiting:
-            now = working_seconds() - started
-            over = now > budget or boxes > most
-            if held:
-                held.save(Left(waiting, found, boxes, before + now), now=over)
-                held = None if over else held  # what follows is no part of the search any more
-            low, high, owner, level = waiting[-1]  # taken off when all that is left of it is on the list
-            values = bounder.corners(low, high)
-            sides = domain.to_object(low), domain.to_object(high)
-            room = NOISE * (np.abs(sides).max(initial=0.0) + domain.unit)
-            noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
-            under = least - 2 * float(
-                noise.max(initial=0.0)
-            )  # so that what is added does not lift it above a tolerance
-            allowed = tolerances.of(owner)
-            enough = np.where(level < halvings, allowed, np.inf) * domain.unit
-            overestimate = shape.overestimate(
-                sides[0] - room, sides[1] + room, values * domain.unit, under * domain.unit, enough
-            )
-            if overestimate is None:
-                raise BounderError(f"{shape.name}: no distance is known of it")
-            overestimate = overestimate / domain.unit + noise
-            above = overestimate > allowed
-            more = above & (level < halvings) & (not over)
-            tolerances.rise(bounder, shape, low[more], high[more], owner[more], overestimate[more])
-            complete &= not (over and above.any())
-            np.maximum.at(found, owner[~more], overestimate[~more])
-            children = []
-            if more.any():
-                longest = np.argmax(high[more] - low[more], axis=1)
-                halves = (*halve(low[more], high[more], longest), np.tile(owner[more], 2))
-                parts = (slice(i, i + CHUNK) for i in range(0, len(halves[0]), CHUNK))
-                children = [Boxes(*(side[part] for side in halves), level + 1) for part in parts]
-            waiting[-1:] = children
-            boxes += len(low)
-            undone -= _volume(low[~more], high[~more])
-            if progress is not None:
-                progress(round(PARTS * (1 - min(max(undone / all_volume, 0.0), 1.0))), PARTS)
-    except BaseException:
-        if held:
-            held.save(Left(waiting, found, boxes, before + working_seconds() - started), now=True)
-        raise
-    if file and complete:
-        file.remove()
+    look = _Excess(bounder, shape, tolerances, halvings, least)
+    left = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **told)
+    found, boxes, complete = left.found, left.boxes, True
+    for each in left.waiting:  # there is no time: they count with what is known of them
+        for start in range(0, each.count, look.chunk):
+            some = each.part(slice(start, start + look.chunk))
+            overestimate, above = look.measured(some)
+            np.maximum.at(found, some.owner, overestimate)
+            boxes, complete = boxes + some.count, complete and not above.any()
     return found, boxes, complete
 
 
-def _volume(lower: np.ndarray, upper: np.ndarray) -> float:
-    return float((upper - lower).prod(axis=1).sum())
+class _Excess:
+    """Looks at boxes: by how much F exceeds the distance there; arguments as of ``excesses``."""
+
+    chunk = CHUNK
+
+    def __init__(self, bounder: DistanceBounder, shape: Shape, tolerances: Tolerances, halvings: int, least: float):
+        self.bounder, self.shape, self.tolerances = bounder, shape, tolerances
+        self.halvings, self.least = halvings, least
+
+    def measured(self, boxes: Boxes) -> tuple[np.ndarray, np.ndarray]:
+        """``(N,)`` certified overestimates, and whether they are above the tolerances."""
+        bounder, shape, domain = self.bounder, self.shape, self.bounder.domain
+        values = bounder.corners(boxes.lower, boxes.upper)
+        low, high = domain.to_object(boxes.lower), domain.to_object(boxes.upper)
+        room = NOISE * (max(np.abs(low).max(initial=0.0), np.abs(high).max(initial=0.0)) + domain.unit)
+        noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
+        under = self.least - 2 * float(noise.max(initial=0.0))  # what is added does not lift it above a tolerance
+        allowed = self.tolerances.of(boxes.owner)
+        enough = np.where(boxes.level < self.halvings, allowed, np.inf) * domain.unit
+        overestimate = shape.overestimate(low - room, high + room, values * domain.unit, under * domain.unit, enough)
+        if overestimate is None:
+            raise BounderError(f"{shape.name}: no distance is known of it")
+        overestimate = overestimate / domain.unit + noise
+        return overestimate, overestimate > allowed
+
+    def __call__(self, boxes: Boxes) -> Seen:
+        overestimate, above = self.measured(boxes)
+        more = above & (boxes.level < self.halvings)
+        left = boxes.part(more)
+        self.tolerances.rise(self.bounder, self.shape, *left[:3], overestimate[more])
+        longest = np.argmax(left.upper - left.lower, axis=1)
+        return Seen(left.halves(longest), boxes.owner[~more], overestimate[~more])
 
 
 def worst_points(
@@ -407,8 +235,7 @@ def overestimate_within(
     shape: Shape,
     bar: float,
     budget: float,
-    held: Checkpoint | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    **told,
 ) -> tuple[float, int, bool, np.ndarray]:
     """Certified: by how much F exceeds the distance, at most; by other boxes than ``largest_overestimate`` has.
 
@@ -417,8 +244,7 @@ def overestimate_within(
         shape: The object.
         bar: An overestimate up to this is good enough, local units.
         budget: Seconds.
-        held: As ``excesses`` takes it.
-        progress: As ``excesses`` takes it.
+        **told: For ``halving.search``.
 
     Returns:
         As ``largest_overestimate``, of all parts together. Where samples have more than the bar, nothing is searched.
@@ -427,9 +253,7 @@ def overestimate_within(
     if sampled.max() > bar:
         return float(sampled.max()), 0, True, worst
     tolerances = np.full(bounder.part_count, bar)
-    overestimate, boxes, complete = _searched(
-        bounder, shape, tolerances, 0.0, budget, again=True, held=held, progress=progress
-    )
+    overestimate, boxes, complete = _searched(bounder, shape, tolerances, 0.0, budget, again=True, **told)
     return float(overestimate.max()), boxes, complete, worst
 
 

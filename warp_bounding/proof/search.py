@@ -51,6 +51,7 @@ from warp_bounding.networks.bounds import (
     load_text,
 )
 from warp_bounding.networks.network import Network
+from warp_bounding.proof.halving import halve
 from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.rounding import UNIT64
 from warp_bounding.runtime.launch import launch_blocks, working_seconds
@@ -268,16 +269,6 @@ def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk],
             if part.any():
                 held.append(_Chunk(*(each[part] for each in chunk)))
     return kept, rest
-
-
-def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Both halves of each box: ``(2N, n)`` lower and upper corners."""
-    row = np.arange(len(low))
-    middle = (low[row, axis] + high[row, axis]) / 2
-    left_high, right_low = high.copy(), low.copy()
-    left_high[row, axis] = middle
-    right_low[row, axis] = middle
-    return np.concatenate([low, right_low]), np.concatenate([left_high, high])
 
 
 def lowest(
