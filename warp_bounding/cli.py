@@ -129,11 +129,11 @@ MOST = 10**15  # so many queries would take years
 
 
 def whole_number(text: Any, least: int = 0) -> int:
-    """A whole number that may be written as 1e6; ``typer.BadParameter`` for another text."""
+    """A whole number that may be written as 1e6."""
     with contextlib.suppress(ValueError, OverflowError):
         if least <= float(text) == int(float(text)) <= MOST:
             return int(float(text))
-    raise typer.BadParameter(f"expected a whole number from {least} to {MOST:.0e}, such as 1e6, got {str(text)!r}")
+    raise ValueError(f"expected a whole number from {least} to {MOST:.0e}, such as 1e6, got {str(text)!r}")
 
 
 def count(text: Any) -> int:
@@ -142,11 +142,21 @@ def count(text: Any) -> int:
 
 
 def numbers(text: str) -> list[float]:
-    """Numbers from text such as 0,0.05; ``typer.BadParameter`` for another text."""
+    """Numbers between commas, such as 0,0.05."""
+    return [float(word) for word in text.split(",")]
+
+
+def coordinates(text: str) -> dict[int, float]:
+    """Coordinates and their values, such as 3=0.5,4=0."""
     try:
-        return [float(word) for word in text.split(",")]
+        return {int(axis): float(value) for axis, _, value in (word.partition("=") for word in text.split(","))}
     except ValueError:
-        raise typer.BadParameter(f"expected a number, or several such as 0,0.05,0.1, got {text!r}") from None
+        raise ValueError(f"expected coordinates and values such as 3=0.5,4=0, got {text!r}") from None
+
+
+def words(text: str) -> list[str]:
+    """Words between commas."""
+    return [word.strip() for word in text.split(",")]
 
 
 def number_option(help: str, parser: Callable[[Any], int] = whole_number) -> Any:
@@ -181,11 +191,11 @@ KEYWORD = inspect.Parameter.KEYWORD_ONLY
 
 
 def _option(name: str, kind: Any, *names: str, **about: Any) -> inspect.Parameter:
-    """An option of a command that need not be given; whole numbers may be written as 1e6."""
+    """An option that need not be given, of a type or parsed by a function; whole numbers may be written as 1e6."""
     if kind is int:
         about |= {"parser": whole_number, "metavar": "N"}
-    elif kind is numbers:
-        kind, about["parser"] = str, numbers
+    elif inspect.isfunction(kind):
+        kind, about["parser"] = str, kind
     return inspect.Parameter(name, KEYWORD, default=None, annotation=Annotated[kind | None, Option(*names, **about)])
 
 
@@ -357,18 +367,12 @@ def fit(
     )
 
 
-def _takers() -> dict[str, dict[str, Any]]:
-    """The options of methods by name, each by the methods that take it, for points or for distances."""
-    found: dict[str, dict[str, Any]] = {}
-    for method, cls in (*wb.METHODS.items(), *wb.DISTANCES.items()):
-        for option in cls.options:
-            found.setdefault(option.name, {}).setdefault(method, option)
-    return found
-
-
 def _method_options() -> list[inspect.Parameter]:
     """The method, and a parameter for each option of a method, in a panel of those that take it."""
-    known, takers = list(wb.METHODS | wb.DISTANCES), _takers()
+    known, takers = list(wb.METHODS | wb.DISTANCES), {}
+    for method, cls in (*wb.METHODS.items(), *wb.DISTANCES.items()):
+        for option in cls.options:
+            takers.setdefault(option.name, {}).setdefault(method, option)
     which = f"{', '.join(known)}; or several, asked one after the other, as in learned-kdop+mlp."
     method = Annotated[str, Option(help=which, autocompletion=lambda: known)]
     found = [inspect.Parameter("method", KEYWORD, default="mlp", annotation=method)]
@@ -383,7 +387,7 @@ def _method_options() -> list[inspect.Parameter]:
         about_it = {"help": "; ".join(words), "rich_help_panel": f"Options of {whose}"}
         parse = next(iter(own.values())).parse
         flag = [f"--{name}"] if parse is bool else []  # without a --no-NAME
-        found.append(_option(name, parse if parse in (int, bool) else str, *flag, **about_it))
+        found.append(_option(name, parse, *flag, **about_it))
     return found
 
 
@@ -391,11 +395,8 @@ NOT_PASSED = {"samples", "workload", "checkpoint", "jobs", "scheduler", *READING
 
 
 def arguments_of(given: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of options as keyword arguments of ``fit`` or ``choose``; ``BounderError`` for a text that is none."""
-    found = {name: value for name, value in given.items() if value is not None and name not in NOT_PASSED}
-    parsers = {name: next(iter(own.values())).parse for name, own in _takers().items()}
-    parsers["methods"] = lambda text: [word.strip() for word in text.split(",")]
-    return {name: parsers[name](value) if name in parsers else value for name, value in found.items()}
+    """The values of options as keyword arguments of ``fit`` or ``choose``."""
+    return {name: value for name, value in given.items() if value is not None and name not in NOT_PASSED}
 
 
 # --- certify, evaluate, info, query ----------------------------------------------------------------------------------
@@ -572,7 +573,7 @@ def choose(
     overhead_ns: Annotated[float, Option(help="What your step takes besides for a query, nanoseconds.")] = 0.0,
     budget: Annotated[float, Option(help="Seconds for all fits.")] = 120.0,
     seed: Seed = 0,
-    methods: Annotated[Text, Option(help="Such as bvh,mlp,relu-field (default: all).")] = None,
+    methods: Annotated[Text, Option(parser=words, help="Such as bvh,mlp,relu-field (default: all).")] = None,
     statistical: Annotated[bool, Option("--statistical", help="Choose among sampled bounders, too.")] = False,
     checkpoint: Annotated[Text, Option(help="Folder of candidates, to go on (default: OUTPUT with .choice).")] = None,
     device: Device = "cpu",
@@ -698,7 +699,7 @@ def show(
     html: Annotated[Text, Option(metavar="FILE.html", help="Write the web page there, and open no browser.")] = None,
     radius: Annotated[Text, Option(parser=numbers, help="Of a distance: such as 0,0.05,0.1; object units.")] = None,
     time: Annotated[Text, Option(parser=numbers, help="Of a shape that moves: a time, or several: 0,0.5,1.")] = None,
-    slice_: Annotated[Text, Option("--slice", metavar="K=VALUE,...", help="Hold coordinates, from 0 on.")] = None,
+    held: Annotated[Text, Option("--slice", parser=coordinates, metavar="K=VALUE", help="Hold coordinates.")] = None,
     up: Annotated[Axis, Option(help="The axis that is up.")] = "y",
     resolution: Annotated[
         int | None, number_option("Cells along the longest side (80), or pixels in 2D (640).", count)
@@ -715,8 +716,8 @@ def show(
     """
     from warp_bounding.views import needed, page, view_of
 
-    held, opened = _held(slice_), html is None
-    if html is None:
+    opened = html is None
+    if opened:
         html = os.path.join(tempfile.mkdtemp(), f"{file.stem}.html")
     elif Path(html).suffix.lower() != ".html":
         raise BoundingError(f"{html}: expected a name that ends with .html")
@@ -731,12 +732,3 @@ def show(
     if opened and not webbrowser.open(Path(html).as_uri()):
         warn("there is no browser here that could open the page")
     return 0, about(bounder, file, None, shape, view.indicator) | {"html": html}, f"written to {html}"
-
-
-def _held(text: str | None) -> dict[int, float]:
-    """Coordinates and their values from text such as 3=0.5,4=0."""
-    words = [word.partition("=") for word in text.split(",")] if text is not None else []
-    try:
-        return {int(axis): float(value) for axis, _, value in words}
-    except ValueError:
-        raise QueryError(f"slice must be coordinates and values such as 3=0.5,4=0, got {text!r}") from None

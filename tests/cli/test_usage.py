@@ -20,7 +20,7 @@ BAD = {
     "fit {dir}/none.npy " + NEW: "none.npy",
     "fit {c} --budget 1m " + NEW: "--budget",
     "fit {c} --hidden 24-24 " + NEW: "hidden must be widths such as 50,50, got '24-24'",
-    "fit {c} --method aabb --spacing a " + NEW: "expected a number, or several such as 0,0.05",
+    "fit {c} --method aabb --spacing a " + NEW: "could not convert string to float: 'a'",
     "fit {empty} --method aabb " + NEW: "empty.npy",
     "fit {c} --method aabb -o {dir}": "is a folder",
     "fit {c} --method aabb -o {c}": "is read here",
