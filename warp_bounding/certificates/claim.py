@@ -175,8 +175,8 @@ def differing(one: "Bounder", other: "Bounder", names: tuple[str, ...] = ("margi
             return f"{name} {reported[0]} and {reported[1]}"
     if one.frame != other.frame:
         return f"origin {_framed(one.frame)} and {_framed(other.frame)}"
-    objects = [object_of(bounder) for bounder in (one, other)]
-    if None in objects:  # cells of a shape that an older file does not name
+    objects = [bounder.info.get("shape") for bounder in (one, other)]
+    if None in objects:  # an older file names what was fitted only
         objects = [_reported(bounder, "indicator") for bounder in (one, other)]
     if one.domain.unbounded != other.domain.unbounded:
         if None in objects:
@@ -184,15 +184,6 @@ def differing(one: "Bounder", other: "Bounder", names: tuple[str, ...] = ("margi
         objects[int(one.domain.unbounded)] = outside_of(objects[int(one.domain.unbounded)])
     short = [str(each)[:8] for each in objects]
     return None if objects[0] == objects[1] else f"different shapes, of digests {short[0]}... and {short[1]}..."
-
-
-def object_of(bounder: "Bounder") -> str | None:
-    """The digest of the geometry that is bounded, without margin and cells; ``None`` where that is not known."""
-    if reported := bounder.info.get("shape"):
-        return reported
-    in_cells = bounder.info.get("grid_shape") is not None or _reported(bounder, "resolution") is not None
-    undivided = not in_cells or (_reported(bounder, "resolution") is None and not _reported(bounder, "margin"))
-    return _reported(bounder, "indicator") if undivided else None
 
 
 def _reported(bounder: "Bounder", name: str):

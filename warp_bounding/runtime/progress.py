@@ -4,6 +4,7 @@ import contextlib
 import os
 import sys
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 from typing import Any
 
 from warp_bounding.errors import BounderError
@@ -53,15 +54,6 @@ def reported(progress: Progress | bool | None, description: str) -> Iterator[Pro
 # Warp without its own messages: they would stand between a command's own, or in what a program reads.
 
 
-class _Messages:
-    """Warp's messages, on standard error."""
-
-    def debug(self, message: str, *_: Any, **__: Any) -> None:
-        print(message, file=sys.stderr, flush=True)
-
-    info = warning = error = debug
-
-
 def quiet_warp(device: str | None = None) -> None:
     """Start Warp once, and divert its messages: to standard error where ``VERBOSE`` is set, elsewhere to nowhere.
 
@@ -72,7 +64,11 @@ def quiet_warp(device: str | None = None) -> None:
     from warp_bounding.runtime.launch import device_of
 
     if os.environ.get(VERBOSE):
-        wp.set_logger(_Messages())
+
+        def told(message: str, *_: Any, **__: Any) -> None:
+            print(message, file=sys.stderr, flush=True)
+
+        wp.set_logger(SimpleNamespace(debug=told, info=told, warning=told, error=told))
     else:
         wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
     with _silent_errors():  # a machine without a GPU is no news
