@@ -122,7 +122,7 @@ def cpu_threads() -> int:
     wanted = os.environ.get("WARP_BOUNDING_THREADS", "")
     if wanted.isdigit():
         return max(1, int(wanted))
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return len(os.sched_getaffinity(0))
 
 
 class _Job:
@@ -210,8 +210,7 @@ def _forget_threads() -> None:
     _jobs, _threads = SimpleQueue(), []
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_forget_threads)
+os.register_at_fork(after_in_child=_forget_threads)
 
 
 _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device

@@ -23,7 +23,7 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.recentred import Frame, Recentred
 from warp_bounding.shapes.shape import MAX_OFFSET
 
-__all__ = ["UNKNOWN", "Cells", "Level", "Placement", "Wanted", "grid_of"]
+__all__ = ["UNKNOWN", "Cells", "Placement", "Wanted", "grid_of", "level_of"]
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
 # Of the largest coordinate: how far cells may be from where they were requested, as decimal fractions are not exact. It
@@ -34,49 +34,36 @@ _COMPARISONS = MappingProxyType({"<=": np.less_equal, "<": np.less, ">=": np.gre
 _LEVEL = re.compile(r"\s*(<=|<|>=|>)?\s*(\S+)\s*")
 
 
-@dataclass(frozen=True)
-class Level:
-    """Which values are occupied: those on one side of a number.
+def level_of(given: object) -> tuple[str, float]:
+    """A comparison and a number from a text such as ``"<128"``, or from a number: values from it on are occupied."""
+    number = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
+    found = _LEVEL.fullmatch(str(float(given)) if number else given if isinstance(given, str) else "")
+    try:
+        value = float(found[2]) if found and "_" not in found[2] else math.nan
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise ShapeError(f"level must be a number or a text such as '<128' or '>=128', got {given!r}")
+    return found[1] or ">=", value
 
-    Attributes:
-        comparison: ``"<"``, ``"<="``, ``">"`` or ``">="``.
-        value: What values are compared with.
-    """
 
-    comparison: str
-    value: float
-
-    @classmethod
-    def of(cls, given: object) -> "Level":
-        """From a number, from which on values are occupied, or a text such as ``"<128"``; ``ShapeError`` for others."""
-        number = isinstance(given, int | float | np.integer | np.floating) and not isinstance(given, bool)
-        found = _LEVEL.fullmatch(str(float(given)) if number else given if isinstance(given, str) else "")
-        try:
-            value = float(found[2]) if found and "_" not in found[2] else math.nan
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise ShapeError(f"level must be a number or a text such as '<128' or '>=128', got {given!r}")
-        return cls(found[1] or ">=", value)
-
-    def __call__(self, array: np.ndarray) -> np.ndarray:
-        """``array`` compared, bool."""
-        compare, value = _COMPARISONS[self.comparison], self.value
-        if array.dtype.kind in "iu":  # whole numbers, however large, with a whole number: float64 would round them
-            value = math.ceil(value) if self.comparison in ("<", ">=") else math.floor(value)
-            return compare(array, value)
-        return compare(array.astype(np.promote_types(array.dtype, np.float64)), value)  # float32 would round the value
+def _compared(array: np.ndarray, comparison: str, value: float) -> np.ndarray:
+    if array.dtype.kind in "iu":  # whole numbers, however large, with a whole number: float64 would round them
+        value = math.ceil(value) if comparison in ("<", ">=") else math.floor(value)
+        return _COMPARISONS[comparison](array, value)
+    # float32 would round the value
+    return _COMPARISONS[comparison](array.astype(np.promote_types(array.dtype, np.float64)), value)
 
 
 class Wanted(NamedTuple):
     """What a caller says of the values of an array, image or map.
 
     Attributes:
-        level: Which are occupied.
+        level: Which are occupied: a comparison, and what values are compared with.
         unknown: What cells of a map are that nobody has seen: ``"occupied"``, ``"free"``, or ``None``, not told.
     """
 
-    level: Level | None = None
+    level: tuple[str, float] | None = None
     unknown: str | None = None
 
     def count(self, unknown: int) -> list[str]:
@@ -180,8 +167,8 @@ def grid_of(
     clear = array.dtype.kind == "b" or (((array == 0) | (array == 1)).all() and not _may_be_vertices(array))
     if level is None and array.size and not clear:
         raise ShapeError(f"{name}: {_what_to_say(array)}")
-    occupancy = array.astype(bool) if level is None else level(array)
-    above = level is not None and level.comparison[0] == ">" and array.dtype.kind in "if"
+    occupancy = array.astype(bool) if level is None else _compared(array, *level)
+    above = level is not None and level[0][0] == ">" and array.dtype.kind in "if"
     unknown = array == -1 if above else np.zeros(array.shape, dtype=bool)
     seen = above and bool((unknown | (array >= 0)).all())
     if seen and unknown.any():

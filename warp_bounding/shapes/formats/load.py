@@ -19,7 +19,7 @@ import numpy as np
 
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.whole_file import BOUNDER
-from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Level, Placement, Wanted, grid_of
+from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, grid_of, level_of
 from warp_bounding.shapes.formats.binvox import read_binvox
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
 from warp_bounding.shapes.formats.maps import read_pgm, read_ros_map
@@ -172,7 +172,7 @@ def load_shape(
     for name, value, known in (("unknown", unknown, UNKNOWN), ("hollow", hollow, HOLLOW)):
         if value is not None and value not in known:
             raise ShapeError(f"{name} must be {' or '.join(map(repr, known))}, got {value!r}")
-    wanted = Wanted(None if level is None else Level.of(level), unknown)
+    wanted = Wanted(None if level is None else level_of(level), unknown)
     found = _load(source, wanted)
     if isinstance(found, Cells):
         if found.placement is not None and (spacing is not None or origin is not None):
