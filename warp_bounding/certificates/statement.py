@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warp_bounding.certificates import Certificate
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.shapes.joints import TURNS
@@ -47,7 +46,10 @@ def statement(bounder: "Bounder") -> dict[str, str]:
     if bounder.frame is not None:
         takes = "query takes world coordinates, and takes it off in float64; kernels take local ones"
         words["origin"] = f"{bounder.frame.told}; {takes}"
-    words |= {"for": _queries(bounder), "object": _object(bounder, certificate)}
+    margin, digest = info.get("margin") or 0.0, info.get("indicator") or "unknown"
+    dilated = f"dilated by {margin} (object units)" if margin else "not dilated"
+    words["for"] = _queries(bounder)
+    words["object"] = f"{info.get('name') or 'a shape'}, {dilated}; SHA-256 {digest[:16]}"
     if certificate is not None:
         words["arithmetic"] = f"{certificate.arithmetic}; CPU or CUDA"
         words["proof"] = f"{certificate.boxes:,} boxes in {certificate.seconds:.2f} s"
@@ -84,28 +86,11 @@ def _queries(bounder: "Bounder") -> str:
     return f"{every}; only its part inside the domain counts, {corners}"
 
 
-def _without_cells(bounder: "Bounder") -> bool:
-    """Whether the bounder is of a shape itself; what was made without ``fit`` says nothing of it."""
-    return "grid_shape" in bounder.info and bounder.info["grid_shape"] is None
-
-
-def _object(bounder: "Bounder", certificate: Certificate | None) -> str:
-    info, cells = bounder.info, ""
-    if not _without_cells(bounder):
-        shape = info.get("grid_shape")
-        cells = f": a grid of {' x '.join(map(str, shape)) if shape else 'an unknown number of'} closed cells"
-        cells += f", {certificate.cells:,} of them occupied" if certificate else ""
-        cells += f", at resolution {info['resolution']}" if info.get("resolution") else ""
-    margin, digest = info.get("margin") or 0.0, info.get("indicator") or "unknown"
-    dilated = f"dilated by {margin} (object units)" if margin else "not dilated"
-    return f"{info.get('name') or 'a shape'}{cells}, {dilated}; SHA-256 {digest[:16]}"
-
-
 def _not_proven(bounder: "Bounder") -> str:
     info, far, moves = bounder.info, bounder.query_kind == DISTANCE.name, bounder.domain.time
     if info.get("resolution"):
         what = "anything of the shape but that it lies in these cells (every cell that it or its margin meets is one)"
-    elif _without_cells(bounder):
+    elif info.get("grid_shape", ()) is None:  # what was made without ``fit`` says nothing of it
         what = (
             "that a shape made by a function is what its author says; of a mesh, the vertices count as read, in float32"
         )

@@ -27,8 +27,6 @@ import warp as wp
 
 from warp_bounding.errors import DeviceError
 
-# Warp devices by the names that users give.
-
 
 def device_of(name: str | wp.Device | None) -> wp.Device:
     """The Warp device of this name; the default device if ``None``.
@@ -48,13 +46,6 @@ def device_of(name: str | wp.Device | None) -> wp.Device:
         names = [str(device) for device in wp.get_devices()]
         known = f"one of {', '.join(names)}" if len(names) > 1 else ", ".join(names)
         raise DeviceError(f"there is no such device on this machine: expected {known}, got {name!r}") from reason
-
-
-# The clock of budgets, which stands still while kernels are compiled, and limits of time for work that has none of its
-# own.
-#
-# A kernel is compiled, or loaded from Warp's cache, before its first launch. That takes seconds of which a budget
-# should know nothing.
 
 
 class OutOfTimeError(Exception):

@@ -113,15 +113,12 @@ class Placement:
         begin = half if self.corner else Fraction(0)  # of the first cell's centre, in cells from the origin
         first = [Fraction(o) / size + begin for o, size in zip(origin, sizes, strict=True)]
         offset = [Fraction(round(2 * f), 2) for f in first]
-        strays, ends = [], []
+        near = True
         for size, s, f, o, cells in zip(sizes, scale, first, offset, shape, strict=True):
             own = [((o + k) / Fraction(s), (f + k) * size) for k in (-half, cells - half)]
-            strays.append(max(abs(here - there) for here, there in own))
-            ends.append(max(abs(there) for _, there in own))
-        if all(
-            stray <= end * ON_LATTICE and abs(o) < MAX_OFFSET
-            for stray, end, o in zip(strays, ends, offset, strict=True)
-        ):
+            stray, end = max(abs(here - there) for here, there in own), max(abs(there) for _, there in own)
+            near = near and stray <= end * ON_LATTICE and abs(o) < MAX_OFFSET
+        if near:
             return {"cells_per_unit": scale, "offset": np.array(offset, dtype=np.float64)}, None
         blur = [
             (cells - half + begin) * abs(1 / Fraction(s) - size)
