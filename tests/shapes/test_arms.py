@@ -131,6 +131,33 @@ def test_boxes_that_go_far_beyond_the_limits():
     assert shape.empty(np.array([[2.0]]), np.array([[1e300]]))[0]
 
 
+@SLIDES
+@pytest.mark.parametrize("n", [2, 6])
+def test_half_spaces_of_boxes_at_the_border_hold_what_collides(n, slides, rng):
+    """Where both orders of the bounds matter: boxes of all sizes around configurations at which bodies just touch."""
+    known = 0
+    for _ in range(3):
+        _, _, shape = cell(rng, n, slides)
+        x = configurations(shape, rng, 4000)
+        collides = shape.contains(x)
+        count = min(collides.sum(), (~collides).sum(), 300)
+        one, other = x[collides][:count], x[~collides][:count]
+        for _ in range(12):
+            middle = (one + other) / 2
+            held = shape.contains(middle)[:, None]
+            one, other = np.where(held, middle, one), np.where(held, other, middle)
+        size = 10.0 ** rng.uniform(-3, -0.4, (count, 1)) * rng.random(one.shape)
+        lower, upper = np.maximum(one - size, shape.lower), np.minimum(one + size, shape.upper)
+        found = shape.half_spaces(lower, upper)
+        assert not found.empty.any()
+        known += found.slope.any(axis=1).sum()
+        for _ in range(200):
+            y = within(lower, upper, rng)
+            value = found.level + (found.slope * (y - found.center)).sum(axis=1)
+            assert (value[shape.decide(y) == IN] >= 0).all()
+    assert known > 100
+
+
 def test_a_digest_tells_arms_apart(rng):
     arm, obstacles, shape = cell(rng, 3)
     others = [

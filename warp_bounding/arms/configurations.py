@@ -222,6 +222,8 @@ class ArmConfigurations(Formula):
             "radius": ([body.radius for body in bodies], wp.float64),
             "center": ([center for center, _ in balls], wp.vec3d),
             "ball": ([radius * OUTWARD for _, radius in balls], wp.float64),
+            "low": ([each.min(axis=0) for each in points], wp.vec3d),
+            "high": ([each.max(axis=0) for each in points], wp.vec3d),
         }
         paths = [arm.path(links[one], other, largest) for one, other in self.pairs]
         path, sign, reach = (

@@ -50,6 +50,8 @@ class Bodies:
     block: wp.array(dtype=wp.int32)  # where the eights of each body begin, and behind the last one their end
     center: wp.array(dtype=wp.vec3d)  # of a ball that holds the corners
     ball: wp.array(dtype=wp.float64)
+    low: wp.array(dtype=wp.vec3d)  # of a box that holds the corners
+    high: wp.array(dtype=wp.vec3d)
 
 
 @wp.struct
@@ -165,11 +167,14 @@ def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Pl
     found.depth = -_INFINITY
     s = Corners()
     count, rounds, last = wp.int32(0), wp.int32(ROUNDS), wp.int32(0)
-    nearest = corner(bodies, at_other, bodies.first[other]) - corner(bodies, at_one, bodies.first[one])
+    nearest = at_other.turn * bodies.center[other] + at_other.at - at_one.turn * bodies.center[one] - at_one.at
     while rounds > 0:
         rounds -= 1
+        if count == 0 and not wp.length(nearest) > _TINY:  # any direction will do
+            nearest = wp.vec3d(_ONE, _ZERO, _ZERO)
         length = wp.length(nearest)
-        found.apart = wp.min(found.apart, length)
+        if count > 0:  # at first it is a guess: the way between centres, which may lie outside of the hulls
+            found.apart = wp.min(found.apart, length)
         if not length > _TINY:
             break
         normal = nearest / length
@@ -178,7 +183,7 @@ def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Pl
         if gap > found.gap:
             found.gap = gap
             found.normal = normal
-        if gap > enough or length - gap <= _CLOSE * length:
+        if gap > enough or (count > 0 and length - gap <= _CLOSE * length):
             break
         if count < 4:
             last = count
@@ -392,10 +397,16 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         return place.turn * c.bodies.center[body] + place.at
 
     @named(f"arm_apart_{n}").func
-    def balls_apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
-        """How far the balls around two hulls are from each other, by the centre of the other one."""
-        way = center - center_of(c, turn, at, pair[0])
-        return wp.length(way) - c.bodies.ball[pair[0]] - c.bodies.ball[pair[1]]
+    def apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
+        """How far the ball around the other hull, whose centre is given, is from ball and box around the one."""
+        one, own = pair[0], c.bodies.link[pair[0]]
+        p = center
+        if own >= 0:
+            place = link(turn, at, own)
+            p = wp.transpose(place.turn) * (center - place.at)
+        away = p - wp.max(wp.min(p, c.bodies.high[one]), c.bodies.low[one])
+        ball = wp.length(p - c.bodies.center[one]) - c.bodies.ball[one]
+        return wp.max(ball, wp.length(away)) - c.bodies.ball[pair[1]]
 
     @named(f"arm_arcs_{n}").func
     def arcs(c: Collisions, half: values) -> values:
@@ -572,7 +583,7 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             if pair[1] != moving:
                 moving = pair[1]
                 center = center_of(c, turn, at, moving)
-            if balls_apart(c, turn, at, pair, center) > room:
+            if apart(c, turn, at, pair, center) > room:
                 continue
             a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
             s = separation(c.bodies, pair[0], a, pair[1], b, room)
@@ -635,7 +646,7 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
             if c.bodies.link[pair[0]] != still:
                 still = c.bodies.link[pair[0]]
                 way = swept(c, number, arc)
-            if balls_apart(c, turn, at, pair, center) > room + way:
+            if apart(c, turn, at, pair, center) > room + way:
                 continue
             a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
             s = separation(c.bodies, pair[0], a, pair[1], b, room + way)
