@@ -47,13 +47,6 @@ class Component:
     corners: np.ndarray  # (V, n) int64, corner j is at cell coordinates j - 1/2; their hull is the component's hull
 
 
-def connected_labels(occupancy: np.ndarray) -> np.ndarray:
-    """``(M,)`` integers: component numbers of the occupied cells of a bool grid, in the order of ``np.argwhere``."""
-    from scipy import ndimage
-
-    return ndimage.label(occupancy, np.ones((3,) * occupancy.ndim))[0][occupancy] - 1
-
-
 def line_ends(cells: np.ndarray) -> np.ndarray:
     """``(P, n)`` corners of cells that are the first or the last on each of the n axis-parallel lines through them."""
     n, lower = cells.shape[1], cells.min(axis=0)
@@ -136,14 +129,12 @@ def hull_corners(cells: np.ndarray) -> np.ndarray:
     return corners[kept]
 
 
-def hull_points(grid: Grid) -> np.ndarray:
-    """``(V, n)`` float64, object space: points of an object among which are all vertices of its convex hull."""
-    return grid.position(hull_corners(grid.occupied) - 0.5)
-
-
 def components(occupancy: np.ndarray) -> list[Component]:
     """The connected components of the closed cells of a bool grid, the largest first."""
-    labels, cells = connected_labels(occupancy), np.argwhere(occupancy)
+    from scipy import ndimage
+
+    labels = ndimage.label(occupancy, np.ones((3,) * occupancy.ndim))[0][occupancy]
+    cells = np.argwhere(occupancy)
     order = np.argsort(labels, kind="stable")
     groups = np.split(cells[order], np.flatnonzero(np.diff(labels[order])) + 1)
     found, sides = [], np.array(list(np.ndindex((2,) * occupancy.ndim)))
@@ -161,7 +152,7 @@ def hull_of(shape: Shape) -> Hull | None:
     """A convex set that holds a shape and is about its convex hull, rounding included; ``None`` where none is known."""
     if shape not in _HULLS:
         if isinstance(shape, Grid):
-            _HULLS[shape] = Hull(hull_points(shape), 0.0)
+            _HULLS[shape] = Hull(shape.position(hull_corners(shape.occupied) - 0.5), 0.0)
         else:
             corners = shape.corners()
             if corners is None:
@@ -202,7 +193,10 @@ def few_points(points: np.ndarray) -> tuple[np.ndarray, float]:
         part = dropped[start : start + step]
         d = points[part] - apex
         corners = facets[np.argmax(d @ ahead.T, axis=1)]  # of the facet that the ray from the apex leaves through
-        weights = np.linalg.solve(corners.swapaxes(1, 2) + _singular(corners), d[..., None])[..., 0]
+        # A flat simplex is made invertible: the sum then misses the point, which is kept.
+        flat = ~(np.abs(np.linalg.det(corners)) > 0)
+        matrices = corners.swapaxes(1, 2) + flat[:, None, None] * np.eye(n)
+        weights = np.linalg.solve(matrices, d[..., None])[..., 0]
         weights = np.maximum(np.concatenate([weights, 1 - weights.sum(axis=1, keepdims=True)], axis=1), 0)
         weights /= weights.sum(axis=1, keepdims=True)
         found = np.einsum("pi,pik->pk", weights[:, :n], corners)
@@ -211,12 +205,6 @@ def few_points(points: np.ndarray) -> tuple[np.ndarray, float]:
     # The apex is a mean of P points, and each sum has n + 1 terms.
     rounding = gamma(len(points) + 16 * n, UNIT64) * float(np.abs(points).max()) * n
     return points[kept], float(missed[~kept].max(initial=0.0)) * (1 + 1e-9) + rounding
-
-
-def _singular(corners: np.ndarray) -> np.ndarray:
-    """Added to make the matrices of flat simplices invertible: the sum then misses the point, which is retained."""
-    flat = ~(np.abs(np.linalg.det(corners)) > 0)
-    return flat[:, None, None] * np.eye(corners.shape[-1])
 
 
 # Smallest enclosing balls and ellipsoids of a grid's cells or of points, with a proven gap to the optimum.
@@ -373,11 +361,6 @@ def _enclose(
             weights[index] = 0.0
         weights /= weights.sum()
     return mean, shape, goal, weights, False
-
-
-def extreme_corners(grid: Grid) -> np.ndarray:
-    """``(P, n)`` float64, object space: corners of cells that are first or last on every grid line through them."""
-    return grid.position(line_ends(grid.occupied) - 0.5)
 
 
 def _metric(covariance: np.ndarray, family: str) -> tuple[np.ndarray, float]:

@@ -15,7 +15,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import TOOLS
 from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.base import FAR
-from warp_bounding.queries.region_domain import RegionDomain, domain_of, region_rounding
+from warp_bounding.queries.region_domain import RegionDomain, domain_of
 from warp_bounding.queries.registry import locate
 from warp_bounding.runtime.native import named
 from warp_bounding.shapes import Grid
@@ -228,7 +228,7 @@ def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: b
     Returns:
         The share of regions that a bounder is asked about.
     """
-    n, needed = domain.space_ndim, region_rounding(domain.base, domain.query, domain.length)
+    n, needed = domain.space_ndim, domain.kind.rounding(domain.base, domain.length)
     assert (needed <= domain.base.delta).all()
     v, testable, inside = located(domain, q, device, lanes)
     queried = testable & inside

@@ -12,7 +12,7 @@ import numpy as np
 
 from warp_bounding.bounders.volumes import VolumeBounder, VolumeSource, VolumeTest
 from warp_bounding.errors import BounderError
-from warp_bounding.geometry import checked_inverse, enclosing_of_hull, enclosing_of_points, extreme_corners, whole_hull
+from warp_bounding.geometry import checked_inverse, enclosing_of_hull, enclosing_of_points, line_ends, whole_hull
 from warp_bounding.kernels.source import Source
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.boundary import ObjectSupport, outline
@@ -411,7 +411,7 @@ class QuadricBounder(VolumeBounder):
             radii = hull.radius * (np.arange(grid.ndim) >= int(grid.time))
             matrix, center = enclosing_of_hull(hull.points, radii, cls.family)
         else:
-            points = extreme_corners(grid) if isinstance(grid, Grid) else outline(grid)
+            points = grid.position(line_ends(grid.occupied) - 0.5) if isinstance(grid, Grid) else outline(grid)
             matrix, center = enclosing_of_points(points, cls.family)
         return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
 

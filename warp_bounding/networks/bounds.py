@@ -481,10 +481,8 @@ def bound_boxes(
     """
     count, size = lower.shape
     device = wp.get_device(device)
-    held = [
-        np.ascontiguousarray(a, dtype=np.float64) for a in (np.concatenate([lower, upper], axis=1), weights, padding)
-    ]
-    held.append(np.zeros(1) if numbers is None else np.ascontiguousarray(numbers, dtype=np.float64))
+    numbers = np.zeros(1) if numbers is None else numbers
+    words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
     outputs = [wp.empty(count, dtype=wp.float64, device=device) for _ in range(2)]
     outputs += [
         wp.empty(2 * count, dtype=wp.int32, device=device),
@@ -492,16 +490,22 @@ def bound_boxes(
         wp.empty(count * shape.ndim, dtype=wp.float64, device=device),
         wp.empty(count, dtype=wp.float64, device=device),
     ]
-    boxes, *parameters = (double_array(a, device) for a in held)
-    if count:
-        words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
-        inputs = [boxes, count, 0, *parameters, words]
-        launch_blocks(_kernel(shape), count, inputs, outputs, device, first_index=2, block=BLOCK)
+    boxes = _launch(_kernel, shape, (lower, upper), (weights, padding, numbers), [words], outputs, device)
     least, value, axes, point, slope, level = (o.numpy() for o in outputs)
     shapes = [(2, count), (count, size), (count,), (count, shape.ndim), (count,)]
     numbers = (axes, point, value, slope, level)
     (axis, next_axis), point, value, *linear = (part.reshape(s) for part, s in zip(numbers, shapes, strict=True))
-    return BoxBounds(least, axis, point, value, next_axis, *linear, boxes.numpy().reshape(count, 2, size))
+    return BoxBounds(least, axis, point, value, next_axis, *linear, boxes.reshape(count, 2, size))
+
+
+def _launch(kernel_of, shape: NetworkShape, corners, parameters, words: list, outputs: list, device) -> np.ndarray:
+    """Bound the boxes between corners; returns them, ``(N, 2 Z)``, as the kernel has left them."""
+    held = [np.ascontiguousarray(a, dtype=np.float64) for a in (np.concatenate(corners, axis=1), *parameters)]
+    boxes, *numbers = (double_array(a, device) for a in held)
+    if len(held[0]):
+        inputs = [boxes, len(held[0]), 0, *numbers, *words]
+        launch_blocks(kernel_of(shape), len(held[0]), inputs, outputs, device, first_index=2, block=BLOCK)
+    return boxes.numpy()
 
 
 # Multilinear bounds of a network over boxes of its inputs, as their values at the corners: one box per SIMD lane.
@@ -534,13 +538,6 @@ def bound_corners(
     is the upper one on axis k where bit k of i is set.
     """
     count, size = lower.shape
-    device = wp.get_device(device)
-    held = (np.concatenate([lower, upper], axis=1), weights, padding)
-    held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
     corner = wp.empty(count << size, dtype=wp.float64, device=device)
-    if count:
-        boxes, *parameters = (double_array(each, device) for each in held)
-        launch_blocks(
-            _corner_kernel(shape), count, [boxes, count, 0, *parameters], [corner], device, first_index=2, block=BLOCK
-        )
+    _launch(_corner_kernel, shape, (lower, upper), (weights, padding), [], [corner], wp.get_device(device))
     return corner.numpy().reshape(count, 1 << size)

@@ -163,10 +163,6 @@ class Network(Formula):
     # --- what a shape answers ----------------------------------------------------------------------------------------
 
     @property
-    def ndim(self) -> int:
-        return self._bounds.shape[1]
-
-    @property
     def lower(self) -> np.ndarray:
         return self._bounds[0].copy()
 
@@ -209,17 +205,15 @@ class Network(Formula):
         return found
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
         real = (np.isfinite(lower) & np.isfinite(upper) & (lower <= upper)).all(axis=1)
-        low, high = np.maximum(lower, self._bounds[0]), np.minimum(upper, self._bounds[1])
+        low, high = self._cut(lower, upper)
         found = real & (low > high).any(axis=1)
         left = real & ~found
         found[left] = self._least(1, low[left], high[left]) > -self.level
         return found
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces:
-        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
-        low, high = np.maximum(lower, self._bounds[0]), np.minimum(upper, self._bounds[1])
+        low, high = self._cut(lower, upper)
         outside = (low > high).any(axis=1)
         low[outside], high[outside] = self._bounds
         # The bound of the negative, least + slope . (x - center), is at most -level where the value reaches the level.
@@ -230,10 +224,13 @@ class Network(Formula):
         return HalfSpaces(empty, (low + high) / 2, level, -bounds.slope, bounds.axis, loss)
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        lower, upper = np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64)
         within = ((lower >= self._bounds[0]) & (upper <= self._bounds[1]) & (lower <= upper)).all(axis=1)
         within[within] = self._least(0, lower[within], upper[within]) >= self.level
         return within
+
+    def _cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The parts of boxes in the box that holds the object, float64."""
+        return np.maximum(lower, self._bounds[0]), np.minimum(upper, self._bounds[1])
 
     def _least(self, which: int, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Certified lower bounds over boxes: of the network (0) or of its negative (1)."""

@@ -9,8 +9,8 @@ Boxes: ``v = (low, high)``, the corners in local space, cut at the domain; a mov
 import numpy as np
 
 from warp_bounding.queries.base import Query, WorldMap
-from warp_bounding.queries.directions import NARROW
-from warp_bounding.queries.domain import GROWTH, Domain, at_points, input_rounding
+from warp_bounding.queries.directions import NARROW, at_points
+from warp_bounding.queries.domain import GROWTH, Domain, input_rounding
 from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32

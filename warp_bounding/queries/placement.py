@@ -7,7 +7,7 @@ Of a ray the origin is moved like a point and the direction d becomes ``M d``, m
 plane the normal n becomes ``M^-T n``. A box becomes the axis-aligned box around the moved one: the region itself where
 R is a signed permutation of the axes, larger otherwise.
 
-The error of the whole map is bounded in float64, from M and M^-1 as they are (``queries.domain``), and must fit
+The error of the whole map is bounded in float64, from M and M^-1 as they are (``queries.directions``), and must fit
 into the ``delta`` that the bounder's proof covers. So R need not be exactly orthogonal: what is computed, and proven,
 is the map with the very matrix that was given.
 """
@@ -20,7 +20,7 @@ from warp_bounding.errors import QueryError
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.base import FAR, WorldMap
 from warp_bounding.queries.domain import GROWTH, Domain, rounding_of_map
-from warp_bounding.queries.region_domain import RegionDomain, region_rounding
+from warp_bounding.queries.region_domain import RegionDomain
 from warp_bounding.rounding import LARGEST, UNIT32
 
 MOST_STRETCH = 1e6  # ratio of the scales of two axes beyond which a placement is refused
@@ -132,7 +132,7 @@ def _covered(domain: Domain | RegionDomain) -> np.ndarray:
     """
     if domain is domain.base:
         return domain.delta
-    return np.maximum(domain.base.delta - region_rounding(domain.base, domain.query, domain.length), 0.0)
+    return np.maximum(domain.base.delta - domain.kind.rounding(domain.base, domain.length), 0.0)
 
 
 def placement_allowance(domain: Domain | RegionDomain) -> np.ndarray:

@@ -25,21 +25,24 @@ from warp_bounding.queries.base import (
     FARTHEST_SUM,
     GUARD,
     SUMMED,
-    Query,
     WorldMap,
 )
 from warp_bounding.queries.directions import (
     FAR_POINT,
     MOVING,
+    SLOPE,
+    STEEPEST,
+    alpha_beta,
+    far_point_error,
     hard_directions,
     hard_lengths,
-    nudged_directions,
     origin_rounding,
-    sample_directions,
+    tilt,
 )
-from warp_bounding.queries.domain import GROWTH, SLOPE, STEEPEST, Domain, alpha_beta, far_point_error, tilt
+from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
 from warp_bounding.queries.point import POINT
+from warp_bounding.queries.ray import DirectedQuery
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
 from warp_bounding.runtime.native import literal
 from warp_bounding.shapes.grid import Grid
@@ -131,7 +134,7 @@ def _outermost_first(corners: np.ndarray) -> np.ndarray:
 _PLACES = "constexpr int POINT_AT = AXES, DIRECTION_AT = 0, MATRIX_AT = 2 * AXES + AXES * AXES;\n"
 
 
-class PlaneQuery(Query):
+class PlaneQuery(DirectedQuery):
     """Plane queries."""
 
     name = "plane"
@@ -155,13 +158,6 @@ for (int k = 1; k < N; ++k) {
 }
 y[0] = (double)q[N] - rest / (double)q[0];
 """
-
-    def valid(self, q: np.ndarray) -> np.ndarray:
-        return super().valid(q) & (q[:, : q.shape[1] // 2] != 0).any(axis=1)
-
-    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Normal of length 1 up to rounding, by uniform spherical angles, and point uniform in [0, 1]^n."""
-        return np.concatenate([sample_directions(grid.ndim, count, rng), POINT.sample(grid, count, rng)], axis=1)
 
     def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)
@@ -219,11 +215,6 @@ y[0] = (double)q[N] - rest / (double)q[0];
 
     def hulls(self, grid: Grid) -> list[np.ndarray]:
         return [grid.position(part.corners - 0.5) for part in components(grid.occupancy)]
-
-    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
-        n = grid.ndim
-        parts = [nudged_directions(x[:, :n], move[:, :n]), POINT.nudged(grid, x[:, n:], move[:, n:])]
-        return np.concatenate(parts, axis=1)
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------
 
@@ -293,9 +284,6 @@ if (TIME) {{  // a plane of constant time, outside the range
         normal = v[:, :n]
         foot = normal * (v[:, n:] / (normal * normal).sum(axis=1, keepdims=True))
         return np.concatenate([normal * base.scale.astype(np.float64), base.to_object(foot)], axis=1)
-
-    def extra_count(self, n: int, time: bool) -> int:
-        return n + time
 
     def extra(self, domain) -> np.ndarray:
         return (1 / domain.base.scale.astype(np.float64)).astype(np.float32)

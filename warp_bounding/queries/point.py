@@ -9,7 +9,8 @@ Points: ``v = (x - center) * scale``, inside where ``|v| <= limit``; see ``domai
 import numpy as np
 
 from warp_bounding.queries.base import Query, WorldMap
-from warp_bounding.queries.domain import GROWTH, Domain, at_points, rounding_of_map
+from warp_bounding.queries.directions import at_points
+from warp_bounding.queries.domain import GROWTH, Domain, rounding_of_map
 from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.rounding import TINY, UNIT32
 from warp_bounding.shapes.grid import Grid

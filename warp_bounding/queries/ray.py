@@ -26,14 +26,19 @@ from warp_bounding.queries.base import FAR, FARTHEST_SUM, GUARD, LATER, PARALLEL
 from warp_bounding.queries.directions import (
     FAR_POINT,
     MOVING,
+    SLOPE,
+    STEEPEST,
     UNIT,
+    alpha_beta,
+    far_point_error,
     hard_directions,
     hard_lengths,
     nudged_directions,
     origin_rounding,
     sample_directions,
+    turn,
 )
-from warp_bounding.queries.domain import GROWTH, SLOPE, STEEPEST, Domain, alpha_beta, far_point_error, turn
+from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
 from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
@@ -166,7 +171,30 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
 _PLACES = "constexpr int POINT_AT = 0, DIRECTION_AT = AXES, MATRIX_AT = AXES;\n"
 
 
-class RayQuery(Query):
+class DirectedQuery(Query):
+    """Rays and planes: a point, given from any distance, and a direction without a length of its own."""
+
+    def valid(self, q: np.ndarray) -> np.ndarray:
+        direction = np.split(q, 2, axis=1)[self.directed.index(True)]
+        return super().valid(q) & (direction != 0).any(axis=1)
+
+    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Point uniform in [0, 1]^n, direction of length 1 up to rounding, by uniform spherical angles."""
+        size = count, rng
+        parts = [sample_directions(grid.ndim, *size) if each else POINT.sample(grid, *size) for each in self.directed]
+        return np.concatenate(parts, axis=1)
+
+    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
+        halves = zip(self.directed, np.split(x, 2, axis=1), np.split(move, 2, axis=1), strict=True)
+        return np.concatenate(
+            [nudged_directions(a, by) if each else POINT.nudged(grid, a, by) for each, a, by in halves], axis=1
+        )
+
+    def extra_count(self, n: int, time: bool) -> int:
+        return n + time
+
+
+class RayQuery(DirectedQuery):
     """Ray queries."""
 
     name = "ray"
@@ -185,18 +213,11 @@ const double along = length * uniform() / size;
 for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
 """
 
-    def valid(self, q: np.ndarray) -> np.ndarray:
-        return super().valid(q) & (q[:, q.shape[1] // 2 :] != 0).any(axis=1)
-
     def halves(self, q: np.ndarray, length: float) -> list[np.ndarray]:
         """Both ends of segments, the second one rounded to float64."""
         origin, direction = np.split(np.asarray(q, dtype=np.float64), 2, axis=1)
         size = np.linalg.norm(direction, axis=1, keepdims=True)
         return [origin, origin + length * direction / np.where(self.valid(q)[:, None], size, 1.0)]
-
-    def sample(self, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Origin uniform in [0, 1]^n, direction of length 1 up to rounding, by uniform spherical angles."""
-        return np.concatenate([POINT.sample(grid, count, rng), sample_directions(grid.ndim, count, rng)], axis=1)
 
     def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)
@@ -260,11 +281,6 @@ for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
             stays |= rng.random((len(p), 1)) < FROM_OUTSIDE
         return np.concatenate([np.where(stays, origin, p), d * hard_lengths(len(p), rng)], axis=1)
 
-    def nudged(self, grid: Grid, x: np.ndarray, move: np.ndarray) -> np.ndarray:
-        n = grid.ndim
-        parts = [POINT.nudged(grid, x[:, :n], move[:, :n]), nudged_directions(x[:, n:], move[:, n:])]
-        return np.concatenate(parts, axis=1)
-
     # --- the map to coordinates v ------------------------------------------------------------------------------------
 
     directed = (False, True)
@@ -302,9 +318,6 @@ if (TIME) {{
     testable = testable & ((a[0] <= top) | (end <= top)) & ((a[0] >= -top) | (end >= -top));
 }}
 """
-
-    def extra_count(self, n: int, time: bool) -> int:
-        return n + time
 
     def extra(self, domain) -> np.ndarray:
         return domain.stretch

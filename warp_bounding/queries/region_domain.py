@@ -70,15 +70,15 @@ class RegionDomain:
         # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
         # the range of time its own test decides (``extra``).
         still = replace(grid, time=False) if isinstance(grid, Grid) else grid
-        base = Domain.of(still)
-        length = float(length) if QUERIES[query].has_length else None
+        base, kind = Domain.of(still), QUERIES[query]
+        length = float(length) if kind.has_length else None
         cell = base.scale / grid.details_per_unit
         # The rounding of the map grows with the limit, and the limit with delta: take the largest that delta may reach.
         most_delta = DELTA_LARGEST_SHARE * cell
         widest_base = replace(base, limit=(base.limit + most_delta).astype(np.float32))
-        needed = region_rounding(widest_base, query, length)
+        needed = kind.rounding(widest_base, length)
         # Only what the length is to blame for is refused here; ``Domain.of`` refuses the rest, in its own words.
-        if length and (needed > most_delta).any() and (region_rounding(widest_base, query, 0.0) <= most_delta).all():
+        if length and (needed > most_delta).any() and (kind.rounding(widest_base, 0.0) <= most_delta).all():
             raise BounderError(
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
@@ -104,7 +104,7 @@ class RegionDomain:
         least, most = STRETCHES
         if not ((self.stretch >= least) & (self.stretch <= most)).all():
             return f"a ray of length {self.length} does not fit a domain of this size"
-        needed = region_rounding(self.base, self.query, self.length)
+        needed = kind.rounding(self.base, self.length)
         blurred = blur * self.base.scale.astype(np.float64) * GROWTH
         if not (needed * POSITIONS_ROUNDING + blurred <= self.base.delta).all():
             return "the domain's delta does not cover the rounding of its own map"
@@ -165,7 +165,7 @@ class RegionDomain:
         if not self.time:
             return np.zeros(0, np.float32)
         low, high = -self.base.to_local(self.lower)[0], self.base.to_local(self.upper)[0]
-        return round_down([min(low, high) - 2 * region_rounding(self.base, self.query, self.length)[0]])
+        return round_down([min(low, high) - 2 * self.kind.rounding(self.base, self.length)[0]])
 
     def to_local(self, q: np.ndarray) -> np.ndarray:
         """``v`` ``(N, ndim)`` float64 of finite queries ``(N, 2 n)`` in object space that meet the domain."""
@@ -197,8 +197,3 @@ class RegionDomain:
 
 
 AnyDomain = Domain | RegionDomain
-
-
-def region_rounding(base: Domain, query: str, length: float | None) -> np.ndarray:
-    """``(n,)``, local units: how far the computed region may pass a point of the exact one, on each axis."""
-    return QUERIES[query].rounding(base, length)

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.queries.base import Query
@@ -102,11 +101,6 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
 PLANE_SPAN = 3.0  # free coordinates of a plane's points are uniform in [-3, 3], as in the paper
 
 
-def points_per_region(ndim: int) -> int:
-    """The paper's number of points: 500, and 1500 in four dimensions (and more)."""
-    return 500 if ndim < 4 else 1500
-
-
 def _body(kind: Query, ndim: int) -> str:
     return f"""
 struct Generator {{  // PCG-RXS-M-XS 32 (O'Neill 2014), keyed by a hash of the seed and the query
@@ -133,7 +127,7 @@ const auto uniform = [&]() {{ return ((double)generator() + 0.5) * 0x1p-32; }};
 double size = 0.0;
 for (int k = 0; k < N; ++k) size += (double)q[N + k] * (double)q[N + k];
 size = sqrt(size);
-constexpr int COUNT = {points_per_region(ndim)};
+constexpr int COUNT = {500 if ndim < 4 else 1500};
 for (int sample = 0; sample < COUNT; ++sample) {{
     double y[N];
     {kind.sampled_point}
@@ -147,10 +141,6 @@ for (int sample = 0; sample < COUNT; ++sample) {{
     if (inside && cells.data[index]) {{ answer = 1; break; }}
 }}
 """
-
-
-def _kernel(query: str, ndim: int) -> wp.Kernel:
-    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, _body(QUERIES[query], ndim))
 
 
 class SampledOracle(ExactOracle):
@@ -168,7 +158,9 @@ class SampledOracle(ExactOracle):
         with np.errstate(divide="ignore"):
             outside = np.log1p(-np.prod(free[1:] / (2 * PLANE_SPAN)))
         arrays = {"map": np.concatenate([grid.lower, grid.upper, [outside]]), "cells": grid.occupancy.astype(np.uint8)}
-        super().__init__(kind, grid, device, length, _kernel(query, grid.ndim), arrays)
+        n = grid.ndim
+        kernel = oracle_kernel(f"wb_sampled_{query}_{n}d", n, 2 * n, _body(kind, n))
+        super().__init__(kind, grid, device, length, kernel, arrays)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         return super().__call__(q) if self.kind.is_region else self._exact(q)

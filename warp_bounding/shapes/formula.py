@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.grid import Grid, grid_over
 from warp_bounding.shapes.shape import (
     Shape,
     cells_around,
@@ -43,18 +43,7 @@ def cells_of(shape: Shape, resolution: int | None, margin: float) -> Grid:
     what = f"{shape.name}: dividing it into {' x '.join(map(str, counts))} cells"
     surface = math.prod(counts) / min(counts)
     check_memory(math.prod(counts) * CELL_BYTES + surface * BLOCK_BYTES, what, "give a coarser resolution")
-    return Grid(
-        _divide(shape, scale, first, counts),
-        cells_per_unit=scale,
-        offset=first,
-        name=shape.name,
-        time=shape.time,
-        margin=margin,
-        resolution=resolution,
-        note=shape.restriction,
-        shape_digest=shape.geometry,
-        joints=shape.joints,
-    )
+    return grid_over(shape, _divide(shape, scale, first, counts), scale, first, margin, resolution)
 
 
 def _axes(shape: Shape, resolution: int) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
@@ -101,7 +90,16 @@ SEARCH = 20  # halvings of each side in a search for points of the object
 
 
 class Formula(Shape):
-    """A shape that is not made of cells or faces; cells can be laid over it."""
+    """A shape that is not made of cells or faces; cells can be laid over it.
+
+    ``_bounds`` ``(2, n)`` float64 are the corners of a box that holds it, without a margin.
+    """
+
+    _bounds: np.ndarray
+
+    @property
+    def ndim(self) -> int:
+        return self._bounds.shape[1]
 
     def __repr__(self) -> str:
         words = [f"{self.ndim}D", f"extent {' x '.join(f'{side:.4g}' for side in self.extent)}"]

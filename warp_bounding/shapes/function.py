@@ -159,8 +159,8 @@ class _Search:
         return self.longest * 10.0 ** self.rng.uniform(NEAREST, FARTHEST, (count, 1))
 
     def _outside(self) -> np.ndarray:
-        x = self._uniform(self.shape.lower - BEYOND * self.longest, self.shape.upper + BEYOND * self.longest)
-        return x if not self.shape.time else self._in_time(x)
+        beyond = BEYOND * self.longest
+        return self._in_time(self._uniform(self.shape.lower - beyond, self.shape.upper + beyond))
 
     def _shell(self) -> np.ndarray:
         """Points just outside of the faces of the box."""
@@ -168,10 +168,11 @@ class _Search:
         side, step = self.rng.random(self.count) < 0.5, self._sizes(self.count)[:, 0] * 0.1
         rows = np.arange(self.count)
         x[rows, axis] = np.where(side, self.shape.lower[axis] - step, self.shape.upper[axis] + step)
-        return x if not self.shape.time else self._in_time(x)
+        return self._in_time(x)
 
     def _in_time(self, x: np.ndarray) -> np.ndarray:
-        x[:, 0] = np.clip(x[:, 0], self.shape.lower[0], self.shape.upper[0])
+        if self.shape.time:
+            x[:, 0] = np.clip(x[:, 0], self.shape.lower[0], self.shape.upper[0])
         return x
 
     def _border(self, held: np.ndarray, free: np.ndarray) -> np.ndarray:
@@ -218,6 +219,8 @@ class _Search:
         return f"the point {x} is in the object, but the box from {a} to {b}, which holds it, is called empty"
 
     def _wrong_distance(self, x: np.ndarray, inside: np.ndarray) -> str | None:
+        from scipy.spatial import cKDTree
+
         value, lipschitz = self.shape._distance, self.shape.lipschitz
         above = value(inside) > self._allowed(inside)
         if above.any():
@@ -227,7 +230,7 @@ class _Search:
         pairs = [(x, others), (x, x + self._steps(x)), (x, x + self._steps(x, steepest=True))]
         if len(inside):
             pairs.append((x, inside[self.rng.integers(0, len(inside), len(x))]))
-            pairs.append((x, _nearest(inside, x)))
+            pairs.append((x, inside[cKDTree(inside).query(x)[1]]))
         for a, b in pairs:
             apart = np.linalg.norm(a - b, axis=1) * (1 + 1e-12)  # what the length rounds, and more
             change = np.abs(value(a) - value(b))
@@ -254,13 +257,6 @@ class _Search:
             direction = np.where(known[:, None], np.where(np.isfinite(slope), slope, 0.0), direction)
         direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-300)
         return direction * self._sizes(len(x))
-
-
-def _nearest(points: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """The nearest one of some points to each of others."""
-    from scipy.spatial import cKDTree
-
-    return points[cKDTree(points).query(x)[1]]
 
 
 # --- Rounding ---------------------------------------------------------------------------------------------------------
@@ -394,10 +390,6 @@ class Function(Formula):
         return self._bounds[1] - self._bounds[0]
 
     # --- where it is -------------------------------------------------------------------------------------------------
-
-    @property
-    def ndim(self) -> int:
-        return self._bounds.shape[1]
 
     @property
     def lower(self) -> np.ndarray:

@@ -244,11 +244,6 @@ class Grid(Shape):
         return self.position(np.array(self.shape) - 0.5)
 
     @property
-    def extent(self) -> np.ndarray:
-        """``(n,)`` float64, the domain's sides, object units; without time, if coordinate 0 is time."""
-        return (self.upper - self.lower)[1 if self.time else 0 :]
-
-    @property
     def sample_lower(self) -> np.ndarray:
         """``(n,)`` float64, where samplers begin: the first cell's centre (the paper's 0)."""
         return self.position(np.where(np.array(self.shape) > 1, 0.0, -0.5))
@@ -464,3 +459,22 @@ class Grid(Shape):
             margin=margin,
             shape_digest=self.shape_digest or self.geometry,
         )
+
+
+def grid_over(
+    shape: Shape, occupancy: np.ndarray, scale: np.ndarray, offset: np.ndarray, margin: float, resolution: int
+) -> Grid:
+    """The grid of cells that were laid over a shape, dilated by a margin: named, and remembered, as that is."""
+    return Grid(
+        occupancy,
+        cells_per_unit=scale,
+        offset=offset,
+        name=shape.name,
+        time=shape.time,
+        margin=margin,
+        resolution=resolution,
+        note=shape.restriction,
+        remark=shape.remark,
+        shape_digest=shape.geometry,
+        joints=shape.joints,
+    )

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.grid import Grid, grid_over
 from warp_bounding.shapes.recentred import Recentred, expect_near, recentred
 from warp_bounding.shapes.shape import (
     HOLLOW,
@@ -60,6 +60,14 @@ class Faces(Shape):
         have no area (``surfaces``). Vertices of a motion are equal that are so at all keyframes.
         """
         return self.surface.watertight
+
+    @cached_property
+    def lower(self) -> np.ndarray:
+        return self._corner(0)
+
+    @cached_property
+    def upper(self) -> np.ndarray:
+        return self._corner(1)
 
     def _corner(self, side: int) -> np.ndarray:
         """``(3,)`` float64, the lower (0) or upper (1) corner of a box that holds the faces and the margin."""
@@ -212,14 +220,6 @@ class Mesh(Faces):
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
     @cached_property
-    def lower(self) -> np.ndarray:
-        return self._corner(0)
-
-    @cached_property
-    def upper(self) -> np.ndarray:
-        return self._corner(1)
-
-    @cached_property
     def surface(self) -> Surface:
         """Which faces belong to closed parts, whose inside is bounded too."""
         return surface_of(self.vertices, self.faces)
@@ -359,17 +359,8 @@ class Mesh(Faces):
         occupancy = solid_cells(
             in_cells, faces, self.surface.closed, shape, margin * scale, air if self._empty else None
         )
-        return Grid(
-            occupancy,
-            cells_per_unit=np.full(3, scale),
-            offset=first.astype(np.float64),
-            name=self.name,
-            margin=margin,
-            resolution=resolution,
-            note=self.restriction,
-            remark=self.remark,
-            shape_digest=self.geometry,
-        )
+        offset = first.astype(np.float64)
+        return grid_over(self, occupancy, np.full(3, scale), offset, margin, resolution)
 
 
 def mesh_of(vertices: np.ndarray, faces: np.ndarray, **about: str) -> "Mesh | Recentred":

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.grid import Grid, grid_over
 from warp_bounding.shapes.mesh import LANDMARK, Faces, check_faces, checked_vertices
 from warp_bounding.shapes.shape import (
     OUT,
@@ -38,7 +38,7 @@ from warp_bounding.shapes.shape import (
     checked_resolution,
     time_axis,
 )
-from warp_bounding.shapes.surfaces import Surface, surface_of
+from warp_bounding.shapes.surfaces import Surface, paths_of, surface_of
 
 if TYPE_CHECKING:
     from warp_bounding.shapes.triangles.solid import DilatedMovingSolid, MovingSolid
@@ -120,19 +120,13 @@ class MovingMesh(Faces):
         used = self.frames[:, np.unique(self.faces)].reshape(-1, 3)
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
-    @cached_property
-    def lower(self) -> np.ndarray:
-        return np.insert(self._corner(0), 0, self.times[0])
-
-    @cached_property
-    def upper(self) -> np.ndarray:
-        return np.insert(self._corner(1), 0, self.times[-1])
+    def _corner(self, side: int) -> np.ndarray:
+        return np.insert(super()._corner(side), 0, self.times[-side])  # ``(4,)``, the first time or the last one
 
     @cached_property
     def surface(self) -> Surface:
         """Which faces belong to parts that are closed at all times, whose inside is bounded too."""
-        paths = np.ascontiguousarray(self.frames.transpose(1, 0, 2)).reshape(self.frames.shape[1], -1)
-        return surface_of(paths, self.faces)
+        return surface_of(paths_of(self.frames), self.faces)
 
     @cached_property
     def geometry(self) -> str:
@@ -233,17 +227,8 @@ class MovingMesh(Faces):
         cells = [
             self._cells((begin + i) / rate, (begin + i + 1) / rate, scale, first, shape, reach) for i in range(count)
         ]
-        return Grid(
-            np.stack(cells),
-            cells_per_unit=np.array([rate, scale, scale, scale]),
-            offset=np.array([begin + 0.5, *first.astype(np.float64)]),
-            name=self.name,
-            time=True,
-            margin=margin,
-            resolution=resolution,
-            note=self.restriction,
-            shape_digest=self.geometry,
-        )
+        scales, offset = np.array([rate, scale, scale, scale]), np.array([begin + 0.5, *first.astype(np.float64)])
+        return grid_over(self, np.stack(cells), scales, offset, margin, resolution)
 
     def _exactly_at(self, time: float) -> np.ndarray:
         """``(V, 3)`` float64."""

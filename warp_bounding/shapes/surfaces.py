@@ -19,6 +19,11 @@ def distinct_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return ordered[new], order[new], number
 
 
+def paths_of(frames: np.ndarray) -> np.ndarray:
+    """Vertices at K keyframes ``(K, V, 3)``, side by side: ``(V, 3 K)``."""
+    return np.ascontiguousarray(frames.transpose(1, 0, 2)).reshape(frames.shape[1], -1)
+
+
 # --- Closed parts -----------------------------------------------------------------------------------------------------
 #
 # Which faces of a triangle mesh enclose an inside: those that are left when all with a free edge are taken away.
@@ -93,23 +98,31 @@ def turns_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, bool]:
             whether the faces are one piece that meets two by two at its edges, so that there is one inside, but where
             it passes through itself.
     """
+    _, _, merged = distinct_rows(vertices)
+    ends, face, edge, count = _edges_of(merged[faces].astype(np.int64), len(vertices))
+    ways = np.bincount(edge, weights=np.sign(ends[:, 1] - ends[:, 0]), minlength=len(count))
+    by_edge = np.argsort(edge, kind="stable")
+    first, second = by_edge[:-1], by_edge[1:]
+    joined = edge[first] == edge[second]
+    pieces, _ = joined_parts(face[first][joined], face[second][joined], len(faces))
+    return int(np.count_nonzero(ways)), bool((count == 2).all() and pieces == 1)
+
+
+def _edges_of(corners: np.ndarray, vertices: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of the three sides of faces ``(F, 3)``: both ends, the face, the edge's number; and the sides of each edge."""
+    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
+    numbers = ends.min(axis=1) * vertices + ends.max(axis=1)
+    _, edge, count = np.unique(numbers, return_inverse=True, return_counts=True)
+    return ends, np.tile(np.arange(len(corners)), 3), edge, count
+
+
+def joined_parts(starts: np.ndarray, ends: np.ndarray, count: int) -> tuple[int, np.ndarray]:
+    """How many parts there are of so many things, some of which are joined in pairs, and the part of each."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    _, _, merged = distinct_rows(vertices)
-    corners = merged[faces].astype(np.int64)
-    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [2, 0]]])
-    _, edge, count = np.unique(
-        ends.min(axis=1) * len(vertices) + ends.max(axis=1), return_inverse=True, return_counts=True
-    )
-    ways = np.bincount(edge, weights=np.sign(ends[:, 1] - ends[:, 0]), minlength=len(count))
-    face, by_edge = np.tile(np.arange(len(faces)), 3), np.argsort(edge, kind="stable")
-    pairs = face[by_edge[:-1]], face[by_edge[1:]]
-    joined = edge[by_edge[:-1]] == edge[by_edge[1:]]
-    graph = coo_array(
-        (np.ones(int(joined.sum()), np.int8), (pairs[0][joined], pairs[1][joined])), shape=(len(faces),) * 2
-    )
-    return int(np.count_nonzero(ways)), bool((count == 2).all() and connected_components(graph, directed=False)[0] == 1)
+    graph = coo_array((np.ones(len(starts), dtype=np.int8), (starts, ends)), shape=(count, count))
+    return connected_components(graph, directed=False)
 
 
 def _without_free_edges(faces: np.ndarray) -> np.ndarray:
@@ -172,23 +185,16 @@ def cycles_of(vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray) -> np
     _, _, merged = distinct_rows(vertices)
     corners = np.sort(merged[faces[places]], axis=1)
     corners, first, _ = distinct_rows(corners)
-    ends = np.concatenate([corners[:, [0, 1]], corners[:, [1, 2]], corners[:, [0, 2]]])
-    _, edge, count = np.unique(ends[:, 0] * len(vertices) + ends[:, 1], return_inverse=True, return_counts=True)
-    face = np.tile(np.arange(len(corners)), 3)
+    _, face, edge, count = _edges_of(corners, len(vertices))
     numbers[places[first]] = _numbers(edge, face, count, len(corners))
     return numbers
 
 
 def _numbers(edge: np.ndarray, face: np.ndarray, count: np.ndarray, faces: int) -> np.ndarray:
     """Of each of so many faces; ``edge`` and ``face`` of each edge of a face, ``count`` faces of each edge."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     by_edge = np.argsort(edge, kind="stable")
     simple = by_edge[count[edge[by_edge]] == 2].reshape(-1, 2)
-    joins = face[simple].T
-    graph = coo_array((np.ones(len(simple), dtype=np.int8), (joins[0], joins[1])), shape=(faces, faces))
-    patches, patch = connected_components(graph, directed=False)
+    patches, patch = joined_parts(*face[simple].T, faces)
     number = np.random.default_rng(SEED).integers(1, 2**64, size=patches, dtype=np.uint64)
     tangled = by_edge[count[edge[by_edge]] != 2]
     if len(tangled):

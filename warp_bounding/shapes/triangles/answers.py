@@ -4,7 +4,7 @@ import warp as wp
 
 from warp_bounding.runtime.native import module_options
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
-from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, Sides, side_of
+from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, Mesh, kernel_of, side_of
 from warp_bounding.shapes.triangles.hierarchy import (
     PROJECTIONS,
     ROUNDING,
@@ -50,18 +50,6 @@ _OUTWARD = wp.constant(wp.float64(OUTWARD))
 _HALF = wp.constant(wp.float64(0.5))
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
 _ENCLOSED, _OUTSIDE = wp.constant(ENCLOSED), wp.constant(OUTSIDE)
-
-
-@wp.struct
-class Mesh:
-    """A mesh that is dilated."""
-
-    lower: wp.vec3d  # the box that holds the dilated object
-    upper: wp.vec3d
-    margin: wp.float64
-    faces: Triangles  # all of them
-    closed: Triangles  # those of closed parts
-    sides: Sides
 
 
 @wp.struct
@@ -215,43 +203,6 @@ def _inside(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
                 return False
         key += 1
     return True
-
-
-def kernel_of(answer: wp.Function, mesh: type, point: type, module: str, dtype: type = wp.uint8, rows: int = 2):
-    """The kernel that gives a mesh, and each query of one or two ``rows`` of points, to a function.
-
-    It answers with a ``dtype`` and is compiled with all others of the same ``module``.
-    """
-    name = f"{answer.key.strip('_')}_{len(point())}"
-
-    def of_points(
-        first: int,
-        # inputs
-        m: mesh,
-        x: wp.array(dtype=point),
-        # outputs
-        answers: wp.array(dtype=dtype),
-    ):
-        i, _ = wp.tid()
-        i += first
-        answers[i] = dtype(answer(m, x[i]))
-
-    def of_pairs(
-        first: int,
-        # inputs
-        m: mesh,
-        lower: wp.array(dtype=point),
-        upper: wp.array(dtype=point),
-        # outputs
-        answers: wp.array(dtype=dtype),
-    ):
-        i, _ = wp.tid()
-        i += first
-        answers[i] = dtype(answer(m, lower[i], upper[i]))
-
-    kernel = of_points if rows == 1 else of_pairs
-    kernel.__name__ = kernel.__qualname__ = name
-    return wp.kernel(kernel, enable_backward=False, module=module)
 
 
 AT_REST = tuple(kernel_of(answer, Mesh, wp.vec3d, MODULE) for answer in (is_empty, _inside))

@@ -8,6 +8,7 @@ import warp as wp
 
 from warp_bounding.runtime.launch import launch_on_cores, ready
 from warp_bounding.runtime.native import module_options
+from warp_bounding.shapes.surfaces import joined_parts
 from warp_bounding.shapes.triangles.hierarchy import (
     UNWOUND,
     Triangles,
@@ -183,7 +184,7 @@ def fill_inside(surface: np.ndarray, air: Callable[[np.ndarray], np.ndarray] | N
 # is outside.
 
 UNKNOWN, OUTSIDE, ENCLOSED = 0, 1, 2
-TURNED = 3  # of ``_wind`` alone: enclosed by faces that go around the other way
+TURNED = 3  # of ``_side_by_winding`` alone: enclosed by faces that go around the other way
 FREE = 4  # added for a cell that meets no face
 RESOLUTIONS = ((20_000, 128), (200_000, 192), (2**31, 256))  # cells along the longest side for up to so many faces
 BORDER = 1.3718281  # cells before the surface: no round number, so that centres seldom lie in planes of faces
@@ -211,9 +212,21 @@ class Sides:
     wound: int  # 1: faces are turned alike, and what they go around 0 times is outside
 
 
+@wp.struct
+class Mesh:
+    """A mesh that is dilated."""
+
+    lower: wp.vec3d  # the box that holds the dilated object
+    upper: wp.vec3d
+    margin: wp.float64
+    faces: Triangles  # all of them
+    closed: Triangles  # those of closed parts
+    sides: Sides
+
+
 @wp.func
-def _wound(faces: Triangles, x: wp.vec3d) -> int:
-    found = winding(faces, x)
+def _wound(found: int) -> int:
+    """The side of what faces go around so often."""
     if found == _UNWOUND:
         return _UNKNOWN
     if found == 0:
@@ -222,8 +235,8 @@ def _wound(faces: Triangles, x: wp.vec3d) -> int:
 
 
 @wp.func
-def _centre(s: Sides, i: int, j: int, k: int) -> wp.vec3d:
-    return s.origin + wp.vec3d(wp.float64(i), wp.float64(j), wp.float64(k)) / s.scale
+def _centre(s: Sides, cell: wp.vec3i) -> wp.vec3d:
+    return s.origin + _cell(cell[0], cell[1], cell[2]) / s.scale
 
 
 @wp.func
@@ -268,66 +281,73 @@ def side_of(faces: Triangles, s: Sides, x: wp.vec3d) -> int:
             if segment_is_free(faces, x, _end_in(s, t, cell, node > _FREE), wp.float64(0.0)):
                 return side
     if s.wound != 0:
-        return _wound(faces, x)
+        return _wound(winding(faces, x))
     if is_enclosed(faces, x):
         return _ENCLOSED
     return _UNKNOWN
 
 
-@wp.kernel(enable_backward=False, module=MODULE)
-def _join(
-    first: int,
-    # inputs
-    faces: Triangles,
-    s: Sides,
-    starts: wp.array(dtype=wp.vec3i),
-    ends: wp.array(dtype=wp.vec3i),
-    # outputs
-    joined: wp.array(dtype=wp.uint8),
-):
+@wp.func
+def _joined(m: Mesh, a: wp.vec3i, b: wp.vec3i) -> bool:
     """Is the segment between two centres proven to cross no face?"""
-    i, _ = wp.tid()
-    i += first
-    a, b = starts[i], ends[i]
-    start, end = _centre(s, a[0], a[1], a[2]), _centre(s, b[0], b[1], b[2])
-    joined[i] = wp.uint8(segment_is_free(faces, start, end, wp.float64(0.0)))
+    return segment_is_free(m.closed, _centre(m.sides, a), _centre(m.sides, b), wp.float64(0.0))
 
 
-@wp.kernel(enable_backward=False, module=MODULE)
-def _enclose(
-    first: int,
-    # inputs
-    faces: Triangles,
-    s: Sides,
-    cells: wp.array(dtype=wp.vec3i),
-    # outputs
-    enclosed: wp.array(dtype=wp.uint8),
-):
+@wp.func
+def _enclosed(m: Mesh, cell: wp.vec3i) -> bool:
     """Is a centre proven to be enclosed?"""
-    i, _ = wp.tid()
-    i += first
-    enclosed[i] = wp.uint8(is_enclosed(faces, _centre(s, cells[i][0], cells[i][1], cells[i][2])))
+    return is_enclosed(m.closed, _centre(m.sides, cell))
 
 
-@wp.kernel(enable_backward=False, module=f"{MODULE}.winding")
-def _wind(
-    first: int,
-    # inputs
-    faces: Triangles,
-    s: Sides,
-    cells: wp.array(dtype=wp.vec3i),
-    # outputs
-    sides: wp.array(dtype=wp.uint8),
-):
+@wp.func
+def _side_by_winding(m: Mesh, cell: wp.vec3i) -> int:
     """The side of a centre by its winding number, TURNED where that is below 0."""
-    i, _ = wp.tid()
-    i += first
-    x = _centre(s, cells[i][0], cells[i][1], cells[i][2])
-    found = winding(faces, x)
-    if found != _UNWOUND and found < 0:
-        sides[i] = wp.uint8(_TURNED)
-    else:
-        sides[i] = wp.uint8(_wound(faces, x))
+    found = winding(m.closed, _centre(m.sides, cell))
+    if found < 0:
+        return _TURNED
+    return _wound(found)
+
+
+def kernel_of(answer: wp.Function, mesh: type, point: type, module: str, dtype: type = wp.uint8, rows: int = 2):
+    """The kernel that gives a mesh, and each query of one or two ``rows`` of points, to a function.
+
+    It answers with a ``dtype`` and is compiled with all others of the same ``module``.
+    """
+    name = f"{answer.key.strip('_')}_{len(point())}"
+
+    def of_points(
+        first: int,
+        # inputs
+        m: mesh,
+        x: wp.array(dtype=point),
+        # outputs
+        answers: wp.array(dtype=dtype),
+    ):
+        i, _ = wp.tid()
+        i += first
+        answers[i] = dtype(answer(m, x[i]))
+
+    def of_pairs(
+        first: int,
+        # inputs
+        m: mesh,
+        lower: wp.array(dtype=point),
+        upper: wp.array(dtype=point),
+        # outputs
+        answers: wp.array(dtype=dtype),
+    ):
+        i, _ = wp.tid()
+        i += first
+        answers[i] = dtype(answer(m, lower[i], upper[i]))
+
+    kernel = of_points if rows == 1 else of_pairs
+    kernel.__name__ = kernel.__qualname__ = name
+    return wp.kernel(kernel, enable_backward=False, module=module)
+
+
+_join = kernel_of(_joined, Mesh, wp.vec3i, MODULE)
+_enclose = kernel_of(_enclosed, Mesh, wp.vec3i, MODULE, rows=1)
+_wind = kernel_of(_side_by_winding, Mesh, wp.vec3i, f"{MODULE}.winding", rows=1)
 
 
 class SidesGrid(NamedTuple):
@@ -365,33 +385,29 @@ def build_sides(
     surface = surface_cells(corners, faces.reshape(-1, 3), shape, 0.0)
     sides.lower, sides.upper, sides.origin = (wp.vec3d(*v) for v in (lower, upper, origin))
     sides.scale = wp.float64(scale)
-    cells, hollows, both = _sides(surface, triangles, sides, alike, empty)
+    mesh = Mesh()
+    mesh.closed, mesh.sides = triangles, sides
+    cells, hollows, both = _sides(surface, mesh, alike, empty)
     sides.cells = wp.array(cells, dtype=wp.uint8, device="cpu")
     return SidesGrid(sides, hollows, both)
 
 
-def _sides(
-    surface: np.ndarray, triangles: Triangles, sides: Sides, alike: bool, empty: bool
-) -> tuple[np.ndarray, int, bool]:
+def _sides(surface: np.ndarray, mesh: Mesh, alike: bool, empty: bool) -> tuple[np.ndarray, int, bool]:
     """Each cell's side, and ``FREE`` without a face; the number of free hollows; whether faces go around both ways."""
     from scipy import ndimage
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
     region, regions = ndimage.label(~surface)
     region = region.astype(np.int32) - 1
     region[surface] = regions + np.arange(np.count_nonzero(surface), dtype=np.int32)
     count = regions + np.count_nonzero(surface)
     starts, ends = _neighbours(surface)
-    kept = _launch(_join, len(starts), [triangles, sides, _cells(starts), _cells(ends)])
-    pairs = region[tuple(starts[kept].T)], region[tuple(ends[kept].T)]
-    graph = coo_array((np.ones(len(pairs[0]), dtype=np.int8), pairs), shape=(count, count))
-    parts, part = connected_components(graph, directed=False)
+    kept = _launch(_join, mesh, starts, ends)
+    parts, part = joined_parts(region[tuple(starts[kept].T)], region[tuple(ends[kept].T)], count)
     outside = part[region[0, 0, 0]]
     part = part[region]  # of each cell
     some = np.zeros(parts, dtype=np.int64)  # a cell of each part
     some[part.ravel()] = np.arange(part.size)
-    cells = _cells(np.stack(np.unravel_index(some, surface.shape), axis=1))
+    cells = np.stack(np.unravel_index(some, surface.shape), axis=1)
     enclosed = np.unique(part[~surface])
     enclosed = enclosed[enclosed != outside]
     reported = np.arange(parts) if empty else enclosed if alike else np.zeros(0, np.int64)
@@ -399,11 +415,11 @@ def _sides(
     if len(reported):  # at any cell of a part: first and last ones lie where rays meet edges, in symmetric objects
         order = np.random.default_rng(0).permutation(part.size)
         some[part.ravel()[order]] = order
-        anywhere = _cells(np.stack(np.unravel_index(some[reported], surface.shape), axis=1))
-        wound[reported] = _launch(_wind, len(reported), [triangles, sides, anywhere]).view(np.uint8)
+        anywhere = np.stack(np.unravel_index(some[reported], surface.shape), axis=1)
+        wound[reported] = _launch(_wind, mesh, anywhere).view(np.uint8)
     both = bool((wound == TURNED).any() and (wound == ENCLOSED).any())
     wound[wound == TURNED] = ENCLOSED
-    side = wound if empty else ENCLOSED * _launch(_enclose, parts, [triangles, sides, cells]).astype(np.uint8)
+    side = wound if empty else ENCLOSED * _launch(_enclose, mesh, cells).astype(np.uint8)
     side[outside] = OUTSIDE
     return side[part] + np.uint8(FREE) * ~surface, int((wound[enclosed] == OUTSIDE).sum()), both
 
@@ -420,12 +436,9 @@ def _neighbours(surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.concatenate(part) for part in zip(*pairs, strict=True))
 
 
-def _cells(cells: np.ndarray) -> wp.array:
-    return wp.array(np.ascontiguousarray(cells, dtype=np.int32), dtype=wp.vec3i, device="cpu")
-
-
-def _launch(kernel: wp.Kernel, count: int, inputs: list) -> np.ndarray:
-    """``(count,)`` bool, what a kernel of one truth value an item answers."""
-    out = wp.zeros(count, dtype=wp.uint8, device="cpu")
-    launch_on_cores(kernel, count, inputs, [out], "cpu")
+def _launch(kernel: wp.Kernel, mesh: Mesh, *cells: np.ndarray) -> np.ndarray:
+    """``(N,)`` bool, what a kernel answers about cells ``(N, 3)``."""
+    out = wp.zeros(len(cells[0]), dtype=wp.uint8, device="cpu")
+    rows = [wp.array(np.ascontiguousarray(each, dtype=np.int32), dtype=wp.vec3i, device="cpu") for each in cells]
+    launch_on_cores(kernel, len(cells[0]), [mesh, *rows], [out], "cpu")
     return out.numpy().view(bool)

@@ -5,8 +5,8 @@ from typing import Any
 import warp as wp
 
 from warp_bounding.runtime.native import module_options
-from warp_bounding.shapes.triangles.answers import Mesh, Motion, half_of, is_box, kernel_of, key_at, place_of
-from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, side_of
+from warp_bounding.shapes.triangles.answers import Motion, half_of, is_box, key_at, place_of
+from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, Mesh, kernel_of, side_of
 from warp_bounding.shapes.triangles.hierarchy import (
     MovingTriangle,
     Triangle,

@@ -12,18 +12,17 @@ import warp as wp
 
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.shapes.shape import IN, HalfSpaces
-from warp_bounding.shapes.surfaces import cycles_of
+from warp_bounding.shapes.surfaces import cycles_of, paths_of
 from warp_bounding.shapes.triangles.answers import (
     AT_REST,
     MOVING,
-    Mesh,
     Motion,
     decide_boxes,
     decide_planes,
     decide_segments,
     decide_then,
 )
-from warp_bounding.shapes.triangles.cells import SidesGrid, build_sides
+from warp_bounding.shapes.triangles.cells import Mesh, SidesGrid, build_sides
 from warp_bounding.shapes.triangles.distances import (
     Corners,
     CornersThen,
@@ -86,31 +85,48 @@ class Dilated:
         """Make what is needed for queries, points or boxes ``(N, n)``; here all of it is there."""
 
 
-class Solid:
+class Hierarchies:
+    """The hierarchies of faces ``(F, 3)``, of which ``kept`` ``(F,)`` bool are those of closed parts.
+
+    Vertices are at ``paths``, ``(V, 3)`` or more numbers.
+    """
+
+    def __init__(self, paths: np.ndarray, faces: np.ndarray, kept: np.ndarray):
+        self._paths, self.faces, self.kept = paths, faces, kept
+
+    def built(self, faces: np.ndarray, cycles: np.ndarray | None = None) -> Any:
+        """The hierarchy of some faces."""
+        raise TypeError(f"{type(self).__name__} does not define built")
+
+    @cached_property
+    def all(self) -> Any:
+        """Of all faces."""
+        return self.closed if self.kept.all() else self.built(self.faces)
+
+    @cached_property
+    def closed(self) -> Any:
+        """Of closed parts' faces."""
+        return self.built(self.faces[self.kept], cycles_of(self._paths, self.faces, self.kept)[self.kept])
+
+
+class Solid(Hierarchies):
     """Triangles and the side of each point, without a margin.
 
-    Of ``closed`` faces it is known whether they are turned ``alike``, and whether their hollows are ``empty``, outside.
+    Of closed faces it is known whether they are turned ``alike``, and whether their hollows are ``empty``, outside.
     """
 
     def __init__(
-        self, vertices: np.ndarray, faces: np.ndarray, closed: np.ndarray, alike: bool = False, empty: bool = False
+        self, vertices: np.ndarray, faces: np.ndarray, kept: np.ndarray, alike: bool = False, empty: bool = False
     ):
-        self.vertices, self.faces, self.closed, self.alike, self.empty = vertices, faces, closed, alike, empty
+        super().__init__(vertices, faces, kept)
+        self.vertices, self.alike, self.empty = vertices, alike, empty
 
-    @cached_property
-    def _all(self) -> Triangles:
-        if self.closed.all():
-            return self._closed
-        return build(self.vertices[self.faces])
-
-    @cached_property
-    def _closed(self) -> Triangles:
-        cycles = cycles_of(self.vertices, self.faces, self.closed)
-        return build(self.vertices[self.faces[self.closed]], cycles[self.closed])
+    def built(self, faces: np.ndarray, cycles: np.ndarray | None = None) -> Triangles:
+        return build(self.vertices[faces], cycles)
 
     @cached_property
     def _grid(self) -> SidesGrid:
-        return build_sides(self.vertices, self.faces[self.closed], self._closed, self.alike, self.empty)
+        return build_sides(self.vertices, self.faces[self.kept], self.closed, self.alike, self.empty)
 
     @property
     def hollows(self) -> int:
@@ -133,7 +149,7 @@ class Solid:
         """The object dilated by a margin; ``lower`` and ``upper`` are the corners of a box that holds it."""
         mesh = Mesh()
         mesh.lower, mesh.upper, mesh.margin = wp.vec3d(*lower), wp.vec3d(*upper), wp.float64(margin)
-        mesh.faces, mesh.closed, mesh.sides = self._all, self._closed, self._grid.sides
+        mesh.faces, mesh.closed, mesh.sides = self.all, self.closed, self._grid.sides
         return DilatedSolid(mesh)
 
 
@@ -156,35 +172,23 @@ class DilatedSolid(Dilated):
         return self._answer(decide_planes, normal, point)
 
 
-class MovingSolid:
+class MovingSolid(Hierarchies):
     """Triangles that move, and the side of each point, without a margin.
 
     Vertices may be elsewhere by ``rounding``, more than what float64 makes of an interpolation.
     """
 
-    def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, closed: np.ndarray, rounding: float):
-        self.times, self.rounding = times.astype(np.float64), rounding
-        self._frames, self._faces, self._closed_faces = frames, faces, closed
+    def __init__(self, times: np.ndarray, frames: np.ndarray, faces: np.ndarray, kept: np.ndarray, rounding: float):
+        super().__init__(paths_of(frames), faces, kept)
+        self.times, self.frames, self.rounding = times.astype(np.float64), frames, rounding
 
-    @cached_property
-    def all(self) -> MovingTriangles:
-        """The hierarchy of all faces."""
-        if self._closed_faces.all():
-            return self.closed
-        return MovingTriangles(self.times, self._frames, self._faces)
-
-    @cached_property
-    def closed(self) -> MovingTriangles:
-        """The hierarchy of closed parts' faces."""
-        paths = np.ascontiguousarray(self._frames.transpose(1, 0, 2)).reshape(self._frames.shape[1], -1)
-        cycles = cycles_of(paths, self._faces, self._closed_faces)
-        kept = self._closed_faces
-        return MovingTriangles(self.times, self._frames, self._faces[kept], cycles[kept])
+    def built(self, faces: np.ndarray, cycles: np.ndarray | None = None) -> MovingTriangles:
+        return MovingTriangles(self.times, self.frames, faces, cycles)
 
     @cached_property
     def sides(self) -> MovingSides:
         """The grids of closed parts."""
-        return MovingSides(self.closed, self._frames, self._faces[self._closed_faces], self.rounding)
+        return MovingSides(self.closed, self.frames, self.faces[self.kept], self.rounding)
 
 
 class DilatedMovingSolid(Dilated):
