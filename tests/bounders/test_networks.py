@@ -233,7 +233,7 @@ def answers_of(part: Mlp, x: np.ndarray) -> np.ndarray:
 def test_it_is_the_conjunction_of_its_parts(case, device):
     bounder, x = early(case, device)
     parts = bounder.parts
-    assert len(parts) == len(bounder.hidden) == len(bounder.exit_thresholds) + 1
+    assert len(parts) == len(bounder.hidden) == len(bounder.tensors["exits.thresholds"]) + 1
     assert [type(part) for part in parts] == [Mlp] * len(parts)
     answers = np.array([answers_of(part, x) for part in parts])
     assert (bounder.query(x).numpy() == answers.all(axis=0)).all()
@@ -290,7 +290,7 @@ def test_grants_are_told_in_turn_on_every_path(case, device):
     for i, part in enumerate(without.parts[:-1]):
         f, sure = part.values(x).numpy(), grant_part(bounder, i).values(x).numpy()
         denied = open_ & (f < part.threshold)
-        granted = open_ & ~denied & (sure > bounder.grant_thresholds[i])
+        granted = open_ & ~denied & (sure > bounder.tensors["grants.thresholds"][i])
         assert denied.any()
         assert granted.any()
         expected[denied], expected[granted] = DENIED, GRANTED
@@ -302,7 +302,8 @@ def test_grants_are_told_in_turn_on_every_path(case, device):
     near = np.zeros(len(x), bool)
     for i, part in enumerate(without.parts):
         tests = [(part, part.threshold)]
-        tests += [(grant_part(bounder, i), bounder.grant_thresholds[i])] if i + 1 < len(without.parts) else []
+        if i + 1 < len(without.parts):
+            tests.append((grant_part(bounder, i), bounder.tensors["grants.thresholds"][i]))
         for own, bar in tests:
             near |= np.abs(own.values(x).numpy().astype(np.float64) - float(bar)) <= 2 * own.rounding_bound()
     assert near.mean() < 0.1

@@ -444,8 +444,12 @@ class Bvh(Bounder):
     def weights(self) -> np.ndarray:
         low, high, n, room = self.tensors["low"], self.tensors["high"], self.ndim, 0.0
         if QUERIES[self.query_kind] is PLANE:
+            # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum
+            # more: 2 n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 +
+            # size, may be set to zero.
             corner = np.maximum(np.abs(low), np.abs(high)).astype(np.float64)
-            room = plane_room(float(corner.sum(axis=1).max()), n, float(self.domain.limit[-1]))
+            size = float(corner.sum(axis=1).max()) + float(self.domain.limit[-1])
+            room = float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
         nodes = np.concatenate([low, high, self.tensors["past"][:, None]], axis=1)
         return np.concatenate([[len(nodes), room], nodes.reshape(-1)]).astype(np.float32)
 
@@ -495,18 +499,6 @@ class Bvh(Bounder):
     def rounding_bound(self) -> float:
         """See ``Bounder``; none: what rounds is paid for by room around the boxes, and f is 0 or -1."""
         return 0.0
-
-
-def plane_room(corner: float, n: int, limit: float) -> float:
-    """Room for the rounding of a plane's comparison with the supports of boxes in n dimensions.
-
-    ``corner`` is the largest sum of the absolute coordinates of a box's corner, ``limit`` that of the plane's offset.
-    """
-    # A plane m . y = c, no entry of m above 1. A support is 2 n products and their sums, and c -+ room one sum more: 2
-    # n + 1 roundings, 2 n + 4 to be safe. Under 16 (n + 1) results and factors, each times at most 1 + size, may be set
-    # to zero.
-    size = corner + limit
-    return float(round_up(gamma(2 * n + 4) * size * (1 + 1e-9) + 16 * (n + 1) * (1 + size) * TINY))
 
 
 # Which queries of v ``(N, m)`` meet a box, ``(n,)`` or ``(N, n)`` its corners, by their kind.

@@ -23,7 +23,7 @@ from warp_bounding.bounders.mlp_early import MlpEarly, bounds_of_all, denied_ear
 from warp_bounding.certificates import Certificate, conjunction
 from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import DENIED, PER_WORD, Early, Lanes, Source, aligned, level_text, words_at
+from warp_bounding.kernels.source import DENIED, Early, Lanes, Source, aligned, fill, words_at
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32, gamma
@@ -469,11 +469,51 @@ def unpacked(words: np.ndarray, count: int) -> np.ndarray:
     return words.astype("<u4").view(np.uint8)[:count]
 
 
+# --- native text -----------------------------------------------------------------------------------------------------
+#
+# A lattice of parts in native code: where v lies among the edges of each axis, and the level, a byte, that stands
+# there.
+#
+# Comparisons with edges are exact, so every device finds the same part of the domain, and what is proven of a part
+# holds for each v in it.
+
+PER_WORD = 4  # levels, a byte each, in a word
+
+# The index of v's part, in array order: along each axis, how many edges v has reached.
+_PLACE = {True: "I part_ = {};\n$axes", False: "int part_ = 0;\n$axes"}
+_AXIS = {
+    True: "{ I i = {}; for (int e = $first; e < $last; ++e) i -= v[$k] >= w[e]; part_ = part_ * $count + i; }",
+    False: "{ int i = 0; for (int e = $first; e < $last; ++e) i += v[$k] >= w[e]; part_ = part_ * $count + i; }",
+}
+_LEVEL = {
+    True: """
+V level_;
+{
+    int at_[L]; float found_[L];  // in memory: lanes of a vector are dear one by one
+    *(J*)at_ = part_;
+    for (int l = 0; l < L; ++l) found_[l] = (float)(words.data[at_[l] >> 2] >> (8 * (at_[l] & 3)) & 255u);
+    level_ = *(const V*)found_;
+}
+""",
+    False: "const float level_ = (float)(words.data[part_ >> 2] >> (8 * (part_ & 3)) & 255u);\n",
+}
+
+
+def level_text(shape: tuple[int, ...], first: int, vector: bool) -> str:
+    """C statements that compute ``level_`` from ``v``, ``w``, where edges begin at ``first``, and ``words``."""
+    lines = []
+    for k, count in enumerate(shape):
+        if count > 1:
+            lines.append(fill(_AXIS[vector], k=k, first=first, last=first + count - 1, count=count))
+        first += count - 1
+    return fill(_PLACE[vector], axes="\n".join(lines)) + _LEVEL[vector]
+
+
 # --- source ----------------------------------------------------------------------------------------------------------
 #
 # Native code of local thresholds: where v lies among the edges, the level that stands there, and what is left of f.
 #
-# The lattice is that of ``kernels.source.level_text``. A threshold is ``step * (first + level)``, a power of two times
+# A threshold is ``step * (first + level)``, a power of two times
 # a whole number under 2^24: float32 holds it, however it is computed.
 
 NOWHERE = 255  # the level of a part without positives: there every query is denied

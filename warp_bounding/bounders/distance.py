@@ -454,10 +454,7 @@ class DistanceBounder(Bounder):
             >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
             (1, True)
         """
-        a, count, one = self._flat(start, self.ndim, (False,))
-        b, others, other = self._flat(end, self.ndim, (False,))
-        if count != others:
-            raise QueryError(f"start and end must be as many, got {count} and {others}")
+        (a, one), (b, other), count = self._flats(start=start, end=end)
         radii = lengths_of("radius", radius, count)
         if one or other:
             radii = longer(radii, np.maximum(moved(self, a, count), moved(self, b, count)))
@@ -513,21 +510,23 @@ class DistanceBounder(Bounder):
             >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()
             array([0], dtype=uint8)
         """
-        a, count, one = self._flat(lower, self.ndim, (False,))
-        b, others, other = self._flat(upper, self.ndim, (False,))
-        if count != others:
-            raise QueryError(f"lower and upper must be as many, got {count} and {others}")
+        (a, one), (b, other), count = self._flats(lower=lower, upper=upper)
         if self.frame is not None and any(self.frame.blur):
             raise QueryError(
                 "boxes of a grid whose cells stand a little beside the ones asked for are not asked: fit box queries"
             )
-        a, b = (
-            outwards(each, side) if double else each for each, double, side in ((a, one, -np.inf), (b, other, np.inf))
-        )
+        a, b = outwards(a, -np.inf) if one else a, outwards(b, np.inf) if other else b
         out = new_output(out, count, wp.uint8, self.device)
         inputs = [0, self.data, a, b, steps_of(steps)]
         launch_blocks(box_kernel(self.source), count, inputs, [out], self.device, first_index=0, block=1)
         return out
+
+    def _flats(self, **points):
+        """Two arguments, flat, each with whether it is float64; and how many points each of them has."""
+        (first, second), (a, b) = points, [self._flat(x, self.ndim, (False,)) for x in points.values()]
+        if a[1] != b[1]:
+            raise QueryError(f"{first} and {second} must be as many, got {a[1]} and {b[1]}")
+        return (a[0], a[2]), (b[0], b[2]), a[1]
 
     def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]

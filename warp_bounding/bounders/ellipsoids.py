@@ -413,15 +413,12 @@ class QuadricBounder(VolumeBounder):
         else:
             points = grid.position(line_ends(grid.occupied) - 0.5) if isinstance(grid, Grid) else outline(grid)
             matrix, center = enclosing_of_points(points, cls.family)
-        return cls._around(domain, matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center), device)
-
-    @classmethod
-    def _around(cls, domain: AnyDomain, matrix: np.ndarray, offset: np.ndarray, device) -> "QuadricBounder":
+        matrix, offset = matrix / domain.scale.astype(np.float64), -matrix @ (center - domain.center)
         tensors = {"matrix": np.diag(matrix) if cls.diagonal else matrix, "offset": offset}
         return cls(domain, {name: value.astype(np.float32) for name, value in tensors.items()}, {}, device)
 
     def check_tensors(self) -> None:
-        n = self.volume_domain.ndim
+        n = self.domain.base.ndim
         self.expect_shapes({"matrix": (n,) if self.diagonal else (n, n), "offset": (n,)})
         self.check_range()
 

@@ -234,7 +234,7 @@ class LearnedKdop(FaceBounder):
         return cls(domain, {"normals": normals, "offsets": offsets}, {}, device)
 
     def check_tensors(self) -> None:
-        columns, count = self.volume_domain.ndim, max(len(self.tensors.get("offsets", ())), 1)
+        columns, count = self.domain.base.ndim, max(len(self.tensors.get("offsets", ())), 1)
         self.expect_shapes({"normals": (count, columns), "offsets": (count,)})
         self.check_range()
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warp_bounding.bounders.bounder import STEPS
-from warp_bounding.bounders.cascade import Lattice, checked_parts, packed, unpacked
+from warp_bounding.bounders.cascade import PER_WORD, Lattice, checked_parts, level_text, packed, unpacked
 from warp_bounding.bounders.distance import REACH, DistanceBounder
 from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, PARTS, Layered, Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import FLUSHED, DistanceSource
-from warp_bounding.kernels.source import PER_WORD, Lanes, level_text
+from warp_bounding.kernels.source import Lanes
 from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
 from warp_bounding.rounding import UNIT32, UNIT64
@@ -96,17 +96,14 @@ class MlpDistance(Layered, DistanceBounder):
         expected = self.layer_shapes(self.domain.ndim, 1)
         shape, of_lattice = checked_parts(self) if self.sizes.get("shape", []) != [] else ([], {})
         self.expect_shapes(expected | of_lattice | ({"step": (1,)} if shape else {}))
-        self.lattice = self._check_lattice(shape) if shape else None
+        self.lattice = Lattice.stored(self.tensors["edges"], shape, self.method) if shape else None
+        step = float(self.tensors["step"][0]) if shape else 1.0
+        if not (STEPS_OF_RELIEF[0] <= step <= STEPS_OF_RELIEF[1] and np.frexp(step)[0] == 0.5):
+            raise BounderError(f"{self.method}: expected a power of two as the step between two levels, got {step}")
         limit = self.domain.limit.astype(np.float64)
         *layers, (weight, bias) = self.layers
         self.network = Network(self.layers, self.activation, limit)
         self._negative = Network([*layers, (-weight, -bias)], self.activation, limit)
-
-    def _check_lattice(self, shape: list[int]) -> Lattice:
-        lattice, step = Lattice.stored(self.tensors["edges"], shape, self.method), float(self.tensors["step"][0])
-        if not (STEPS_OF_RELIEF[0] <= step <= STEPS_OF_RELIEF[1] and np.frexp(step)[0] == 0.5):
-            raise BounderError(f"{self.method}: expected a power of two as the step between two levels, got {step}")
-        return lattice
 
     @property
     def relief(self) -> np.ndarray:

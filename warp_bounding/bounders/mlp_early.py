@@ -92,8 +92,9 @@ class MlpEarly(Mlp):
     """A network with exits: each in turn may deny or grant a query, and the network's output decides the rest.
 
     Tensors: those of ``Mlp``; ``exits.i.weight`` ``(1, H_i)`` and ``exits.i.bias`` ``(1,)``, 2 rows for planes, for
-    every hidden layer i but the last; ``exits.thresholds`` ``(exits,)``; ``grants.i.weight``, ``grants.i.bias`` and
-    ``grants.thresholds`` of the same shapes, which older files do not have. Sizes: those of ``Mlp``.
+    every hidden layer i but the last; ``exits.thresholds`` ``(exits,)``: a query is denied where an exit's output is
+    less; ``grants.i.weight``, ``grants.i.bias`` and ``grants.thresholds`` of the same shapes, which older files do not
+    have: a query that no exit denies before is granted where a grant's output is more. Sizes: those of ``Mlp``.
     """
 
     method = "mlp-early"
@@ -119,7 +120,7 @@ class MlpEarly(Mlp):
         super().check_tensors()
         made_of = [part_of(self.tensors, self.sizes, depth) for depth in range(1, len(self.hidden) + 1)]
         self._parts = [Mlp(self.domain, *own, self._device) for own in made_of]
-        for part, threshold in zip(self._parts, self.exit_thresholds, strict=False):
+        for part, threshold in zip(self._parts, self.tensors["exits.thresholds"], strict=False):
             part.freeze(threshold, None)
         self._grants = [
             Mlp(self.domain, *grant_of(self.tensors, self.sizes, i), self._device) for i in range(len(self._parts) - 1)
@@ -145,21 +146,11 @@ class MlpEarly(Mlp):
         raise BounderError(f"{cls.method}: expected {expected}")
 
     @property
-    def exit_thresholds(self) -> np.ndarray:
-        """``(exits,)`` float32; a query is denied where an exit's output is less."""
-        return self.tensors["exits.thresholds"]
-
-    @property
     def parts(self) -> list[Mlp]:
         """The exits as networks by themselves, in order, then the network without exits; each at its threshold."""
         parts = [part.to(self._device) for part in self._parts]
         parts[-1].freeze(self.threshold, None)
         return parts
-
-    @property
-    def grant_thresholds(self) -> np.ndarray:
-        """``(exits,)`` float32; a query that no exit denies before is granted where a grant's output is more."""
-        return self.tensors["grants.thresholds"]
 
     def granting(self, grants: Sequence[tuple[np.ndarray, np.ndarray]], thresholds: Sequence[float]) -> "MlpEarly":
         """This bounder with other grants (weight and bias, shaped as of the exits) and their thresholds.
@@ -193,7 +184,7 @@ class MlpEarly(Mlp):
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         f = super().reference(v)
-        exits = zip(self._parts[:-1], self._grants, self.grant_thresholds, strict=True)
+        exits = zip(self._parts[:-1], self._grants, self.tensors["grants.thresholds"], strict=True)
         for part, grant, sure in reversed(list(exits)):  # the first to decide has the last word
             f = np.where(grant.reference(v) > float(sure), GRANTED, f)
             f = denied_early([part], v, f)

@@ -59,7 +59,8 @@ class TwoSided(Picklable):
         placed = {"xform": xform, "scale": scale}
         found = self.outer.query(x, out=out, **placed)
         if self.outer.device.is_cpu:  # only what is not outside for certain is asked whether it is inside
-            answers, points = found.numpy(), _indexable(x)
+            answers, points = found.numpy(), x.numpy() if isinstance(x, wp.array) else x
+            points = points if hasattr(points, "shape") else np.asarray(points, np.float64)
             left = np.flatnonzero(answers)
             answers[left] = YES - self.inner.query(points[left], **placed).numpy()
             return found
@@ -90,13 +91,6 @@ class TwoSided(Picklable):
 
     def __repr__(self) -> str:
         return f"<two-sided: {self.outer!r}, {self.inner!r}>"
-
-
-def _indexable(x):
-    """Accepted queries, of which some can be taken: an array or tensor of the same type of numbers."""
-    if isinstance(x, wp.array):
-        return x.numpy()
-    return x if hasattr(x, "shape") else np.asarray(x, np.float64)
 
 
 def two_sided(outer: Bounder, inner: Bounder) -> TwoSided:

@@ -23,7 +23,6 @@ from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.base import GUARD, PARALLEL
 from warp_bounding.queries.boundary import ObjectSupport, outline
 from warp_bounding.queries.domain import Domain
-from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 from warp_bounding.rounding import TINY, UNIT64, gamma, round_down, round_up
 from warp_bounding.shapes.grid import Grid
@@ -52,9 +51,9 @@ class VolumeSource(Source):
     texts: ClassVar[Mapping[str, str | Callable[[Any], str]]]  # by the kind of query that is tested
 
     def body(self, lanes: Lanes) -> str:
-        text = self.texts[self.tested_kind]
+        text = self.texts[self.query]
         own = {name: str(value).lower() for name, value in vars(self).items()}  # C's true and false
-        return fill(text(self) if callable(text) else text, n=self.tested_ndim, **own)
+        return fill(text(self) if callable(text) else text, n=self.ndim, **own)
 
 
 class VolumeBounder(Bounder):
@@ -79,16 +78,10 @@ class VolumeBounder(Bounder):
     def shape(self) -> Any:
         """The numbers of the volume in float64, as its tests take them."""
 
-    @property
-    def volume_domain(self) -> Domain:
-        """The domain of points."""
-        return self.domain.base
-
     @cached_property
     def test(self) -> Any:
         """The test of the volume, a ``VolumeTest``."""
-        kind = self.query_kind if self.domain.tested_as_region else POINT.name
-        return self.tests[kind](self.shape, self.domain)
+        return self.tests[self.query_kind](self.shape, self.domain)
 
     def weights(self) -> np.ndarray:
         return self.test.weights
@@ -116,7 +109,7 @@ class VolumeBounder(Bounder):
         hull, volume = whole_hull(grid), self.volume or self
         if hull is None:
             raise BounderError(f"{self.method}: {grid.name} has no known convex hull; give a resolution")
-        least, count = volume.hull_least(ObjectSupport(grid, self.volume_domain, hull))
+        least, count = volume.hull_least(ObjectSupport(grid, self.domain.base, hull))
         if self.volume is None:  # nothing else is asked f; that decides where the volume is the domain
             limit = self.domain.limit.astype(np.float64)[None]
             least = max(least, float(self.bound(-limit, limit).lower[0]))
@@ -542,14 +535,19 @@ class SlabBounder(FaceBounder):
         points = np.empty((0, base.ndim))
         if cls.of_samples:
             points = grid.position(grid.occupied) if gridded else outline(grid)
-        local = cls._local(cls.sampled_directions(points, **options), base.scale.astype(np.float64))
+        local = np.eye(base.ndim)
+        if not cls.diagonal:
+            local = cls.sampled_directions(points, **options) / base.scale.astype(np.float64)
+            local = local.astype(np.float32).astype(np.float64)
         if gridded:
             low, high = cls._faces_of_cells(grid, base, local)
         else:
             support = ObjectSupport(grid, base, whole_hull(grid))
             low, high = -support(-local), support(local)
         room = 2 * SlabPoint(Slabs(local, low, high, cls.diagonal), base).error
-        return cls._of_faces(domain, local, low - room, high + room, device)
+        # Of faces that are widened by twice the rounding bound, the proof finds a threshold of about zero.
+        tensors = {} if cls.diagonal else {"directions": local.astype(np.float32)}
+        return cls(domain, tensors | {"low": round_down(low - room), "high": round_up(high + room)}, {}, device)
 
     @staticmethod
     def _faces_of_cells(grid: Grid, base: Domain, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -563,16 +561,6 @@ class SlabBounder(FaceBounder):
         return low, high
 
     @classmethod
-    def _local(cls, directions: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        return np.eye(len(scale)) if cls.diagonal else (directions / scale).astype(np.float32).astype(np.float64)
-
-    @classmethod
-    def _of_faces(cls, domain: AnyDomain, local, low, high, device: str | None) -> "SlabBounder":
-        """Of faces that were widened by twice the rounding bound, the proof finds a threshold of about zero."""
-        tensors = {} if cls.diagonal else {"directions": local.astype(np.float32)}
-        return cls(domain, tensors | {"low": round_down(low), "high": round_up(high)}, {}, device)
-
-    @classmethod
     def sampled_directions(cls, samples: np.ndarray) -> np.ndarray:
         """``(k, m)`` float64, slab normals for ``(N, m)`` samples, in their units; the axes by default.
 
@@ -581,7 +569,7 @@ class SlabBounder(FaceBounder):
         return np.eye(samples.shape[1])
 
     def check_tensors(self) -> None:
-        n = self.volume_domain.ndim
+        n = self.domain.base.ndim
         count = n if self.diagonal else max(len(self.tensors.get("directions", ())), 1)
         directions = {} if self.diagonal else {"directions": (count, n)}
         self.expect_shapes(directions | {"low": (count,), "high": (count,)})
@@ -597,7 +585,7 @@ class SlabBounder(FaceBounder):
     @property
     def directions(self) -> np.ndarray:
         """``(k, n)`` float64, slab normals in the coordinates of points."""
-        return np.eye(self.volume_domain.ndim) if self.diagonal else self.tensors["directions"].astype(np.float64)
+        return np.eye(self.domain.base.ndim) if self.diagonal else self.tensors["directions"].astype(np.float64)
 
     @property
     def source(self) -> SlabsSource:

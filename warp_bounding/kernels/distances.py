@@ -82,26 +82,6 @@ class DistanceSource(Source):
     def start(self) -> int:
         return aligned(LABEL + 2 * self.ndim + HEADER + (HEADER_OF_TIME if self.time else 0))
 
-    @property
-    def columns(self) -> int:
-        return self.ndim
-
-    @property
-    def coordinates(self) -> int:
-        return self.ndim
-
-    @property
-    def is_region(self) -> bool:
-        return False
-
-    @property
-    def tested_kind(self) -> str:
-        return self.query
-
-    @property
-    def tested_ndim(self) -> int:
-        return self.ndim
-
     def around(self, placed: bool, values: bool) -> dict[str, str]:
         """See ``Source``: ``f`` becomes g (``after``), which is the answer or is compared with a radius."""
         texts = {
@@ -174,6 +154,10 @@ FINITE = 3.0e38
 SUMS = 16.0 * UNIT32  # of all numbers that are added up: more than six roundings
 
 
+def _named(source: DistanceSource, role: str) -> named:
+    return named(unique_name(source, role))
+
+
 @cache
 def owns_func(source: DistanceSource) -> wp.Function:
     """``owns(w) -> bool``: are these data of this source? Nothing is reported of others, whose domain is another."""
@@ -243,10 +227,6 @@ def distance_func(source: DistanceSource) -> wp.Function:
         return native_distance(data.parameters, data.words, x)
 
     return distance
-
-
-def _named(source: DistanceSource, role: str) -> named:
-    return named(unique_name(source, role))
 
 
 @cache

@@ -81,19 +81,15 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     texts = _shared(source, placed, values)
     texts |= {"block": source.block, "lanes": lanes_of(source), "read": read_rows(source.columns, source.width)}
     if source.packed:
-        loop = fill(text.GATHERED, **texts, unasked=_UNASKED[values], ask=_together(source, values))
+        early, ask = "\n".join(_early(test, values) for test in source.early()), source.ask(values)
+        if ask is None:
+            decision = "f[l]" if values else "!(f[l] < threshold)"
+            own = {"body": source.body(Lanes(vector=True)), "early": early, "lane_decision": decision}
+            ask, early = fill(text.TOGETHER, **own), ""
+        loop = fill(text.GATHERED, **texts, unasked=_UNASKED[values], ask=early + ask)
     else:
         loop = fill(text.ALL, **texts, body=source.body(Lanes(vector=True)))
     return fill(text.BATCH, **texts, loop=loop)
-
-
-def _together(source: Source, values: bool) -> str:
-    """C statements that answer the gathered queries by the source's ``early`` and ``body``."""
-    early, ask = "\n".join(_early(test, values) for test in source.early()), source.ask(values)
-    if ask is not None:
-        return early + ask
-    decision = "f[l]" if values else "!(f[l] < threshold)"
-    return fill(text.TOGETHER, body=source.body(Lanes(vector=True)), early=early, lane_decision=decision)
 
 
 def function_snippet(source: Source) -> str:

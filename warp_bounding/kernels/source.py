@@ -19,8 +19,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.queries import QUERIES
-from warp_bounding.queries.point import POINT
+from warp_bounding.queries import QUERIES, described
 from warp_bounding.queries.registry import locate
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import identity, native_text
@@ -112,32 +111,17 @@ class Source:
     @property
     def columns(self) -> int:
         """Numbers of a query."""
-        return QUERIES[self.query].columns(self.ndim)
+        return described(self.query).columns(self.ndim)
 
     @property
     def coordinates(self) -> int:
         """Numbers ``v`` that the body computes with: n, 2 n, or n + 1 (a plane's normal and offset)."""
-        return QUERIES[self.query].coordinates(self.ndim)
-
-    @property
-    def tested_as_point(self) -> bool:
-        """Whether ``v`` is one point of the space that is bounded, rather than a region in it."""
-        return not self.is_region
-
-    @property
-    def tested_kind(self) -> str:
-        """The kind of query that ``v`` is in the space that is bounded: a point, or the region itself."""
-        return POINT.name if self.tested_as_point else self.query
-
-    @property
-    def tested_ndim(self) -> int:
-        """Dimension of the space that is bounded."""
-        return self.coordinates if self.tested_as_point else self.ndim
+        return described(self.query).coordinates(self.ndim)
 
     @property
     def is_region(self) -> bool:
         """Whether a query is more than one point of the object's space."""
-        return QUERIES[self.query].is_region
+        return described(self.query).is_region
 
     def around(self, placed: bool, values: bool) -> dict[str, str]:
         """The C text around ``f``, by its names in ``batch.h``: from a query to v, and from f to what is answered.
@@ -204,41 +188,3 @@ def fill(text: str, **values: object) -> str:
 def words_at(whole: str, place: int | str) -> str:
     """A C declaration of ``words`` that begin at a place of those at the pointer ``whole``, for a member's text."""
     return f"const struct {{ const unsigned int* data; }} words = {{{whole} + {place}}}; (void)words;"
-
-
-# A lattice of parts in native code: where v lies among the edges of each axis, and the level, a byte, that stands
-# there.
-#
-# Comparisons with edges are exact, so every device finds the same part of the domain, and what is proven of a part
-# holds for each v in it.
-
-PER_WORD = 4  # levels, a byte each, in a word
-
-# The index of v's part, in array order: along each axis, how many edges v has reached.
-_PLACE = {True: "I part_ = {};\n$axes", False: "int part_ = 0;\n$axes"}
-_AXIS = {
-    True: "{ I i = {}; for (int e = $first; e < $last; ++e) i -= v[$k] >= w[e]; part_ = part_ * $count + i; }",
-    False: "{ int i = 0; for (int e = $first; e < $last; ++e) i += v[$k] >= w[e]; part_ = part_ * $count + i; }",
-}
-_LEVEL = {
-    True: """
-V level_;
-{
-    int at_[L]; float found_[L];  // in memory: lanes of a vector are dear one by one
-    *(J*)at_ = part_;
-    for (int l = 0; l < L; ++l) found_[l] = (float)(words.data[at_[l] >> 2] >> (8 * (at_[l] & 3)) & 255u);
-    level_ = *(const V*)found_;
-}
-""",
-    False: "const float level_ = (float)(words.data[part_ >> 2] >> (8 * (part_ & 3)) & 255u);\n",
-}
-
-
-def level_text(shape: tuple[int, ...], first: int, vector: bool) -> str:
-    """C statements that compute ``level_`` from ``v``, ``w``, where edges begin at ``first``, and ``words``."""
-    lines = []
-    for k, count in enumerate(shape):
-        if count > 1:
-            lines.append(fill(_AXIS[vector], k=k, first=first, last=first + count - 1, count=count))
-        first += count - 1
-    return fill(_PLACE[vector], axes="\n".join(lines)) + _LEVEL[vector]

@@ -33,6 +33,8 @@ class DistanceQuery:
         """Numbers of a query."""
         return ndim
 
+    coordinates = columns
+
 
 DISTANCE = DistanceQuery()
 

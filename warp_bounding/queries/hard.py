@@ -60,7 +60,10 @@ class HardPositives:
         if form == "float64":
             count = min(count, RATIONAL) if self._grid else count
             q = self._drawn(seed, count, rng)
-            return q[self._certain64(q)]
+            if not self._grid:
+                return q[self._truth(q)]
+            truth = [kind.truth(self.shape, x[None], self.length, kind.near(self.shape, x)) for x in q]
+            return q[np.concatenate(truth)]
         if form == "placed" and not kind.is_region:
             x = self._points(seed, count, rng) @ world.forward.T + world.translation
             q = x.astype(np.float32)
@@ -91,13 +94,6 @@ class HardPositives:
     def _drawn(self, seed: int, count: int, rng: np.random.Generator) -> np.ndarray:
         """``(count, m)`` float64, positives for the most part."""
         return self.kind.hardest(self.shape, self._points(seed, count, rng), rng, self.length, self._hulls)
-
-    def _certain64(self, q: np.ndarray) -> np.ndarray:
-        if not self._grid:
-            return self._truth(q)
-        kind, shape = self.kind, self.shape
-        truth = [kind.truth(shape, each[None], self.length, kind.near(shape, each)) for each in q]
-        return np.concatenate(truth)
 
 
 # --- statistics ------------------------------------------------------------------------------------------------------

@@ -52,6 +52,8 @@ WAY = 0.25
 # most, and the vertex by sqrt(3) as much: 7/8 of this. The rest outweighs all that float64 rounds.
 EVALUATION = 2.0**-23
 
+MOST_LANDMARKS = 2**16  # corners at keyframes; of more only every second, or third, is one
+
 
 @dataclass(frozen=True, eq=False)
 class MovingMesh(Faces):
@@ -167,12 +169,36 @@ class MovingMesh(Faces):
         return self.times.astype(np.float64)
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin from them."""
-        return random_places(self.times, self.frames, self.faces, self.margin, count, rng)
+        """``(count, 4)`` float64: points of faces at random times; of a dilated motion up to the margin from them.
+
+        They are uniform by the faces' area at the keyframe before.
+        """
+        times, frames, faces = self.times.astype(np.float64), self.frames, self.faces
+        time = np.sort(rng.uniform(times[0], times[-1], count))
+        edges = np.searchsorted(time, times[1:-1])
+        found = []
+        for k, part in enumerate(np.split(time, edges)):
+            first, last = (f[faces].astype(np.float64) for f in (frames[k], frames[k + 1]))
+            area = np.linalg.norm(np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]), axis=1)
+            area = area if area.any() else np.ones(len(faces))
+            face = rng.choice(len(faces), len(part), p=area / area.sum())
+            share = ((part - times[k]) / (times[k + 1] - times[k]))[:, None, None]
+            corners = (1 - share) * first[face] + share * last[face]
+            found.append(np.einsum("nk,nkx->nx", rng.dirichlet(np.ones(3), len(part)), corners))
+        away = rng.normal(size=(count, 3))
+        away *= self.margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+        return rng.permutation(np.column_stack([time, np.concatenate(found) + away]))
 
     def landmarks(self) -> np.ndarray:
         """``(P, 4)`` float64: vertices of faces at keyframes; of a dilated motion, points above and below them."""
-        points = corner_places(self.times, self.frames, self.faces, self.margin)
+        used, found = np.unique(self.faces), []
+        stride = max(1, len(self.frames) * len(used) // MOST_LANDMARKS)
+        for number, (time, frame) in enumerate(zip(self.times, self.frames, strict=True)):
+            some, vertices = used[number % stride :: stride], frame.astype(np.float64)
+            away = self.margin * _normals(vertices, self.faces)[some] if self.margin else np.zeros(3)
+            for way in (away, -away) if self.margin else (away,):
+                found.append(np.insert(vertices[some] + way, 0, time, axis=1))
+        points = np.concatenate(found)
         if not self.margin:
             return points
         nearer = self._with_margin(LANDMARK * self.margin)
@@ -261,25 +287,6 @@ class MovingMesh(Faces):
         return occupancy
 
 
-# --- Places on and over the surface -----------------------------------------------------------------------------------
-
-MOST = 2**16  # corners at keyframes; of more only every second, or third, is one
-
-
-def corner_places(times: np.ndarray, frames: np.ndarray, faces: np.ndarray, margin: float) -> np.ndarray:
-    """``(P, 4)`` float64, time first: vertices of faces at keyframes; with a margin, what lies over them either way."""
-    used = np.unique(faces)
-    stride = max(1, len(frames) * len(used) // MOST)
-    found = []
-    for number, (time, frame) in enumerate(zip(times, frames, strict=True)):
-        some = used[number % stride :: stride]
-        vertices = frame.astype(np.float64)
-        away = margin * _normals(vertices, faces)[some] if margin else np.zeros(3)
-        for way in (away, -away) if margin else (away,):
-            found.append(np.insert(vertices[some] + way, 0, time, axis=1))
-    return np.concatenate(found)
-
-
 def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """``(V, 3)``, directions of length 1, or 0: sums of the normals of faces, weighted by their areas."""
     corner, *others = vertices[faces].transpose(1, 0, 2)
@@ -289,24 +296,3 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     )
     lengths = np.linalg.norm(sums, axis=1, keepdims=True)
     return sums / np.where(lengths > 0, lengths, 1.0)
-
-
-def random_places(
-    times: np.ndarray, frames: np.ndarray, faces: np.ndarray, margin: float, count: int, rng: np.random.Generator
-) -> np.ndarray:
-    """``(count, 4)`` float64, time first, up to ``margin`` from faces, uniform by their area at the keyframe before."""
-    times = times.astype(np.float64)
-    time = np.sort(rng.uniform(times[0], times[-1], count))
-    edges = np.searchsorted(time, times[1:-1])
-    found = []
-    for k, part in enumerate(np.split(time, edges)):
-        first, last = (f[faces].astype(np.float64) for f in (frames[k], frames[k + 1]))
-        area = np.linalg.norm(np.cross(first[:, 1] - first[:, 0], first[:, 2] - first[:, 0]), axis=1)
-        area = area if area.any() else np.ones(len(faces))
-        face = rng.choice(len(faces), len(part), p=area / area.sum())
-        share = ((part - times[k]) / (times[k + 1] - times[k]))[:, None, None]
-        corners = (1 - share) * first[face] + share * last[face]
-        found.append(np.einsum("nk,nkx->nx", rng.dirichlet(np.ones(3), len(part)), corners))
-    away = rng.normal(size=(count, 3))
-    away *= margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
-    return rng.permutation(np.column_stack([time, np.concatenate(found) + away]))
