@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import object_points, shape
+from enclosures import enclosure
 from region_cases import hard_regions
 
 pytest.importorskip("torch", reason="torch is not installed")
@@ -36,15 +37,6 @@ class Leaky(Activation):
 
     def value(self, z):
         return np.maximum(z, z / 8)
-
-    def relax(self, z, near, noise):
-        """The chord, and half of what the corner lies under it."""
-        width = near + noise
-        low, high = z - width, z + width
-        rising = np.clip(high / (2 * width), 0.0, 1.0)
-        spread = np.where((low < 0) & (high > 0), -0.875 * rising * low / 2, 0.0)
-        slope = 0.125 + 0.875 * rising
-        return slope, slope * z + spread, np.zeros_like(z), spread
 
     def relaxation(self):
         return """
@@ -102,10 +94,11 @@ def test_an_activation_of_ones_own(query, tmp_path, rng):
 def test_its_relaxation_holds_and_its_kernel_does_the_same(leaky, rng):
     z = rng.normal(size=(500, 9)) * 3
     near, noise = (10 ** rng.uniform(-6, 1, z.shape) for _ in range(2))
-    slope, mean, _, spread = leaky.relax(z, near, noise)
+    chord = enclosure("leaky", z, near, np.zeros_like(z), noise)
     for _ in range(200):
         x = rng.uniform(-1, 1, z.shape) * near + rng.uniform(-1, 1, z.shape) * noise
-        assert (np.abs(leaky.value(z + x) - mean - slope * x) <= spread + 1e-12 * (1 + np.abs(z) + near + noise)).all()
+        away, rounding = np.abs(leaky.value(z + x) - chord.mean - chord.slope * x), 1 + np.abs(z) + near + noise
+        assert (away <= chord.spread + 1e-12 * rounding).all()
     part = network("point").network
     center, radius = rng.uniform(-0.9, 0.9, (200, 2)), 10 ** rng.uniform(-4, -1, (200, 1))
     least = part.bound(center - radius, center + radius).lower

@@ -7,7 +7,7 @@ Its slopes lie between -1 and 1: rounding and bounds are passed on through it un
 import math
 from abc import ABC, abstractmethod
 from functools import lru_cache
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import warp as wp
@@ -29,7 +29,7 @@ class Activation(ABC):
         plain: Warp's own Python of ``statement``: a ``wp.func`` of one float.
         limit: Largest |argument| for which ``error`` holds.
         largest: Bound of |value|; where it is ``None``, |value| <= |argument|.
-        bends: Whether bounds enclose it by a cubic (``curve``) rather than by a line (``relax``).
+        bends: Whether bounds enclose it by a cubic rather than by a line (``relaxation``).
         wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells
             apart.
         support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
@@ -60,31 +60,18 @@ class Activation(ABC):
     def value(self, z: np.ndarray) -> np.ndarray:
         """The value at each of an array's numbers, as exactly as their type allows."""
 
-    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
-        """A line with a band that holds the values at arguments ``z + l + y``; of activations that do not bend.
-
-        The part l of an argument is linear in the coordinates of a box, ``|l| <= near``, all that is not linear is y,
-        ``|y| <= noise``; near and noise are not both 0. Returns slope, mean, bend and spread, each ``(N, H)`` as the
-        arguments: the value is ``mean + slope (l + y)`` to within ``spread``, and bend is 0. The caller adds what
-        float64 rounds.
-        """
-        raise NotImplementedError(f"{self.name}: an activation whose `bends` is False defines `relax`")
-
-    def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> "Curve":
-        """A cubic with a band that holds the values at arguments ``z + l + p + y``; of activations that bend.
-
-        The part l is linear in the coordinates of a box, ``|l| <= near``, p is a quadratic form, ``|p| <= radius``, y
-        is all the rest, ``|y| <= noise``; not all of the three are 0. The caller adds what float64 rounds.
-        """
-        raise NotImplementedError(f"{self.name}: an activation whose `bends` is True defines `curve`")
-
     @abstractmethod
     def relaxation(self) -> str:
-        """C lambdas for bounds: ``act_<name>(z)``, and ``relax_<name>(z, near, noise, slope, mean, bend, spread)``.
+        """C lambdas for bounds: ``act_<name>(z)``, and a line or a cubic with a band that holds the values.
 
-        Of an activation that bends, the second is ``curve_<name>(z, near, radius, noise, slope, mean, lean, bend, cube,
-        cross, spread)``. They do the operations of ``value``, ``relax`` and ``curve``, in type ``V``: doubles, one a
-        lane (``I`` are as many ``long long``), or on CUDA one double; ``zero`` is 0 of that type.
+        The argument is ``z + l + p + y``: l is linear in the coordinates of a box, ``|l| <= near``; p is a quadratic
+        form, ``|p| <= radius``; y is all the rest, ``|y| <= noise``; they are not all 0. The caller adds what float64
+        rounds. ``relax_<name>(z, near, noise, slope, mean, bend, spread)`` is of an activation that does not bend, for
+        which p is a part of y: the value is ``mean + slope (l + y)`` to within ``spread``, and bend is 0.
+        ``curve_<name>(z, near, radius, noise, slope, mean, lean, bend, cube, cross, spread)`` is of one that bends: the
+        value is ``mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p`` to within ``spread``. Numbers
+        are of type ``V``: doubles, one a lane (``I`` are as many ``long long``), or on CUDA one double; ``zero`` is 0
+        of that type.
         """
 
     # --- training ----------------------------------------------------------------------------------------------------
@@ -96,22 +83,6 @@ class Activation(ABC):
     @abstractmethod
     def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
         """Write the derivative at z, where ``h`` is the value, into ``out``."""
-
-
-class Curve(NamedTuple):
-    """A cubic enclosure of an activation; each attribute ``(N, H)``.
-
-    The value at ``z + l + p + y`` is ``mean + slope (l + p + y) + lean l + bend l^2 + cube l^3 + cross l p`` to within
-    ``spread``.
-    """
-
-    mean: np.ndarray
-    slope: np.ndarray
-    lean: np.ndarray
-    bend: np.ndarray
-    cube: np.ndarray
-    cross: np.ndarray
-    spread: np.ndarray
 
 
 def constant(value: float) -> str:
@@ -150,13 +121,6 @@ class _Relu(Activation):
     def value(self, z: np.ndarray) -> np.ndarray:
         return np.maximum(z, 0.0)
 
-    def relax(self, z: np.ndarray, near: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, ...]:
-        width = near + noise
-        low, high = z - width, z + width
-        slope = np.clip(high / (2 * width), 0.0, 1.0)
-        spread = np.where((low < 0) & (high > 0), -slope * low / 2, 0.0)
-        return slope, slope * z + spread, np.zeros_like(z), spread
-
     def relaxation(self) -> str:
         return """
 auto act_relu = [&](V z) { return z > zero ? z : zero; };
@@ -188,7 +152,7 @@ RELU = _Relu()
 # its distance from the true sine, for arguments up to ``limit``; networks that reach farther are refused. The
 # libraries' ``sinf`` differ from device to device and promise nothing.
 #
-# The relaxation (``curve``) encloses the sine around a centre z by a cubic with a band. The argument is ``z + x``, ``x
+# The relaxation encloses the sine around a centre z by a cubic with a band. The argument is ``z + x``, ``x
 # = l + p + y``: l is linear in the coordinates of a box, ``|l| <= near``, p is a quadratic form, ``|p| <= radius``,
 # and of y only ``|y| <= noise`` is known. With ``w = p + y``, ``W = radius + noise`` and ``D = near + W``, so that
 # ``|x| <= D``, of ``sin(z + x) = sin z cos x + cos z sin x``
@@ -224,7 +188,7 @@ SINE_LIMIT = 4096.0  # largest |argument| of the certified range
 REDUCED = 1.5725
 
 # Bound of the error of the float64 sine and cosine of bounds for |z| <= 4000 pi: Taylor remainders under 7e-12 (degrees
-# 15 and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. ``curve``
+# 15 and 16 on [-pi/2, pi/2]), the reduction under 2^-52 (1 + n 2^-30), about 30 roundings of terms under 2. The curve
 # adds 4 SLACK (1 + D^2 + D^4) to its band: at x, mean, slopes, curves and band carry no more such errors together.
 #
 # Why it is enough up to 4000 pi > 3 LIMIT + 1: a network's arguments are certified up to LIMIT = 2^12 for activations
@@ -301,29 +265,6 @@ class _Sine(Activation):
 
     def value(self, z: np.ndarray) -> np.ndarray:
         return np.sin(z)
-
-    def curve(self, z: np.ndarray, near: np.ndarray, radius: np.ndarray, noise: np.ndarray) -> Curve:
-        sine, cosine = np.sin(z), np.cos(z)
-        bent = radius + noise
-        size = near + bent
-        d2, n2, w2 = size * size, near * near, bent * bent
-        d4, d3, even, odd = d2 * d2, d2 * size, np.abs(sine), np.abs(cosine)
-        bend, cube = sine * (d2 / 24 - 0.5), cosine * (d2 / 96 - 1 / 6)
-        height, rise = np.abs(bend), np.abs(cube)
-        even_line = even * (d2 / 4)
-        even_curve = even * (d4 * (1 / 192 + d2 / 720)) + height * (2 * near * noise + w2 / 2)
-        odd_line = odd * (d3 * (1 / 24 + d2 / 120))
-        odd_curve = odd * (d4 * size * (1 / 1920 + d2 / 5040)) + rise * (1.5 * near * bent * size + w2 * bent / 4)
-        bends, twists = even_curve < even_line, odd_curve < odd_line
-        mean = np.where(bends, sine * (1 - d4 / 192) + bend * w2 / 2, sine * (1 - d2 / 4))
-        slope = np.where(twists, cosine * (1 - d4 / 384) + cube * (1.5 * n2 + 0.75 * w2), cosine * (1 - d2 / 8))
-        lean = np.where(twists, cube * (0.75 * w2 - 1.5 * n2), 0.0)
-        bend, cube = np.where(bends, bend, 0.0), np.where(twists, cube, 0.0)
-        spread = np.minimum(even_curve, even_line) + np.minimum(odd_curve, odd_line) + 4 * SINE_SLACK * (1 + d2 + d4)
-        heights = np.abs(bend) * near * (near / 2 + 2 * radius) + np.abs(cube) * n2 * near / 4
-        flat = spread + heights > 1
-        parts = (np.where(flat, 0.0, part) for part in (mean, slope, lean, bend, cube, 2 * bend))
-        return Curve(*parts, np.where(flat, 1.0, spread))
 
     def relaxation(self) -> str:
         return f"""{_sincos()}

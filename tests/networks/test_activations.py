@@ -59,15 +59,6 @@ def test_what_the_registry_says_of_an_activation(name):
     assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
     assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
     assert activation.error(1.0) < 1e-5
-    near, noise = np.full((1, len(x)), 0.1), np.full((1, len(x)), 1e-3)
-    if activation.bends:
-        assert (activation.curve(x[None], near, noise, noise).bend != 0).any()
-        with pytest.raises(NotImplementedError, match=f"{name}: .*defines `relax`"):
-            activation.relax(x[None], near, noise)
-    else:
-        assert (activation.relax(x[None], near, noise)[2] == 0).all()
-        with pytest.raises(NotImplementedError, match=f"{name}: .*defines `curve`"):
-            activation.curve(x[None], near, noise, noise)
 
 
 def plain_kernel(activation):

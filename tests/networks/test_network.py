@@ -6,23 +6,16 @@ from itertools import pairwise, product
 import numpy as np
 import pytest
 from bounding_shapes import NETWORKS, crossed, random_bounder, random_mlp, shape
+from enclosures import enclosure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from warp_bounding.activations import ACTIVATIONS, SINE_LIMIT, Curve
+from warp_bounding.activations import ACTIVATIONS, SINE_LIMIT
 from warp_bounding.bounders import METHODS
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
 
 F32, REAL = np.float32, np.longdouble
-
-
-def enclosure(activation, z, near, radius, noise):
-    """``Curve`` of any activation."""
-    if activation.bends:
-        return activation.curve(z, near, radius, noise)
-    slope, mean, bend, spread = activation.relax(z, near, radius + noise)
-    return Curve(mean, slope, bend, bend, bend, bend, spread)
 
 
 @settings(deadline=None, max_examples=25)
@@ -32,7 +25,7 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
     z = rng.normal(size=(1, 400)) * 10.0 ** rng.uniform(-3, 2)
     width = 10.0**exponent * rng.uniform(0.1, 1, z.shape)
     noise, radius = (width * rng.choice([0.0, 1e-3, 0.3, 3.0], z.shape) for _ in range(2))
-    curve = enclosure(ACTIVATIONS[activation], z.copy(), width, radius, noise)
+    curve = enclosure(activation, z, width, radius, noise)
     rounding = 8 * 2.0**-52 * (1 + np.abs(z) + width + radius + noise)  # `bound` pays for it apart ("padding")
     ends = np.linspace(-1, 1, 9)[:, None]
     for t in np.linspace(-1, 1, 41)[:, None]:

@@ -71,39 +71,36 @@ class Option:
     queries: tuple[str, ...] = tuple(QUERIES)
 
 
-def whole(name: str, least: int, most: int | None = None) -> Callable[[Any], int]:
-    """A check for whole numbers of at least ``least``, and where there is one, at most ``most``."""
-    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+def checked(name: str, expected: Callable[[], str], fits: Callable[[Any], bool], made: Callable = lambda value: value):
+    """A check for values that fit: they are ``made`` what the method uses; what was ``expected`` is for the message."""
 
-    def check(value: Any) -> int:
-        whole_number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
-        if not whole_number or value < least or (most is not None and value > most):
-            raise BounderError(f"{name} must be a whole number {limits}, got {value!r}")
-        return int(value)
+    def check(value: Any) -> Any:
+        if not fits(value):
+            raise BounderError(f"{name} must be {expected()}, got {value!r}")
+        return made(value)
 
     return check
+
+
+def whole(name: str, least: int, most: int | None = None) -> Callable[[Any], int]:
+    """A check for whole numbers of at least ``least``, and where there is one, at most ``most``."""
+
+    def fits(value: Any) -> bool:
+        whole_number = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        return whole_number and value >= least and (most is None or value <= most)
+
+    limits = f"of at least {least}" if most is None else f"from {least} to {most}"
+    return checked(name, lambda: f"a whole number {limits}", fits, int)
 
 
 def one_of(name: str, names: Iterable[str]) -> Callable[[Any], str]:
-    """A check for names."""
-
-    def check(value: Any) -> str:
-        if value not in tuple(names):
-            raise BounderError(f"{name} must be one of {', '.join(names)}, got {value!r}")
-        return value
-
-    return check
+    """A check for names, of which there may be more later."""
+    return checked(name, lambda: f"one of {', '.join(names)}", lambda value: value in tuple(names))
 
 
 def truth(name: str) -> Callable[[Any], bool]:
     """A check for truth values."""
-
-    def check(value: Any) -> bool:
-        if not isinstance(value, bool):
-            raise BounderError(f"{name} must be True or False, got {value!r}")
-        return value
-
-    return check
+    return checked(name, lambda: "True or False", lambda value: isinstance(value, bool))
 
 
 _STEPS = "training steps, instead of seconds: repeatable to the bit on a machine"

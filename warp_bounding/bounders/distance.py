@@ -25,7 +25,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders.bounder import Bounder, Option, taken
+from warp_bounding.bounders.bounder import Bounder, Option, checked, taken
 from warp_bounding.bounders.volumes import Aabb, Kdop, Obb
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, QueryError
@@ -124,15 +124,12 @@ def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
 METRIC = Option("metric", METRICS[0], f"of a shape whose coordinate 0 is time: {' or '.join(METRICS)}")
 
 
-def _checked_reach(value) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not number or not 0 <= value <= 4:
-        raise BounderError(f"reach must be a number from 0 to 4, got {value!r}")
-    return float(value)
+def _is_reach(value) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 4
 
 
 _REACH = "by how much F is asked beyond the object's box, as a share of its longest side"
-REACH = Option("reach", 0.1, _REACH, _checked_reach, float)
+REACH = Option("reach", 0.1, _REACH, checked("reach", lambda: "a number from 0 to 4", _is_reach, float), float)
 
 
 class DistanceBounder(Bounder):
@@ -626,14 +623,10 @@ class VolumeDistance(DistanceBounder):
             raise BounderError(f"{self.method}: the volume is of another kind of object")
         if not np.isfinite(threshold) or float(np.float32(threshold)) != threshold:
             raise BounderError(f"{self.method}: the volume's threshold {threshold} is not a finite float32 number")
-        self._volume = self.bounds(domain, self.tensors, told["sizes"], self._device).freeze(threshold, None)
-        self._form = self.form_of(self._volume, self.domain)
+        self.volume = self.bounds(domain, self.tensors, told["sizes"], self._device).freeze(threshold, None)
+        self._form = self.form_of(self.volume, self.domain)
         if not (np.isfinite(self._form.numbers).all() and np.isfinite(self._form.error)):
             raise BounderError(f"{self.method}: numbers are so large that float32 cannot hold them")
-
-    @property
-    def volume(self) -> Bounder:
-        return self._volume
 
     @property
     def source(self) -> DistanceSource:

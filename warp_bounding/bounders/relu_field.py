@@ -24,7 +24,7 @@ from warp_bounding.queries.base import direction_rounding
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 from warp_bounding.rounding import TINY, UNIT64, gamma
-from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.grid import Grid, block_counts, summed_area
 
 # --- native ----------------------------------------------------------------------------------------------------------
 #
@@ -124,28 +124,15 @@ def _points(grid: Grid, domain: Domain, field) -> Iterator[Boxes]:
         yield domain.widened(grid.position(part - 0.5), grid.position(part + 0.5))
 
 
-def _table(grid: Grid) -> np.ndarray:
-    """Summed-area table, one row and column of zeros before it."""
-    return np.pad(grid.occupancy, [(1, 0)] * 2).astype(np.int32).cumsum(axis=0).cumsum(axis=1)
-
-
-def _count(table: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Occupied cells in blocks first .. last - 1 of a table, indices cut at its ends."""
-    a, b = (np.clip(f, 0, s - 1) for f, s in zip(first, table.shape, strict=True))
-    c, d = (np.clip(f, 0, s - 1) for f, s in zip(last, table.shape, strict=True))
-    c, d = np.maximum(a, c), np.maximum(b, d)
-    return table[c, d] - table[a, d] - table[c, b] + table[a, b]
-
-
 def _boxes(grid: Grid, domain: RegionDomain, field) -> Iterator[Boxes]:
-    base, table = domain.base, _table(grid)
+    base, table = domain.base, summed_area(grid.occupancy)
     reach, limit = base.delta * WIDENED + 1e-14, base.limit.astype(np.float64)
     edges = [_on_axis(grid, base, k, np.arange(r + 1) - 0.5) for k, r in enumerate(grid.shape)] * 2
     both, ends, last = np.tile(reach, 2), np.tile(limit, 2), np.tile(grid.shape, 2) - 1
     pairs = [np.array([(i, j) for i in range(r) for j in range(i, r)]) for r in grid.shape]  # cells of low and of high
     for low, high in pairs[0]:
         cells = np.insert(pairs[1], [0, 1], (low, high), axis=1)
-        cells = cells[_count(table, cells[:, :2].T, cells[:, 2:].T + 1) > 0]
+        cells = cells[block_counts(table, cells[:, :2], cells[:, 2:] + 1) > 0]
         lower, upper = (np.stack([e[c + s] for e, c in zip(edges, cells.T, strict=True)], axis=1) for s in (0, 1))
         # low <= p + delta, high >= p - delta; the ends of the domain reach to its limit
         lower, upper = np.maximum(lower - both, -ends), np.minimum(upper + both, ends)
@@ -184,7 +171,7 @@ def _planes(grid: Grid, domain: RegionDomain, field) -> Iterator[Boxes]:
 
 
 def _rays(grid: Grid, domain: RegionDomain, field) -> Iterator[Boxes]:
-    base, table = domain.base, _table(grid)
+    base, table = domain.base, summed_area(grid.occupancy)
     reach, limit = base.delta * WIDENED + 1e-14, base.limit.astype(np.float64)
     stretch, slack = domain.stretch.astype(np.float64), 2 * direction_rounding(2)
     edges = []
@@ -235,7 +222,7 @@ MOST_POINT_NODES = 1024  # along each axis of a field of points
 MOST_BREAKS = 4  # of the field along one axis of a box whose bound is taken exactly
 SNAP = 1e-3  # nodes: an end of a box this near to a node is moved there, and its slope paid for
 AT_ONCE = 4096  # boxes
-CHUNK_OF_RELU_FIELD = 1 << 16  # points
+POINTS_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -356,10 +343,8 @@ class ReluField(Bounder):
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         t, nodes = self.field.coordinates(v), self.field.nodes
-        parts = [
-            interpolate(self._values, nodes, t[i : i + CHUNK_OF_RELU_FIELD])
-            for i in range(0, len(t), CHUNK_OF_RELU_FIELD)
-        ]
+        starts = range(0, len(t), POINTS_AT_ONCE)
+        parts = [interpolate(self._values, nodes, t[i : i + POINTS_AT_ONCE]) for i in starts]
         return np.clip(np.concatenate([*parts, np.zeros(0)]), 0, 1)
 
     @cached_property

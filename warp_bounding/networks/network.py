@@ -4,8 +4,8 @@ A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the o
 
 Bounds enclose the activation of each neuron at ``z + x``, ``x = l + p + y``, where l is linear in the box's
 coordinates, p is the quadratic form that the parabolas of the layers below make together, and y is all the rest: by a
-line or a cubic in l, whose coefficients are the same above and below, and a band (``Activation.relax``,
-``Activation.curve``). So layers compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective
+line or a cubic in l, whose coefficients are the same above and below, and a band (``Activation.relaxation``). So
+layers compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective
 Robustness Certification*, 2018), and Taylor models (Makino and Berz, *Taylor Models and Other Validated Functional
 Inclusion Methods*, 2003). Forwards, centres, linear parts and quadratic forms stay, in which those of many neurons
 cancel, and half-widths of the rest. Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al.

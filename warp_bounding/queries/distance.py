@@ -73,8 +73,7 @@ def in_metric(shape: Shape, metric: str) -> Shape:
 # that are inside with them are times at which there is no object to miss.
 
 EVALUATED = 1.0 + 1e-12  # covers the float64 evaluation of a few sums and products
-# of the domain's longest side: float32 must distinguish points that are this far from each other in it
-COARSEST = 2.0**-12
+COARSEST = 2.0**-12  # of the domain's longest side: float32 must tell apart points in it that are this far apart
 
 
 def object_box(shape: Shape) -> tuple[np.ndarray, np.ndarray]:

@@ -26,9 +26,7 @@ from warp_bounding.rounding import TINY, UNIT32, UNIT64, gamma, round_down, roun
 from warp_bounding.shapes.joints import Joints
 from warp_bounding.shapes.shape import Shape
 
-# of a detail (of a grid, a cell): the input error that proofs allow for where rounding needs less
-
-DELTA_SHARE = 1.0 / 4096.0
+DELTA_SHARE = 1.0 / 4096.0  # of a detail (of a grid, a cell): the input error allowed for where rounding needs less
 # Times what the map rounds: room for a placement, which joints that are turned back do not have.
 PLACED, TURNED = 4.0, 1.0 + 2.0**-4
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused

@@ -157,15 +157,11 @@ class RegionDomain:
         box none. Where coordinate 0 is time one more: a coordinate 0 of at most this, in absolute value and in local
         space, certainly lies inside the range of time, whatever the map rounds.
         """
-        return np.concatenate([self.kind.extra(self), self._time_limit])
-
-    @property
-    def _time_limit(self) -> np.ndarray:
-        """``(1,)`` float32, or none where there is no time: the nearer end of the range less twice the rounding."""
+        own = self.kind.extra(self)
         if not self.time:
-            return np.zeros(0, np.float32)
+            return own
         low, high = -self.base.to_local(self.lower)[0], self.base.to_local(self.upper)[0]
-        return round_down([min(low, high) - 2 * self.kind.rounding(self.base, self.length)[0]])
+        return np.append(own, round_down(min(low, high) - 2 * self.kind.rounding(self.base, self.length)[0]))
 
     def to_local(self, q: np.ndarray) -> np.ndarray:
         """``v`` ``(N, ndim)`` float64 of finite queries ``(N, 2 n)`` in object space that meet the domain."""

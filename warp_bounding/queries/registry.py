@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
+import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.queries.base import Query
@@ -143,6 +144,10 @@ for (int sample = 0; sample < COUNT; ++sample) {{
 """
 
 
+def _kernel(query: str, ndim: int) -> wp.Kernel:
+    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, _body(QUERIES[query], ndim))
+
+
 class SampledOracle(ExactOracle):
     """The paper's labels, a subset of the exact ones: sampling misses thin hits and invents none.
 
@@ -158,9 +163,7 @@ class SampledOracle(ExactOracle):
         with np.errstate(divide="ignore"):
             outside = np.log1p(-np.prod(free[1:] / (2 * PLANE_SPAN)))
         arrays = {"map": np.concatenate([grid.lower, grid.upper, [outside]]), "cells": grid.occupancy.astype(np.uint8)}
-        n = grid.ndim
-        kernel = oracle_kernel(f"wb_sampled_{query}_{n}d", n, 2 * n, _body(kind, n))
-        super().__init__(kind, grid, device, length, kernel, arrays)
+        super().__init__(kind, grid, device, length, _kernel(query, grid.ndim), arrays)
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         return super().__call__(q) if self.kind.is_region else self._exact(q)

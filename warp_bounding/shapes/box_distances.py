@@ -72,13 +72,29 @@ class BoxDistances:
             ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
             inputs = [*self._inputs, wp.float64(self._size), *boxes, held, wp.float64(least), ends]
             made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
-            launch_on_cores(overestimate_kernel(self._n), len(out), inputs, [made], "cpu")
+            launch_on_cores(_overestimates(self._n), len(out), inputs, [made], "cpu")
         return out
+
+
+@cache
+def _wide(n: int) -> wp.Function:
+    """The same n numbers in float64."""
+    vector, narrow = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32)
+
+    @wp.func
+    def wide(x: narrow) -> vector:
+        y = vector()
+        for k in range(n):
+            y[k] = wp.float64(x[k])
+        return y
+
+    return wide
 
 
 @cache
 def _kernel(n: int, time: bool) -> wp.Kernel:
     vector, narrow, first_axis = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32), int(time)
+    wide = _wide(n)
     stack_of = wp.types.vector(DEEPEST, wp.int32)
 
     @wp.func
@@ -93,13 +109,6 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
             else:
                 total += away * away
         return total
-
-    @wp.func
-    def wide(x: narrow) -> vector:
-        y = vector()
-        for k in range(n):
-            y[k] = wp.float64(x[k])
-        return y
 
     @wp.kernel(enable_backward=False, module="unique")
     def find(
@@ -152,21 +161,17 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
 # Taken are m = 1 and the function's own slope along n; n leads from the piece's nearest point to the centre of the box,
 # or out of the piece's nearest face where the centre lies in it.
 
-# relative to all coordinates and values: some hundred times what float64 rounds in these few sums and products
-
+# Relative to all coordinates and values: some hundred times what float64 rounds in these few sums and products.
 ROOM = 2.0**-44
 SHORTEST = 2.0**-300  # a piece that is nearer to the centre has no direction
 
 
 @cache
-def overestimate_kernel(n: int) -> wp.Kernel:
-    """The structure of box distances in n dimensions.
-
-    Its fields are ``(first, lower, upper, node_lower, node_upper, links, room, box_lower, box_upper, values, least,
-    enough, overestimate)``.
-    """
+def _overestimates(n: int) -> wp.Kernel:
+    """The kernel of overestimates over box distances in n dimensions."""
     vector, narrow = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32)
     stack_of, corners, count = wp.types.vector(DEEPEST, wp.int32), wp.types.vector(2**n, wp.float64), 2**n
+    wide = _wide(n)
 
     @wp.func
     def number(low: vector, high: vector, centre: vector, half: vector, values: corners, room: wp.float64):
@@ -208,13 +213,6 @@ def overestimate_kernel(n: int) -> wp.Kernel:
             whole = wp.max(whole, values[i] - along)
             part = wp.max(part, values[i] - share * along)
         return wp.min(whole + support, part + share * support) + room, length
-
-    @wp.func
-    def wide(x: narrow) -> vector:
-        y = vector()
-        for k in range(n):
-            y[k] = wp.float64(x[k])
-        return y
 
     @wp.kernel(enable_backward=False, module="unique")
     def find(

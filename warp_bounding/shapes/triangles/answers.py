@@ -42,11 +42,9 @@ wp.set_module_options(module_options(), wp.get_module(f"{MODULE}.boxes"))  # the
 
 # --- Points, and boxes that are empty or inside -----------------------------------------------------------------------
 
-LIMIT = 2.0**200  # coordinates beyond it are not computed with: their products might overflow
-OUTWARD = 1.0 + 2.0**-50  # a half side times this outweighs its rounding
+_LIMIT = wp.constant(wp.float64(2.0**200))  # coordinates beyond it are not computed with: their products might overflow
+_OUTWARD = wp.constant(wp.float64(1.0 + 2.0**-50))  # a half side times this outweighs its rounding
 
-_LIMIT = wp.constant(wp.float64(LIMIT))
-_OUTWARD = wp.constant(wp.float64(OUTWARD))
 _HALF = wp.constant(wp.float64(0.5))
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
 _ENCLOSED, _OUTSIDE = wp.constant(ENCLOSED), wp.constant(OUTSIDE)
@@ -221,12 +219,10 @@ FAR, NEAR, UNSURE = wp.constant(0), wp.constant(1), wp.constant(2)
 # Of an axis that is computed from rounded corners, relative to the largest coordinate M: with u = 2^-53, the product of
 # an edge and a side of the box errs by less than 3 u M, the triangle's normal by less than 36 u M^2, so all products
 # with them and the rounding of ``separated`` err by less than 400 u M^2 and 1100 u M^3.
-EDGE_ROOM = 2.0**-44
-NORMAL_ROOM = 2.0**-42
+_EDGE_ROOM = wp.constant(wp.float64(2.0**-44))
+_NORMAL_ROOM = wp.constant(wp.float64(2.0**-42))
 
 _PROJECTIONS = wp.constant(PROJECTIONS)
-_EDGE_ROOM = wp.constant(wp.float64(EDGE_ROOM))
-_NORMAL_ROOM = wp.constant(wp.float64(NORMAL_ROOM))
 _PER_SLACK = wp.constant(wp.float64(1.0 / ROUNDING))
 _SMALLEST = wp.constant(wp.float64(SMALLEST))
 
@@ -347,10 +343,10 @@ decide_boxes = kernel_of(_decide_box, Mesh, wp.vec3d, f"{MODULE}.boxes")
 #
 # Do closed segments meet a dilated mesh? For certain, or undecided where rounding could have made the difference.
 
-VOLUME_ROOM = 2.0**-44  # relative to M^3: a determinant of three rounded vectors up to 2 M errs by less than 400 u M^3
-NODE_ROOM = 2.0**-40  # relative: far more than the rounding of a node's axes, which may be careless
-_VOLUME_ROOM = wp.constant(wp.float64(VOLUME_ROOM))
-_NODE_ROOM = wp.constant(wp.float64(NODE_ROOM))
+# Relative to M^3: a determinant of three rounded vectors up to 2 M errs by less than 400 u M^3.
+_VOLUME_ROOM = wp.constant(wp.float64(2.0**-44))
+# Relative: far more than the rounding of a node's axes, which may be careless.
+_NODE_ROOM = wp.constant(wp.float64(2.0**-40))
 _THIRD = wp.constant(wp.float64(1.0 / 3.0))
 
 
@@ -458,9 +454,8 @@ decide_segments = kernel_of(_decide_segment, Mesh, wp.vec3d, f"{MODULE}.segments
 # without a crossing of the surface. Of a face only the least and the greatest height of its corners over the plane
 # count.
 
-SHORTEST_NORMAL, LONGEST_NORMAL = 2.0**-200, 2.0**200  # of a normal that is computed with
-
-_SHORTEST_NORMAL, _LONGEST_NORMAL = wp.constant(wp.float64(SHORTEST_NORMAL)), wp.constant(wp.float64(LONGEST_NORMAL))
+# Of a normal that is computed with.
+_SHORTEST_NORMAL, _LONGEST_NORMAL = wp.constant(wp.float64(2.0**-200)), wp.constant(wp.float64(2.0**200))
 
 
 @wp.func

@@ -44,12 +44,11 @@ _ENCLOSED, _OUTSIDE = wp.constant(ENCLOSED), wp.constant(OUTSIDE)
 # farther than that, box or triangle, is left out. At a single time a triangle that moves stands still; its vertices may
 # be elsewhere by the motion's rounding, which widens what is known of them.
 
-SHORTER, LONGER = 1.0 - 2.0**-50, 1.0 + 2.0**-50  # outweigh the rounding of a length and of a sum
-GOOD = 1.0 - 2.0**-40  # a bound that is this share of the distance found is good enough
+# Outweigh the rounding of a length and of a sum.
+_SHORTER, _LONGER = wp.constant(wp.float64(1.0 - 2.0**-50)), wp.constant(wp.float64(1.0 + 2.0**-50))
+_GOOD = wp.constant(wp.float64(1.0 - 2.0**-40))  # a bound that is this share of the distance found is good enough
 DEEPEST = 32  # levels of a hierarchy: there are never more than 2^31 triangles
-_SHORTER, _LONGER = wp.constant(wp.float64(SHORTER)), wp.constant(wp.float64(LONGER))
 _INFINITY = wp.constant(wp.float64(float("inf")))
-_GOOD = wp.constant(wp.float64(GOOD))
 Stack = wp.types.vector(length=DEEPEST, dtype=wp.int32)
 
 

@@ -33,9 +33,8 @@ from warp_bounding.shapes.triangles.hierarchy import (
 )
 from warp_bounding.shapes.triangles.moving import outside_in
 
-MOST_FACES = 96  # near a box in one span: where there are more, no half-space is looked for
+_MOST_FACES = wp.constant(96)  # near a box in one span: where there are more, no half-space is looked for
 MOST_SPANS = 8  # that a box reaches into: likewise
-_MOST_FACES = wp.constant(MOST_FACES)
 _MOST_SPANS = wp.constant(MOST_SPANS)
 _Heights = wp.types.vector(length=2 * MOST_SPANS, dtype=wp.float64)
 _INFINITY, _HALF = wp.constant(wp.float64(float("inf"))), wp.constant(wp.float64(0.5))

@@ -29,7 +29,8 @@ from warp_bounding.runtime.native import STRICT
 # Sources: Akenine-Moeller, "Fast 3D triangle-box overlap testing" (2001) for the axes; Frank and Wolfe, "An algorithm
 # for quadratic programming" (1956).
 
-SHORTEST = 2.0**-400  # axes shorter than this are not used: the squares of their components may underflow
+# Axes shorter than this are not used: the squares of their components may underflow.
+_SHORTEST = wp.constant(wp.float64(2.0**-400))
 PROJECTIONS = 16  # alternating projections; what is neither near nor proven far by then is left to the axes
 MOVING_PROJECTIONS = 3  # of a moving triangle in the middle of its way
 STEPS = 12  # and of its hull
@@ -40,18 +41,17 @@ STEPS = 12  # and of its hull
 #   half * |d|, margin * length(d) and their sum                                6 u 2 M |d|
 # together less than 2^-49 M |d|; this is 4 times that.
 ROUNDING = 2.0**-47
-SHORTER = 1.0 - 2.0**-50  # outweighs the rounding of a length and of a division by it, four units
+# Outweighs the rounding of a length and of a division by it, four units.
+_SHORTER = wp.constant(wp.float64(1.0 - 2.0**-50))
 # Largest coordinate under which its cube might underflow: that a triangle crosses a box or a segment is not certain
 # there.
 SMALLEST = 2.0**-300
-LEAST = 2.0**-500  # slack that outweighs underflow: times an axis of SHORTEST it is far above 2^-1074
+# Slack that outweighs underflow: times an axis of SHORTEST it is far above 2^-1074.
+_LEAST = wp.constant(wp.float64(2.0**-500))
 
-_SHORTEST = wp.constant(wp.float64(SHORTEST))
 _PROJECTIONS = wp.constant(PROJECTIONS)
 _MOVING_PROJECTIONS, _TRIES = wp.constant(MOVING_PROJECTIONS), wp.constant(MOVING_PROJECTIONS + STEPS)
 _ROUNDING = wp.constant(wp.float64(ROUNDING))
-_SHORTER = wp.constant(wp.float64(SHORTER))
-_LEAST = wp.constant(wp.float64(LEAST))
 _HALF = wp.constant(wp.float64(0.5))
 _NEAR, _FREE, _UNDECIDED = wp.constant(0), wp.constant(1), wp.constant(2)
 
@@ -341,9 +341,9 @@ def distance_along(d: wp.vec3d, t: Any, slack: wp.float64) -> wp.float64:
 # A kernel asks both kinds for ``triangle_at``, ``gap``, ``way_of`` and ``looseness``; all else is one.
 
 LEAF = 4  # triangles of a leaf at most; 2 and 8 were slower for boxes near a bunny
-STEP = 2.0**-22  # relative: twice what rounding a float64 number to float32 may change
-TINIEST = 2.0**-140  # and where that is subnormal
-WIDER = 1.0 + 2.0**-18  # relative: far more than a squared gap's rounding in float32, 2^-21
+_STEP = wp.constant(2.0**-22)  # relative: twice what rounding a float64 number to float32 may change
+_TINIEST = wp.constant(2.0**-140)  # and where that is subnormal
+_WIDER = wp.constant(1.0 + 2.0**-18)  # relative: far more than a squared gap's rounding in float32, 2^-21
 SORTED_BY = 8  # keyframes at most that triangles are sorted by
 # Relative to the largest coordinate M: with u = 2^-24, float32 rounds a share (1 u of a way of up to 2 M) and an
 # interpolation (4 u M); this is more than twice as much.
@@ -355,9 +355,6 @@ BOX_ROOM = 2.0**-20
 LOOSE = 2.0**-48
 
 _FAR = wp.constant(wp.float64(2.0**127))
-_STEP = wp.constant(STEP)
-_WIDER = wp.constant(WIDER)
-_TINIEST = wp.constant(TINIEST)
 _LOOSE_OF_ROOM = wp.constant(wp.float64(LOOSE / BOX_ROOM))
 
 
@@ -762,13 +759,10 @@ UNWOUND = 2**30  # instead of a winding number that is not certain
 # than 80 u M^2 (|e| + |f|), where |e| and |f| are the edges' largest components. Of coordinates that are known up to a
 # length L only, the difference errs by another L (sum of their absolute values + 2 L), and the determinant, the edges
 # of which err by 2 L, by less than 18 L (M + L) (|e| + |f| + 8 L). What is added for that is more than 3 times as much.
-TURN = 2.0**-50
-HEIGHT = 2.0**-46
-UNDERFLOW = 2.0**-1000  # outweighs products that are subnormal
+_TURN = wp.constant(wp.float64(2.0**-50))
+_HEIGHT = wp.constant(wp.float64(2.0**-46))
+_UNDERFLOW = wp.constant(wp.float64(2.0**-1000))  # outweighs products that are subnormal
 
-_TURN = wp.constant(wp.float64(TURN))
-_HEIGHT = wp.constant(wp.float64(HEIGHT))
-_UNDERFLOW = wp.constant(wp.float64(UNDERFLOW))
 _MORE, _LOOSE = wp.constant(wp.float64(8.0)), wp.constant(wp.float64(64.0))
 _INFINITY = wp.constant(float("inf"))
 _UNWOUND = wp.constant(UNWOUND)
