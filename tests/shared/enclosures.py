@@ -42,7 +42,7 @@ def _kernel(name: str) -> wp.Kernel:
         call = f"relax_{name}(z, near, radius + noise, slope, mean, bend, spread);"
     rows = "\n".join(f"y.data[(i + l) * {len(Curve._fields)} + {k}] = LANE({f});" for k, f in enumerate(Curve._fields))
 
-    @named(f"enclosure_{name}").block_kernel(f"""
+    snippet = f"""
 {text.CPU}
 {ACTIVATIONS[name].relaxation()}
 for (int i = 0; i < count; i += L) {{
@@ -56,7 +56,9 @@ for (int i = 0; i < count; i += L) {{
     for (int l = 0; l < L && i + l < count; ++l) {{ {rows} }}
 }}
 #undef LANE
-""")
+"""
+
+    @named(f"enclosure_{name}").block_kernel(snippet)
     def enclose(x: Doubles, count: int, block: int, y: Doubles): ...
 
     return enclose
