@@ -259,9 +259,9 @@ class Chain:
 # the pair.
 #
 # *Third order.* Of small boxes the second derivatives at the centre are known: ``h_ij = ((n x z_i) x z_j) .
-# (p - o_j)`` or minus that, where i and j count in opposite ways. ``1/2 sum_ij h_ij d_i d_j`` is no less than ``1/2 sum_i min(0,
-# h_ii) h_i^2 - sum_(i<j) |h_ij| h_i h_j``, and what is left out is at most a sixth of the sum over i, j, k of
-# ``|d_i d_j d_k|`` and rho of the latest of the three. The better of both orders counts.
+# (p - o_j)``, or minus that where i and j count in opposite ways. ``1/2 sum_ij h_ij d_i d_j`` is no less than
+# ``1/2 sum_i min(0, h_ii) h_i^2 - sum_(i<j) |h_ij| h_i h_j``, and what is left out is at most a sixth of the sum over
+# i, j, k of ``|d_i d_j d_k|`` and rho of the latest of the three. The better of both orders counts.
 #
 # A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for
 # values within the limits, where what collides is.
