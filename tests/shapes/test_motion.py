@@ -17,8 +17,9 @@ import warp_bounding as wb
 from warp_bounding.errors import ShapeError
 from warp_bounding.queries.boundary import ENDS_SHARE, border_points
 from warp_bounding.shapes import Mesh, MovingMesh
+from warp_bounding.shapes.formula import SPARE, time_axis
 from warp_bounding.shapes.motion import MAX_TIMES
-from warp_bounding.shapes.shape import IN, OUT, SPARE, UNDECIDED, HalfSpaces, time_axis
+from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, HalfSpaces
 
 
 def _motion_case(name: str, rng, keyframes: int, wild: bool) -> tuple[MovingMesh, list[np.ndarray]]:

@@ -20,6 +20,7 @@ is taken off F. A new method is one file with a subclass, and a line in ``bounde
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from operator import attrgetter
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -35,13 +36,11 @@ from warp_bounding.kernels.distances import (
     MOST_DIMENSIONS,
     SEGMENT_STEPS,
     DistanceSource,
-    box_func,
     box_kernel,
     distance_func,
     lanes_kernel,
     lines_kernel,
-    ray_func,
-    segment_func,
+    marches,
     share_of,
 )
 from warp_bounding.kernels.source import Lanes, fill
@@ -340,19 +339,19 @@ class DistanceBounder(Bounder):
     def segment_func(self) -> wp.Function:
         """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)`` for kernels; see ``segments``."""
         self.expect_local("segment_func")
-        return segment_func(self.source)
+        return marches(self.source).segment
 
     @cached_property
     def ray_func(self) -> wp.Function:
         """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``; see ``rays``."""
         self.expect_local("ray_func")
-        return ray_func(self.source)
+        return marches(self.source).ray
 
     @cached_property
     def box_func(self) -> wp.Function:
         """``maybe = box(data, lower: vec_n, upper: vec_n, steps=64)``, for kernels of your own; see ``boxes``."""
         self.expect_local("box_func")
-        return box_func(self.source)
+        return marches(self.source).box
 
     # --- in batches --------------------------------------------------------------------------------------------------
 
@@ -540,7 +539,7 @@ class DistanceBounder(Bounder):
 
     @property
     def _clock(self) -> wp.vec3:
-        """What ``clock_func`` tells."""
+        """What ``clock_of`` tells (``kernels.distances``)."""
         domain = self.domain
         if not domain.time:
             return wp.vec3()
@@ -628,9 +627,7 @@ class VolumeDistance(DistanceBounder):
         if not (np.isfinite(self._form.numbers).all() and np.isfinite(self._form.error)):
             raise BounderError(f"{self.method}: numbers are so large that float32 cannot hold them")
 
-    @property
-    def source(self) -> DistanceSource:
-        return self._form.source
+    source = property(attrgetter("_form.source"))
 
     def weights(self) -> np.ndarray:
         return self._form.numbers

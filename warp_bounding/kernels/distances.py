@@ -29,6 +29,7 @@ NaN or minus infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' un
 
 from dataclasses import dataclass, field
 from functools import cache
+from types import SimpleNamespace
 from typing import ClassVar
 
 import warp as wp
@@ -158,56 +159,6 @@ def _named(source: DistanceSource, role: str) -> named:
     return named(unique_name(source, role))
 
 
-@cache
-def owns_func(source: DistanceSource) -> wp.Function:
-    """``owns(w) -> bool``: are these data of this source? Nothing is reported of others, whose domain is another."""
-    first, second = (wp.uint32(bits) for bits in source.tag)
-
-    @named(unique_name(source, "owns")).func
-    def owns(w: Numbers) -> bool:
-        if w.shape[0] < LABEL:
-            return False
-        return (
-            wp.cast(w[0], wp.uint32) == first
-            and wp.cast(w[1], wp.uint32) == second
-            and w.shape[0] >= wp.cast(w[2], wp.int32)
-        )
-
-    return owns
-
-
-@cache
-def clip_func(source: DistanceSource) -> wp.Function:
-    """``vec2 = clip(data, a, w, room)``: contact is possible between these two times only; never if they fall."""
-    vector, n, time, owns = vector_type(source.ndim), source.ndim, int(source.time), owns_func(source)
-    center, limit, unit = LABEL, LABEL + source.ndim, LABEL + 2 * source.ndim + 1
-
-    @named(unique_name(source, "clip")).func
-    def clip(data: Data, a: vector, w: vector, room: float) -> wp.vec2:
-        span = wp.vec2(0.0, 1.0)
-        if not owns(data.parameters) or not room < FINITE:
-            return span
-        for k in range(time, n):
-            at = float(data.parameters[center + k])
-            half = float(data.parameters[limit + k] * data.parameters[unit])
-            far = half + room + ((wp.abs(at) + half + room) * SUMS + LEAST)
-            low, high = at - far - a[k], at + far - a[k]
-            if w[k] == 0.0:
-                if low > 0.0 or high < 0.0:
-                    span[0] = 2.0
-            else:
-                enter, leave = low / w[k], high / w[k]
-                if w[k] < 0.0:
-                    enter, leave = high / w[k], low / w[k]
-                if enter * SHORTER > span[0]:
-                    span[0] = enter * SHORTER
-                if leave * LONGER < span[1]:
-                    span[1] = leave * LONGER
-        return span
-
-    return clip
-
-
 SEGMENT_STEPS = 32  # evaluations of a segment or a ray at most, where no number is given
 BOX_STEPS = 64  # evaluations of a box
 SHORTEST = 2.0**-58  # object units, added to a length: above what squares that are set to zero take
@@ -230,28 +181,63 @@ def distance_func(source: DistanceSource) -> wp.Function:
 
 
 @cache
-def clock_func(source: DistanceSource) -> wp.Function:
-    """``clock(data) -> vec3``: the middle and half of the range of time, and the speed; zeros of a shape at rest."""
-    numbers, limit, time = LABEL + 2 * source.ndim, LABEL + source.ndim, source.time
+def marches(source: DistanceSource) -> SimpleNamespace:
+    """The functions of a distance that march and halve; see module.
 
+    For users' kernels ``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32)`` and ``ray(data,
+    origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``, which give ``(maybe: bool, t:
+    float)``; and ``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the
+    object? For batches ``clip``, ``room``, ``of_segment`` and ``of_ray``.
+    """
+    vector, n, time, distance = vector_type(source.ndim), source.ndim, int(source.time), distance_func(source)
+    center, limit, numbers = LABEL, LABEL + source.ndim, LABEL + 2 * source.ndim
+    unit, pace_at, blur = numbers + 1, numbers + HEADER + HEADER_OF_TIME - 1, (source.ndim + 16) * UNIT32
+    first, second = (wp.uint32(bits) for bits in source.tag)
+
+    # Are these data of this source? Nothing is reported of others, whose domain is another.
+    @_named(source, "owns").func
+    def owns(w: Numbers) -> bool:
+        if w.shape[0] < LABEL:
+            return False
+        return (
+            wp.cast(w[0], wp.uint32) == first
+            and wp.cast(w[1], wp.uint32) == second
+            and w.shape[0] >= wp.cast(w[2], wp.int32)
+        )
+
+    # Contact is possible between these two times only; never if they fall.
+    @_named(source, "clip").func
+    def clip(data: Data, a: vector, w: vector, room: float) -> wp.vec2:
+        span = wp.vec2(0.0, 1.0)
+        if not owns(data.parameters) or not room < FINITE:
+            return span
+        for k in range(time, n):
+            at = float(data.parameters[center + k])
+            half = float(data.parameters[limit + k] * data.parameters[unit])
+            far = half + room + ((wp.abs(at) + half + room) * SUMS + LEAST)
+            low, high = at - far - a[k], at + far - a[k]
+            if w[k] == 0.0:
+                if low > 0.0 or high < 0.0:
+                    span[0] = 2.0
+            else:
+                enter, leave = low / w[k], high / w[k]
+                if w[k] < 0.0:
+                    enter, leave = high / w[k], low / w[k]
+                if enter * SHORTER > span[0]:
+                    span[0] = enter * SHORTER
+                if leave * LONGER < span[1]:
+                    span[1] = leave * LONGER
+        return span
+
+    # The middle and half of the range of time, and the speed; zeros of a shape at rest.
     @_named(source, "clock").func
-    def clock(data: Data) -> wp.vec3:
+    def clock_of(data: Data) -> wp.vec3:
         reported, w = wp.vec3(), data.parameters
         if time and w.shape[0] > numbers + 5:
             reported = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
         return reported
 
-    return clock
-
-
-@cache
-def room_func(source: DistanceSource) -> wp.Function:
-    """``room(a, w, length, radius, clock)``: what g must exceed, for radius and rounding.
-
-    Infinite for numbers that cannot be marched.
-    """
-    vector, n, blur, time = vector_type(source.ndim), source.ndim, (source.ndim + 16) * UNIT32, int(source.time)
-
+    # What g must exceed, for radius and rounding; infinite for numbers that cannot be marched.
     @_named(source, "room").func
     def room(a: vector, w: vector, length: float, radius: float, clock: wp.vec3) -> float:
         size = wp.float32(0.0)
@@ -264,19 +250,9 @@ def room_func(source: DistanceSource) -> wp.Function:
             return (radius + size * blur + LEAST) * LONGER
         return wp.inf
 
-    return room
-
-
-@cache
-def segment_line(source: DistanceSource) -> wp.Function:
-    """``(w, length) = line(start, end, clock)``: a segment ``start + t w``, its length rounded up.
-
-    The length is infinite where it leaves the range of time.
-    """
-    vector, n, time = vector_type(source.ndim), source.ndim, int(source.time)
-
+    # A segment ``start + t w`` and its length, rounded up; infinite where it leaves the range of time.
     @_named(source, "segment_line").func
-    def line(start: vector, end: vector, clock: wp.vec3):
+    def of_segment(start: vector, end: vector, clock: wp.vec3):
         w, square = end - start, wp.float32(0.0)
         for k in range(time, n):
             square += w[k] * w[k]
@@ -287,16 +263,9 @@ def segment_line(source: DistanceSource) -> wp.Function:
                 length = wp.inf
         return w, length
 
-    return line
-
-
-@cache
-def ray_line(source: DistanceSource) -> wp.Function:
-    """``(w, length) = line(direction, length)``: a ray's displacement and length, rounded up; infinite if unusable."""
-    vector, n = vector_type(source.ndim), source.ndim
-
+    # A ray's displacement and length, rounded up; infinite if unusable.
     @_named(source, "ray_line").func
-    def line(direction: vector, length: float):
+    def of_ray(direction: vector, length: float):
         largest, square = wp.float32(0.0), wp.float32(0.0)
         finite = wp.bool(True)
         for k in range(n):
@@ -311,14 +280,7 @@ def ray_line(source: DistanceSource) -> wp.Function:
             long = length * LONGER + SHORTEST
         return w, long
 
-    return line
-
-
-@cache
-def march_func(source: DistanceSource) -> wp.Function:
-    """``march(data, a, w, length, room, steps) -> (maybe, t)`` along ``a + t w``; ``length`` is at least ``|w|``."""
-    distance, vector, clip = distance_func(source), vector_type(source.ndim), clip_func(source)
-
+    # ``(maybe, t)`` along ``a + t w``; ``length`` is at least ``|w|``.
     @_named(source, "march").func
     def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
         span = clip(data, a, w, room)
@@ -338,59 +300,20 @@ def march_func(source: DistanceSource) -> wp.Function:
                     going = wp.int32(0)
         return maybe, t
 
-    return march
-
-
-@cache
-def segment_func(source: DistanceSource) -> wp.Function:
-    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32) -> (maybe: bool, t: float)``.
-
-    See module.
-    """
-    march, vector = march_func(source), vector_type(source.ndim)
-    line, room, clock_of = segment_line(source), room_func(source), clock_func(source)
-
     @_named(source, "segment").func
     def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
         clock = clock_of(data)
-        w, length = line(start, end, clock)
+        w, length = of_segment(start, end, clock)
         maybe, t = march(data, start, w, length, room(start, w, length, radius, clock), steps)
         return maybe, t
 
-    return segment
-
-
-@cache
-def ray_func(source: DistanceSource) -> wp.Function:
-    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``.
-
-    Returns ``(maybe: bool, t: float)``; see module.
-    """
-    march, vector = march_func(source), vector_type(source.ndim)
-    line, room = ray_line(source), room_func(source)
-
     @_named(source, "ray").func
     def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
-        w, long = line(direction, length)
+        w, long = of_ray(direction, length)
         maybe, t = march(data, origin, w, long, room(origin, w, long, radius, wp.vec3()), steps)
         return maybe, t
 
-    return ray
-
-
-@cache
-def box_func(source: DistanceSource) -> wp.Function:
-    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object?
-
-    See module.
-    """
-    distance, vector, n = distance_func(source), vector_type(source.ndim), source.ndim
-    name, center, limit = _named(source, "box"), LABEL, LABEL + source.ndim
-    unit, time, clock_of = LABEL + 2 * source.ndim + 1, int(source.time), clock_func(source)
-    pace_at = LABEL + 2 * source.ndim + HEADER + HEADER_OF_TIME - 1
-    owns = owns_func(source)
-
-    @name.func
+    @_named(source, "box").func
     def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
         low, high, clock = vector(), vector(), clock_of(data)
         empty, real, pace = wp.bool(False), owns(data.parameters), wp.float32(0.0)
@@ -457,7 +380,8 @@ def box_func(source: DistanceSource) -> wp.Function:
                 left = wp.int32(0)
         return True
 
-    return box
+    own = {"segment": segment, "ray": ray, "box": box}
+    return SimpleNamespace(**own, clip=clip, room=room, of_segment=of_segment, of_ray=of_ray)
 
 
 # --- batches ---------------------------------------------------------------------------------------------------------
@@ -465,10 +389,10 @@ def box_func(source: DistanceSource) -> wp.Function:
 # Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one
 # has ended.
 #
-# A first kernel, in Warp's own Python, makes of each query what a march needs (``segment_line``): a, w, its
-# length, the room that rounding needs with the radius, and from when to when contact is possible (``clip_func``): a
+# A first kernel, in Warp's own Python, makes of each query what a march needs (``of_segment``): a, w, its
+# length, the room that rounding needs with the radius, and from when to when contact is possible (``clip``): a
 # query that passes the object's box takes no lane at all. The second one, native, marches: the same steps as
-# ``march_func`` with the same rounding, but for what sums in another order round, which the room covers.
+# ``march`` with the same rounding, but for what sums in another order round, which the room covers.
 # Lanes ask g together; those that have ended are written out and filled again, so that a vector is full until the
 # block runs out of queries. On CUDA it is a query a thread.
 
@@ -525,8 +449,8 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
 
     Writes what ``lanes_kernel`` marches along: a row of 2 n + 4 numbers a query.
     """
-    n, vector, room = source.ndim, vector_type(source.ndim), room_func(source)
-    of_segment, of_ray, clip = segment_line(source), ray_line(source), clip_func(source)
+    n, vector, found = source.ndim, vector_type(source.ndim), marches(source)
+    of_segment, of_ray, clip, room = found.of_segment, found.of_ray, found.clip, found.room
 
     def lines_of(
         first: int,
@@ -573,7 +497,7 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
 @cache
 def box_kernel(source: DistanceSource) -> wp.Kernel:
     """``(first, data, lower, upper, steps, maybe)``, one box a thread."""
-    box, n, vector = box_func(source), source.ndim, vector_type(source.ndim)
+    box, n, vector = marches(source).box, source.ndim, vector_type(source.ndim)
 
     def boxes(
         first: int,

@@ -137,7 +137,7 @@ def _nearest_along(squared: np.ndarray, axis: int, radius: float, reach: int) ->
 # --- The grid ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Grid(Shape):
     """An n-dimensional occupancy grid, placed in object space.
 
@@ -214,13 +214,9 @@ class Grid(Shape):
         for name, value in (("occupancy", occupancy), ("cells_per_unit", scale), ("offset", offset)):
             object.__setattr__(self, name, value)
 
-    def __repr__(self) -> str:
-        cells, sides = " x ".join(map(str, self.shape)), " x ".join(f"{side:.4g}" for side in self.extent)
-        words = [f"{self.ndim}D", f"{cells} cells", f"{int(self.occupancy.sum()):,} occupied", f"extent {sides}"]
-        words += ["time first"] if self.time else []
-        words += [f"margin {self.margin:g}"] if self.margin else []
-        words += [f"resolution {self.resolution}"] if self.resolution else []
-        return f"<Grid {self.name}: {', '.join([*words, *filter(None, [self.note, self.remark])])}>"
+    @property
+    def counts(self) -> list[str]:
+        return [f"{' x '.join(map(str, self.shape))} cells", f"{int(self.occupancy.sum()):,} occupied"]
 
     # --- where it is -------------------------------------------------------------------------------------------------
 

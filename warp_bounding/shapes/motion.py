@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import ShapeError
+from warp_bounding.shapes.formula import time_axis
 from warp_bounding.shapes.grid import Grid, grid_over
 from warp_bounding.shapes.mesh import LANDMARK, Faces, check_faces, checked_vertices
 from warp_bounding.shapes.shape import (
@@ -36,7 +37,6 @@ from warp_bounding.shapes.shape import (
     cells_per_unit,
     checked_margin,
     checked_resolution,
-    time_axis,
 )
 from warp_bounding.shapes.surfaces import Surface, paths_of, surface_of
 

@@ -1,6 +1,7 @@
 """Shapes that are made of another one: its part in a box, and everything outside of it."""
 
 import hashlib
+from operator import attrgetter
 
 import numpy as np
 
@@ -20,20 +21,14 @@ class Clipped(Derived):
         upper: ``(n,)``, upper corner of the box.
     """
 
+    lower = upper = np.empty(0)  # of each its own
+
     def __init__(self, shape: Shape, lower: np.ndarray, upper: np.ndarray):
         super().__init__(shape)
         self.box = (np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
-        self._lower, self._upper = np.maximum(self.box[0], shape.lower), np.minimum(self.box[1], shape.upper)
-        if not (self._lower <= self._upper).all():
+        self.lower, self.upper = np.maximum(self.box[0], shape.lower), np.minimum(self.box[1], shape.upper)
+        if not (self.lower <= self.upper).all():
             raise ShapeError(f"{shape.name}: a part outside the box of the whole, from {lower} to {upper}")
-
-    @property
-    def lower(self) -> np.ndarray:
-        return self._lower
-
-    @property
-    def upper(self) -> np.ndarray:
-        return self._upper
 
     @property
     def known_times(self) -> tuple[float, float]:
@@ -41,26 +36,26 @@ class Clipped(Derived):
 
     @property
     def geometry(self) -> str:
-        box = np.stack([self._lower, self._upper]).astype("<f8").tobytes()
+        box = np.stack([self.lower, self.upper]).astype("<f8").tobytes()
         return hashlib.sha256(f"part of {self.whole.geometry} ".encode() + box).hexdigest()
 
     def decide(self, x: np.ndarray) -> np.ndarray:
         x = np.asarray(x)
         found = np.full(len(x), OUT, dtype=np.uint8)
-        inside = np.flatnonzero(((x >= self._lower) & (x <= self._upper)).all(axis=1))
+        inside = np.flatnonzero(((x >= self.lower) & (x <= self.upper)).all(axis=1))
         found[inside] = self.whole.decide(x[inside])
         return found
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        low, high = np.maximum(lower, self._lower), np.minimum(upper, self._upper)
-        apart = ((lower > self._upper) | (upper < self._lower)).any(axis=1)
+        low, high = np.maximum(lower, self.lower), np.minimum(upper, self.upper)
+        apart = ((lower > self.upper) | (upper < self.lower)).any(axis=1)
         found = apart & (lower <= upper).all(axis=1)
         queried = np.flatnonzero((low <= high).all(axis=1))
         found[queried] = self.whole.empty(low[queried], high[queried])
         return found
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        held = ((lower >= self._lower) & (upper <= self._upper)).all(axis=1)
+        held = ((lower >= self.lower) & (upper <= self.upper)).all(axis=1)
         return held & self.whole.inside(lower, upper)
 
     def distance(self, x: np.ndarray) -> np.ndarray | None:
@@ -81,7 +76,7 @@ class Clipped(Derived):
         raise ShapeError(f"{self.name}: no cells are laid over a part of a shape")
 
     def _held(self, x: np.ndarray) -> np.ndarray:
-        return x[((x >= self._lower) & (x <= self._upper)).all(axis=1)]
+        return x[((x >= self.lower) & (x <= self.upper)).all(axis=1)]
 
 
 def part_of(shape: Shape, box: tuple[np.ndarray, np.ndarray]) -> Shape:
@@ -144,17 +139,9 @@ class Complement(Derived):
         joints = self.joints is not None
         return np.where((np.arange(self.ndim) >= int(self.time)) & ~joints, 1 / self.details_per_unit, 0.0)
 
-    @property
-    def sample_lower(self) -> np.ndarray:
-        return self.whole.sample_lower
-
-    @property
-    def sample_upper(self) -> np.ndarray:
-        return self.whole.sample_upper
-
-    @property
-    def details_per_unit(self) -> np.ndarray:
-        return self.whole.details_per_unit
+    sample_lower, sample_upper, details_per_unit = (
+        property(attrgetter(f"whole.{name}")) for name in ("sample_lower", "sample_upper", "details_per_unit")
+    )
 
     @property
     def geometry(self) -> str:

@@ -12,6 +12,7 @@ from warp_bounding.shapes.surfaces import joined_parts
 from warp_bounding.shapes.triangles.hierarchy import (
     UNWOUND,
     Triangles,
+    beyond,
     free,
     is_enclosed,
     segment_is_free,
@@ -240,14 +241,6 @@ def _centre(s: Sides, cell: wp.vec3i) -> wp.vec3d:
 
 
 @wp.func
-def _beyond(s: Sides, x: wp.vec3d) -> bool:
-    for k in range(3):  # noqa: SIM110 (a kernel has no ``any``)
-        if x[k] < s.lower[k] or x[k] > s.upper[k]:
-            return True
-    return False
-
-
-@wp.func
 def _end_in(s: Sides, t: wp.vec3d, cell: wp.vec3i, free: bool) -> wp.vec3d:
     """Where a segment to a cell ends: at the centre, or at the nearest inner point of a free cell."""
     end = wp.vec3d(wp.float64(cell[0]), wp.float64(cell[1]), wp.float64(cell[2]))
@@ -260,7 +253,7 @@ def _end_in(s: Sides, t: wp.vec3d, cell: wp.vec3i, free: bool) -> wp.vec3d:
 @wp.func
 def side_of(faces: Triangles, s: Sides, x: wp.vec3d) -> int:
     """The side of a point, finite numbers: OUTSIDE or ENCLOSED for certain, or UNKNOWN."""
-    if s.cells.shape[0] == 0 or _beyond(s, x):
+    if s.cells.shape[0] == 0 or beyond(x, s.lower, s.upper):
         return _OUTSIDE
     t = (x - s.origin) * s.scale
     own, step = wp.vec3i(), wp.vec3i()

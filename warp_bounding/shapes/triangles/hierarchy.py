@@ -466,6 +466,15 @@ def squared_reach(margin: wp.float64) -> float:
 
 
 @wp.func
+def beyond(x: wp.vec3d, lower: wp.vec3d, upper: wp.vec3d) -> bool:
+    """Is a point outside of a box?"""
+    for k in range(3):  # noqa: SIM110 (a kernel has no ``any``)
+        if x[k] < lower[k] or x[k] > upper[k]:
+            return True
+    return False
+
+
+@wp.func
 def wide(x: wp.vec3) -> wp.vec3d:
     """The same numbers in float64."""
     return wp.vec3d(wp.float64(x[0]), wp.float64(x[1]), wp.float64(x[2]))

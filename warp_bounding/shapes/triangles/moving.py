@@ -11,6 +11,7 @@ from warp_bounding.shapes.triangles.cells import BORDER, ENCLOSED, INNER, OUTSID
 from warp_bounding.shapes.triangles.hierarchy import (
     MovingTriangles,
     Ways,
+    beyond,
     during,
     is_enclosed,
     segment_is_free,
@@ -75,14 +76,6 @@ def _cell(p: Pieces, piece: int, cell: wp.vec3i) -> int:
 
 
 @wp.func
-def _beyond(p: Pieces, piece: int, x: wp.vec3d) -> bool:
-    for k in range(3):  # noqa: SIM110 (a kernel has no ``any``)
-        if x[k] < p.lower[piece][k] or x[k] > p.upper[piece][k]:
-            return True
-    return False
-
-
-@wp.func
 def _own_cell(p: Pieces, piece: int, x: wp.vec3d) -> wp.vec3i:
     own, t = wp.vec3i(), (x - p.origin[piece]) * p.scale[piece]
     for k in range(3):
@@ -95,7 +88,7 @@ def _known_side(p: Pieces, piece: int, x: wp.vec3d) -> int:
     """The side of a point at all times of a piece, as its cell tells."""
     if p.known[piece] == wp.uint8(0):
         return _UNKNOWN
-    if _beyond(p, piece, x):
+    if beyond(x, p.lower[piece], p.upper[piece]):
         return _OUTSIDE
     return _cell(p, piece, _own_cell(p, piece, x))
 
