@@ -119,9 +119,7 @@ class ParticleCull:
         if getattr(pipeline, "requires_grad", False):
             raise BounderError("a differentiable pipeline reads its pairs again when it goes backwards; they must stay")
         if getattr(pipeline, "enable_rigid_soft_full_surface_contact", False):
-            reported = (
-                "only pairs of particles and shapes are culled; full-surface soft contacts test every edge and face"
-            )
+            reported = "only particle-shape pairs are culled; full-surface soft contacts test every edge and face"
             warnings.warn(reported, BoundingWarning, stacklevel=2)
         self._reads_back = reads_back
         self._all = pipeline.soft_rigid_contact_pairs.contiguous()
@@ -150,14 +148,13 @@ class ParticleCull:
             self._stream = wp.Stream(device) if device.is_cuda else None
         else:
             # The particles, row by row (``split_particles``), and which pairs follow each other, so that they are
-            # looked at together; how many undecided pairs each block has; and a denied pair that is far away.
+            # looked at together; how many undecided pairs each block has.
             self._rows = wp.empty(4 * self.model.particle_count, dtype=wp.float32, device=device)
             self._runs = wp.array(runs_of(self._all.numpy()), dtype=wp.uint8, device=device)
             self._undecided_count = wp.empty(-(-self.pairs // CPU_BLOCK), dtype=wp.int32, device=device)
             self._survivors = Compaction(self._keep)
-            self._far = wp.empty(1, dtype=wp.int32, device=device)
             self.survivor_count = self._survivors.count
-            inputs = [self._all, self._survivors.indices, self._survivors.count, self._far]
+            inputs = [self._all, self._survivors.indices, self._survivors.count]
             gather = partial(wp.launch, kernels.gather_or_repeat, self.pairs, inputs, [self._kept], device=device)
             self._gather = gather(record_cmd=True) if self.pairs else None
         self.survivor_count.fill_(self.pairs)
@@ -250,11 +247,11 @@ class ParticleCull:
         if self._device.is_capturing:
             for launch in self._launches(state, gap):
                 launch.launch_whole()
-            return self._padded(state)
+            return self._padded()
         for launch in self._prepared(state, gap):
             launch.launch()
         if not self._reads_back:
-            return self._padded(state)
+            return self._padded()
         left = int(self._survivors.launch()[1].numpy()[0])
         if left:
             self._gather.set_dim(left)
@@ -293,14 +290,11 @@ class ParticleCull:
             *asking,
         ]
 
-    def _padded(self, state: newton.State) -> wp.array:
+    def _padded(self) -> wp.array:
         """As many pairs as there are: those that are left, and a denied one."""
         device = self._device
-        self._far.fill_(-1)
-        inputs = [self._all, self._keep, state.particle_q, self._hulls]
-        wp.launch(kernels.find_far, dim=self.pairs, inputs=inputs, outputs=[self._far], device=device)
         indices, total = self._survivors.launch_recorded() if device.is_capturing else self._survivors.launch()
-        inputs = [self._all, indices, total, self._far]
+        inputs = [self._all, indices, total]
         wp.launch(kernels.gather_or_repeat, dim=self.pairs, inputs=inputs, outputs=[self._kept], device=device)
         return self._kept
 
@@ -342,7 +336,7 @@ class ParticleCull:
         if self._in_lists:
             own = [lists.sift, lists.arrange, lists.count_cells, lists.sort_by_cells]
         else:
-            own = [kernels.split_particles, kernels.find_far, kernels.gather_or_repeat, query_hulls]
+            own = [kernels.split_particles, kernels.gather_or_repeat, query_hulls]
         return [place_shapes, *own, *map(self._asking, self._shapes.bounders)]
 
     def _query(self, number: int, bounder: Bounder, state: newton.State) -> BlockLaunch:

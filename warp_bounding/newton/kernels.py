@@ -41,54 +41,31 @@ def split_particles(
 
 
 @wp.kernel(enable_backward=False)
-def find_far(
-    # inputs
-    pairs: wp.array(dtype=wp.vec2i),
-    keep: wp.array(dtype=wp.uint8),
-    particle_q: wp.array(dtype=wp.vec3),
-    hulls: wp.array(dtype=Hull),
-    # outputs
-    far: wp.array(dtype=wp.int32),
-):
-    """Some denied pair so far away that Newton's pass sees it by the shape's box; the last one written counts."""
-    i = wp.tid()
-    if keep[i] == wp.uint8(0):
-        pair = pairs[i]
-        hull, q = hulls[pair[1]], particle_q[pair[0]]
-        if wp.max(wp.abs(q - hull.center)) > 2.0 * (hull.radius + hull.grow_radius * hull.reach):
-            far[0] = i
-
-
-@wp.kernel(enable_backward=False)
 def gather_or_repeat(
     # inputs
     pairs: wp.array(dtype=wp.vec2i),
     indices: wp.array(dtype=wp.int32),
     count: wp.array(dtype=wp.int32),
-    far: wp.array(dtype=wp.int32),
     # outputs
     kept: wp.array(dtype=wp.vec2i),
 ):
     """The pairs that are left, in their order; and behind them, up to the number of all pairs, one that was denied.
 
-    The pass makes no contact of it, however often it comes. It is the one that ``far`` names, or the first: indices
-    ascend, so that it is where they run ahead of their own places.
+    The pass makes no contact of it, however often it comes. It is the first one: indices ascend, so that it is where
+    they run ahead of their own places.
     """
     i = wp.tid()
     left = count[0]
     if i < left:
         kept[i] = pairs[indices[i]]
     else:
-        denied = int(far[0])
-        if denied < 0:
-            denied = wp.int32(0)
-            most = int(left)
-            while denied < most:
-                middle = (denied + most) // 2
-                if indices[middle] == middle:
-                    denied = middle + 1
-                else:
-                    most = middle
+        denied, most = wp.int32(0), int(left)
+        while denied < most:
+            middle = (denied + most) // 2
+            if indices[middle] == middle:
+                denied = middle + 1
+            else:
+                most = middle
         kept[i] = pairs[denied]
 
 
