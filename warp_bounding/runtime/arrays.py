@@ -273,13 +273,8 @@ class Picklable:
     """
 
     def __getstate__(self) -> dict[str, Any]:
-        own = (
-            name
-            for kind in type(self).__mro__
-            for name, value in vars(kind).items()
-            if isinstance(value, cached_property)
-        )
-        cached = set(own)
+        kinds = [vars(kind).items() for kind in type(self).__mro__]
+        cached = {name for own in kinds for name, value in own if isinstance(value, cached_property)}
         return {name: value for name, value in vars(self).items() if name not in cached}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -16,7 +16,6 @@ import math
 import os
 import re
 import sys
-import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
@@ -77,7 +76,7 @@ def working_seconds() -> float:
 
     Raises ``OutOfTimeError`` in ``limited``, after its time.
     """
-    now = time.perf_counter() - _own.compiling
+    now = perf_counter() - _own.compiling
     if now > _own.end:
         raise OutOfTimeError
     return now
@@ -213,12 +212,12 @@ def ready(kernel: wp.Kernel, device: wp.Device) -> None:
         slow = Timer(TOLD_AFTER, _tell, [kernel.module.name])
         slow.daemon = True
         slow.start()
-        started = time.perf_counter()
+        started = perf_counter()
         try:
             wp.load_module(kernel.module, device)
         finally:
             slow.cancel()
-        compiled_for(time.perf_counter() - started)
+        compiled_for(perf_counter() - started)
         _ready.add((kernel, device.alias))
 
 
@@ -258,9 +257,8 @@ class BlockLaunch:
             block: Items per block on a CPU.
             block_dim: Threads of a block on CUDA.
         """
-        self._block_dim = block_dim
         self._kernel, self._inputs, self._outputs, self._device = kernel, inputs, outputs, device
-        self._first_index = first_index
+        self._first_index, self._block_dim = first_index, block_dim
         self._blocks = -(-count // block) if device.is_cpu else count
         self._most = max(1, self._blocks // SMALLEST_SHARE) if device.is_cpu else 1  # threads
         self._recorded: dict[int, list[Callable[[], None]]] = {}  # shares, by how many there are
@@ -308,19 +306,16 @@ class BlockLaunch:
         edges = [self._blocks * t // threads for t in range(threads + 1)]
         shares = [self._query_warp(*ends, record_cmd=True).launch for ends in pairwise(edges)]
         if self._most > 1:
-            shares[0] = self._timed(shares[0], edges[1])
+            kernel, first, blocks = self._kernel, shares[0], edges[1]
+
+            def timed() -> None:
+                start = perf_counter()
+                first()
+                _pace[kernel] = (perf_counter() - start) / blocks
+
+            shares[0] = timed
         self._recorded[threads] = shares
         return shares
-
-    def _timed(self, share: Callable[[], None], blocks: int) -> Callable[[], None]:
-        kernel = self._kernel
-
-        def timed() -> None:
-            start = perf_counter()
-            share()
-            _pace[kernel] = (perf_counter() - start) / blocks
-
-        return timed
 
 
 def launch_blocks(
