@@ -109,8 +109,12 @@ def object_surface(shape: Shape, held: Mapping[int, float], cells: int):
 def _pixels(holds: Test, lower: np.ndarray, upper: np.ndarray, cells: int) -> np.ndarray:
     """At which pixels ``(X, Y)`` of a plane a test holds, asked at their centres."""
     sides = _sides(lower, upper, cells)
-    ticks = [a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(lower, upper, sides, strict=True)]
-    return holds(np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, PLANE)).reshape(sides)
+    middles = np.meshgrid(*_middles(lower, upper, sides), indexing="ij")
+    return holds(np.stack(middles, axis=-1).reshape(-1, PLANE)).reshape(sides)
+
+
+def _middles(lower: np.ndarray, upper: np.ndarray, sides) -> list[np.ndarray]:
+    return [a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(lower, upper, sides, strict=True)]
 
 
 def _sides(lower: np.ndarray, upper: np.ndarray, cells: int) -> np.ndarray:
@@ -157,14 +161,11 @@ class State:
     bound: Any  # in space the surface of the bound, a pyvista.PolyData; in a plane (X, Y) bool, its pixels
     object: Any  # the object's, likewise
 
-    def missed(self, within: bool) -> np.ndarray:
-        """The wrong pixels ``(X, Y)`` of a plane: the object's that are denied, or, from the inside, others held."""
-        return self.bound & ~self.object if within else self.object & ~self.bound
-
     def pixels(self, within: bool) -> np.ndarray:
         """What the pixels ``(X, Y)`` of a plane show: 0 nothing, 1 the bound, 2 the object, 3 what is wrong."""
-        seen = np.where(self.bound, 1, 2 * self.object) if within else np.where(self.object, 2, self.bound)
-        return np.where(self.missed(within), 3, seen)
+        if within:  # what is held and not the object's is wrong
+            return np.where(self.bound, np.where(self.object, 1, 3), 2 * self.object)
+        return np.where(self.object, np.where(self.bound, 2, 3), self.bound)
 
 
 @dataclass
@@ -411,10 +412,7 @@ def _add_surface(figure, surface, name: str, colour: str, opacity: float) -> Non
 def _add_pixels(figure, view: View, state: State) -> None:
     """Pixels of one state in a plane."""
     pixels = state.pixels(view.within)
-    middles = [
-        low + (np.arange(n) + 0.5) * (high - low) / n
-        for low, high, n in zip(view.lower, view.upper, pixels.shape, strict=True)
-    ]
+    middles = _middles(view.lower, view.upper, pixels.shape)
     x, y = middles[::-1] if view.down else middles
     last = len(PIXEL_COLOURS) - 1
     scale = [[k / (last + 1), colour] for n, colour in enumerate(PIXEL_COLOURS) for k in (n, n + 1)]

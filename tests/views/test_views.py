@@ -43,8 +43,8 @@ def test_what_a_wrong_bound_denies_of_the_object_is_seen():
     broken = box("c").to("cpu")
     broken.freeze(broken.threshold + 0.2, None)
     seen = view_of(broken, shape("c"), **FEW).states[0]
-    assert seen.missed(False).any()
-    assert (seen.pixels(False)[seen.missed(False)] == 3).all()
+    assert (seen.pixels(False) == 3).any()
+    assert ((seen.pixels(False) == 3) == (seen.object & ~seen.bound)).all()
 
 
 @pytest.mark.parametrize("query", ["point", "box"])
@@ -58,7 +58,7 @@ def test_pixels_of_a_plane_are_the_answers_at_their_centres(query):
     asked = centres if query == "point" else np.hstack([centres, centres])
     np.testing.assert_array_equal(state.bound.reshape(-1), bounder.query(asked).numpy() == 1)
     np.testing.assert_array_equal(state.object.reshape(-1), grid.contains(centres))
-    assert (state.missed(False).sum(), seen.down) == (0, True)
+    assert ((state.pixels(False) == 3).sum(), seen.down) == (0, True)
 
 
 def test_a_distance_is_seen_at_every_radius():
@@ -83,7 +83,7 @@ def test_from_the_inside_what_is_held_is_in_the_object():
     x = np.stack(np.meshgrid(*[np.linspace(-1, 1, 24)] * 2, indexing="ij"), axis=-1)
     disc = wb.load_shape(np.hypot(x[..., 0], x[..., 1]) < 0.8)
     seen = view_of(wb.fit(disc, method="sphere", side="inside", device="cpu"), disc, **FEW)
-    assert (seen.within, seen.states[0].missed(True).sum()) == (True, 0)
+    assert (seen.within, (seen.states[0].pixels(True) == 3).sum()) == (True, 0)
 
 
 @pytest.mark.parametrize(

@@ -272,7 +272,7 @@ class ParticleCull:
         """What fills the mask of the pairs, in this order."""
         model, device = self.model, self._device
         shapes, particles = model.shape_count, model.particle_count
-        places = [0, *self._shapes.inputs(state, gap)]
+        places = [0, *self._shapes.read(state), gap, *self._shapes.own]
         launch = partial(BlockLaunch, device=device)
         placing = launch(place_shapes, shapes, places, [self._placed, self._hulls], first_index=0, block=1)
         asking = [self._query(number, bounder, state) for number, bounder in enumerate(self._shapes.bounders)]

@@ -110,14 +110,6 @@ def _finite(half: wp.vec3) -> Hull:
 
 
 @wp.func
-def _sphere(scale: wp.vec3) -> Hull:
-    r = wp.abs(scale[0])
-    hull = _finite(wp.vec3(r, r, r))
-    hull.radius = r
-    return hull
-
-
-@wp.func
 def _cylinder(scale: wp.vec3) -> Hull:
     r, h, b = wp.abs(scale[0]), wp.abs(scale[1]), wp.abs(scale[2])
     hull = _finite(wp.vec3(r, r, h))
@@ -162,7 +154,9 @@ def extent_of(kind: int, scale: wp.vec3) -> Hull:
     if kind == _PLANE:
         return _plane(scale)
     if kind == _SPHERE:
-        return _sphere(scale)
+        hull = _finite(wp.vec3(wp.abs(scale[0])))
+        hull.radius = wp.abs(scale[0])
+        return hull
     if kind == _BOX:
         return _finite(wp.abs(scale))
     if kind == _CAPSULE:

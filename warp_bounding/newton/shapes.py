@@ -194,6 +194,7 @@ class Shapes:
         bounders: Each once.
         roles: ``(S,)`` int, as of ``placing``.
         bounder_of: ``(S,)`` int32, which of the bounders; -1 for none.
+        own: What ``place_shapes`` reads of that, on the device.
     """
 
     def __init__(
@@ -247,7 +248,7 @@ class Shapes:
         on_device = [(self.roles, wp.int32), (self._domains, wp.vec3)]
         on_device += [(values, wp.float32) for values in (self._margins, self._grows, self._sizes)]
         on_device.insert(1, (self._ids, wp.uint64))
-        self._own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]
+        self.own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]
         self.bounder_of = wp.array(numbers, dtype=wp.int32, device=model.device)
 
     def read(self, state: newton.State) -> list[wp.array | None]:
@@ -255,10 +256,6 @@ class Shapes:
         m = self._model
         places = [state.body_q, m.shape_transform, m.shape_body, m.shape_scale, m.shape_margin]
         return [*places, m.shape_flags, m.shape_type, m.shape_source_ptr]
-
-    def inputs(self, state: newton.State, gap: float) -> list:
-        """Of ``place_shapes``, but for the first: those, and what is known of the shapes."""
-        return [*self.read(state), gap, *self._own]
 
     @property
     def names(self) -> list[str]:
