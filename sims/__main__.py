@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from sims import DEMOS
-from warp_bounding.cli import Device, Json, Seed, console, count, main, number_option, print_json, quiet_warp
+from warp_bounding.cli import Device, Json, Seed, count, main, number_option, print_json, quiet_warp
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.whole_file import write_whole
 
@@ -81,7 +81,7 @@ def _write_assets(folder: str, json: bool) -> int:
     if json:
         print_json({"path": folder, "files": files})
     else:
-        console(False).print(f"written: {', '.join(files)}")
+        print(f"written: {', '.join(files)}")
     return 0
 
 

@@ -211,7 +211,7 @@ def command(function: Callable[..., tuple]) -> Callable[..., int]:
         if json:
             print_json(found)
         else:
-            console().print(*filter(None, lines), sep="\n")
+            print(*filter(None, lines), sep="\n")
         return status
 
     own = [p for p in inspect.signature(function).parameters.values() if p.kind != inspect.Parameter.VAR_KEYWORD]
@@ -259,13 +259,6 @@ def load_both(file: Path, shape: Path, device: str, options: Mapping[str, Any]) 
 READABLE = 110  # columns that are easy to read, where no terminal looks
 
 
-def console(as_json: bool = False):
-    """Where text for people goes: standard output, or standard error where that belongs to JSON."""
-    from rich.console import Console
-
-    return Console(stderr=as_json, highlight=False, soft_wrap=True, markup=False, emoji=False)
-
-
 def print_json(value: dict[str, Any]) -> None:
     """Print one JSON object on standard output."""
     print(json_text.dumps(value, allow_nan=False, default=str))  # paths are text
@@ -273,7 +266,7 @@ def print_json(value: dict[str, Any]) -> None:
 
 def warn(text: str) -> None:
     """Print one yellow line on standard error, about something that is no error."""
-    console(True).print(" ".join(text.split()), style="yellow")
+    typer.secho(" ".join(text.split()), fg="yellow", err=True)
 
 
 @contextlib.contextmanager

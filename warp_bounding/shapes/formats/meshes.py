@@ -200,7 +200,7 @@ def _read_obj(path: Path) -> MeshData:
     corners: list[bytes] = []  # words of faces, such as 7/1/3
     for line in path.read_bytes().removeprefix(codecs.BOM_UTF8).splitlines():
         if line.rstrip().endswith(b"\\"):
-            raise ValueError(f"expected statements of one line, got a backslash at the end of {_shown(line)}")
+            raise ValueError(f"expected statements of one line, got a backslash at the end of {line[:60]!r}")
         keyword, *words = line.split(b"#")[0].split() or [b"o"]
         if keyword == b"f":
             sizes.append(len(words))
@@ -209,7 +209,7 @@ def _read_obj(path: Path) -> MeshData:
         elif keyword == b"v" and (len(words) in (3, 6) or (len(words) == 4 and float(words[3]) == 1)):
             points += words[:3]
         elif keyword not in IGNORED:
-            raise ValueError(f"expected a statement of a polygon mesh, got {_shown(line)}")
+            raise ValueError(f"expected a statement of a polygon mesh, got {line[:60]!r}")
     vertices, counts = as_numbers(points).reshape(-1, 3), np.array(sizes, np.int64)
     if odd := set(b"".join(corners)) - set(b"0123456789-/"):
         raise ValueError(f"expected corners such as 7 or 7/1/3, got some with {bytes(sorted(odd))[:20]!r}")
@@ -218,10 +218,6 @@ def _read_obj(path: Path) -> MeshData:
         raise ValueError("expected vertices counted from 1, or backwards from -1, got 0")
     indices = np.where(numbers > 0, numbers - 1, np.repeat(np.array(before, np.int64), counts) + numbers)
     return joined([(vertices, triangulated(counts, indices, len(vertices)))])
-
-
-def _shown(line: bytes) -> str:
-    return repr(line[:60].decode("latin-1"))
 
 
 # --- OFF --------------------------------------------------------------------------------------------------------------
