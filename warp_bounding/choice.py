@@ -47,8 +47,6 @@ from warp_bounding.training.fit import check_asked, check_numbers, is_number, tr
 from warp_bounding.training.samples import CallersQueries
 from warp_bounding.version import __version__
 
-__all__ = ["Choice", "Row", "Stretch", "choose", "cost_plot"]
-
 NONE = "none"  # label of no broad phase
 
 # --- candidates ------------------------------------------------------------------------------------------------------

@@ -30,8 +30,6 @@ from warp_bounding.runtime import VERBOSE
 from warp_bounding.runtime.progress import bar, quiet_warp
 from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
 
-__all__ = ["main"]
-
 INTERRUPTED = 130
 ABOUT = "Proven, tight, fast bounding volumes: fit one, prove it, measure it, see it at work."
 

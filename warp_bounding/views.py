@@ -29,8 +29,6 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.shapes import Grid, Mesh, MovingMesh
 from warp_bounding.shapes.shape import Shape
 
-__all__ = ["State", "View", "level_surface", "needed", "object_surface", "page", "view_of"]
-
 CELLS, PIXELS = 80, 640  # along the longest side: of a level set in space, of a picture of a plane
 HALVINGS = 12  # of a grid's edge: to 1/4096 of a cell
 BEYOND = 0.08  # of the longest side that is seen: room around what is bounded

@@ -36,8 +36,6 @@ from warp_bounding.shapes.formats.meshes import referred_buffers
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES
 from warp_bounding.version import __version__
 
-__all__ = ["SAMPLES", "SHEET", "Baked", "Job", "Settings", "bake"]
-
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
 SHEET = "contact-sheet.html"  # in the folder of a bake
 

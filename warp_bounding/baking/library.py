@@ -27,8 +27,6 @@ from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, unique_name, vector_type
 from warp_bounding.runtime.whole_file import BOUNDER, file_path
 
-__all__ = ["HASH_DIGITS", "MANIFEST", "RECORDS", "BounderGroup", "BounderLibrary", "BounderStack", "Record"]
-
 MANIFEST, RECORDS = "manifest.csv", "records"  # in the folder of a bake
 HASH_DIGITS = 12  # hexadecimal: two of 10^5 shapes share them with a probability of 2e-5
 KEY = re.compile(rf"(.+)-([0-9a-f]{{{HASH_DIGITS}}})")  # name-hash, of a baked file

@@ -16,8 +16,6 @@ from warp_bounding.shapes.joints import TURNS
 if TYPE_CHECKING:
     from warp_bounding.bounders.bounder import Bounder
 
-__all__ = ["NOT_CONSERVATIVE", "statement"]
-
 NOT_CONSERVATIVE = "NOT conservative: it misses queries that meet the object, and is kept to show what that does."
 DIGITS = 4  # of the size of a box, to which its corners are printed
 

@@ -6,8 +6,6 @@ from pathlib import Path
 
 from warp_bounding.errors import FileFormatError
 
-__all__ = ["BOUNDER", "check_writable", "file_path", "write_whole"]
-
 BOUNDER = ".safetensors"  # suffix of a bounder's file
 
 

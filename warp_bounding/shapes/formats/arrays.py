@@ -23,8 +23,6 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.recentred import Frame, Recentred
 from warp_bounding.shapes.shape import MAX_OFFSET
 
-__all__ = ["UNKNOWN", "Cells", "Placement", "Wanted", "grid_of", "level_of"]
-
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
 # Of the largest coordinate: how far cells may be from where they were requested, as decimal fractions are not exact. It
 # is within what ``queries.domain.POSITIONS_ROUNDING`` leaves for the rounding of positions.

@@ -15,8 +15,6 @@ import numpy as np
 from warp_bounding.shapes.formats.arrays import Cells
 from warp_bounding.shapes.shape import MAX_CELLS
 
-__all__ = ["read_binvox"]
-
 KEYS = {b"#binvox": 1, b"dim": 3, b"translate": 3, b"scale": 1}  # and how many words follow
 
 

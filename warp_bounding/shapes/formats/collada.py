@@ -13,8 +13,6 @@ import numpy as np
 
 from warp_bounding.shapes.formats.reading import MeshData, joined, placed, triangulated
 
-__all__ = ["read_collada"]
-
 Element = ElementTree.Element
 TRANSFORMS = ("matrix", "translate", "rotate", "scale")
 UNPLACED = {"asset", "extra", "instance_camera", "instance_light"}  # in a node; no geometry

@@ -10,8 +10,6 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.formats.reading import import_optional, reading
 
-__all__ = ["WHICH", "image_from", "opened", "read_png"]
-
 OPAQUE = 0.5  # alpha from here on is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
 GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands

@@ -19,8 +19,6 @@ from warp_bounding.shapes.formats.arrays import Cells, Placement, Wanted
 from warp_bounding.shapes.formats.images import opened
 from warp_bounding.shapes.formats.reading import import_optional, reading
 
-__all__ = ["read_pgm", "read_ros_map"]
-
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 MODES = ("trinary", "scale")
 _BLANK = rb"(?:\s|#[^\n]*\n)+"

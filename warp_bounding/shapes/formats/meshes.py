@@ -32,8 +32,6 @@ from warp_bounding.shapes.formats.reading import (
 from warp_bounding.shapes.mesh import Mesh, mesh_of
 from warp_bounding.shapes.recentred import Recentred
 
-__all__ = ["MESH_READERS", "parts_of", "read_mesh", "read_mesh_data", "referred_buffers"]
-
 
 def _read_by_trimesh(path: Path) -> MeshData:
     """All meshes of a file's scene, where the scene places them; raises ``ValueError`` for one that is not whole."""

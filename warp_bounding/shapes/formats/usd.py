@@ -18,8 +18,6 @@ from warp_bounding.shapes.recentred import Recentred
 if TYPE_CHECKING:
     from pxr import Usd
 
-__all__ = ["USD_SUFFIXES", "read_usd"]
-
 USD_SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], np.float64)  # of a cube
 SIDES = np.array([0, 1, 3, 2, 4, 6, 7, 5, 0, 4, 5, 1, 2, 3, 7, 6, 0, 2, 6, 4, 1, 5, 7, 3])
