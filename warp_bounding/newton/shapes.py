@@ -151,7 +151,9 @@ def check_bounder(
     if unproven:
         return
     made_for, resolution, margin = (bounder.info.get(key) for key in ("indicator", "resolution", "margin"))
-    if made_for is None or margin is None or _digest(*mesh_of(shape), resolution, margin) != made_for:
+    vertices, indices = mesh_of(shape)
+    given = vertices.tobytes(), indices.tobytes()
+    if made_for is None or margin is None or _digest(*given, resolution, margin) != made_for:
         raise BounderError(f"shape {shape}: the bounder was made for another mesh, {bounder.info.get('name')}")
     if of_distances:
         return
@@ -160,10 +162,9 @@ def check_bounder(
     reach = radius + abs(float(model.shape_margin.numpy()[shape])) + abs(contact_gap(pipeline))
     # World 0: what the coordinates in the world add is weighed pair by pair (``placing.Hull.per_coordinate``), and
     # where it is too much the pair stays.
-    needed = _margin_for(float(np.abs(mesh_of(shape)[0]).max()), reach, world=0.0, scale=scale)
-    given = bounder.info["margin"]
-    if not given >= needed:
-        raise BounderError(f"shape {shape}: expected a bounder with a margin of {needed:.6g} at least, got {given:.6g}")
+    needed = _margin_for(float(np.abs(vertices).max()), reach, world=0.0, scale=scale)
+    if not margin >= needed:
+        raise BounderError(f"shape {shape}: expected a bounder with a margin of {needed:.6g} or more, got {margin:.6g}")
 
 
 def contact_gap(pipeline: newton.CollisionPipeline) -> float:
@@ -171,14 +172,9 @@ def contact_gap(pipeline: newton.CollisionPipeline) -> float:
     return float(pipeline.soft_contact_gap if hasattr(pipeline, "soft_contact_gap") else pipeline.soft_contact_margin)
 
 
-def _digest(vertices: np.ndarray, indices: np.ndarray, resolution: int | None, margin: float) -> str:
-    """Digest of what a bounder of a mesh is made for: its cells, or without a resolution the dilated mesh itself."""
-    vertices, indices = np.asarray(vertices, np.float32), np.asarray(indices, np.int32)
-    return _digest_of(vertices.tobytes(), indices.tobytes(), resolution, margin)
-
-
 @lru_cache(maxsize=64)
-def _digest_of(vertices: bytes, indices: bytes, resolution: int | None, margin: float) -> str:
+def _digest(vertices: bytes, indices: bytes, resolution: int | None, margin: float) -> str:
+    """Digest of what a bounder of a mesh is made for: its cells, or without a resolution the dilated mesh itself."""
     vertices, faces = np.frombuffer(vertices, np.float32), np.frombuffer(indices, np.int32)
     mesh = Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), margin=margin)
     return mesh.digest if resolution is None else mesh.to_grid(resolution=resolution).digest
