@@ -15,7 +15,7 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -207,63 +207,44 @@ TIMED_GPU, IN_A_ROW = 4_000_000, 5
 MOST_SECONDS = 0.3  # of one candidate's launches, after which no more are timed
 
 
-@dataclass
-class Bench:
-    """Measures bounders on queries."""
+def launch_of(bounder: Bounder, query: str, x: np.ndarray, length: float) -> Callable[[], wp.array]:
+    """A function that queries a bounder, or a distance in its place; the queries lie on its device before."""
+    parts = [wp.array(part, dtype=wp.float32, device=bounder.device) for part in parts_of(query, x)]
+    if bounder.of_distances:
+        ask = ASKED[query](bounder, length)
+        return lambda: ask(*parts)
+    return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device)).launch
 
-    query: str
-    shape: Shape  # dilated
-    x: np.ndarray
-    length: float
-    device: str
 
-    def __post_init__(self):
-        self.truth = np.asarray(oracle(self.query, self.shape, "cpu", self.length)(self.x), dtype=bool)
+def nanoseconds_of(
+    bounders: Mapping[str, Bounder], query: str, x: np.ndarray, length: float, device: str
+) -> dict[str, float]:
+    """Of a query: the fastest of launches in turns, so that what else the machine does slows all alike."""
+    queries, calls = (TIMED_GPU, IN_A_ROW) if wp.get_device(device).is_cuda else (TIMED, 1)
+    many = np.resize(x, (max(len(x), queries), x.shape[1]))
+    launches = {label: launch_of(bounder, query, many, length) for label, bounder in bounders.items()}
+    taken: dict[str, list[float]] = {label: [] for label in launches}
+    for turn in range(TURNS + 1):
+        for label, launch in launches.items():
+            if sum(taken[label]) <= MOST_SECONDS:
+                wp.synchronize_device(device)
+                start = time.perf_counter()
+                for _ in range(calls):
+                    launch()
+                wp.synchronize_device(device)
+                if turn:  # the first one loads kernels
+                    taken[label].append((time.perf_counter() - start) / calls)
+    return {label: 1e9 * min(seconds) / len(many) for label, seconds in taken.items()}
 
-    def launch(self, bounder: Bounder, x: np.ndarray) -> Callable[[], wp.array]:
-        """A function that queries a bounder, or a distance in its place; the queries lie on its device before."""
-        parts = [wp.array(part, dtype=wp.float32, device=bounder.device) for part in parts_of(self.query, x)]
-        if bounder.of_distances:
-            ask = ASKED[self.query](bounder, self.length)
-            return lambda: ask(*parts)
-        return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device)).launch
 
-    def measure(self, label: str, bounder: Bounder, memory: int | None, statistical: bool) -> Row:
-        """The row of a bounder, without its time."""
-        maybe = self.launch(bounder, self.x)().numpy() == 1
-        doubtful = self.x[self.truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
-        missed = int(QUERIES[self.query].certain(self.shape, doubtful, self.length).sum()) if len(doubtful) else 0
-        certificate, why_not = bounder.certificate, ""
-        kind = "" if certificate is None else certificate.kind
-        if missed:
-            why_not = f"denies {missed:,} queries that meet the object"
-        elif not bounder.conservative or not ((certificate and certificate.proven) or statistical):
-            why_not = f"not proven ({kind or 'no certificate'})"
-        elif memory is not None and bounder.nbytes > memory:
-            why_not = "over the memory limit"
-        seconds = (bounder.info.get("training") or {}).get("seconds", 0.0)
-        share = float(maybe.mean())
-        return Row(
-            label, bounder.nbytes, share=share, certificate=kind, missed=missed, seconds=seconds, why_not=why_not
-        )
-
-    def nanoseconds(self, bounders: Mapping[str, Bounder]) -> dict[str, float]:
-        """Of a query: the fastest of launches in turns, so that what else the machine does slows all alike."""
-        queries, calls = (TIMED_GPU, IN_A_ROW) if wp.get_device(self.device).is_cuda else (TIMED, 1)
-        many = np.resize(self.x, (max(len(self.x), queries), self.x.shape[1]))
-        launches = {label: self.launch(bounder, many) for label, bounder in bounders.items()}
-        taken: dict[str, list[float]] = {label: [] for label in launches}
-        for turn in range(TURNS + 1):
-            for label, launch in launches.items():
-                if sum(taken[label]) <= MOST_SECONDS:
-                    wp.synchronize_device(self.device)
-                    start = time.perf_counter()
-                    for _ in range(calls):
-                        launch()
-                    wp.synchronize_device(self.device)
-                    if turn:  # the first one loads kernels
-                        taken[label].append((time.perf_counter() - start) / calls)
-        return {label: 1e9 * min(seconds) / len(many) for label, seconds in taken.items()}
+def why_not_of(bounder: Bounder, missed: int, memory: int | None, statistical: bool) -> str:
+    """Why a bounder cannot be chosen; empty if it can."""
+    certificate = bounder.certificate
+    if missed:
+        return f"denies {missed:,} queries that meet the object"
+    if not bounder.conservative or not ((certificate and certificate.proven) or statistical):
+        return f"not proven ({certificate.kind if certificate else 'no certificate'})"
+    return "over the memory limit" if memory is not None and bounder.nbytes > memory else ""
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------
@@ -376,17 +357,23 @@ def choose(
     with reported(progress, "choose") as update:
         fitted, missing, interrupted = fit_all(candidates, shape, query, options, budget, memory, file, update)
     fitted |= {label: bounder.to(device) for label, bounder in (bounders or {}).items()}
-    bench = Bench(query, bounded, measured, length, device)
-    taken = {label: overhead_ns + own for label, own in bench.nanoseconds(fitted).items()}
+    truth = np.asarray(oracle(query, bounded, "cpu", length)(measured), dtype=bool)
+    taken = nanoseconds_of(fitted, query, measured, length, device)
     rows = [Row(NONE, 0, 0.0, 1.0, float(narrow_ns), "by construction")]
     for label, bounder in fitted.items():
-        row = bench.measure(label, bounder, memory, statistical)
-        rows.append(replace(row, nanoseconds=taken[label], cost=taken[label] + row.share * narrow_ns))
+        maybe = launch_of(bounder, query, measured, length)().numpy() == 1
+        doubtful = measured[truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
+        missed = int(QUERIES[query].certain(bounded, doubtful, length).sum()) if len(doubtful) else 0
+        kind = bounder.certificate.kind if bounder.certificate else ""
+        own, share = overhead_ns + taken[label], float(maybe.mean())
+        cost, seconds = own + share * narrow_ns, (bounder.info.get("training") or {}).get("seconds", 0.0)
+        why_not = why_not_of(bounder, missed, memory, statistical)
+        rows.append(Row(label, bounder.nbytes, own, share, cost, kind, missed, seconds, why_not))
     rows.sort(key=lambda row: (bool(row.why_not), row.cost))
     about = {"shape": shape.name, "query": query, "memory": memory, "device": device, "interrupted": interrupted}
     about |= {"threads": cpu_threads() if wp.get_device(device).is_cpu else 0, "budget": budget}
     about |= {"seconds": working_seconds() - started, "compile_seconds": compile_seconds() - compiled}
-    positives = float(bench.truth.mean())
+    positives = float(truth.mean())
     return Choice(fitted.get(rows[0].label), (*rows, *missing), float(narrow_ns), positives, len(x), about)
 
 

@@ -16,11 +16,11 @@ import math
 import os
 import re
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
 from threading import Thread, Timer, local
-from time import perf_counter
 
 import warp as wp
 
@@ -76,7 +76,7 @@ def working_seconds() -> float:
 
     Raises ``OutOfTimeError`` in ``limited``, after its time.
     """
-    now = perf_counter() - _own.compiling
+    now = time.perf_counter() - _own.compiling
     if now > _own.end:
         raise OutOfTimeError
     return now
@@ -212,12 +212,12 @@ def ready(kernel: wp.Kernel, device: wp.Device) -> None:
         slow = Timer(TOLD_AFTER, _tell, [kernel.module.name])
         slow.daemon = True
         slow.start()
-        started = perf_counter()
+        started = time.perf_counter()
         try:
             wp.load_module(kernel.module, device)
         finally:
             slow.cancel()
-        compiled_for(perf_counter() - started)
+        compiled_for(time.perf_counter() - started)
         _ready.add((kernel, device.alias))
 
 
@@ -309,9 +309,9 @@ class BlockLaunch:
             kernel, first, blocks = self._kernel, shares[0], edges[1]
 
             def timed() -> None:
-                start = perf_counter()
+                start = time.perf_counter()
                 first()
-                _pace[kernel] = (perf_counter() - start) / blocks
+                _pace[kernel] = (time.perf_counter() - start) / blocks
 
             shares[0] = timed
         self._recorded[threads] = shares
