@@ -16,7 +16,7 @@ import warp_bounding as wb
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes import Grid, load_shape
 from warp_bounding.shapes import shape as limits
-from warp_bounding.shapes.grid import dilate
+from warp_bounding.shapes.formula import dilate
 
 F32 = st.floats(width=32, allow_nan=False, allow_infinity=False)
 

@@ -176,11 +176,6 @@ class Node:
         self.children: list[Node] = []
 
 
-def inner_nodes(leaves: int) -> int:
-    """Largest number of nodes above so many leaves."""
-    return -(-(leaves - 1) // (ARITY - 1))
-
-
 def build(grid: Grid, leaves: int, seconds: float = math.inf) -> Hierarchy:
     """Arrange the occupied cells in so many leaf boxes; fewer where the object consists of fewer.
 
@@ -190,7 +185,8 @@ def build(grid: Grid, leaves: int, seconds: float = math.inf) -> Hierarchy:
     shares = [started + seconds * (index + 1) / len(POWERS) for index in range(len(POWERS))]
     found = [_tight(grid.occupied, leaves, power, until) for power, until in zip(POWERS, shares, strict=True)]
     root = min(found, key=lambda pair: pair[0])[1]
-    _flatten(root, inner_nodes(leaves), np.array(grid.shape, dtype=np.float64))
+    inner = -(-(leaves - 1) // (ARITY - 1))  # nodes above the leaves, at most
+    _flatten(root, inner, np.array(grid.shape, dtype=np.float64))
     return _depth_first(root)
 
 
@@ -339,7 +335,7 @@ def leaves_for_bytes(nbytes: int, ndim: int) -> int:
     """
     before = 3 * ndim + 1 + ndim + LEADING  # header and threshold; ``extra``, where it is longest; the method's own
     nodes = max((nbytes // 4 - before) // (2 * ndim + 1), 1)
-    return nodes - -(-(nodes - 1) // ARITY)  # with their ``inner_nodes``, they are just so many nodes or one less
+    return nodes - -(-(nodes - 1) // ARITY)  # with the nodes above them, they are just so many nodes or one less
 
 
 def _network_bytes(domain: AnyDomain, hidden: tuple[int, ...]) -> int:

@@ -662,14 +662,10 @@ class Local(Composed):
         v = np.asarray(v, dtype=np.float64)
         return np.clip(self.member.reference(v) - self.thresholds[self.lattice.place(v)], DENIED, CERTAIN)
 
-    def thresholds_in(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Least and largest threshold of the parts that boxes ``(N, n)`` meet, and which boxes meet only one."""
-        return self.lattice.extremes(self.thresholds, lower, upper)
-
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """See ``Bounder``. A box inside one part has the part's threshold everywhere, on its upper sides too."""
         bounds = self.member.bound(lower, upper)
-        _, most, single = self.thresholds_in(lower, upper)
+        _, most, single = self.lattice.extremes(self.thresholds, lower, upper)
         # Not cut at DENIED: a part that is denied by its level is, whatever the threshold.
         least = np.minimum(np.nextafter(bounds.lower - most, -np.inf), CERTAIN)
         value = np.where(single, np.clip(bounds.value - most, DENIED, CERTAIN), self.reference(bounds.point))

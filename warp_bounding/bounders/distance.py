@@ -135,12 +135,8 @@ class DistanceBounder(Bounder):
     """A lower bound of the distance to an object, 0 in it and wherever nothing better is proven.
 
     Attributes:
-        method: The name that ``method=`` takes.
         domain: The box that holds the object, and the map into it.
-        threshold: float32, at most 0: what is added to F, the slack with its sign turned.
-        certificate: What is proven of it, or ``None``.
-        info: How it was made, by the names in ``file_format.INFO_FIELDS``.
-        device: The Warp device that queries run on.
+        threshold: float32, at most 0: what is added to F, the slack with its sign turned. Others are as of ``Bounder``.
 
     Example:
         >>> far = wb.fit(ball, "distance", "kdop", device="cpu")
@@ -235,18 +231,14 @@ class DistanceBounder(Bounder):
         return float(round_up(max(own, self.domain.speed)))
 
     @property
-    def haste(self) -> float:
-        """``pace`` in local units."""
-        return self.pace / (float(self.domain.scale[0]) * self.domain.unit)
-
-    @property
     def extra(self) -> np.ndarray:
         """float32 numbers behind threshold and share: where there is time, its scale, the speed and the pace."""
         return np.append(self.domain.extra, np.float32(self.pace)) if self.domain.time else self.domain.extra
 
     def _header(self, threshold: np.float32) -> np.ndarray:
         """See ``Bounder``: threshold and the share of a query's size that rounding takes."""
-        share = round_up(share_of(self.ndim, self.growth() + self.haste))
+        pace = self.pace / (float(self.domain.scale[0]) * self.domain.unit)  # local units
+        share = round_up(share_of(self.ndim, self.growth() + pace))
         return np.concatenate([self.domain.header, [threshold, share], self.extra])
 
     @property

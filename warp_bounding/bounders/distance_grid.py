@@ -82,12 +82,6 @@ class Values(NamedTuple):
             low + step * self.stored.astype(np.float64) if self.stored.dtype == np.uint8 else self.stored.astype(float)
         )
 
-    @property
-    def subnormal(self) -> bool:
-        """Whether one of 16 bits is, which is not read as it stands."""
-        half = self.stored.dtype == np.float16
-        return half and bool(((self.stored != 0) & (np.abs(self.exact) < SMALLEST_HALF)).any())
-
 
 # --- native text -----------------------------------------------------------------------------------------------------
 #
@@ -222,13 +216,13 @@ class DistanceGrid(DistanceBounder):
             raise BounderError(f"{self.method}: expected {self.ndim} axes of 2 nodes or more, got {values.shape}")
         self.expect_shapes({"values": values.shape} | ({"range": (2,)} if storage == STORAGES[2] else {}))
         part = Values(values, self.tensors.get("range", np.zeros(2, np.float32)))
-        if part.subnormal:
-            raise BounderError(f"{self.method}: a value of 16 bits is subnormal")
         self._exact = part.exact
+        if values.dtype == np.float16 and ((values != 0) & (np.abs(self._exact) < SMALLEST_HALF)).any():
+            raise BounderError(f"{self.method}: a value of 16 bits is subnormal")  # which is not read as it stands
         if not np.abs(self._exact).max() <= 2.0**20:
             raise BounderError(f"{self.method}: a value is larger than any distance in the domain")
-        self._inverse = round_down((np.array(values.shape) - 1) / (2 * self.domain.limit.astype(np.float64)))
-        self._inverse = self._inverse.astype(np.float64)
+        per_unit = (np.array(values.shape) - 1) / (2 * self.domain.limit.astype(np.float64))
+        self._inverse = round_down(per_unit).astype(np.float64)
 
     @property
     def source(self) -> DistanceGridSource:

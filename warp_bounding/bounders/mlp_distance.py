@@ -45,14 +45,10 @@ class MlpDistanceSource(DistanceSource, MlpSource):
 
     whole = False
 
-    @property
-    def step_at(self) -> int:
-        """Index in ``w`` of the step."""
-        return self.count + sum(self.shape) - len(self.shape)
-
     def _relief(self, vector: bool) -> str:
         """C statements that add the relief to ``f``."""
-        return f"{level_text(self.shape, self.count, vector)} f = f + level_ * w[{self.step_at}];"
+        step_at = self.count + sum(self.shape) - len(self.shape)
+        return f"{level_text(self.shape, self.count, vector)} f = f + level_ * w[{step_at}];"
 
     def body(self, lanes: Lanes) -> str:
         return self.relieved(super().body(lanes), lanes)
@@ -161,10 +157,6 @@ class MlpDistance(Layered, DistanceBounder):
         lower, upper = super().pieces()
         return (lower, upper) if self.lattice is None else self.lattice.cut(lower, upper)[:2]
 
-    def _relief_in(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray | float:
-        """The relief of boxes that lie in a part each."""
-        return 0.0 if self.lattice is None else self.relief[self.lattice.place(lower / 2 + upper / 2)]
-
     @property
     def source(self) -> MlpDistanceSource:
         cut = {} if self.lattice is None else {"count": len(super().weights()), "shape": self.lattice.shape}
@@ -187,7 +179,10 @@ class MlpDistance(Layered, DistanceBounder):
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         v = np.asarray(v, dtype=np.float64)
-        return self.network(v) + (0.0 if self.lattice is None else self.relief[self.lattice.place(v)])
+        return self.network(v) + self._relief_at(v)
+
+    def _relief_at(self, v: np.ndarray) -> np.ndarray:
+        return np.zeros(len(v)) if self.lattice is None else self.relief[self.lattice.place(v)]
 
     def rounding_bound(self) -> float:
         error = self.network.rounding + FLUSHED
@@ -203,7 +198,7 @@ class MlpDistance(Layered, DistanceBounder):
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """See ``DistanceBounder``: the network's own multilinear bound (``Network.corners``), and the relief."""
         values = self._negative.corners(lower, upper)
-        relief = np.reshape(self._relief_in(lower, upper), (-1, 1))
+        relief = self._relief_at(lower / 2 + upper / 2)[:, None]  # a box lies in one part
         return relief - values + RELIEF_ROUNDING * UNIT64 * (np.abs(values) + relief)
 
     @property

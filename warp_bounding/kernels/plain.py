@@ -11,8 +11,6 @@ import warp as wp
 from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.runtime.native import Numbers
 
-__all__ = ["kdop_kernel", "mlp_kernel"]
-
 
 @wp.func
 def local(x: wp.float32, center: wp.float32, scale: wp.float32):

@@ -18,8 +18,6 @@ from warp_bounding.runtime.native import native_text
 
 text = native_text("network.h")
 
-__all__ = ["MlpSource", "head_numbers", "layer_numbers", "padded"]
-
 EIGHT = 8  # floats of one AVX vector: activations and an output's weights are padded to a multiple of it
 ALIGN = 16  # floats of one AVX-512 vector, a line of cache: where rows of the copy for neurons in lanes begin
 

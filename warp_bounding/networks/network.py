@@ -126,8 +126,8 @@ class Network:
     """The exact function of a stored network; weights are float32 numbers, stored in float64.
 
     Args:
-        layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output.
-        activation: A name in ``ACTIVATIONS``, of the hidden layers.
+        layers: ``[(weight (H, K), bias (H,)), ...]``, the last one the scalar output; or a ``Layer`` for each.
+        activation: A name in ``ACTIVATIONS``, of the hidden layers; ``None`` where each ``Layer`` has its own.
         limit: ``(n,)``, largest ``|v|`` that is ever evaluated.
 
     Attributes:
@@ -141,21 +141,13 @@ class Network:
         BounderError: If an argument can leave the range in which the kernels' activation is certified.
     """
 
-    def __init__(self, layers, activation: str, limit: np.ndarray):
-        kept = activation_of(activation)
-        stack = [Layer(weight.astype(np.float64), bias.astype(np.float64), kept) for weight, bias in layers[:-1]]
-        output = Layer(layers[-1][0].astype(np.float64), layers[-1][1].astype(np.float64), None)
-        self._measure(stack, output, limit)
-
-    @classmethod
-    def of_layers(cls, hidden: list[Layer], output: Layer, limit: np.ndarray) -> "Network":
-        """A network of any float64 layers, each with its own activation; raises as the class does."""
-        network = cls.__new__(cls)
-        network._measure(hidden, output, limit)
-        return network
-
-    def _measure(self, hidden: list[Layer], output: Layer, limit: np.ndarray) -> None:
-        self.hidden, self.output, self.limit = hidden, output, np.asarray(limit, dtype=np.float64)
+    def __init__(self, layers, activation: str | None, limit: np.ndarray):
+        if activation is not None:
+            kept = [*[activation_of(activation)] * (len(layers) - 1), None]
+            pairs = zip(layers, kept, strict=True)
+            layers = [Layer(w.astype(np.float64), b.astype(np.float64), act) for (w, b), act in pairs]
+        *self.hidden, self.output = layers
+        self.limit = np.asarray(limit, dtype=np.float64)
         self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])

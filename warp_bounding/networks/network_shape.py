@@ -137,7 +137,7 @@ class Network(Formula):
         minus = Layer(-output.weight, -output.bias, None)
         limit = np.abs(self._bounds).max(axis=0)
         try:
-            self._networks = [ExactNetwork.of_layers(hidden, each, limit) for each in (output, minus)]
+            self._networks = [ExactNetwork([*hidden, each], None, limit) for each in (output, minus)]
         except BounderError as error:
             raise ShapeError(f"{name}: {error}") from error
         self._compare(sequential)

@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from warp_bounding.networks.inference import MlpSource
     from warp_bounding.networks.network import Layer, Network
 
-__all__ = ["BLOCK", "VERIFIED", "TensorCores", "fits", "lowered", "numbers", "rounding", "text", "threads"]
-
 VERIFIED = (90,)  # compute capabilities, times ten, of which cards passed the tests
 WIDEST, DEEPEST = 64, 4  # neurons of a hidden layer, hidden layers: more would not stay in registers
 LIMIT = 4096.0  # largest |argument| of the sine

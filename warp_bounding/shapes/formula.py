@@ -1,4 +1,4 @@
-"""Shapes that are not made of cells or faces, closed cells that hold a certified shape, and cells of time."""
+"""Shapes that are formulas; closed cells that hold a certified shape, their dilation, and cells of time."""
 
 import math
 
@@ -7,6 +7,7 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.grid import Grid, grid_over
 from warp_bounding.shapes.shape import (
+    MAX_CELLS,
     SCALE_BITS,
     Shape,
     cells_around,
@@ -52,6 +53,65 @@ def time_axis(start: float, end: float, count: int, name: str) -> tuple[float, f
     return float(rate[best]), float(begin[best]), int(cells[best])
 
 
+# --- Dilation ---------------------------------------------------------------------------------------------------------
+#
+# Dilation of cells: which closed cells come within a distance of an occupied closed cell.
+
+DILATED_BYTES = 26  # bytes a padded cell: three float64 arrays of squared distances, and two of truth values
+
+
+def dilate(
+    occupancy: np.ndarray, radius: np.ndarray, *, static_axes: tuple[int, ...] = ()
+) -> tuple[np.ndarray, np.ndarray]:
+    """Occupy every cell whose closed box comes within an ellipsoidal radius of an occupied one.
+
+    Two cells whose indices differ by ``d`` along an axis are ``max(d - 1, 0)`` cells apart there. The squared distance
+    is a sum over axes, so its minimum is taken axis by axis.
+
+    Args:
+        occupancy: n-D bool.
+        radius: ``(n,)``, the distance in cells along each axis.
+        static_axes: Axes along which nothing moves (time): no dilation there.
+
+    Returns:
+        The dilated array, larger where the object would leave it, and ``(n,)`` int, the cells added before each axis.
+
+    Raises:
+        ShapeError: Where the radius would need more cells than a grid may have.
+    """
+    radius = np.array([0.0 if k in static_axes else r for k, r in enumerate(radius)])
+    if sum(math.log2(s + 2 * r + 2) for s, r in zip(occupancy.shape, radius, strict=True)) > math.log2(MAX_CELLS):
+        largest = max(radius.tolist())
+        raise ShapeError(f"expected a margin for which {MAX_CELLS} cells suffice, got one of up to {largest:g} cells")
+    cells = math.prod(s + 2 * (r + 1) for s, r in zip(occupancy.shape, radius.tolist(), strict=True))
+    check_memory(cells * DILATED_BYTES, f"dilating {occupancy.size:,} cells", "give a smaller margin or fewer cells")
+    # Reach d is needed while (d - 1) / radius <= 1; the two factors keep rounding on the safe side.
+    reach = np.array([math.floor(r * (1 + 1e-12)) + 1 if r > 0 else 0 for r in radius])
+    padded = np.pad(occupancy, [(int(d),) * 2 for d in reach])
+    squared = np.where(padded, 0.0, np.inf)  # distance to the nearest occupied cell, in radii
+    for axis, (r, d) in enumerate(zip(radius.tolist(), reach.tolist(), strict=True)):
+        if d:
+            squared = _nearest_along(squared, axis, r, d)
+    result = squared <= 1 + 1e-9
+    # Padding that stayed empty (the object is not near that side) is cut off again; the given cells all stay.
+    used = [np.flatnonzero(result.any(axis=tuple(a for a in range(result.ndim) if a != k))) for k in range(result.ndim)]
+    crop_low = np.array([min(int(u[0]), int(d)) for u, d in zip(used, reach, strict=True)])
+    crop_high = np.array([min(s - 1 - int(u[-1]), int(d)) for u, s, d in zip(used, result.shape, reach, strict=True)])
+    cut = tuple(slice(int(a), s - int(b)) for a, b, s in zip(crop_low, crop_high, result.shape, strict=True))
+    return result[cut], reach - crop_low
+
+
+def _nearest_along(squared: np.ndarray, axis: int, radius: float, reach: int) -> np.ndarray:
+    """Take the least sum of ``squared`` and the squared gap, over cells up to ``reach`` away along an axis."""
+    result = squared.copy()
+    source, target = np.moveaxis(squared, axis, 0), np.moveaxis(result, axis, 0)
+    for step in range(1, reach + 1):
+        cost = ((step - 1) / radius) ** 2 if step > 1 else 0.0
+        np.minimum(target[step:], source[:-step] + cost, out=target[step:])
+        np.minimum(target[:-step], source[step:] + cost, out=target[:-step])
+    return result
+
+
 # --- Cells ------------------------------------------------------------------------------------------------------------
 #
 # Closed cells that hold a shape, found by dividing blocks of cells until the shape certifies them empty.
@@ -65,33 +125,6 @@ CELL_BYTES = 2  # bytes a cell: the grid, and its copy in the ``Grid``
 BLOCK_BYTES = 200  # bytes a block of the finest level while it is requested: index, corners, and what the shape needs
 CHUNK = 2**18  # blocks that are asked for at a time
 TIMES = 32  # cells of time
-
-
-def cells_of(shape: Shape, resolution: int | None, margin: float) -> Grid:
-    """The cells that a certified shape of ``MOST_AXES`` axes at most and its margin may meet (``Shape.to_grid``)."""
-    resolution, margin = checked_resolution(resolution), checked_margin(margin)
-    if not shape.certified:
-        raise ShapeError(f"{shape.name}: cells need a shape that certifies boxes empty, and this one cannot")
-    if shape.ndim > MOST_AXES:
-        raise ShapeError(f"{shape.name}: a grid has at most {MOST_AXES} coordinates, got {shape.ndim}")
-    shape = shape.dilated(margin)
-    scale, first, counts = _axes(shape, resolution)
-    what = f"{shape.name}: dividing it into {' x '.join(map(str, counts))} cells"
-    surface = math.prod(counts) / min(counts)
-    check_memory(math.prod(counts) * CELL_BYTES + surface * BLOCK_BYTES, what, "give a coarser resolution")
-    return grid_over(shape, _divide(shape, scale, first, counts), scale, first, margin, resolution)
-
-
-def _axes(shape: Shape, resolution: int) -> tuple[np.ndarray, np.ndarray, tuple[int, ...]]:
-    """Cells per unit, the offset, and the number of cells of each axis."""
-    space = slice(1 if shape.time else 0, None)
-    rate = cells_per_unit(float(shape.extent.max()), resolution, shape.name)
-    first, last = cells_around(shape.lower[space] * rate, shape.upper[space] * rate, 0.0, shape.name)
-    scale, offset, counts = np.full(len(first), rate), first.astype(np.float64), last - first + 1
-    if shape.time:
-        often, begin, count = time_axis(float(shape.lower[0]), float(shape.upper[0]), TIMES, shape.name)
-        scale, offset, counts = np.r_[often, scale], np.r_[begin + 0.5, offset], np.r_[count, counts]
-    return scale, offset, tuple(counts.tolist())
 
 
 def _divide(shape: Shape, scale: np.ndarray, offset: np.ndarray, counts: tuple[int, ...]) -> np.ndarray:
@@ -138,7 +171,24 @@ class Formula(Shape):
         return self._bounds.shape[1]
 
     def to_grid(self, *, resolution: int | None = None, margin: float = 0.0) -> Grid:
-        return cells_of(self, resolution, margin)
+        """See ``Shape``; the shape must certify boxes, and have ``MOST_AXES`` axes at most."""
+        resolution, margin = checked_resolution(resolution), checked_margin(margin)
+        if not self.certified:
+            raise ShapeError(f"{self.name}: cells need a shape that certifies boxes empty, and this one cannot")
+        if self.ndim > MOST_AXES:
+            raise ShapeError(f"{self.name}: a grid has at most {MOST_AXES} coordinates, got {self.ndim}")
+        shape, space = self.dilated(margin), slice(int(self.time), None)
+        rate = cells_per_unit(float(shape.extent.max()), resolution, self.name)
+        first, last = cells_around(shape.lower[space] * rate, shape.upper[space] * rate, 0.0, self.name)
+        scale, offset, counts = np.full(len(first), rate), first.astype(np.float64), last - first + 1
+        if self.time:
+            often, begin, count = time_axis(float(shape.lower[0]), float(shape.upper[0]), TIMES, self.name)
+            scale, offset, counts = np.r_[often, scale], np.r_[begin + 0.5, offset], np.r_[count, counts]
+        counts = tuple(counts.tolist())
+        what = f"{self.name}: dividing it into {' x '.join(map(str, counts))} cells"
+        surface = math.prod(counts) / min(counts)
+        check_memory(math.prod(counts) * CELL_BYTES + surface * BLOCK_BYTES, what, "give a coarser resolution")
+        return grid_over(shape, _divide(shape, scale, offset, counts), scale, offset, margin, resolution)
 
     def check_contents(self, *, count: int = 4096, seed: int = 0) -> None:
         x = np.random.default_rng(seed).uniform(self.sample_lower, self.sample_upper, (count, self.ndim))

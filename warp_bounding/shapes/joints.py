@@ -26,8 +26,6 @@ import numpy as np
 
 from warp_bounding.rounding import round_down
 
-__all__ = ["BEYOND", "MAGIC", "NUMBERS", "TEXT", "TURNS", "TWO_PI", "WIDER", "Joints", "turned_back"]
-
 TURNS = 1024  # from 0, either way: farther away the answer is maybe
 TURNS64 = 2**20  # the same of float64, where only the truth is asked
 WIDER = 1 + 2.0**-10  # of one turn: what a query that is turned back may be; see above

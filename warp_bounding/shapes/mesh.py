@@ -34,8 +34,6 @@ from warp_bounding.shapes.surfaces import Surface, surface_of, turns_of
 if TYPE_CHECKING:
     from warp_bounding.shapes.triangles.solid import DilatedSolid, Solid
 
-__all__ = ["Mesh", "cells_around", "cells_per_unit", "check_faces", "mesh_of"]
-
 CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
 LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
 
@@ -68,6 +66,11 @@ class Faces(Shape):
     @cached_property
     def upper(self) -> np.ndarray:
         return self._corner(1)
+
+    @cached_property
+    def _used(self) -> np.ndarray:
+        """Numbers of the vertices that faces have, ascending."""
+        return np.unique(self.faces)
 
     def _corner(self, side: int) -> np.ndarray:
         """``(3,)`` float64, the lower (0) or upper (1) corner of a box that holds the faces and the margin."""
@@ -216,7 +219,7 @@ class Mesh(Faces):
     @cached_property
     def bounds(self) -> np.ndarray:
         """``(2, 3)`` float64, lower and upper corner of the faces, without a margin and without unused vertices."""
-        used = self.vertices[self.faces.ravel()]
+        used = self.vertices[self._used]
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
     @cached_property
@@ -289,13 +292,6 @@ class Mesh(Faces):
         away = rng.normal(size=(count, 3))
         away *= self.margin * rng.random((count, 1)) / np.linalg.norm(away, axis=1, keepdims=True)
         return corner[face] + a * edges[0][face] + b * edges[1][face] + away
-
-    @cached_property
-    def _used(self) -> np.ndarray:
-        """Numbers of the vertices that faces have, ascending."""
-        used = np.zeros(len(self.vertices), dtype=bool)
-        used[self.faces] = True
-        return np.flatnonzero(used)
 
     def corners(self) -> np.ndarray:
         """``(P, 3)`` float64, the vertices of faces; see ``Shape``."""

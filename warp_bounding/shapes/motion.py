@@ -119,7 +119,7 @@ class MovingMesh(Faces):
     @cached_property
     def bounds(self) -> np.ndarray:
         """``(2, 3)`` float64, lower and upper corner of the faces over all times, object units."""
-        used = self.frames[:, np.unique(self.faces)].reshape(-1, 3)
+        used = self.frames[:, self._used].reshape(-1, 3)
         return np.stack([used.min(axis=0), used.max(axis=0)]).astype(np.float64)
 
     def _corner(self, side: int) -> np.ndarray:
@@ -160,7 +160,7 @@ class MovingMesh(Faces):
 
     @cached_property
     def speed(self) -> float:
-        used = self.frames[:, np.unique(self.faces)].astype(np.float64)
+        used = self.frames[:, self._used].astype(np.float64)
         ways = np.linalg.norm(np.diff(used, axis=0), axis=2).max(axis=1)
         return float((ways / np.diff(self.times.astype(np.float64))).max() * (1 + 1e-12)) + float(np.finfo(float).tiny)
 
@@ -191,7 +191,7 @@ class MovingMesh(Faces):
 
     def landmarks(self) -> np.ndarray:
         """``(P, 4)`` float64: vertices of faces at keyframes; of a dilated motion, points above and below them."""
-        used, found = np.unique(self.faces), []
+        used, found = self._used, []
         stride = max(1, len(self.frames) * len(used) // MOST_LANDMARKS)
         for number, (time, frame) in enumerate(zip(self.times, self.frames, strict=True)):
             some, vertices = used[number % stride :: stride], frame.astype(np.float64)

@@ -18,8 +18,6 @@ from warp_bounding.errors import ShapeError
 from warp_bounding.rounding import UNIT64
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED, Derived, Shape
 
-__all__ = ["Frame", "Recentred", "expect_near", "own_coordinates", "parted", "recentred"]
-
 ROUNDED = 2.0**-19  # of a mesh's extent: where float32 would move a vertex by more, the mesh is recentred
 OUTWARD = 1 + 2.0**-50
 

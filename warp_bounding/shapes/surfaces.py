@@ -199,18 +199,16 @@ def _numbers(edge: np.ndarray, face: np.ndarray, count: np.ndarray, faces: int) 
     tangled = by_edge[count[edge[by_edge]] != 2]
     if len(tangled):
         stretches = np.split(patch[face[tangled]], np.flatnonzero(np.diff(edge[tangled])) + 1)
-        _solve(number, {_odd(stretch) for stretch in stretches} - {()})
+        counts = (np.unique(stretch, return_counts=True) for stretch in stretches)
+        _solve(number, {tuple(patches[times % 2 == 1].tolist()) for patches, times in counts} - {()})
     return number[patch]
 
 
-def _odd(stretch: np.ndarray) -> tuple[int, ...]:
-    """The patches that occur an odd number of times at an edge."""
-    patches, times = np.unique(stretch, return_counts=True)
-    return tuple(patches[times % 2 == 1].tolist())
-
-
 def _solve(number: np.ndarray, equations: set[tuple[int, ...]]) -> None:
-    """Make the numbers of patches a solution of all equations: Gauss-Jordan elimination modulo 2, rows are integers."""
+    """Make the numbers of patches a solution of all equations: Gauss-Jordan elimination modulo 2, rows are integers.
+
+    An equation are the patches that occur an odd number of times at an edge.
+    """
     joined = sorted({patch for equation in equations for patch in equation})
     if len(joined) > MOST_JOINED:
         number[joined] = 0
