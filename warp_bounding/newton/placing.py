@@ -226,9 +226,8 @@ def _around_mesh(
     hull.grow_radius = wp.max(hull.grow)
     hull.below = 0.0
     inverse = 1.0 / wp.min(wp.abs(scale))
-    reach = wp.abs(gap) + wp.abs(
-        margin * inverse
-    )  # the search squares how far it looks, so that a negative number counts as its size
+    # The search squares how far it looks, so that a negative number counts as its size.
+    reach = wp.abs(gap) + wp.abs(margin * inverse)
     moved = _MESH_ROUNDING * (size + reach) + _WORLD_ROUNDING * world * inverse
     hull.reach = reach + moved + _SUM_ROUNDING * reach
     hull.per_radius = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)

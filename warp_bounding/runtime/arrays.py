@@ -15,9 +15,7 @@ from warp_bounding.runtime.native import named
 # Queries as they come (NumPy, torch, Warp) as one flat float32 ``wp.array`` on the bounder's device.
 
 WHOLE = "iu"  # kinds of NumPy's types of whole numbers
-ROUNDED = (
-    "queries must be float32, float64 or whole numbers that float32 holds exactly, as all up to 16,777,216, got others"
-)
+ROUNDED = "queries must be float32, float64 or whole numbers that float32 holds, as all up to 16,777,216, got others"
 MOST_NUMBERS = 2**31 - 2**16  # kernels count in 32 bits, in blocks
 
 
@@ -141,10 +139,8 @@ def new_output(out: wp.array | None, count: int, dtype, device: wp.Device) -> wp
     if out is None:
         return wp.empty(count, dtype=dtype, device=device)
     if not isinstance(out, wp.array) or out.dtype != dtype or out.shape != (count,) or not out.is_contiguous:
-        got = type(out).__name__
-        if isinstance(out, wp.array):
-            gaps = "" if out.is_contiguous else " with gaps"
-            got = f"one of shape {out.shape} and dtype {out.dtype.__name__}{gaps}"
+        array = isinstance(out, wp.array)
+        got = f"one of shape {out.shape}, strides {out.strides}, {out.dtype.__name__}" if array else type(out).__name__
         raise QueryError(f"out must be a contiguous wp.array of shape ({count},) and dtype {dtype.__name__}, got {got}")
     _check_device(out.device, device)
     return out

@@ -1,13 +1,14 @@
 """``load_shape``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
-says. Meshes come from their own readers and usd-core (``usd.py``), voxels from ``binvox.py``, pixels from
-``images.py``, maps from ``maps.py``. What an array's values mean and where its cells lie is told in ``arrays.py``,
-meshes and arrays of other libraries below. Shapes of other kinds are objects with a ``to_grid`` (``ShapeLike``), as
-ours are, or files whose reader makes one.
+says. Meshes come from their own readers and usd-core (``usd.py``), pixels from ``images.py``, maps from ``maps.py``.
+What an array's values mean and where its cells lie is in ``arrays.py``, meshes and arrays of other libraries below.
+Shapes of other kinds are objects with a ``to_grid`` (``ShapeLike``), as ours are, or files whose reader makes one.
 """
 
+import math
 import os
+import re
 import sys
 import zipfile
 from collections.abc import Callable, Sequence
@@ -20,7 +21,6 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.whole_file import BOUNDER
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, grid_of, level_of
-from warp_bounding.shapes.formats.binvox import read_binvox
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
 from warp_bounding.shapes.formats.maps import read_pgm, read_ros_map
 from warp_bounding.shapes.formats.meshes import MESH_READERS, parts_of, read_mesh
@@ -30,7 +30,7 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.mesh import Mesh, mesh_of
 from warp_bounding.shapes.motion import MovingMesh
 from warp_bounding.shapes.recentred import Recentred
-from warp_bounding.shapes.shape import HOLLOW
+from warp_bounding.shapes.shape import HOLLOW, MAX_CELLS
 
 # --- Objects of other libraries ---------------------------------------------------------------------------------------
 #
@@ -73,9 +73,7 @@ _OTHERS: dict[tuple[str, str], Callable[[Any], Any]] = {
     ("torch", "Tensor"): _from_torch,
     ("warp", "array"): lambda source: source.numpy(),
 }
-ACCEPTED = (
-    "a path, an array (NumPy, torch, Warp), (vertices, faces), a trimesh.Trimesh, newton.Mesh or wp.Mesh, or a shape"
-)
+ACCEPTED = "a path, an array of NumPy, torch or Warp, (vertices, faces), a mesh of trimesh, Newton or Warp, or a shape"
 
 
 def _converted(source: object) -> Any:
@@ -265,6 +263,33 @@ def _read_npz(path: Path) -> Cells:
             array = _whole_array(member)
     others = ", ".join(name for name in names if name != wanted)
     return Cells(array, path.name, f"not read: {others}" if others else "")
+
+
+BINVOX = {b"#binvox": 1, b"dim": 3, b"translate": 3, b"scale": 1}  # and how many words follow
+
+
+def read_binvox(path: Path) -> Cells:
+    """Voxels ``(X, Y, Z)`` bool of a binvox file (P. Min, https://www.patrickmin.com/binvox/binvox.html).
+
+    A header of text, then pairs of bytes, a value and how often it repeats, in the order x, z, y (y fastest). As in the
+    paper, voxels span the unit cube, from centre to centre. trimesh reads cubes of voxels only.
+    """
+    header, _, content = re.split(rb"(\ndata\r?\n)", path.read_bytes(), maxsplit=1)
+    fields = {words[0]: words[1:] for line in header.splitlines() if (words := line.split())}
+    if fields.get(b"#binvox") != [b"1"] or any(len(words) != BINVOX.get(key) for key, words in fields.items()):
+        raise ValueError(f"expected a header of binvox 1 with {b' '.join(BINVOX).decode()}, got {header[:80]!r}")
+    shape = tuple(map(int, fields[b"dim"]))
+    if min(shape) < 1 or math.prod(shape) > MAX_CELLS:
+        raise ValueError(f"expected 1 to {MAX_CELLS} voxels, got {shape}")
+    values, counts = np.frombuffer(content, np.uint8).reshape(-1, 2).T
+    if (values > 1).any():
+        raise ValueError(f"expected voxel values 0 and 1, got {int(values.max())}")
+    if (total := int(counts.sum(dtype=np.int64))) != math.prod(shape):
+        raise ValueError(f"expected {math.prod(shape)} voxels ({' x '.join(map(str, shape))}), got {total}")
+    x_z_y = np.repeat(values.astype(bool), counts).reshape(shape)
+    place = [float(word) for key in (b"translate", b"scale") for word in fields.get(key, ())]
+    remark = "the header's translate and scale are not used; spacing= and origin= place the voxels"
+    return Cells(x_z_y.transpose(0, 2, 1), path.name, remark if place not in ([], [0, 0, 0, 1]) else "")
 
 
 def _read_pgm(path: Path, wanted: Wanted) -> Cells:
