@@ -4,12 +4,13 @@ import os
 import signal
 import threading
 
+import numpy as np
 import pytest
 import trimesh
 
 import warp_bounding as wb
-from warp_bounding.errors import BoundingError
-from warp_bounding.proof import halving
+from warp_bounding.errors import BounderError, BoundingError
+from warp_bounding.proof import check, halving
 from warp_bounding.runtime import workers
 from warp_bounding.runtime.workers import connected
 
@@ -55,3 +56,36 @@ def test_no_scheduler(torus, tmp_path, monkeypatch):
         wb.certify(bounder, torus, scheduler="tcp://127.0.0.1:1", checkpoint=tmp_path / "left")
     assert (tmp_path / "left").exists()  # whatever ends a proof, what is left of it is kept
     assert wb.certify(bounder, torus, checkpoint=tmp_path / "left").proven
+
+
+def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypatch):
+    """As low as the time allows; one that is stopped goes on with the threshold that it had chosen."""
+    arm = wb.arms.Arm([wb.arms.Joint(), wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=1)])
+    shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.7, 0.3, 0.0], 0.2)])
+    found = wb.fit(shape, hidden=(4, 16), steps=300, statistical=True, **OPTIONS)
+    whole = wb.proof.make_proven(found, shape, budget=600.0)
+    assert whole.certificate.proven
+    assert whole.threshold <= found.threshold
+    assert wb.certify(whole, shape).proven
+
+    def stop(done, total):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(check, "_planned", lambda *_: 8)
+    with pytest.raises(KeyboardInterrupt):
+        wb.proof.make_proven(found, shape, progress=stop, checkpoint=tmp_path / "left")
+    monkeypatch.undo()
+    lower = wb.proof.make_proven(found, shape, budget=600.0, checkpoint=tmp_path / "left")
+    assert whole.threshold > lower.threshold
+    assert not (tmp_path / "left").exists()
+    with pytest.raises(BounderError, match=r"larger budget, more workers \(scheduler=\)"):
+        wb.proof.make_proven(found, shape, budget=1e-9)
+    spread = wb.fit(shape, hidden=(4, 16), steps=50, budget=60.0, scheduler=client.scheduler.address, **OPTIONS)
+    assert spread.certificate.proven
+    assert spread.info["rates"]["fp_rate"] < 100
+    for query, method in (("ray", "mlp"), ("point", "kdop")):
+        with pytest.raises(BounderError, match="scheduler is for"):
+            wb.fit(shape, query, method, scheduler=2)
+    grid = np.eye(8, dtype=bool)
+    with pytest.raises(BounderError, match="shape without cells"):
+        wb.proof.make_proven(wb.fit(grid, method="kdop", **OPTIONS), grid)

@@ -1,7 +1,7 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
 from warp_bounding.certificates import conjunction
-from warp_bounding.proof.check import certify
+from warp_bounding.proof.check import certify, make_proven
 from warp_bounding.proof.covers import positive_boxes
 from warp_bounding.proof.prove import least_value, parametrized, prove, prove_or_test, settle
 from warp_bounding.proof.search import Search, minimum
@@ -26,6 +26,7 @@ __all__ = [
     "fn_rate_bound",
     "fresh_seed",
     "least_value",
+    "make_proven",
     "minimum",
     "parametrized",
     "positive_boxes",

@@ -19,20 +19,21 @@ from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, document, together
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim, outside
-from warp_bounding.errors import BounderError, BoundingError
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.distances import overestimate_within
 from warp_bounding.proof.halving import Boxes, Checkpoint, Seen, search
-from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized
-from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives
+from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized, settle
+from warp_bounding.proof.search import NARROWEST, CachedBounds, Search, ShapePositives
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import taylor_bounds
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.domain import Domain
 from warp_bounding.rounding import UNIT32, UNIT64
-from warp_bounding.runtime.launch import working_seconds
+from warp_bounding.runtime.launch import cpu_threads, working_seconds
+from warp_bounding.runtime.workers import Workers
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import IN, Shape
 
@@ -173,8 +174,7 @@ def _exactly(name: str, value: float | None) -> float | None:
 def _certify(bounder: Bounder, grid: Grid, budget: float, told: dict, asked: Bounder) -> Certificate:
     """``certify`` for one part of a conjunction; ``asked`` is who must deny a counterexample."""
     started = working_seconds()
-    threshold, error = float(bounder.threshold), bounder.rounding_bound()
-    target = float(np.nextafter(threshold + error, np.inf))  # no less than the exact sum
+    threshold, target = float(bounder.threshold), _target(bounder)
 
     def result(status: str, message: str, bound: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = working_seconds() - started
@@ -500,6 +500,148 @@ def _regions(bounder: Bounder, shape: Shape) -> Cover:
     positives = ShapeRegions(bounder, shape, coarse_cells(shape, OTHER_CELLS), FINER * NARROWEST)
     starts = _anew(positives.kind, bounder, positives.cells, positives.cover)
     return Cover(positives, starts, lambda z, _: positives.coordinates(z))
+
+
+# --- from a statistical threshold to a proven one ---------------------------------------------------------------------
+
+
+LOWER = (
+    np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0]) / 100
+)  # of queries: more false positives
+DRAWN = 1 << 16  # queries that these are counted on
+FOLLOWED = 8192  # boxes of each generation that an estimate follows
+PLANNED = 0.8  # of the time: as much as a proof is expected to take
+
+
+def make_proven(
+    bounder: Bounder,
+    shape,
+    *,
+    budget: float = 3600.0,
+    scheduler: str | int | None = None,
+    checkpoint: str | os.PathLike | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Bounder:
+    """A bounder whose threshold was attested by samples, with a lower one that is proven.
+
+    How many boxes a proof takes is estimated, without bias, before it begins. The lower the threshold, the fewer there
+    are, and the more false positives: the threshold is lowered as far as the proof is expected to end in time.
+
+    Args:
+        bounder: Of points, one network of a shape without cells, such as an arm's configurations; not changed.
+        shape: As ``certify`` takes it.
+        budget: Seconds for the proof.
+        scheduler: As ``certify`` takes it; of an address all workers that are there now are counted.
+        checkpoint: As ``certify`` takes it: the same call goes on from there, with the threshold that was chosen.
+        progress: As ``certify`` takes it.
+
+    Returns:
+        The bounder with its certificate.
+
+    Raises:
+        BounderError: If the bounder is no such network, no threshold can be proven in time, or time was over.
+
+    Example:
+        >>> ball = wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: np.linalg.norm(x, axis=1) - 0.9)
+        >>> network = wb.fit(ball, hidden=(8, 8), steps=100, statistical=True, device="cpu", progress=False)
+        >>> wb.proof.make_proven(network, ball, budget=60.0).certificate.kind
+        'proven'
+    """
+    frame = bounder.frame
+    bounder, shape = in_local(bounder, shape)
+    grid = as_fitted(bounder, shape)
+    if isinstance(grid, Grid) or bounder.query_kind != "point" or len(bounder.obligations(grid)) > 1:
+        raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")
+    if not (bounder.provable and grid.certified):
+        raise BounderError(f"{bounder.method}: {grid.name} or the method has no proof")
+    each = [bounder.to().freeze(threshold, None) for threshold in _lower_thresholds(bounder, grid)]
+    if checkpoint is not None and os.path.exists(checkpoint):
+        index = _begun(each, grid, checkpoint)
+    else:
+        index = _planned(each, grid, budget, scheduler)
+    end = working_seconds() + budget
+    for lower in each[index:]:
+        told = {"progress": progress, "scheduler": scheduler}
+        told["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, lower, grid)
+        started, left = working_seconds(), max(end - working_seconds(), 0.0)
+        found = _checked(_points(lower, grid), _target(lower), left, told)
+        if not found.complete:
+            raise BounderError(f"{bounder.method}: no decision within {budget:.3g} s{_goes_on(told)}")
+        if found.suspects is None:
+            spent, none = working_seconds() - started, np.empty((0, grid.ndim))
+            settle(lower, grid, Search(found.least, found.least, none, found.boxes, spent, True))
+            lower.info = bounder.info | {"rates": None}
+            return lower.in_frame(frame)
+    raise BounderError(f"{bounder.method}: at every threshold a positive or a proof comes too close; train it longer")
+
+
+def _target(bounder: Bounder) -> float:
+    """What f must reach, no less than the exact sum of the threshold and what is rounded."""
+    return float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
+
+
+def _lower_thresholds(bounder: Bounder, shape: Shape) -> list[float]:
+    """The bounder's threshold and lower ones, each with more false positives, as ``LOWER`` says."""
+    x = np.random.default_rng(0).uniform(shape.lower, shape.upper, (DRAWN, shape.ndim)).astype(np.float32)
+    values, now = bounder.values(x).numpy(), float(bounder.threshold)
+    denied = np.sort(values[values < now])[::-1]
+    places = (LOWER[1:] * DRAWN).astype(int)
+    return [now, *(float(denied[place]) for place in places if place < len(denied))]
+
+
+def _begun(each: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> int:
+    """Which of these the checkpoint is of."""
+    for index, bounder in enumerate(each):
+        try:
+            Checkpoint(checkpoint, bounder, shape)
+        except FileFormatError as error:
+            reason = error
+        else:
+            return index
+    raise reason
+
+
+def _planned(each: list[Bounder], shape: Shape, budget: float, scheduler: str | int | None) -> int:
+    """The first of these whose proof is expected to end in time."""
+    cores = cpu_threads() if scheduler is None else scheduler
+    if isinstance(cores, str):
+        with Workers(cores) as workers:
+            cores = workers.count
+    first, last = 0, len(each)
+    while first < last:
+        middle = (first + last) // 2
+        seconds = _expected_seconds(each[middle], shape) * cpu_threads() / cores
+        first, last = (first, middle) if seconds <= PLANNED * budget else (middle + 1, last)
+    if first == len(each):
+        raise BounderError(
+            f"{each[0].method}: a proof in {budget:.3g} s is not expected, that of the lowest threshold takes about "
+            f"{seconds:.3g} s; give a larger budget, more workers (scheduler=), or a smaller network"
+        )
+    return first
+
+
+@taylor_bounds()
+def _expected_seconds(bounder: Bounder, shape: Shape) -> float:
+    """Of a proof on this machine, an unbiased estimate; infinity where it fails.
+
+    Follows a random part of each generation of boxes. Source: D. E. Knuth, "Estimating the Efficiency of Backtrack
+    Programs" (1975).
+    """
+    positives, rng = ShapePositives(bounder, shape, FINER * NARROWEST), np.random.default_rng(0)
+    look = _Positives(positives, _target(bounder))
+    lower, upper = positives.boxes()
+    counts = np.arange(len(lower)), np.zeros(len(lower), np.int64)
+    boxes, weight, expected, looked, started = Boxes(lower, upper, *counts, 0.0), 1.0, 0.0, 0, working_seconds()
+    while boxes.count:
+        left, _, _, failed = look(boxes)
+        if failed is not None:
+            return np.inf
+        expected, looked = expected + weight * boxes.count, looked + boxes.count
+        if left.count > FOLLOWED:
+            weight *= left.count / FOLLOWED
+            left = left.part(rng.choice(left.count, FOLLOWED, replace=False))
+        boxes = left
+    return expected / looked * (working_seconds() - started)
 
 
 # --- distances -------------------------------------------------------------------------------------------------------

@@ -170,7 +170,7 @@ def search(
     finally:  # Ctrl-C, too
         if checkpoint and state.failed is None and not state.complete:
             checkpoint.save(state.left, now=True)
-    if checkpoint and state.complete:
+    if checkpoint and (state.complete or state.failed is not None):
         checkpoint.remove()
     return state.left
 

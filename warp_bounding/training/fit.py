@@ -26,7 +26,7 @@ from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, BoundingWarning, QueryError
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.proof import prove_or_test
+from warp_bounding.proof import make_proven, prove_or_test
 from warp_bounding.proof.distances import excesses
 from warp_bounding.proof.prove import prove_distance
 from warp_bounding.queries import QUERIES, check_query
@@ -54,6 +54,7 @@ SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
 # fitted in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
 REGION_NDIM, REGION_RESOLUTION = 3, 128
 PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
+TRAINING_SHARE = 1 / 3  # of the budget, where workers prove
 LEAST_SHARE = 0.05  # of the budget: what a part gets at least, however long the parts before it took
 
 
@@ -73,6 +74,7 @@ def fit(
     last: Bounder | None = None,
     device: str | None = None,
     progress: Progress | bool | None = None,
+    scheduler: str | int | None = None,
     **options,
 ) -> Bounder:
     """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
@@ -107,6 +109,9 @@ def fit(
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends training; the best network so far is then proven.
+        scheduler: Of an mlp of points of a shape without cells: address of a Dask scheduler whose workers prove, or a
+            number of processes of this machine. A third of the budget is for training, the rest for the proof
+            (``proof.make_proven``, which also resumes).
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
             memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
@@ -145,6 +150,10 @@ def fit(
         )
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
+    if scheduler is not None:
+        if (query, method) != (POINT.name, "mlp"):
+            raise BounderError(f"scheduler is for the proof of an mlp of points, got {query}, {method}")
+        options["statistical"] = True
     far = query == DISTANCE.name
     check_asked(query, method, length, side, last, workload)
     length = length or 1.0
@@ -172,10 +181,15 @@ def fit(
     callers = None if workload is None else CallersQueries(workload, grid, domain, int(seed), frame)
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
-        parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, budget, spent, update)
-    if last is not None:
-        parts.append(last.local.to(str(parts[0].device)))
-    bounder = parts[0] if len(classes) == 1 else cascade(*parts)
+        training = budget if scheduler is None else TRAINING_SHARE * budget
+        parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, training, spent, update)
+        if last is not None:
+            parts.append(last.local.to(str(parts[0].device)))
+        bounder = parts[0] if len(classes) == 1 else cascade(*parts)
+        if scheduler is not None:
+            proof = {"budget": budget - spent.working, "scheduler": scheduler}
+            proof["progress"] = update and (lambda done, total: update(done, total, "proof"))
+            bounder = make_proven(bounder, grid, **proof)
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
     before = {} if last is None else last.info.get("training") or {}
     bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
