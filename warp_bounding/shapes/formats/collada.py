@@ -1,8 +1,9 @@
 """COLLADA (``.dae``) 1.4 and 1.5, as robots' meshes come: triangles and polygons of the scene, in metres.
 
-The reader is our own: pycollada takes what is no number for 0, and rounds placements to float32. Coordinates are those
-of a file with z up. Programs disagree whether one with another axis up is to be turned, so such files are refused. So
-is whatever else is found where geometry may be: skins, strips, polygons with holes, splines, references to other files.
+The reader is our own: pycollada takes NaN for 0, rotates about every axis as if its length were 1, leaves the faces of
+what is mirrored inside out, and rounds placements to float32. Coordinates are those of a file with z up. Programs
+disagree whether one with another axis up is to be turned, so such files are refused. So is whatever else is found where
+geometry may be: skins, strips, polygons with holes, splines, references to other files.
 """
 
 from collections.abc import Iterator
