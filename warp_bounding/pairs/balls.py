@@ -30,6 +30,7 @@ from warp_bounding.bounders.load import BALLS
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError, FileFormatError, ShapeError
 from warp_bounding.pairs.kernels import GROUP
+from warp_bounding.proof.halving import Boxes, Seen, search
 from warp_bounding.rounding import round_up
 from warp_bounding.runtime.launch import device_of, working_seconds
 from warp_bounding.runtime.whole_file import file_path
@@ -73,38 +74,45 @@ def _search(
     With ``grow``, the ball that needs least for such a box grows in place; else the middles of boxes that are left are
     looked at, and the search ends at the first one of the mesh that no ball holds.
     """
-    tree, boxes = _lifted(centers, radii), 0
-    todo = [(mesh.lower.astype(np.float64)[None], mesh.upper.astype(np.float64)[None])]
-    if not grow and (bare := _bare(mesh, tree, centers, radii, mesh.corners())) is not None:
-        return _Search(boxes, False, bare)
-    while todo:
-        if working_seconds() > end:
-            return _Search(boxes, False, None)
-        lower, upper = todo.pop()
-        boxes += len(lower)
+    look = _Balls(mesh, centers, radii, least, grow)
+    if not grow and (bare := _bare(mesh, look.tree, centers, radii, mesh.corners())) is not None:
+        return _Search(0, False, bare)
+    start = (mesh.lower.astype(np.float64)[None], mesh.upper.astype(np.float64)[None], 1.0)
+    left = search(look, [start], np.empty(0), budget=end - working_seconds())
+    bare = left.failed[0] if left.failed else ()
+    return _Search(left.boxes, left.complete, bare[0] if len(bare) else None)
+
+
+class _Balls:
+    """Looks at boxes; arguments as of ``_search``."""
+
+    chunk = CHUNK
+
+    def __init__(self, mesh: Mesh, centers: np.ndarray, radii: np.ndarray, least: float, grow: bool):
+        self.mesh, self.centers, self.radii, self.least, self.grow = mesh, centers, radii, least, grow
+        self.tree = _lifted(centers, radii)
+
+    def __call__(self, boxes: Boxes) -> Seen:
+        mesh, centers, radii, (lower, upper, *_) = self.mesh, self.centers, self.radii, boxes
         middle = lower / 2 + upper / 2
-        near = tree.query(np.column_stack([middle, np.zeros(len(middle))]), k=min(NEAREST, len(radii)))[1]
+        near = self.tree.query(np.column_stack([middle, np.zeros(len(middle))]), k=min(NEAREST, len(radii)))[1]
         near = near.reshape(len(middle), -1)
         missing = _reach(centers[near], lower[:, None], upper[:, None]) - radii[near]
         left = np.flatnonzero(~(missing.min(axis=1) <= 0))
         left = left[~mesh.empty(lower[left], upper[left])]
-        small = (upper[left] - lower[left]).max(axis=1) <= least
-        if grow and small.any():
+        small = (upper[left] - lower[left]).max(axis=1) <= self.least
+        failed = None
+        if self.grow and small.any():
             rest = left[small]
             best = near[rest, missing[rest].argmin(axis=1)]
             np.maximum.at(radii, best, _reach(centers[best], lower[rest], upper[rest]))
-            tree = _lifted(centers, radii)
-        elif not grow:
-            bare = _bare(mesh, tree, centers, radii, middle[left])
+            self.tree = _lifted(centers, radii)
+        elif not self.grow:
+            bare = _bare(mesh, self.tree, centers, radii, middle[left])
             if bare is not None or small.any():
-                return _Search(boxes, False, bare)
-        lower, upper, middle = (x[left[~small]] for x in (lower, upper, middle))
-        axis, row = (upper - lower).argmax(axis=1), np.arange(len(lower))
-        first, second = upper.copy(), lower.copy()
-        first[row, axis] = second[row, axis] = middle[row, axis]
-        lower, upper = np.concatenate([lower, second]), np.concatenate([first, upper])
-        todo += [(lower[i : i + CHUNK], upper[i : i + CHUNK]) for i in range(0, len(lower), CHUNK)]
-    return _Search(boxes, True, None)
+                failed = np.empty((0, 3)) if bare is None else bare[None], np.empty(0, np.int64)
+        rest, none = boxes.part(left[~small]), np.empty(0, np.int64)
+        return Seen(rest.halves((rest.upper - rest.lower).argmax(axis=1)), none, none.astype(float), failed)
 
 
 def _bare(mesh: Mesh, tree: cKDTree, centers: np.ndarray, radii: np.ndarray, points: np.ndarray) -> np.ndarray | None:
