@@ -1,8 +1,8 @@
 """A UR5 that plans with OMPL: `python benchmarks/robot_planning.py --out results/robots`.
 
 RRT-Connect among a table, shelves and a post, four joints of a UR5, its last two held. States and edges are checked
-exactly by Coal on meshes; with a proven network in front of that, a state that it denies, and an edge of which it
-proves that no point of it collides, are not. Both ways take the same decisions, so with the same seed they find the
+exactly by Coal on meshes; with a proven network in front of that, a state that it denies is not, nor the part of an
+edge of which it proves that no point of it collides. Both ways take the same decisions, so with the same seed they find the
 same path, unless an edge that is proven free collides. Every run is a forked process, as OMPL's seeds are.
 
 What the usual check of an edge at states along it misses: of the edges it accepts, how many collide at states a hundred
@@ -103,10 +103,10 @@ def plan(run: tuple[str, int, float]) -> dict:
         def checkMotion(self, a, b):  # noqa: N802
             count["edges"] += 1
             a, b = numbers(a), numbers(b)
-            cleared = way == "bounded" and bool(wb.proof.clear_segments(bounder, a, b)[0])
-            count["cleared"] += cleared
+            clear = wb.proof.clear_segments(bounder, a, b, first=True)[0] if way == "bounded" else 0.0
+            count["cleared"] += clear >= 1
             along = np.linspace(0, 1, int(np.ceil(np.linalg.norm(b - a) / STEP)) + 1)[1:]
-            good = cleared or all(free(a + t * (b - a)) for t in along)
+            good = all(free(a + t * (b - a)) for t in along[along > clear])
             accepted.extend([(a[0], b[0])] * good)
             return good
 
@@ -131,7 +131,7 @@ def plan(run: tuple[str, int, float]) -> dict:
     planner.setProblemDefinition(task)
     planner.setup()
     free(numbers(ends[0]))
-    wb.proof.clear_segments(bounder, *np.zeros((2, 1, n)))
+    wb.proof.clear_segments(bounder, *np.zeros((2, 1, n)), first=True)
     count.update(dict.fromkeys(count, 0))
     start = time.perf_counter()
     solved = bool(planner.solve(SECONDS))
@@ -185,7 +185,7 @@ def main() -> int:
         sys.exit("planning needs OMPL: pip install 'warp-bounding[robots]'")
     ends = np.array(problems()[0], dtype=np.float32)  # what processes share is made, and kernels are loaded
     network(options.effort).query(ends), meshes().hits(ends.astype(np.float64)), shape().contains(ends)
-    wb.proof.clear_segments(network(options.effort), ends[:1], ends[1:])
+    wb.proof.clear_segments(network(options.effort), ends[:1], ends[1:], first=True)
     options.out.mkdir(parents=True, exist_ok=True)
     file = options.out / "planning.csv"
     rows = stored(file)
