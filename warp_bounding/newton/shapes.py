@@ -241,9 +241,8 @@ class Shapes:
             reported = ", ".join(f"{name} ({number})" for name, number in sorted(unknown.items()))
             told = f"shapes that keep all their pairs, having no test: {reported}"
             warnings.warn(told, BoundingWarning, stacklevel=3)
-        on_device = [(self.roles, wp.int32), (self._domains, wp.vec3)]
+        on_device = [(self.roles, wp.int32), (self._ids, wp.uint64), (self._domains, wp.vec3)]
         on_device += [(values, wp.float32) for values in (self._margins, self._grows, self._sizes)]
-        on_device.insert(1, (self._ids, wp.uint64))
         self.own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]
         self.bounder_of = wp.array(numbers, dtype=wp.int32, device=model.device)
 
