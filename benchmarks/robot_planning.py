@@ -2,8 +2,8 @@
 
 RRT-Connect among a table, shelves and a post, four joints of a UR5, its last two held. States and edges are checked
 exactly by Coal on meshes; with a proven network in front of that, a state that it denies is not, nor the part of an
-edge of which it proves that no point of it collides. Both ways take the same decisions, so with the same seed they find the
-same path, unless an edge that is proven free collides. Every run is a forked process, as OMPL's seeds are.
+edge of which it proves that no point of it collides. Both ways take the same decisions, so with the same seed they find
+the same path, unless an edge that is proven free collides. Every run is a forked process, as OMPL's seeds are.
 
 What the usual check of an edge at states along it misses: of the edges it accepts, how many collide at states a hundred
 times as dense.
