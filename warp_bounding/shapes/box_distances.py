@@ -4,6 +4,7 @@ A hierarchy of boxes around the boxes (``triangles/hierarchy.py``) is walked nea
 time, only boxes that exist at a point's time count, and the distance is that in space.
 """
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -19,8 +20,53 @@ LONGER = 1.0 + 2.0**-48
 CORNER_ROUNDING = 8 * UNIT64  # relative to the largest coordinate: of corners that are given after a sum and a quotient
 
 
-class BoxDistances:
-    """Closed boxes, ready to be queried.
+class Asked:
+    """What kernels answer of an object that they are ``given`` as a struct or arrays; each gets its own numbers, too.
+
+    Attributes:
+        point: Warp's type of a point.
+        corners: Warp's type of a function's numbers at the corners of a box.
+        excesses: The kernel for ``overestimate``.
+        sizes: Of the object, which this kernel takes last.
+    """
+
+    point: type
+    corners: type
+    excesses: wp.Kernel
+    sizes: Sequence = ()
+
+    def __init__(self, given: Sequence):
+        self._given = given
+
+    def overestimate(
+        self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
+    ) -> np.ndarray:
+        """See ``Shape.overestimate``."""
+        numbers = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=self.corners, device="cpu")
+        bars = wp.array(np.broadcast_to(enough, len(values)).astype(np.float64), dtype=wp.float64, device="cpu")
+        more = [numbers, wp.float64(least), bars, *self.sizes]
+        return self._answer(self.excesses, lower, upper, dtype=wp.float64, more=more)
+
+    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8, more: Sequence = ()):
+        """``(N,)``, a kernel's answers to queries ``(N, n)``, and ``more`` inputs; of a type of vectors, ``(N, k)``."""
+        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
+        shape = len(rows[0]), *getattr(dtype, "_shape_", ())
+        out = np.empty(shape, dtype=wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype)))
+        if len(out):
+            self._launch(kernel, rows, [wp.array(out, dtype=dtype, device="cpu", copy=False)], more)
+        return out
+
+    def _launch(self, kernel: wp.Kernel, rows: list[np.ndarray], outputs: list[wp.array], more: Sequence = ()) -> None:
+        self._know(rows[0], rows[-1])
+        inputs = [*self._given, *(wp.array(q, dtype=self.point, device="cpu", copy=False) for q in rows), *more]
+        launch_on_cores(kernel, len(rows[0]), inputs, outputs, "cpu")
+
+    def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Make what is needed for queries, points or boxes ``(N, n)``; here all of it is there."""
+
+
+class BoxDistances(Asked):
+    """Closed boxes, ready to be queried; for ``overestimate`` all of them are there, whatever coordinate 0 is.
 
     Args:
         lower: ``(M, n)`` float64, lower corners.
@@ -35,45 +81,24 @@ class BoxDistances:
         low, high, links = nodes_of(round_down(lower), round_up(upper))
         self._slack = CORNER_ROUNDING * max(np.abs(lower).max(), np.abs(upper).max())
         vector, narrow = wp.types.vector(n, wp.float64), wp.types.vector(n, wp.float32)
-        self._inputs = [
-            wp.array(values, dtype=dtype, device="cpu")
-            for values, dtype in ((lower, vector), (upper, vector), (low, narrow), (high, narrow), (links, wp.vec3i))
-        ]
-        self._vector, self._n = vector, n
-        self._size = float(np.abs(lower).max() + np.abs(upper).max())
+        given = (lower, vector), (upper, vector), (low, narrow), (high, narrow), (links, wp.vec3i)
+        super().__init__([wp.array(values, dtype=dtype, device="cpu") for values, dtype in given])
+        self.point, self.corners, self._n = vector, wp.types.vector(2**n, wp.float64), n
+        self.sizes = [wp.float64(np.abs(lower).max() + np.abs(upper).max())]
+
+    @property
+    def excesses(self) -> wp.Kernel:
+        return _overestimates(self._n)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """``(N, 2)`` float64: lower and upper bounds of the distance from points ``(N, n)``.
 
         They are 0 and infinity for NaN and infinity, and both infinite where no box exists at a point's time.
         """
-        x = np.ascontiguousarray(x, dtype=np.float64)
-        found = np.empty(len(x))
-        if len(x):
-            inputs = [*self._inputs, wp.array(x, dtype=self._vector, device="cpu", copy=False)]
-            kernel, out = _kernel(self._n, self.time), wp.array(found, dtype=wp.float64, device="cpu", copy=False)
-            launch_on_cores(kernel, len(x), inputs, [out], "cpu")
+        found = self._answer(_kernel(self._n, self.time), x, dtype=wp.float64)
         known = np.isfinite(x).all(axis=1)
         low, high = np.maximum(found * SHORTER - self._slack, 0.0), found * LONGER + self._slack
         return np.stack([np.where(known, low, 0.0), np.where(known, high, np.inf)], axis=1)
-
-    def overestimate(
-        self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
-    ) -> np.ndarray:
-        """See ``Shape.overestimate``; boxes are all of them there, whatever coordinate 0 is."""
-        out = np.empty(len(lower))
-        if len(out):
-            boxes = [
-                wp.array(np.ascontiguousarray(side, dtype=np.float64), dtype=self._vector, device="cpu")
-                for side in (lower, upper)
-            ]
-            corners = wp.types.vector(2**self._n, wp.float64)
-            held = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=corners, device="cpu")
-            ends = wp.array(np.broadcast_to(enough, len(out)).astype(np.float64), dtype=wp.float64, device="cpu")
-            inputs = [*self._inputs, wp.float64(self._size), *boxes, held, wp.float64(least), ends]
-            made = wp.array(out, dtype=wp.float64, device="cpu", copy=False)
-            launch_on_cores(_overestimates(self._n), len(out), inputs, [made], "cpu")
-        return out
 
 
 @cache
@@ -223,12 +248,12 @@ def _overestimates(n: int) -> wp.Kernel:
         node_lower: wp.array(dtype=narrow),
         node_upper: wp.array(dtype=narrow),
         links: wp.array(dtype=wp.vec3i),
-        slack: wp.float64,
         box_lower: wp.array(dtype=vector),
         box_upper: wp.array(dtype=vector),
         values: wp.array(dtype=corners),
         least: wp.float64,
         enough: wp.array(dtype=wp.float64),
+        slack: wp.float64,
         # outputs
         overestimate: wp.array(dtype=wp.float64),
     ):

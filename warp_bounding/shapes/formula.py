@@ -137,10 +137,8 @@ def _divide(shape: Shape, scale: np.ndarray, offset: np.ndarray, counts: tuple[i
             waiting += [(part, size) for part in np.array_split(blocks, -(-len(blocks) // CHUNK))]
             continue
         ends = np.minimum(blocks + size, limits)
-        lower, upper = (
-            np.nextafter((blocks - 0.5 + offset) / scale, -np.inf),
-            np.nextafter((ends - 0.5 + offset) / scale, np.inf),
-        )
+        lower = np.nextafter((blocks - 0.5 + offset) / scale, -np.inf)
+        upper = np.nextafter((ends - 0.5 + offset) / scale, np.inf)
         left = ~shape.empty(lower, upper)
         blocks, ends, lower, upper = blocks[left], ends[left], lower[left], upper[left]
         if size == 1:
@@ -208,8 +206,6 @@ class Formula(Shape):
             if self.contains(middle).any():
                 return True
             half = space == depth % self.ndim
-            lower, upper = (
-                np.concatenate([lower, np.where(half, middle, lower)]),
-                np.concatenate([np.where(half, middle, upper), upper]),
-            )
+            lower = np.concatenate([lower, np.where(half, middle, lower)])
+            upper = np.concatenate([np.where(half, middle, upper), upper])
         return False

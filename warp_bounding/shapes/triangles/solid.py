@@ -3,14 +3,13 @@
 A mesh and its dilated copies share one solid: the margin is told with each question.
 """
 
-from collections.abc import Sequence
 from functools import cached_property
 from typing import Any, ClassVar
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.shapes.box_distances import Asked
 from warp_bounding.shapes.shape import IN, HalfSpaces
 from warp_bounding.shapes.surfaces import cycles_of, paths_of
 from warp_bounding.shapes.triangles.answers import (
@@ -36,15 +35,10 @@ from warp_bounding.shapes.triangles.hierarchy import MovingTriangles, Triangles,
 from warp_bounding.shapes.triangles.moving import MovingSides
 
 
-class Dilated:
+class Dilated(Asked):
     """A solid and its margin, as the struct that the kernels take; answers as ``Shape`` does."""
 
-    point: ClassVar[type]  # Warp's type of one
-    corners: ClassVar[type]  # and of a function's numbers at the corners of a box
-    kernels: ClassVar[tuple[wp.Kernel, ...]]  # for ``empty``, ``inside``, ``distances`` and ``overestimate``
-
-    def __init__(self, struct: Any):
-        self._struct = struct
+    kernels: ClassVar[tuple[wp.Kernel, ...]]  # for ``empty``, ``inside`` and ``distances``
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return self._answer(self.kernels[0], lower, upper).view(bool)
@@ -54,35 +48,6 @@ class Dilated:
 
     def distances(self, x: np.ndarray) -> np.ndarray:
         return self._answer(self.kernels[2], x, dtype=wp.vec2d)
-
-    def overestimate(
-        self, lower: np.ndarray, upper: np.ndarray, values: np.ndarray, least: float, enough: np.ndarray | float
-    ) -> np.ndarray:
-        numbers = np.ascontiguousarray(values, dtype=np.float64)
-        bars = np.broadcast_to(enough, len(numbers)).astype(np.float64)
-        more = [
-            wp.array(numbers, dtype=self.corners, device="cpu"),
-            wp.float64(least),
-            wp.array(bars, dtype=wp.float64, device="cpu"),
-        ]
-        return self._answer(self.kernels[3], lower, upper, dtype=wp.float64, more=more)
-
-    def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8, more: Sequence = ()):
-        """``(N,)``, a kernel's answers to queries ``(N, n)``, and ``more`` inputs; of a type of vectors, ``(N, k)``."""
-        rows = [np.ascontiguousarray(q, dtype=np.float64) for q in queries]
-        shape = len(rows[0]), *getattr(dtype, "_shape_", ())
-        out = np.empty(shape, dtype=wp.dtype_to_numpy(getattr(dtype, "_wp_scalar_type_", dtype)))
-        if len(out):
-            self._launch(kernel, rows, [wp.array(out, dtype=dtype, device="cpu", copy=False)], more)
-        return out
-
-    def _launch(self, kernel: wp.Kernel, rows: list[np.ndarray], outputs: list[wp.array], more: Sequence = ()) -> None:
-        self._know(rows[0], rows[-1])
-        inputs = [self._struct, *(wp.array(q, dtype=self.point, device="cpu", copy=False) for q in rows), *more]
-        launch_on_cores(kernel, len(rows[0]), inputs, outputs, "cpu")
-
-    def _know(self, lower: np.ndarray, upper: np.ndarray) -> None:
-        """Make what is needed for queries, points or boxes ``(N, n)``; here all of it is there."""
 
 
 class Hierarchies:
@@ -150,14 +115,14 @@ class Solid(Hierarchies):
         mesh = Mesh()
         mesh.lower, mesh.upper, mesh.margin = wp.vec3d(*lower), wp.vec3d(*upper), wp.float64(margin)
         mesh.faces, mesh.closed, mesh.sides = self.all, self.closed, self._grid.sides
-        return DilatedSolid(mesh)
+        return DilatedSolid([mesh])
 
 
 class DilatedSolid(Dilated):
     """A solid and its margin."""
 
-    point, corners = wp.vec3d, Corners
-    kernels = (*AT_REST, find_distances, find_excesses)
+    point, corners, excesses = wp.vec3d, Corners, find_excesses
+    kernels = (*AT_REST, find_distances)
 
     def decide(self, x: np.ndarray) -> np.ndarray:
         return self.decide_boxes(x, x)
@@ -194,8 +159,8 @@ class MovingSolid(Hierarchies):
 class DilatedMovingSolid(Dilated):
     """A solid that moves, in a box ``(4,)`` with time first, its margin, and the speed of its fastest point at most."""
 
-    point, corners = wp.vec4d, CornersThen
-    kernels = (*MOVING, find_distances_then, find_excesses_then)
+    point, corners, excesses = wp.vec4d, CornersThen, find_excesses_then
+    kernels = (*MOVING, find_distances_then)
 
     def __init__(self, solid: MovingSolid, lower: np.ndarray, upper: np.ndarray, margin: float, speed: float):
         self._solid = solid
@@ -206,7 +171,7 @@ class DilatedMovingSolid(Dilated):
         motion.hold = wp.float64(np.nextafter(margin - solid.rounding, -np.inf))
         motion.speed = wp.float64(speed)
         motion.faces, motion.closed, motion.pieces = solid.all.ways, solid.closed.ways, solid.sides.pieces
-        super().__init__(motion)
+        super().__init__([motion])
 
     def decide(self, x: np.ndarray) -> np.ndarray:
         return self._answer(decide_then, x)
