@@ -22,8 +22,7 @@ MOST_WORKERS = 8  # a worker holds about a gigabyte
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int:
-    """What ``-n auto`` means: a worker for each core that this process may run on; on one core everything runs in this
-    process."""
+    """What ``-n auto`` means: a worker for each core of this process; with one core all runs in this process."""
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min(cores, MOST_WORKERS) if cores > 1 else 0
 
@@ -49,8 +48,7 @@ def device(request: pytest.FixtureRequest) -> str:
 
 
 class Ticking:
-    """A clock that goes on by ``tick`` seconds whenever it is looked at: what fits into a time is the same on every
-    machine."""
+    """A clock that goes on by ``tick`` seconds whenever it is looked at: the same on every machine."""
 
     def __init__(self, tick: float):
         self.tick, self.seconds = tick, 0.0

@@ -8,6 +8,7 @@ the ball, and ``ball_distances``, those of the points; ``balls``, which hold the
 
 import doctest
 import re
+import runpy
 from inspect import getdoc
 
 import numpy as np
@@ -100,6 +101,16 @@ def test_examples_run(name, made, tmp_path, monkeypatch):
 def test_examples_of_pages_run(page, made, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     run(shown(page), page, made)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", sorted((ROOT / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
+def test_notebooks_run_with_a_small_budget(path):
+    for name in ("nbformat", "nbclient", "ipykernel", "matplotlib"):
+        pytest.importorskip(name)
+    before, told = path.read_bytes(), runpy.run_path(str(ROOT / "notebooks/execute.py"))
+    assert told["problems"](told["execute"](path, 0.3, None)) == []
+    assert path.read_bytes() == before
 
 
 def test_every_public_name_is_on_one_page_of_the_reference():

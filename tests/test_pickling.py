@@ -1,5 +1,4 @@
-"""Bounders and shapes come back from pickles and from ``copy.deepcopy`` as they were, used or not, and share no memory
-with them."""
+"""Bounders and shapes come back from pickles and ``copy.deepcopy`` as they were, and share no memory."""
 
 import copy
 import pickle

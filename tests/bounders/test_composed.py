@@ -1,5 +1,4 @@
-"""Bounders made of others: cascades, unions, hierarchies and both sides answer as their parts do, are proven part by
-part, and a wrong part is refuted."""
+"""Bounders made of others: they answer as their parts do, are proven part by part, and a wrong part is refuted."""
 
 from dataclasses import replace
 from functools import cache
@@ -9,7 +8,7 @@ import pytest
 import trimesh
 import warp as wp
 from asking import ask
-from bounding_shapes import domain_points, fitted, fitted_ball, object_points, report_of, shape
+from bounding_shapes import domain_points, fitted, fitted_ball, object_points, reloaded, report_of, shape
 from plain_shapes import ball_at
 from region_cases import hard_regions
 
@@ -48,14 +47,6 @@ def lost_bits(bounder: wb.Bounder, rng: np.random.Generator) -> wb.Bounder:
     changed = type(bounder)(bounder.domain, bounder.tensors | {"bits": bits}, bounder.sizes, "cpu")
     changed.info = bounder.info
     return changed.freeze(bounder.threshold, None)
-
-
-def reloaded(bounder: wb.Bounder, folder) -> wb.Bounder:
-    """From its file."""
-    bounder.save(folder / "b.safetensors")
-    again = wb.load(folder / "b.safetensors", device="cpu")
-    assert again.certificate == bounder.certificate
-    return again
 
 
 @pytest.mark.parametrize("methods", CHAINS, ids="+".join)
@@ -357,8 +348,7 @@ def test_what_lies_outside_the_domain_is_maybe(name):
 
 @pytest.mark.parametrize("name", SIDED)
 def test_no_is_certainly_inside(name, tmp_path):
-    inner(name).save(tmp_path / "b.safetensors")
-    bounder = wb.load(tmp_path / "b.safetensors", device="cpu")
+    bounder = reloaded(inner(name), tmp_path)
     assert bounder.domain.unbounded
     x = around_it(name)
     denied = bounder.query(x).numpy() == 0

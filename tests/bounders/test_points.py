@@ -1,5 +1,4 @@
-"""Points: no positive is denied, by any method; beyond the keyframes of a motion the answer is maybe; what goes in and
-out."""
+"""Points: no positive is denied, by any method; beyond keyframes the answer is maybe; what goes in and out."""
 
 from functools import cache
 

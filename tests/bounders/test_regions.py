@@ -108,8 +108,7 @@ def random_coordinates(domain, rng: np.random.Generator, count: int) -> tuple[np
 @pytest.mark.parametrize(("method", "name"), [*((m, "blob") for m in KINDS), ("oriented-ellipsoid", "c")])
 @pytest.mark.parametrize("query", REGIONS)
 def test_rounding_bound(method, query, name, device, rng):
-    """What a device computes is at least f of every point of the region, less the bound; and it is what the reference
-    says."""
+    """A device's number is at least f of every point of the region, less the bound, and as the reference says."""
     bounder = made(method, name, query).to(device)
     ball, error = method in ("sphere", "ellipsoid", "oriented-ellipsoid"), bounder.rounding_bound()
     assert error < 1e-3

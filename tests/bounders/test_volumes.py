@@ -1,5 +1,4 @@
-"""Volumes and grids that learn: no false negative for any query, kernels as the reference, and numbers that are none
-are refused."""
+"""Volumes and grids that learn: no false negative for any query, kernels as the reference, refused numbers."""
 
 import math
 from functools import cache

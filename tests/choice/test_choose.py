@@ -175,14 +175,3 @@ def test_what_takes_too_long_is_stopped(fits):
     assert {"aabb", "sphere", "voxels resolution 128"} <= {label for label, row in rows.items() if not row.why_not}
     assert rows["kdop"].why_not.startswith("stopped after")
     assert rows["kdop k 26"].why_not.startswith("stopped after")
-
-
-@pytest.mark.parametrize(("budget", "networks"), [(4.0, 0), (14.0, 2), (300.0, 3)])
-def test_networks_share_the_time(fits, budget, networks):
-    choice = wb.choose(BLOCK, budget=budget, methods=("aabb", "mlp"), **GIVEN)
-    rows = [row for row in choice.rows if row.label.startswith("mlp")]
-    assert len(rows) == 3
-    assert choice.about["seconds"] < 1.15 * budget
-    assert sum(not row.why_not for row in rows) == networks
-    assert len(fits) == 1 + networks
-    assert all(seconds >= module.LEAST_SECONDS for _, seconds in fits[1:])

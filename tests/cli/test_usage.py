@@ -64,11 +64,7 @@ def test_help_is_quick_and_imports_no_library():
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-def test_each_command_has_an_example_and_methods_are_completed(capsys):
-    for name in ("fit", "certify", "evaluate", "info", "query", "choose", "show", "bake"):
-        status, out, _ = run(capsys, name, "--help")
-        assert status == 0
-        assert f"Example: warp-bounding {name} " in " ".join(out.split())
+def test_methods_are_completed():
     asked = {"COMP_WORDS": "warp-bounding fit --method k", "COMP_CWORD": "3"}
     asked |= {"_WARP_BOUNDING_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)}
     environment = os.environ | asked

@@ -92,8 +92,7 @@ def test_rates_are_what_a_count_gives(method, query, device):
 
 @pytest.mark.parametrize("query", REGIONS)
 def test_sampled_positives_are_fewer(query):
-    """Random points of a region miss thin hits and invent none, so what misses nothing under one protocol does so under
-    both."""
+    """Random points of a region miss thin hits and invent none: no false negatives under either protocol."""
     bounder, grid = fitted_region("aabb", query), shape("star")
     exact, sampled = (wb.evaluate(bounder, grid, samples=SAMPLES, seed=2, protocol=p) for p in ("exact", "sampled"))
     assert exact.fn == sampled.fn == 0

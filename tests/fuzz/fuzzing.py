@@ -52,11 +52,10 @@ MOST_MARGIN = 0.05  # of files that claim more the cells are not made
 def attack(
     bounder: Bounder, shape: Shape, rng: np.random.Generator, count: int = 4096, *, quick: bool = False
 ) -> tuple[int, Missed | None]:
-    """Put some ``4 count`` certain positives to a bounder, through everything that is deployed: none may be denied.
+    """Put some ``4 count`` certain positives to a bounder, in every form that is deployed: none may be denied.
 
-    They are those of the stress test's stream, and regions on corners, faces and hulls, nudged by single floats, whose
-    truth the exact oracles know; with ``quick`` batches of float32 only, since each other form needs a kernel. Returns
-    how many were queried, and the first that was denied.
+    They are those of the stress test's stream, and regions on corners, faces and hulls, nudged by single floats; with
+    ``quick`` batches of float32 only. Returns how many were queried, and the first that was denied.
     """
     queried, far = 0, bounder.of_distances
     if far:
@@ -152,8 +151,7 @@ class Tally:
 
 @contextmanager
 def undistracted():
-    """Without the search for a refutation (it takes a second and decides nothing here) and NumPy's warnings, and by the
-    process's own clock."""
+    """Without the search for a refutation (it decides nothing here) and warnings, and by the process's own clock."""
     positives, check.POSITIVES = check.POSITIVES, 0
     clock, time.perf_counter = time.perf_counter, time.process_time
     try:
@@ -222,7 +220,7 @@ def fuzz(
 ) -> Tally:
     """Spoil files until time or number are used up, or Ctrl-C; what is found is kept in the folder ``out``.
 
-    Numbers of iterations begin with ``first``; a proven file is attacked with ``count`` positives of a kind.
+    A proven file is attacked with ``count`` positives of a kind.
     """
     among, tally, started, number = among or subjects(), Tally(), time.monotonic(), first
     honest: dict[str, File] = {}

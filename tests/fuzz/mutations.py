@@ -65,15 +65,15 @@ class File:
             document |= {"length": domain.get("length"), "motion": "time" if moving else None, "dimension": axes}
         document["grid_shape"] = None  # the shares of a cell need not agree with anything then
         document["certificate"] = Certificate(
+            **{name: document[name] for name in ("query", "threshold", "indicator", "margin", "length", "resolution")},
             kind="proven",
             domain=[domain["lower"], domain["upper"]],
+            delta=[0.0] * axes,
+            cells=cells,
             lower_bound=1e300,
             rounding_bound=1e300,
-            delta=[0.0] * axes,
             boxes=1,
             seconds=0.0,
-            cells=cells,
-            **{name: document[name] for name in ("query", "threshold", "indicator", "margin", "length", "resolution")},
         ).to_dict()
 
 
@@ -347,8 +347,8 @@ def mutate(file: File, rng: np.random.Generator) -> list[str]:
 
 
 def tighten(file: File, bounder: Bounder, grid: Grid, rng: np.random.Generator) -> None:
-    """Make the most of the proof of a spoilt file, as a liar would: voxels keep what the proof counts on, and nothing
-    else; every threshold is the highest one that the proof of its part allows."""
+    """Make the most of the proof of a spoilt file, as a liar would: the highest thresholds that are proven, and
+    voxels that keep what the proof counts on."""
     if bounder.of_distances:
         of_volume = bounder.volume is not None
         least = 0.0 if of_volume else -float(largest_overestimate(bounder, grid, SEARCH_SECONDS)[0].max())

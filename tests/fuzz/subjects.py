@@ -1,8 +1,4 @@
-"""Honest bounders to be spoilt.
-
-Every method and kind of query on small grids in 2D, 3D and 4D (animated), and what ``load`` accepts besides: bounders
-of meshes, motions, functions and arms, of either side, dilated, in parts, and of several parts.
-"""
+"""Honest bounders to be spoilt: of every method, kind of query and of shape, either side, in parts, of parts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -5,9 +5,8 @@ import sys
 import pytest
 import warp as wp
 from asking import asking_kernel, check_compiles
-from bounding_shapes import random_bounder, random_mlp, shape
+from bounding_shapes import random_bounder, random_mlp, random_network, random_supports, shape
 from distances import far
-from random_networks import random_network, random_supports
 
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kernel
@@ -66,11 +65,7 @@ def test_distances(method, tmp_path):
     source = far(method, "blob").source
     kernels = [batch_kernel(source, True, False)]
     if method == "kdop":
-        kernels += [
-            batch_kernel(source, False, True),
-            lanes_kernel(source),
-            box_kernel(source),
-            lines_kernel(source, True),
-        ]
+        kernels += [batch_kernel(source, False, True), lanes_kernel(source)]
+        kernels += [box_kernel(source), lines_kernel(source, True)]
     for number, kernel in enumerate(kernels):
         check_compiles(kernel, tmp_path / str(number))

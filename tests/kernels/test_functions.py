@@ -1,5 +1,4 @@
-"""A function answers *maybe* to data that are not its own, or not all there; options of a module do not change what it
-computes."""
+"""A function answers *maybe* to data that are not its own or not all there; options of modules change nothing."""
 
 import sys
 from functools import cache
@@ -101,8 +100,7 @@ def test_data_that_are_too_short_are_answered_with_maybe(query, device):
 
 
 def test_data_of_an_equal_source_are_taken(device):
-    """Functions are compiled for sizes, not for values: bounders of the same sizes share one, each with its own
-    data."""
+    """Functions are compiled for sizes: bounders of the same sizes share one, each with its own data."""
     grid, domain = shape("c"), domain_of(shape("c"))
     small, large = (METHODS["bvh"].fit(grid, domain, leaves=leaves, device=device) for leaves in (2, 9))
     assert large.func is small.func
@@ -112,8 +110,7 @@ def test_data_of_an_equal_source_are_taken(device):
 
 
 def test_a_kernel_keeps_its_function_when_the_module_gets_another(rng):
-    """README's kernel, twice in one module and with the same names; and the same with a global function, which is
-    rebound."""
+    """README's kernel, twice in one module with the same names; and with a global function, which is rebound."""
     x = (rng.random((4000, 3)) * 1.2 - 0.1).astype(np.float32)
     expected = [bounder.query(x).numpy() for bounder in rebound.BOUNDERS]
     assert (expected[0] > expected[1]).any()

@@ -1,19 +1,38 @@
-"""Relaxations and bounds hold with zero slack, and no order of summation leaves the rounding bound."""
+"""Relaxations, bounds and activations hold with zero slack; every activation in every network."""
 
 from fractions import Fraction
 from itertools import pairwise, product
 
 import numpy as np
 import pytest
-from bounding_shapes import NETWORKS, crossed, random_bounder, random_mlp, shape
+import warp as wp
+from bounding_shapes import (
+    EARLY,
+    HIDDEN,
+    NETWORKS,
+    crossed,
+    object_points,
+    random_bounder,
+    random_mlp,
+    reloaded,
+    report_of,
+    shape,
+)
 from enclosures import enclosure
+from fused_activations import PLAIN, fused_sine, plain_sine
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plain_shapes import within
+from region_cases import hard_regions, ray_length
 
-from warp_bounding.activations import ACTIVATIONS, SINE_LIMIT
+import warp_bounding as wb
+from warp_bounding.activations import ACTIVATIONS, SINE, SINE_LIMIT
 from warp_bounding.bounders import METHODS
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
+from warp_bounding.queries import oracle, sample
+from warp_bounding.training import fit_network as networks
 
 F32, REAL = np.float32, np.longdouble
 
@@ -43,14 +62,6 @@ def test_relaxation_of_one_neuron(activation, seed, exponent):
         assert (np.abs(curve.mean) <= ACTIVATIONS[activation].largest + curve.spread).all()
 
 
-def box_samples(lower, upper, rng, count=96):
-    """``(count, N, n)`` points of boxes: random ones, corners, faces, the ends."""
-    u = rng.random((count, *lower.shape))
-    u[: count // 2] = np.where(rng.random(u[: count // 2].shape) < 0.7, np.round(u[: count // 2]), u[: count // 2])
-    u[0], u[1], u[2] = 0, 1, 0.5
-    return np.clip(lower + u * (upper - lower), lower, upper)
-
-
 def check_bound(bounder, rng, boxes=400):
     limit = bounder.domain.limit.astype(np.float64)
     center = rng.uniform(-limit, limit, (boxes, bounder.ndim))
@@ -58,7 +69,7 @@ def check_bound(bounder, rng, boxes=400):
     lower, upper = np.maximum(center - radius, -limit), np.minimum(center + radius, limit)
     bounds = bounder.bound(lower, upper)
     assert np.isfinite(bounds.lower).all()
-    samples = box_samples(lower, upper, rng)
+    samples = np.concatenate([within(lower, upper, rng, 93), [lower, upper, (lower + upper) / 2]])
     values = bounder.reference(samples.reshape(-1, bounder.ndim)).reshape(len(samples), boxes)
     assert (values >= bounds.lower).all()
     assert ((bounds.axis >= 0) & (bounds.axis < bounder.ndim)).all()
@@ -281,3 +292,93 @@ def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     assert (ours <= least).all()
     if width == 0.0:
         assert (least - ours).max() < 1e-6
+
+
+# --- activations, in float32 and in every network ---------------------------------------------------------------------
+
+CASES = [  # each method with each query, with each activation, and in each dimension
+    *(("mlp", "point", name, act) for name, act in (("c", "sin"), ("animated", "relu"), ("blob", "sin"))),
+    *(("mlp", "ray", "c", "relu"), ("mlp", "plane", "c", "relu"), ("mlp", "box", "c", "sin")),
+    *(("mlp-early", "point", "animated", "sin"), ("mlp-early", "ray", "c", "relu")),
+    *(("mlp-early", "plane", "c", "sin"), ("mlp-early", "box", "c", "relu")),
+    *(("occupancy", "point", "c", "relu"), ("occupancy", "ray", "c", "sin"), ("occupancy", "plane", "c", "relu")),
+]
+
+
+@pytest.mark.parametrize(("method", "query", "name", "activation"), CASES)
+def test_every_activation_in_every_network(method, query, name, activation, monkeypatch, tmp_path):
+    monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)  # these are hardly trained: a proof holds wherever it ends
+    monkeypatch.setattr(networks, "REGION_PROOF_BOXES", 100_000)
+    grid, kind = shape(name), METHODS[method]
+    hidden, length = EARLY if issubclass(kind, MlpEarly) else HIDDEN, ray_length(grid)
+    reported = report_of(method, query, activation=activation, hidden=hidden, steps=3, length=length)
+    bounder = wb.fit(grid, query, method, device="cpu", **reported)
+    assert bounder.activation == activation
+    loaded = reloaded(bounder, tmp_path)
+    assert loaded.activation == bounder.activation
+    rng = np.random.default_rng(0)
+    hard = object_points(grid, rng) if query == "point" else hard_regions(query, grid, rng, length)
+    q = np.concatenate([sample(query, grid, 4000, rng), hard]).astype(np.float32)
+    truth = oracle(query, grid, "cpu", length)(q)
+    answers = loaded.query(q).numpy().astype(bool)
+    assert (answers == bounder.query(q).numpy()).all()
+    assert truth.sum() > 1000
+    # the proof may end where that of the fit had too few boxes, never the other way round
+    held = {bounder.certificate.kind, "proven"} if kind.conservative else {"inapplicable"}
+    assert wb.certify(loaded, grid).kind in held
+    assert answers[truth].all() or not (kind.conservative and bounder.certificate.proven)
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_what_the_registry_says_of_an_activation(name):
+    """Slopes from -1 to 1, values within ``largest``."""
+    activation, x = ACTIVATIONS[name], np.linspace(-30, 30, 600_001)
+    y = activation.value(x)
+    assert activation.name == name
+    assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
+    assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
+    assert activation.error(1.0) < 1e-5
+
+
+def plain_kernel(activation):
+    @wp.kernel(module="unique", enable_backward=False)
+    def values(z: wp.array(dtype=float), h: wp.array(dtype=float)):
+        h[wp.tid()] = wp.static(activation.plain)(z[wp.tid()])
+
+    return values
+
+
+@pytest.mark.parametrize("name", ACTIVATIONS)
+def test_plain_values_are_within_the_error(name, device):
+    activation, limit = ACTIVATIONS[name], min(ACTIVATIONS[name].limit, 1e3)
+    z = np.linspace(-limit, limit, 200_001).astype(np.float32)
+    h = wp.empty(len(z), dtype=float, device=device)
+    wp.launch(plain_kernel(activation), len(z), [wp.array(z, dtype=float, device=device)], [h], device=device)
+    error = np.abs(h.numpy() - activation.value(z.astype(np.float64)))
+    assert error.max() <= activation.error(limit)
+    assert np.abs(PLAIN[name](z) - h.numpy()).max() <= 2 * activation.error(limit)
+
+
+@pytest.mark.parametrize("evaluate", [plain_sine, fused_sine], ids=["unfused", "fused"])
+@pytest.mark.parametrize("limit", [0.5, 1.6, 10.0, 300.0, SINE_LIMIT])
+def test_sine_stays_within_its_bound(evaluate, limit, rng):
+    dense = np.linspace(-limit, limit, 400_001).astype(F32)
+    multiples = np.arange(-int(limit / np.pi * 2) - 1, int(limit / np.pi * 2) + 2) * (np.pi / 2)
+    near = np.float32(multiples)[:, None].view(np.int32) + np.arange(-40, 41, dtype=np.int32)
+    near = near.view(F32).ravel()
+    random = (rng.choice([-1, 1], 100_000) * limit * 10 ** rng.uniform(-12, 0, 100_000)).astype(F32)
+    z = np.concatenate([dense, near, random, F32([0.0, -0.0, limit, -limit])])
+    z = z[np.isfinite(z) & (np.abs(z) <= limit)]
+    truth = np.sin(z.astype(np.longdouble))
+    error = np.abs(evaluate(z).astype(np.longdouble) - truth).max()
+    assert error <= SINE.error(limit)
+    assert SINE.error(limit) < 4 * max(error, 1e-7) + 1e-6  # and the bound is worth something
+
+
+def test_sine_error_grows_with_the_limit_and_ends_somewhere():
+    limits = np.linspace(0, SINE_LIMIT, 50)
+    errors = [SINE.error(float(limit)) for limit in limits]
+    assert errors == sorted(errors)
+    for wrong in (-1.0, SINE_LIMIT * 1.001, float("nan"), float("inf")):
+        with pytest.raises(ValueError, match="certified"):
+            SINE.error(wrong)

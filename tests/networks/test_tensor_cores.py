@@ -1,17 +1,12 @@
-"""Networks on tensor cores: their text run on a CPU, 32 lanes in lockstep, and compiled for a GPU; what it may err
-by."""
-
-import sys
+"""Networks on tensor cores: their text run on a CPU, 32 lanes in lockstep; what it may err by."""
 
 import numpy as np
 import pytest
 import warp as wp
-from bounding_shapes import domain_points, shape
+from bounding_shapes import domain_points, random_network, shape
 from distances import far, points_around, thing
-from random_networks import random_network
 
 from warp_bounding.activations import SINE
-from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
@@ -144,23 +139,6 @@ def test_emulated_lanes_stay_within_the_rounding_bound(query, hidden):
         numbers[7] = cuts
         assert np.abs(lockstep(source, numbers, v) - exact).max() <= bound
     assert bound < 1e-2
-
-
-@pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time")
-@pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS")
-@pytest.mark.parametrize("hidden", [(24, 24), (50, 50)])
-def test_cuda_text_keeps_to_registers(hidden, tmp_path):
-    """Sums on tensor cores, as many as the sizes ask for, and no memory of a thread's own, in which activations would
-    be slow."""
-    source = MlpSource(3, False, hidden, SINE.name)
-    kernel = batch_kernel(source, False, False, tensor_cores.text(source))
-    wp.compile_aot_module(kernel.module, arch=[90], module_dir=tmp_path, use_ptx=True)
-    (file,) = tmp_path.glob("*.ptx")
-    text, tiles = file.read_text(), -(-hidden[0] // 8)
-    assert text.count("mma.sync.aligned.m16n8k16") == 2 * tiles * (1 + 3 * (tiles // 2))
-    assert text.count("mma.sync.aligned.m16n8k8") == 2 * tiles * 3 * (tiles % 2)
-    assert text.count("sin.approx") == 2 * 8 * tiles
-    assert ".local" not in text
 
 
 @pytest.fixture

@@ -99,8 +99,7 @@ def test_contacts_are_the_same(bunny, moving):
 
 @pytest.mark.parametrize("dilated", [0.0, 0.03])
 def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilated):
-    """Contacts are the same at gaps and radii that it was never told, and also of particles that are far from the
-    origin."""
+    """The same contacts at gaps and radii that it was never told, and far from the origin."""
     model, _, shapes = scene(bunny, moving=True)
     pipeline, state, survivors = newton.CollisionPipeline(model, soft_contact_gap=0.01), model.state(), []
     far = wb.fit(bunny, "distance", "bvh", leaves=64, margin=dilated, device="cpu")
@@ -119,8 +118,7 @@ def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilat
 
 @pytest.mark.parametrize("of_distances", [False, True])
 def test_pairs_in_any_order(bunny, of_distances):
-    """Where neighbours in the list are not neighbours in space, pairs are looked at one by one: the same ones
-    survive."""
+    """Where neighbours in the list are not neighbours in space, the same pairs survive."""
     model, mesh, shapes = scene(bunny, moving=True)
     pipeline, state = newton.CollisionPipeline(model), model.state()
     far = wb.fit(bunny, "distance", "bvh", leaves=64, device="cpu") if of_distances else None
@@ -158,8 +156,7 @@ def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
 
 @pytest.mark.parametrize("turn", [(0.7, 0.0, 0.0, 0.7), (0.0, 0.9, 0.0, 0.5), (0.0, 1e-4, 0.0, 1.0)])
 def test_rotations_that_are_not_quite_ones(bunny, turn):
-    """A mesh that lies far from its origin, turned by a quaternion of another length than 1: taken as Newton takes
-    it."""
+    """A mesh far from its origin, turned by a quaternion of another length than 1: taken as Newton takes it."""
     far = wb.shapes.Mesh(bunny.vertices + np.float32([0.0, 0.0, 9.0]), bunny.faces)
     mesh, place = newton.Mesh(far.vertices, far.faces.reshape(-1)), wp.transform(wp.vec3(0.3, 0.2, 0.1), wp.quat(*turn))
     builder, rng = newton.ModelBuilder(up_axis=newton.Axis.Y), np.random.default_rng(0)

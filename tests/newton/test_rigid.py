@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 import warp as wp
 
 import warp_bounding as wb
@@ -14,21 +15,12 @@ from warp_bounding.pairs import Balls  # noqa: E402
 RECORDS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
 
 
-def shell() -> wb.shapes.Mesh:
-    """An L of two boxes in one surface."""
-    corners = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]], np.float32) * 0.3
-    points = np.concatenate([np.column_stack([corners, np.full(6, z)]) for z in (0.0, 0.3)]).astype(np.float32)
-    caps = [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]]
-    faces = [[c, b, a] for a, b, c in caps] + [[a + 6, b + 6, c + 6] for a, b, c in caps]
-    for k in range(6):
-        n = (k + 1) % 6
-        faces += [[k, n, n + 6], [k, n + 6, k + 6]]
-    return wb.shapes.Mesh(points, np.array(faces), name="L")
-
-
 @pytest.fixture(scope="module")
 def mesh() -> wb.shapes.Mesh:
-    return shell()
+    """An L of two boxes in one surface."""
+    corners = np.array([[0, 0], [3, 0], [3, 1], [1, 1], [1, 3], [0, 3]]) * 0.3
+    solid = trimesh.creation.extrude_triangulation(corners, [[0, k, k + 1] for k in range(1, 5)], 0.3)
+    return wb.shapes.Mesh(solid.vertices, solid.faces, name="L")
 
 
 @pytest.fixture(scope="module")

@@ -49,10 +49,7 @@ def placed(points: np.ndarray, places: np.ndarray, scale: np.ndarray) -> np.ndar
 
 
 def apart(mesh, a, b, scale_a, scale_b, points) -> np.ndarray:
-    """``(N,)``: upper bounds of the distance between two placed copies of a mesh.
-
-    From places of mesh B, in mesh A's own coordinates; scales lengthen by the largest one.
-    """
+    """``(N,)``: upper bounds of the distance between two placed copies; scales lengthen by the largest one."""
     at = placed(points, b, scale_b) - a[:, None, :3].astype(np.float64)
     turns = Rotation.from_quat(a[:, 3:].astype(np.float64)).as_matrix()
     own = np.einsum("nji,npj->npi", turns, at) / scale_a[:, None].astype(np.float64)

@@ -1,9 +1,9 @@
-"""Real runs of the commands on small objects: measured once, resumed after any end, with one clear line for what is
-wrong."""
+"""Real runs of the commands on small objects: measured once, resumed after any end, one line for what is wrong."""
 
 import csv
 import json
 
+import numpy as np
 import pytest
 from commands import check_bad, run
 
@@ -22,6 +22,22 @@ def rows(place, name):
 
 def contents(place):
     return {p: p.read_bytes() for p in place.rglob("*") if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Two images and a set of voxels: ``2d/disc``, ``2d/half``, ``3d/disc``."""
+    image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
+    path = tmp_path_factory.mktemp("paper") / "data"
+    (path / "2D").mkdir(parents=True)
+    inside = np.add.outer(np.linspace(-1, 1, 12) ** 2, np.linspace(-1, 1, 12) ** 2) < 0.6
+    for name, part in (("disc", inside), ("half", inside & (np.arange(12) < 6))):
+        pixels = np.zeros((12, 12, 4), np.uint8)
+        pixels[..., 3] = 255 * part
+        image.fromarray(pixels).save(path / f"2D/{name}.png")
+    (path / "4D").mkdir()
+    np.save(path / "4D/disc.npy", np.broadcast_to(inside[None, :, :, None], (3, 12, 12, 12)))
+    return path
 
 
 def test_a_table_and_the_same_again(data, tmp_path, capsys, monkeypatch):

@@ -332,9 +332,7 @@ def others(name: str):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_another_shape_is_never_proven(kind):
-    """Whatever is given is refused before a proof, with the reason, by ``certify``, ``prove`` and ``settle`` alike; the
-    shape that is meant is proven,
-    dilated by ``certify`` or before."""
+    """Refused before a proof, by ``certify``, ``prove`` and ``settle`` alike; the shape that is meant is proven."""
     bounder, name = of_kind(kind), KINDS[kind][0]
     assert mismatch(bounder, as_fitted(bounder, thing(name))) is None
     for given in (thing(name), thing(name).dilated(MARGIN)):
@@ -388,8 +386,7 @@ LIES = {
 @pytest.mark.parametrize("lie", LIES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
-    """It does not load; or it is not proven; or what it says is true all the same: then it misses nothing of the object
-    that it claims."""
+    """It does not load, or is not proven, or is true all the same: then it misses nothing of what it claims."""
     bounder, own = of_kind(kind), thing(KINDS[kind][0])
     try:
         invalid = wb.load(edited(bounder, tmp_path / "b.safetensors", LIES[lie]), device="cpu")
@@ -409,8 +406,7 @@ def test_a_file_that_lies_is_found_out(kind, lie, tmp_path, rng):
 
 
 def test_two_sides_are_of_one_object():
-    """Whatever their margins and cells: objects are compared, and an inner margin above the outer one says nothing of
-    any object."""
+    """Objects are compared, and an inner margin above the outer one says nothing of any object."""
     flat = {"ball": ball_at([0, 0], 1.0), "box": box_of([-2, -2], [2, 2])}
     told = {"side": "inside", "hidden": (8,), "steps": 20, "budget": 20.0, "device": "cpu", "progress": False}
     which = (("ball", 0.0), ("ball", 0.25), ("box", 0.0))
@@ -433,8 +429,7 @@ def test_two_sides_are_of_one_object():
 
 
 def test_parts_keep_the_checks_of_the_whole(monkeypatch):
-    """``certify`` asks of every part what ``prove`` asks of it: here a part is about the other side, and about another
-    margin."""
+    """``certify`` asks of every part what ``prove`` asks: here one is of the other side, and of another margin."""
     bounder = of_kind("cascade")
     for change in ({"domain": dataclasses.replace(bounder.domain, unbounded=True)}, {"info": {"margin": 2 * MARGIN}}):
         parts = bounder.parts

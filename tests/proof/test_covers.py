@@ -1,17 +1,12 @@
-"""What a proof covers.
-
-Bounds over parametrizations hold with zero slack, covers hold every positive, no positive is denied.
-
-Queries lie at the edges of what devices compute, bounds are NaN, searches are cut short.
-"""
+"""What a proof covers: bounds over parametrizations hold with zero slack, covers hold every positive, and no
+positive is denied, at the edges of what devices compute, where bounds are NaN, and where searches are cut short."""
 
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bounding_shapes import random_mlp, shape
-from random_networks import random_network, random_supports
+from bounding_shapes import random_mlp, random_network, random_supports, shape
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.proof import certify, check, minimum, parametrized, prove
@@ -24,13 +19,9 @@ from warp_bounding.shapes import Grid
 from warp_bounding.training.samples import samples_of
 
 HIDDEN = (9, 7)  # of every network: each other size costs a compilation
-NETWORKS = [  # query, grid, activation
-    ("ray", "c", "sin"),
-    ("ray", "small", "relu"),
-    ("ray", "single", "sin"),
-    ("box", "c", "sin"),
-    ("box", "small", "relu"),
-]
+# query, grid, activation
+NETWORKS = [(*each, "sin") for each in (("ray", "c"), ("ray", "single"), ("box", "c"))]
+NETWORKS += [("ray", "small", "relu"), ("box", "small", "relu")]
 SLOW = [pytest.param(query, "small", marks=pytest.mark.slow) for query in ("ray", "box")]
 CASES = [("ray", "c"), ("box", "c"), *SLOW]
 
@@ -134,8 +125,7 @@ def test_bounds_hold_as_far_off_as_devices_compute(query, name, activation):
 @pytest.mark.parametrize("way", ["charted", "single"])
 @pytest.mark.parametrize("sizes", [(8, 4), (4, 4, 4)])
 def test_every_ray_lies_in_a_box_where_it_first_enters(sizes, way):
-    """All numbers are multiples of 1/8, so nothing here rounds: rays along faces, through edges and corners, from
-    outside."""
+    """Multiples of 1/8, so nothing here rounds: rays along faces, through edges and corners, from outside."""
     grid, rng, n = small_grid(len(sizes), *sizes), np.random.default_rng(4), len(sizes)
     bounder = network_of(domain_of(grid, "ray", 64.0), "relu")
     cover = parametrized(bounder, grid)
@@ -232,8 +222,7 @@ def test_a_search_in_depth_that_is_cut_short_promises_nothing_false():
     assert prove_target(many, -1e9).boxes == 10_000
 
 
-# --- searches over parametrizations
-# --------------------------------------------------------------------------------------------
+# --- searches over parametrizations ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("query", "name"), CASES)

@@ -12,9 +12,8 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from asking import ask
-from bounding_shapes import random_mlp, shape
+from bounding_shapes import random_mlp, random_network, random_supports, shape
 from fused_activations import FUSED, PLAIN
-from random_networks import random_network, random_supports
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
@@ -38,8 +37,7 @@ ORDERS = ("forwards", "backwards", "sorted", "pairs", "fused", "fused backwards"
 
 @cache
 def critical(case: str) -> tuple[Mlp, np.ndarray, np.ndarray]:
-    """A proven bounder, never to be changed; queries at and around its lowest points; the lowest positives among
-    them."""
+    """A proven bounder, never to be changed; queries around its lowest points; the lowest positives of them."""
     grid, rng = shape(CASES[case][0]), np.random.default_rng(6)
     bounder = CASES[case][1](grid)
     search = least_value(bounder, grid, eps=1e-3, boxes=60_000)
@@ -112,8 +110,7 @@ def float32_affine(h: np.ndarray, weight: np.ndarray, bias: np.ndarray, how: str
 
 
 def moved(bounder, q: np.ndarray, rotated, shift, factors, back: bool = False) -> np.ndarray:
-    """Queries from object space to the world, or back, in extended precision; boxes where ``rotated`` is a
-    permutation."""
+    """Queries from object space to the world, or back, in extended precision; boxes for permutations."""
     parts = []
     for k, kind in enumerate(PARTS[bounder.query_kind]):
         x = q[:, k * bounder.ndim : (k + 1) * bounder.ndim].astype(EXACT)

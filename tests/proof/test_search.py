@@ -1,11 +1,11 @@
 """Branch and bound: what it returns holds whenever it stops, and is the minimum where it is complete."""
 
-from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from bounding_shapes import device_coordinates, object_points, random_bounder, random_mlp, shape
+from shape_kinds import network as network_of_sines
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -154,39 +154,14 @@ def test_boxes_that_are_dealt_out_anew_are_the_same(rng):
 # --- half-spaces that hold a shape in boxes --------------------------------------------------------------------------
 
 
-@cache
-def network_shape(activation: str = "Sine", n: int = 3):
-    torch = pytest.importorskip("torch", reason="torch is not installed")
-    nn = torch.nn
-
-    class Sine(nn.Module):
-        def forward(self, z):
-            return torch.sin(z)
-
-    torch.manual_seed(0)
-    kind = Sine if activation == "Sine" else getattr(nn, activation)
-    network = nn.Sequential(nn.Linear(n, 12), kind(), nn.Linear(12, 12), kind(), nn.Linear(12, 1))
-    network.requires_grad_(False)
-    network[0].weight.mul_(3.0)
-    network[-1].weight.mul_(5.0)
-    lower, upper = [-1.0] * (n - 1) + [0.0], [1.0] * n
-    x = np.random.default_rng(0).uniform(lower, upper, (999, n))
-    return wb.shapes.Network(network, lower, upper, level=float(network(torch.tensor(x, dtype=torch.float32)).median()))
-
-
-def random_boxes(lower, upper, count, rng):
-    size = (upper - lower) * 10.0 ** rng.uniform(-3, 0.2, (count, 1)) * rng.random((count, len(lower)))
-    low = rng.uniform(lower - size / 2, upper - size / 2)
-    return low, low + size
-
-
 def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
-    own = network_shape()
+    own = network_of_sines()
     bounder = random_mlp(own)
     positives = ShapePositives(bounder, own)
     limit = bounder.domain.limit.astype(float)
-    low, high = random_boxes(-limit, limit, 4000, rng)
-    low, high = np.maximum(low, -limit), np.minimum(high, limit)
+    size = 2 * limit * 10.0 ** rng.uniform(-3, 0.2, (4000, 1)) * rng.random((4000, 3))
+    low = rng.uniform(-limit - size / 2, limit - size / 2)
+    low, high = np.maximum(low, -limit), np.minimum(low + size, limit)
     bounds = positives.bound(low, high)
     target = bounds.lower + rng.uniform(-1, 3, 4000)
     found = positives.held(low, high, bounds, target)
@@ -205,9 +180,8 @@ def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
 
 
 def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
-    """The network's slopes are not those of the network less a threshold: with them everything would seem to be
-    proven."""
-    own = network_shape(n=2)
+    """The network's slopes are not those less a threshold: with them everything would seem to be proven."""
+    own = network_of_sines(2, -0.332)
     fitted = wb.fit(own, hidden=(8,), steps=100, device="cpu", progress=False)
     higher = fitted.tensors["layers.1.bias"] + np.float32(5)  # thresholds above 0 are what the slopes would leave out
     network = type(fitted)(fitted.domain, fitted.tensors | {"layers.1.bias": higher}, fitted.sizes, "cpu")

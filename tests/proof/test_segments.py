@@ -29,8 +29,7 @@ def fitted(method: str, name: str) -> wb.Bounder:
 
 
 def segments(grid: Grid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:
-    """From everywhere to everywhere, also from outside the domain; some short, some along an axis, some without a
-    length."""
+    """From everywhere to everywhere, also outside the domain; some short, along an axis, without a length."""
     size = grid.upper - grid.lower
     starts = grid.lower + (rng.random((count, grid.ndim)) * 1.4 - 0.2) * size
     way = rng.normal(size=starts.shape) * size * 10.0 ** rng.uniform(-3, 0, (count, 1))

@@ -1,13 +1,12 @@
-"""Shapes without cells: points and regions are fitted, proven, attacked and certified; volumes are proven over a mesh's
-hull."""
+"""Shapes without cells: points and regions are fitted, proven, attacked and certified, also over a hull."""
 
 from functools import cache
 
 import numpy as np
 import pytest
 import trimesh
-from plain_shapes import ball_at, balls_at, box_of, torus_at
-from random_networks import random_network
+from bounding_shapes import random_network, reloaded
+from plain_shapes import TETRAHEDRON, ball_at, balls_at, box_of, torus_at
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
@@ -26,7 +25,6 @@ REGIONS = ("ray", "plane", "box")
 MARGIN = 0.03
 MIDDLE = np.array([3.0, -2.0, 0.5])  # of the mesh
 CERTAIN = 1e-9  # of f: what float64 makes of values that are compared
-TETRAHEDRON = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
 
 
 def fit(shape, query="point", method="mlp", **told) -> wb.Bounder:
@@ -265,8 +263,7 @@ def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are
     assert bounder.info["resolution"] is None
     x = positives_of(query)
     assert bounder.query(x).numpy().all()
-    bounder.save(tmp_path / "b.safetensors")
-    assert wb.certify(wb.load(tmp_path / "b.safetensors", device="cpu"), mesh()).proven
+    assert wb.certify(reloaded(bounder, tmp_path), mesh()).proven
     least = float(bounder.values(x).numpy().min())
     raised = bounder.freeze(least + 0.5, None)
     proof = wb.certify(raised, mesh())

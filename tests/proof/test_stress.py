@@ -1,29 +1,18 @@
-"""What positives show: the statistical test, the adversarial search, the stress test, and how much is proven of what
-was only sampled."""
+"""What positives show: the statistical test, the adversarial search, the stress test."""
 
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import CONSERVATIVE, report_of, shape, without_proof
-from random_networks import random_network, random_supports
+from bounding_shapes import CONSERVATIVE, random_network, random_supports, reloaded, report_of, shape, without_proof
 from scipy.stats import beta
 
 import warp_bounding as wb
 from warp_bounding.bounders import supports
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.proof import (
-    attempt_confidence,
-    certify,
-    fn_rate_bound,
-    fresh_seed,
-    prove,
-    statistical_test,
-    stress_test,
-    try_positives,
-)
+from warp_bounding.proof import attempt_confidence, fn_rate_bound, prove, statistical_test, stress_test, try_positives
 from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, descend, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
@@ -115,7 +104,7 @@ def test_the_bound_is_clopper_and_pearsons_and_restarts_spend_no_more_than_the_r
         if failures[attempt] == 0:
             wrong += fn_rate_bound(count, attempt_confidence(attempt)) < rates[attempt]
     assert wrong / runs <= 0.05
-    seeds = {fresh_seed() for _ in range(20)}
+    seeds = {wb.proof.fresh_seed() for _ in range(20)}
     assert len(seeds) == 20
     assert all(0 <= seed < 2**63 for seed in seeds)
 
@@ -144,7 +133,7 @@ def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be
     assert try_positives(bounder, grid, 300_000, 99)[2] is None or certificate.worst_margin < 1e-2
     assert statistical_test(bounder, grid, least=proven + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
     assert bounder.threshold <= proven
-    assert certify(bounder, grid).proven
+    assert wb.certify(bounder, grid).proven
     assert try_positives(bounder, grid, 1_000_000, 1, budget=0.0) == (0, np.inf, None)
     clock = ticking(0.05)
     done, _, missed = try_positives(bounder, grid, 10**9, 1, budget=0.5)
@@ -163,12 +152,10 @@ def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
     assert certificate.worst_margin >= 0
     assert "not proven" in certificate.message
     assert wb.evaluate(bounder, shape("c"), samples=200_000).fn == 0
-    bounder.save(tmp_path / "s.safetensors")
-    again = wb.load(tmp_path / "s.safetensors", device="cpu")
-    assert again.certificate == certificate
+    again = reloaded(bounder, tmp_path)
     # far below any value: no fresh positive refutes it
     statistical_test(again, shape("c"), least=0.0, room=20.0, count=10_000)
-    assert certify(again, shape("c")).kind == "statistical"
+    assert wb.certify(again, shape("c")).kind == "statistical"
     with pytest.raises(BounderError, match="no proof"):
         prove(bounder, shape("c"))
 
@@ -180,7 +167,7 @@ def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
     wrong = Mlp(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
     with pytest.raises(BounderError, match="limit does not fit its corners"):
         statistical_test(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
-    assert certify(wrong, shape("c")).kind != "proven"
+    assert wb.certify(wrong, shape("c")).kind != "proven"
 
 
 # --- the adversarial search ------------------------------------------------------------------------------------------

@@ -152,21 +152,13 @@ def dropped_halves(monkeypatch):
 
 
 def closed_early(monkeypatch):
-    monkeypatch.setattr(
-        search,
-        "_SEARCH",
-        search._SEARCH.replace("if (bound >= target)", "if (bound >= target - 0.02)").replace(
-            "closed = bound < closed ? bound : closed;", ""
-        ),
-    )
+    text = search._SEARCH.replace("if (bound >= target)", "if (bound >= target - 0.02)")
+    monkeypatch.setattr(search, "_SEARCH", text.replace("closed = bound < closed ? bound : closed;", ""))
 
 
 def half_boxes(monkeypatch):
-    monkeypatch.setattr(
-        PlainParametrization,
-        "expand",
-        PlainParametrization.expand.replace("(high[k] - low[k]) * 0.5", "(high[k] - low[k]) * 0.25"),
-    )
+    text = PlainParametrization.expand.replace("(high[k] - low[k]) * 0.5", "(high[k] - low[k]) * 0.25")
+    monkeypatch.setattr(PlainParametrization, "expand", text)
 
 
 def no_delta(monkeypatch):

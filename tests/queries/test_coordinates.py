@@ -1,5 +1,4 @@
-"""From a region's numbers to coordinates: within the bound that proofs rely on, with zero slack; what is maybe, what is
-no."""
+"""From a region's numbers to coordinates: within the bound of the proofs, with zero slack; what is maybe."""
 
 from functools import cache
 from typing import NamedTuple
@@ -123,8 +122,7 @@ def corners(domain: RegionDomain) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ray_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points of rays inside the domain, where they enter, where they leave or end, or between: ``y (N, n)``, and which
-    rays have one."""
+    """Points of rays inside the domain: ends, entries, exits, or between: ``y (N, n)``, and who has one."""
     n = domain.space_ndim
     low, high = corners(domain)
     origin, d = to_local(domain, q[:, :n]), q[:, n:].astype(EXACT)
@@ -144,8 +142,7 @@ def ray_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) ->
 
 
 def ray_distance(v: np.ndarray, y: np.ndarray, unit: np.ndarray) -> np.ndarray:
-    """``(N,)``: least distance of segments ``v`` from points y, the largest over the axes, each in its ``unit``; from
-    above."""
+    """``(N,)``: least distance of segments ``v`` from points y, the largest over the axes; from above."""
     n = y.shape[1]
     a, w = v[:, :n].astype(EXACT), v[:, n:].astype(EXACT)
     best = np.full(len(v), np.inf)
@@ -160,8 +157,7 @@ def ray_distance(v: np.ndarray, y: np.ndarray, unit: np.ndarray) -> np.ndarray:
 
 
 def plane_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Points of planes inside the domain, on its faces, edges and corners for the most part, and which planes have such
-    a one."""
+    """Points of planes inside the domain, mostly on its faces, edges and corners, and which planes have one."""
     n = domain.space_ndim
     low, high = corners(domain)
     normal, point = q[:, :n].astype(EXACT), to_local(domain, q[:, n:])
@@ -178,8 +174,7 @@ def plane_points(domain: RegionDomain, q: np.ndarray, rng: np.random.Generator) 
 
 
 def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Generator, dtype) -> np.ndarray:
-    """Through points of the domain and of its border; skewed by up to 12 decades, of any size, from near and from
-    far."""
+    """Through points of the domain and of its border; skewed by up to 12 decades, of any size, near and far."""
     n, size = grid.ndim, grid.upper - grid.lower
     x = grid.lower + rng.random((count, n)) * size
     border = np.where(rng.random(x.shape) < 0.5, grid.lower, grid.upper)
@@ -203,8 +198,7 @@ def wide_regions(query: str, grid, length: float, count: int, rng: np.random.Gen
 
 
 def test_unit_vectors_stay_within_the_limit(device, rng):
-    """One entry of a direction is nearly its length, so rounding may take it beyond 1; the sum of squares grows with
-    n."""
+    """One entry is nearly the length, so rounding may take it beyond 1; the sum of squares grows with n."""
     n = 9
     grid = Grid(np.arange(2**n).reshape((2,) * n) == 0)
     domain = domain_of(grid, "ray")
@@ -223,11 +217,7 @@ def regions(query: str, grid, length: float, rng, dtype) -> np.ndarray:
 
 
 def check_passes(domain: RegionDomain, q: np.ndarray, rng, device: str, lanes: bool) -> float:
-    """Whatever a device makes of a region, it passes each point of the region that is in the domain, within the bound.
-
-    Returns:
-        The share of regions that a bounder is asked about.
-    """
+    """It passes each point of the region in the domain, within the bound; returns the share that is asked about."""
     n, needed = domain.space_ndim, domain.kind.rounding(domain.base, domain.length)
     assert (needed <= domain.base.delta).all()
     v, testable, inside = located(domain, q, device, lanes)
@@ -285,8 +275,7 @@ def test_tiny_and_huge_objects(query, exponent, device, rng):
 
 @cache
 def bounders(name: str, query: str):
-    """A network, whose kernel first gathers the queries that need it; in 3D also a volume, whose kernel works on all of
-    them."""
+    """A network, whose kernel gathers queries first; in 3D also a volume, whose kernel works on all."""
     grid = shape(name)
     domain, rng = domain_of(grid, query, ray_length(grid)), np.random.default_rng(0)
     network = random_mlp(grid, gain=2.0, domain=domain)

@@ -9,7 +9,6 @@ from bounding_shapes import SHAPES as ALL_SHAPES
 from bounding_shapes import domain_points, object_points, shape
 
 from warp_bounding.errors import QueryError
-from warp_bounding.geometry import components
 from warp_bounding.queries import QUERIES, SampledOracle, check_query, oracle, sample
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.directions import sample_directions
@@ -195,15 +194,6 @@ def test_planes_touch_faces_and_corners(n, device, rng):
     assert not PLANE.truth(grid, missing[:100]).any()
 
 
-def test_supporting_planes_of_a_shape_are_decided_by_the_kernel(device, rng):
-    grid, exact = shape("star"), PLANE.oracle(shape("star"), device)
-    corners, normal = components(grid.occupancy)[0].corners, sample_directions(3, 2000, rng)
-    extreme = corners[(normal.astype(np.float64) @ corners.T).argmax(axis=1)]
-    q = np.concatenate([normal, grid.position(extreme - 0.5).astype(np.float32)], axis=1)
-    np.testing.assert_array_equal(exact(q)[:200], PLANE.truth(grid, q[:200]))
-    assert exact.undecided < 20
-
-
 def test_rounding_onto_a_face_is_noticed(device):
     """The cell coordinate of a tiny number rounds onto the face at 3/2, but the point is on one side of it."""
     for cell in (1, 2):
@@ -232,16 +222,6 @@ def test_the_length_of_a_direction_does_not_matter(device, rng):
         scale = np.float32(2.0) ** power
         np.testing.assert_array_equal(RAY.oracle(grid, device)(rays * np.repeat([1, scale], 3)), truth)
         assert PLANE.oracle(grid, device)(planes * np.repeat([scale, 1], 3)).all()
-
-
-@pytest.mark.parametrize("name", ["c", "star", "mesh"])
-def test_the_kernel_decides_nearly_all_rays(name, device, rng):
-    grid, exact = shape(name), RAY.oracle(shape(name), device)
-    exact(RAY.sample(grid, 50_000, rng))
-    assert exact.undecided == 0
-    axis = np.eye(grid.ndim, dtype=np.float32)[rng.integers(grid.ndim, size=2000)] * rng.choice([-1, 1], (2000, 1))
-    exact(np.concatenate([lattice_points(grid, 2000, rng), axis], axis=1))
-    assert exact.undecided <= 20  # those whose end is as near to a face as the length is exact
 
 
 # --- the paper's labels, and a kind of one's own ----------------------------------------------------------------------

@@ -60,9 +60,7 @@ def test_placed_points_are_never_denied(method, name, device, rng):
         back = near.astype(np.float64)
         first = int(grid.time)
         back[:, first:] = (back[:, first:] - t) @ q / factors
-        cell = grid.cell_coordinate(back)
-        index = np.clip(np.rint(cell), 0, np.array(grid.shape) - 1).astype(int)
-        sure = (np.abs(cell - index) < 0.5 - 1e-9).all(axis=1) & grid.occupancy[tuple(index.T)]
+        sure = certainly_inside(grid, back)
         assert sure.any()
         assert bounder.query(near[sure], xform=xform, scale=factors).numpy().all()
 
@@ -304,8 +302,7 @@ def in_single(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("query", ["ray", "plane"])
 def test_rounding_stays_within_its_bound(query, name, dtype, rng):
-    """The moved float32 numbers, and how far the exact region of those passes a point of the exact region, near and
-    far."""
+    """The moved float32 numbers, and how far their exact region passes a point of the exact region."""
     grid, length = shape(name), 3.0
     n, s, domain = grid.ndim, grid.ndim - grid.time, domain_of(grid, query, length)
     scale, center = domain.base.scale.astype(np.float64), domain.base.center.astype(np.float64)

@@ -1,5 +1,4 @@
-"""Which faces enclose an inside, whether enclosed air is empty, and cells that hold all of it, with no tolerance at
-all."""
+"""Which faces enclose an inside, whether enclosed air is empty, and cells that hold all of it: no tolerance."""
 
 from collections import Counter
 from itertools import combinations

@@ -1,40 +1,17 @@
-"""What every kind of shape promises: its answers about points, boxes, half-spaces and distances never contradict each
-other, and a margin holds what is near."""
+"""What every kind of shape promises: its answers never contradict each other, and a margin holds what is near."""
 
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from shape_kinds import KINDS, MARGIN, dilates, made
+from plain_shapes import within
+from shape_kinds import KINDS, MARGIN, around, dilates, made
 
 import warp_bounding as wb
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 
 ALL = [(name, margin) for name in KINDS for margin in (0.0, MARGIN) if not margin or dilates(name)]
-
-
-def around(shape, rng, count: int) -> np.ndarray:
-    """Random points, and as many within a few roundings of the border where both sides of it were found."""
-    x = rng.uniform(shape.sample_lower, shape.sample_upper, (count, shape.ndim))
-    held = shape.decide(x) == IN
-    if held.all() or not held.any():
-        return x
-    a, b = (x[rng.choice(np.flatnonzero(side), count)] for side in (held, ~held))
-    if shape.time:  # at one time: what moves fast is passed within a rounding of it
-        b[:, 0] = a[:, 0]
-    for _ in range(50):
-        middle = a / 2 + b / 2
-        inside = (shape.decide(middle) == IN)[:, None]
-        a, b = np.where(inside, middle, a), np.where(inside, b, middle)
-    return np.concatenate([x, a, b])
-
-
-def within(lower, upper, rng) -> np.ndarray:
-    """A point of each box, at a corner or on a face as a rule."""
-    share = rng.random(lower.shape)
-    share = np.where(rng.random(lower.shape) < 0.6, np.round(share), share)
-    return np.clip(lower + share * (upper - lower), lower, upper)
 
 
 @pytest.mark.parametrize(("name", "margin"), ALL)

@@ -1,5 +1,4 @@
-"""Every format is read as it was written, noted or refused; what arrays and objects of other libraries mean is told, or
-asked for."""
+"""Every format is read as it was written, noted or refused; so are arrays and objects of other libraries."""
 
 import contextlib
 import sys

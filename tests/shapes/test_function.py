@@ -35,10 +35,7 @@ def in_ball(x):
 
 
 def test_what_the_author_knows_of_boxes(rng):
-    """``empty`` is asked about boxes that meet the shape's.
-
-    With neither it nor a distance nothing is certified, and no
-    cells are laid."""
+    """``empty`` is asked about boxes that meet the shape's; without it or a distance nothing is certified."""
     asked = []
 
     def empty(lower, upper):

@@ -1,5 +1,4 @@
-"""The map between object space and cells is exact, closed cells own their faces, and dilation and distances are those
-of the definition."""
+"""The map to cells is exact, closed cells own their faces, dilation and distances are those of the definition."""
 
 from dataclasses import replace
 from fractions import Fraction

@@ -1,5 +1,4 @@
-"""Joints that turn without end answer alike after whole turns, and beyond limits the answer is maybe: no tolerance
-anywhere."""
+"""Joints that turn without end answer alike after whole turns, beyond limits the answer is maybe: no tolerance."""
 
 from fractions import Fraction
 
@@ -7,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import ask
+from shape_kinds import around
 
 import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
@@ -40,18 +40,6 @@ def turned_back(x: float, weight: float) -> Fraction:
     """A coordinate in the turn around 0, exactly."""
     period = TWO_PI * Fraction(weight)
     return Fraction(x) - round(Fraction(x) / period) * period
-
-
-def at_edges(shape, rng, count: int = 400) -> np.ndarray:
-    """Configurations within a few float32 steps of the border of what collides, on either side."""
-    x = rng.uniform(shape.lower, shape.upper, (40 * count, 2))
-    held = shape.contains(x)
-    a, b = (x[rng.choice(np.flatnonzero(side), count)] for side in (held, ~held))
-    for _ in range(40):
-        middle = (a + b) / 2
-        within = shape.contains(middle)
-        a, b = np.where(within[:, None], middle, a), np.where(within[:, None], b, middle)
-    return np.concatenate([a, b])
 
 
 TURN = f"""
@@ -114,7 +102,7 @@ def test_what_turning_back_rounds_is_in_the_proof(device, rng):
 
 
 def test_the_truth_is_periodic(shape, rng):
-    x = at_edges(shape, rng)
+    x = around(shape, rng, 400)
     for turns in (0, 1, -2, 37, 10**5, -(10**6)):
         there = x + turns * np.array([2 * np.pi * WEIGHTS[0], 0.0])
         exact = np.array([[float(turned_back(a, WEIGHTS[0])), b] for a, b in there])
@@ -131,11 +119,8 @@ def test_boxes_in_other_turns(shape, rng):
     lower, upper = x - half, x + half
     for turns in (1, -3, 500):
         by = turns * np.array([2 * np.pi * WEIGHTS[0], 0.0])
-        empty, inside, known = (
-            shape.empty(lower + by, upper + by),
-            shape.inside(lower + by, upper + by),
-            shape.half_spaces(lower + by, upper + by),
-        )
+        there = lower + by, upper + by
+        empty, inside, known = shape.empty(*there), shape.inside(*there), shape.half_spaces(*there)
         assert empty.any()
         assert inside.any()
         assert (known.empty == empty).all()
@@ -149,7 +134,7 @@ def test_boxes_in_other_turns(shape, rng):
 
 
 def test_no_positive_is_missed_after_any_turns(shape, bounders, device, rng):
-    x = np.concatenate([at_edges(shape, rng), rng.uniform(shape.lower, shape.upper, (5000, 2))])
+    x = np.concatenate([around(shape, rng, 400), rng.uniform(shape.lower, shape.upper, (5000, 2))])
     period = 2 * np.pi * WEIGHTS[0]
     for turns in (0, 1, -1, 9, -333, TURNS - 1, TURNS, 5000, 10**9):
         for dtype in (np.float32, np.float64):
@@ -188,7 +173,7 @@ def test_beyond_limits_the_answer_is_maybe(shape, bounders, device):
 
 def test_in_a_kernel_as_in_a_batch(shape, bounders, device, rng):
     bounder = bounders["mlp"].to(device)
-    x = np.concatenate([beyond(shape), rng.uniform([-60, -1.5], [60, 1.5], (4000, 2)), at_edges(shape, rng)]).astype(
+    x = np.concatenate([beyond(shape), rng.uniform([-60, -1.5], [60, 1.5], (4000, 2)), around(shape, rng, 400)]).astype(
         np.float32
     )
     maybe = ask(bounder, x).astype(bool)
@@ -211,17 +196,9 @@ def test_segments_across_turns_and_limits(shape, bounders, rng):
             clear += cleared.sum()
     assert clear
     top, folded = float(shape.upper[1]), 0.9  # a folded elbow passes the wall in a whole turn, and in many
-    away = np.array([[0.0, folded * top], [0, folded * top], [0, 0], [0, 0], [0, 0], [0, 0]])
-    ends = np.array(
-        [
-            [8.2, folded * top],
-            [50, folded * top],
-            [0, top],
-            [0, np.nextafter(np.float32(top), np.float32(9))],
-            [0, np.nan],
-            [1e5, 0],
-        ]
-    )
+    beyond, folded = np.nextafter(np.float32(top), np.float32(9)), folded * top
+    away = np.array([[0.0, folded], [0, folded], [0, 0], [0, 0], [0, 0], [0, 0]])
+    ends = np.array([[8.2, folded], [50, folded], [0, top], [0, beyond], [0, np.nan], [1e5, 0]])
     found = wb.proof.clear_segments(bounders["mlp"], away, ends)
     assert found[[2]].all()
     assert not found[3:].any()

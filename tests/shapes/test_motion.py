@@ -12,6 +12,7 @@ import trimesh
 from exact_mesh import NAMES, hard_points, in_tetrahedron, mesh_case, squared_distance
 from hypothesis import example, given
 from hypothesis import strategies as st
+from plain_shapes import LEANING, TETRAHEDRON
 
 import warp_bounding as wb
 from warp_bounding.errors import ShapeError
@@ -298,18 +299,14 @@ def test_bad_motions(change, words):
         MovingMesh(**(good | change))
 
 
-TETRAHEDRON = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)
-FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
-
-
 def test_distances_at_a_time(rng):
     """As the mesh that the motion is then, but for the rounding of its vertices."""
-    frames = np.stack([TETRAHEDRON, TETRAHEDRON + np.float32(0.5), TETRAHEDRON * np.float32(2)])
-    motion = wb.shapes.MovingMesh(frames, FACES, times=[0.0, 1.0, 3.0], margin=0.05)
+    frames = np.stack([LEANING, LEANING + np.float32(0.5), LEANING * np.float32(2)])
+    motion = wb.shapes.MovingMesh(frames, TETRAHEDRON[1], times=[0.0, 1.0, 3.0], margin=0.05)
     for time in (0.0, 0.3, 1.0, 2.5, 3.0):
         x = np.column_stack([np.full(1000, time), rng.uniform(-2, 4, (1000, 3))])
         bounds = motion.distances(x)
-        still = wb.shapes.Mesh(motion.vertices_at(time), FACES, margin=0.05).distances(x[:, 1:])
+        still = wb.shapes.Mesh(motion.vertices_at(time), TETRAHEDRON[1], margin=0.05).distances(x[:, 1:])
         assert (bounds[:, 0] <= bounds[:, 1]).all()
         assert (bounds[:, 0] <= still[:, 1] + 1e-6).all()  # the mesh then is rounded to float32
         assert (bounds[:, 1] >= still[:, 0] - 1e-6).all()

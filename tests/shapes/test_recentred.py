@@ -1,5 +1,4 @@
-"""Coordinates far from 0, or between a lattice's places: nothing is denied where it is, in the world's float64 or in
-float32."""
+"""Coordinates far from 0, or between a lattice's places: nothing is denied, in float64 or float32."""
 
 import pickle
 

@@ -1,5 +1,4 @@
-"""A bounder's function in a kernel as a user would write it, and its compilation for a CUDA device that is not
-there."""
+"""A bounder's function in a kernel as a user would write it, and its compilation for a CUDA device."""
 
 from functools import cache
 

@@ -18,12 +18,8 @@ from warp_bounding.shapes import Grid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
 EARLY = (6, 5)  # of one with exits
-NETWORKS = [  # of random weights, where sizes matter: below, on and above multiples of the lanes; activation
-    ((25, 25), "sin"),
-    ((25, 25), "relu"),
-    ((13, 30, 5), "sin"),
-    ((13, 30, 5), "relu"),
-]
+# of random weights, where sizes matter: below, on and above multiples of the lanes; activation
+NETWORKS = [(hidden, name) for hidden in ((25, 25), (13, 30, 5)) for name in ("sin", "relu")]
 
 
 def _blob(shape, seed, share=0.35, **options) -> Grid:
@@ -119,9 +115,7 @@ def few(name="blob", method="mlp", query="point", **options):
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
-    """A network with random weights, steep enough to be hard to bound; not proven. It is one of points without a
-    ``domain``, and has two outputs if that is of planes.
-    """
+    """Of random weights, hard to bound, not proven; of points without a ``domain``, with two outputs for planes."""
     rng, domain = np.random.default_rng(seed), domain or Domain.of(grid)
     plane = domain.query == "plane"
     inputs, tensors = domain.space_ndim if plane else domain.ndim, {}
@@ -213,3 +207,28 @@ def without_proof(monkeypatch) -> Mlp:
 def fitted_ball(ball: wb.shapes.Function) -> wb.Bounder:
     """The box of a ball."""
     return wb.fit(ball, method="aabb", device="cpu", progress=False)
+
+
+def random_network(query: str, grid: Grid, seed=0, activation="sin", hidden=(9, 7), gain=2.0) -> Mlp:
+    """Its first layer's weights are larger by ``gain``; of planes it has two outputs."""
+    return random_mlp(grid, hidden, activation, seed=seed, gain=gain, domain=domain_of(grid, query))
+
+
+def random_supports(grid, seed=0, activation="sin", hidden=(9, 7)) -> Mlp:
+    """Of planes."""
+    return random_network("plane", grid, seed, activation, hidden, gain=1.5)
+
+
+def denying(bounder, points):
+    """The bounder with its threshold raised above f at all of these points of the object."""
+    raised = bounder.to(str(bounder.device))
+    values = raised.values(np.asarray(points, np.float32)).numpy()
+    return raised.freeze(float(np.nextafter(values.max(), np.float32(np.inf))), None)
+
+
+def reloaded(bounder: wb.Bounder, folder, device: str = "cpu") -> wb.Bounder:
+    """From its file, with its certificate."""
+    bounder.save(folder / "b.safetensors")
+    again = wb.load(folder / "b.safetensors", device=device)
+    assert again.certificate == bounder.certificate
+    return again

@@ -42,13 +42,8 @@ def check_bad(status, out, err):
 def command(*arguments):
     """A command in a process of its own."""
     environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
-    return subprocess.run(
-        [sys.executable, "-m", "warp_bounding", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        check=False,
-    )
+    line = [sys.executable, "-m", "warp_bounding", *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, env=environment, check=False)
 
 
 def fit(capsys, files, *options, name="b", source="c.npy", method="aabb"):

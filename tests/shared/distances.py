@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from bounding_shapes import shape
-from plain_shapes import torus_at
+from plain_shapes import LEANING, TETRAHEDRON, torus_at
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
@@ -23,11 +23,7 @@ TOLD = {
 def thing(name: str):
     """A shape: one of ``bounding_shapes``, a mesh with a margin, or a solid."""
     if name == "tetrahedron":
-        vertices, faces = (
-            [[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]],
-            [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]],
-        )
-        return wb.shapes.Mesh(np.array(vertices) * 3 + 7, faces)
+        return wb.shapes.Mesh(LEANING.astype(float) * 3 + 7, TETRAHEDRON[1])
     if name == "torus":
         return torus_at([0.5, 0, 1], 1.0, 0.3)
     return shape(name)

@@ -1,5 +1,4 @@
-"""Small meshes of which it is known what they enclose, and the truth about them in rational arithmetic: slow, and
-plainly right."""
+"""Small meshes of which it is known what they enclose, and the truth about them in rational arithmetic."""
 
 from fractions import Fraction
 
@@ -220,14 +219,8 @@ def hard_points(mesh: Mesh, margin: float, rng, count: int) -> np.ndarray:
     away /= np.linalg.norm(away, axis=1, keepdims=True)
     normal = np.cross(corners[0, :, 1] - corners[0, :, 0], corners[0, :, 2] - corners[0, :, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
-    return np.concatenate(
-        [
-            rng.uniform(low, high, (count, 3)),
-            on + away * size * 10.0 ** rng.uniform(-12, -1, (count, 1)),
-            on + margin * normal * (1 + rng.choice([-1e-15, 0, 1e-15, 1e-6, -1e-6], (count, 1))),
-            rng.uniform(low, high, (count, 3)).astype(np.float32).astype(np.float64),
-            np.rint(rng.uniform(low, high, (count, 3)) * 2) / 2,
-            corners[1, :, 0],
-            (corners[2, :, 0] + corners[2, :, 1]) / 2,
-        ]
-    )
+    found = [rng.uniform(low, high, (count, 3)), on + away * size * 10.0 ** rng.uniform(-12, -1, (count, 1))]
+    found += [on + margin * normal * (1 + rng.choice([-1e-15, 0, 1e-15, 1e-6, -1e-6], (count, 1)))]
+    found += [rng.uniform(low, high, (count, 3)).astype(np.float32).astype(np.float64)]
+    found += [np.rint(rng.uniform(low, high, (count, 3)) * 2) / 2]
+    return np.concatenate([*found, corners[1, :, 0], (corners[2, :, 0] + corners[2, :, 1]) / 2])

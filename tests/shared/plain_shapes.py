@@ -6,6 +6,16 @@ import numpy as np
 
 import warp_bounding as wb
 
+TETRAHEDRON = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+LEANING = np.array([[0, 0, 0], [1, 0, 0.1], [0, 1.2, 0], [0.2, 0, 0.7]], np.float32)  # vertices of another one
+
+
+def within(lower, upper, rng, *count: int) -> np.ndarray:
+    """Points of boxes ``(N, n)``, most of their coordinates on faces: ``(*count, N, n)``."""
+    share = rng.random((*count, *lower.shape))
+    share = np.where(rng.random(share.shape) < 0.5, np.round(share), share)
+    return np.clip(lower + share * (upper - lower), lower, upper)
+
 
 def _beyond(lower, upper, a, b):
     """How far boxes lie beyond another box, by axis; below 0 where they overlap."""

@@ -1,5 +1,4 @@
-"""A user's module that defines a kernel and a name twice, for ``test_functions``: once as README says, once by a global
-name."""
+"""For ``test_functions``: a module that defines a kernel and a name twice, as README says and by a global name."""
 
 import numpy as np
 import warp as wp

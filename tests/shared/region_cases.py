@@ -1,5 +1,4 @@
-"""Rays, planes and boxes where bounders fail first: through corners and faces, grazing, tiny, axis-parallel, from
-outside."""
+"""Regions where bounders fail first: through corners and faces, grazing, tiny, axis-parallel, from outside."""
 
 import numpy as np
 from bounding_shapes import object_points
@@ -70,11 +69,8 @@ def hard_regions(query: str, grid, rng: np.random.Generator, length: float, coun
     elif query == "plane":
         along = directions(grid, count, rng)
         along -= m * ((along * m).sum(axis=1, keepdims=True) / (m * m).sum(axis=1, keepdims=True))
-        away = (
-            size.min()
-            * rng.choice([0.0, 0.0, 0.3, 3.0], size=(count, 1))
-            / np.linalg.norm(along + 1e-30, axis=1)[:, None]
-        )
+        away = size.min() * rng.choice([0.0, 0.0, 0.3, 3.0], size=(count, 1))
+        away /= np.linalg.norm(along + 1e-30, axis=1)[:, None]
         q = np.concatenate([m * 10.0 ** rng.uniform(-6, 6, (count, 1)), p + along * away], axis=1)
     else:
         d = directions(grid, count, rng)
@@ -86,9 +82,7 @@ def hard_regions(query: str, grid, rng: np.random.Generator, length: float, coun
         t = np.where(rng.random((count, 1)) < 0.5, t, rng.random((count, 1)) * length)
         q = np.concatenate([p - t * unit, d * 10.0 ** rng.uniform(-6, 6, (count, 1))], axis=1)
     q = q.astype(np.float32)
-    nudged = np.where(
-        rng.random(q.shape) < 0.5, np.nextafter(q, np.float32(np.inf)), np.nextafter(q, np.float32(-np.inf))
-    )
+    nudged = np.nextafter(q, np.where(rng.random(q.shape) < 0.5, np.float32(np.inf), np.float32(-np.inf)))
     q = np.concatenate([q, np.where(rng.random(q.shape) < 0.3, nudged, q)])
     if query == "box":
         n = grid.ndim

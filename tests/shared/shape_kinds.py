@@ -12,13 +12,11 @@ import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
 from warp_bounding.shapes.parts import Clipped
 from warp_bounding.shapes.recentred import Frame, Recentred
+from warp_bounding.shapes.shape import IN
 
 MARGIN = 0.0625
-TORUS, BALL, BOX = (
-    trimesh.creation.torus(1, 0.3),
-    trimesh.creation.icosphere(subdivisions=2),
-    trimesh.creation.box((1, 2, 0.5)),
-)
+TORUS, BALL = trimesh.creation.torus(1, 0.3), trimesh.creation.icosphere(subdivisions=2)
+BOX = trimesh.creation.box((1, 2, 0.5))
 
 
 def mesh(*parts, **options):
@@ -44,12 +42,12 @@ def arm(**joint):
     return ArmConfigurations(Arm([Joint(**joint), Joint(step)], links), walls, weights=[1.3, 0.7])
 
 
-def network():
+def network(n=3, level=0.0):
     """Of sines and of steps, steep enough to have a border."""
     torch.manual_seed(0)
-    layers = torch.nn.Linear(3, 12), Sine(), torch.nn.Linear(12, 12), torch.nn.ReLU(), torch.nn.Linear(12, 1)
+    layers = torch.nn.Linear(n, 12), Sine(), torch.nn.Linear(12, 12), torch.nn.ReLU(), torch.nn.Linear(12, 1)
     layers[0].weight.requires_grad_(False).mul_(3.0)
-    return wb.shapes.Network(torch.nn.Sequential(*layers), [-1, -1, 0], [1, 1, 1])
+    return wb.shapes.Network(torch.nn.Sequential(*layers), [-1] * (n - 1) + [0], [1] * n, level=level)
 
 
 class Sine(torch.nn.Module):
@@ -103,3 +101,19 @@ def made(name: str, margin: float = 0.0):
 
 def dilates(name: str) -> bool:
     return not name.startswith(("arm", "network"))
+
+
+def around(shape, rng, count: int) -> np.ndarray:
+    """Random points, and as many within a few roundings of the border where both sides of it were found."""
+    x = rng.uniform(shape.sample_lower, shape.sample_upper, (count, shape.ndim))
+    held = shape.decide(x) == IN
+    if held.all() or not held.any():
+        return x
+    a, b = (x[rng.choice(np.flatnonzero(side), count)] for side in (held, ~held))
+    if shape.time:  # at one time: what moves fast is passed within a rounding of it
+        b[:, 0] = a[:, 0]
+    for _ in range(50):
+        middle = a / 2 + b / 2
+        inside = (shape.decide(middle) == IN)[:, None]
+        a, b = np.where(inside, middle, a), np.where(inside, b, middle)
+    return np.concatenate([x, a, b])

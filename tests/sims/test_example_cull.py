@@ -1,5 +1,4 @@
-"""The example for Newton's users, run as they run it: with the cull and without, and with a viewer that writes a
-file."""
+"""The example for Newton's users, run as they run it: with the cull, without, and with a viewer."""
 
 import sys
 

@@ -1,10 +1,9 @@
-"""The rain: a proven bounder changes no bit of it, a broken one is found out, and the narrow phase's own claims
-hold."""
+"""The rain: a proven bounder changes no bit of it, a broken one is found out."""
 
 import numpy as np
 import pytest
 import warp as wp
-from broken import denying
+from bounding_shapes import denying
 
 import warp_bounding as wb
 from sims.particles.broad import MovingBox, OfMotion, OfSides

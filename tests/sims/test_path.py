@@ -1,5 +1,4 @@
-"""Planning in the plane: the same paths with every proven bounder, nothing that collides is cleared, and whole demos of
-users' worlds."""
+"""Planning in the plane: the same paths with proven bounders, nothing that collides is cleared; users' worlds."""
 
 import json
 from fractions import Fraction
@@ -7,16 +6,17 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from bounding_shapes import report_of
-from broken import denying
+from bounding_shapes import denying, report_of
+from exact_mesh import passes_box
 from rich.console import Console
 
 import warp_bounding as wb
 from sims.base import compare
 from sims.path.demo import SPECS, phases, run, simulate
 from sims.path.exact import ExactWorld
+from sims.path.moving_ai import read_map, read_scen, scen_beside
 from sims.path.planner import Example
-from sims.path.worlds import World
+from sims.path.worlds import World, problems_of, worlds_at
 from sims.planning.broad import FREE, HIT, MAYBE, TwoSided, _boxes, clear_by_boxes
 from sims.prefitted import FitSpec
 
@@ -27,8 +27,7 @@ PROVEN += ("mlp+inside", "bvh+inside", "distance+inside", "distance-grid+inside"
 
 
 def small(name):
-    """The demo's spec with a tiny fit, which is longer from the inside and of distances, so that something is
-    certain."""
+    """The demo's spec with a tiny fit, longer from the inside and of distances, so that something is certain."""
     spec = SPECS[name]
     if spec.closed:
         return spec
@@ -69,8 +68,6 @@ def test_the_reference_plans_without_a_collision(examples, world):
         np.testing.assert_array_equal(path[[0, -1]], problem)
     lengths = [np.linalg.norm(np.diff(world.grid.cell_coordinate(path), axis=0), axis=1).sum() for path in none.paths]
     np.testing.assert_allclose(none.lengths, lengths)
-    other = Example(world, states=STATES, problems=PROBLEMS, seed=1)
-    assert not np.array_equal(other.states, none.states)
 
 
 def test_proven_bounders_change_nothing_but_the_number_of_checks(examples, bounders):
@@ -188,21 +185,174 @@ def test_users_worlds_are_fitted_once(tmp_path):
     json.dumps(first)
     assert first["identical"]
     assert "a.npy: fitted mlp, occupancy for this world" in text
-    rows = [
-        (world, name)
-        for world in ("a.npy", "b.map")
-        for name in ("none", "aabb", "mlp", "aabb+mlp", "chosen", "occupancy")
-    ]
-    assert [(each["section"], each["bounder"]) for each in first["runs"]] == rows
+    assert {each["section"] for each in first["runs"]} == {"a.npy", "b.map"}
+    assert {each["bounder"] for each in first["runs"]} == {"none", "aabb", "mlp", "aabb+mlp", "chosen", "occupancy"}
     assert first["worlds"][1] | {"blocked": 1, "solved": 1, "problems": 2} == first["worlds"][1]
     assert first["pictures"] == [str(out / "path.png")]
     times = {file: file.stat().st_mtime_ns for file in out.glob("*.safetensors")}
     assert len(times) == 4
-    again, text = go(world=mine / "a.npy")
+    text = go(world=mine / "a.npy")[1]
     assert "took mlp, occupancy from" in text
     assert {file: file.stat().st_mtime_ns for file in times} == times
-    for one, other in zip(first["runs"], again["runs"], strict=False):
-        assert one["bounder"] == "chosen" or one["narrow_calls"] == other["narrow_calls"]  # chosen by the clock
     mlp = next(file for file in times if file.name.startswith("path-a") and file.name.endswith("-mlp.safetensors"))
     with pytest.raises(wb.BounderError, match=r"expected a bounder of one of b\.map"):
         go(world=mine / "b.map", bounder_file=mlp)
+
+
+# --- worlds of users --------------------------------------------------------------------------------------------------
+
+MAP = "type octile\nheight 3\nwidth 4\nmap\n.@..\nGTSW\n...O\n"
+SCEN = "version 1\n0\tm.map\t4\t3\t0\t0\t2\t2\t4.0\n1\tm.map\t4\t3\t3\t0\t1\t2\t3.5\n"
+
+
+@pytest.fixture
+def map_file(tmp_path):
+    path = tmp_path / "m.map"
+    path.write_text(MAP)
+    return path
+
+
+def test_a_map(map_file):
+    grid = read_map(map_file)
+    assert (grid.occupancy == [[0, 1, 0, 0], [0, 1, 0, 1], [0, 0, 0, 1]]).all()
+    np.testing.assert_array_equal(grid.cells_per_unit, [3, 3])  # cells are squares
+    np.testing.assert_array_equal(grid.contains(np.float32([[0, 1 / 3], [0, 0], [1 / 3, 1]])), [True, False, True])
+
+
+@pytest.mark.parametrize("name", ["m.map.scen", "m.scen"])
+def test_a_scenario(map_file, name):
+    path = map_file.with_name(name)
+    assert scen_beside(map_file) is None
+    path.write_text(SCEN)
+    assert scen_beside(map_file) == path
+    (world,) = worlds_at(map_file)
+    np.testing.assert_allclose(world.problems * 3, [[[0, 0], [2, 2]], [[0, 3], [2, 1]]], atol=1e-6)
+    assert world.problems.dtype == np.float32
+    assert problems_of(world, 1, 0).shape == (1, 2, 2)
+    np.testing.assert_array_equal(problems_of(world, 10, 0), world.problems)
+
+
+BAD = (  # which text, what is replaced in it, and what is said
+    (MAP, "type octile", "type hex", "line 1: expected 'type octile'"),
+    (MAP, "GTSW\n", "", "expected 3 rows, got 2"),
+    (MAP, "GTSW", "GT?W", r"line 6: expected cells of .*, got '\?'"),
+    (SCEN, "m.map\t4\t3\t0", "m.map\t3\t4\t0", "line 2: expected a map of 4 x 3 cells, got 3 x 4"),
+    (SCEN, "\t2\t2\t", "\t4\t2\t", "line 2: expected cells of the map"),
+    (SCEN, SCEN, "version 1\n", "at least one problem"),
+)
+
+
+@pytest.mark.parametrize(("text", "old", "new", "message"), BAD)
+def test_what_is_no_map_and_no_scenario(map_file, text, old, new, message):
+    changed = text.replace(old, new, 1)
+    (map_file if text is MAP else map_file.with_name("m.scen")).write_text(changed, encoding="utf-8")
+    with pytest.raises(wb.ShapeError, match=message) as caught:
+        read_scen(map_file.with_name("m.scen"), read_map(map_file))
+    assert "\n" not in str(caught.value)
+
+
+def test_what_is_no_world(tmp_path):
+    np.save(tmp_path / "solid.npy", np.eye(4, dtype=bool)[None].repeat(2, 0))
+    for name, message in (("nothing.png", "no such file"), ("solid.npy", "expected a 2D world, got 3 dimensions")):
+        with pytest.raises(wb.ShapeError, match=message):
+            worlds_at(tmp_path / name)
+
+
+# --- the exact truth --------------------------------------------------------------------------------------------------
+
+
+def meets_world(grid, start, end):
+    """The truth for one float32 segment, over all occupied cells."""
+    half = Fraction(1, 2)
+    scale, offset = ([Fraction(float(v)) for v in values] for values in (grid.cells_per_unit, grid.offset))
+    a, b = ([Fraction(float(x[k])) * scale[k] - offset[k] for k in range(2)] for x in (start, end))
+    return any(passes_box(a, b, [c - half for c in cell], [c + half for c in cell]) for cell in grid.occupied.tolist())
+
+
+def random_world(shape, seed, share=0.15, **placed):
+    occupied = np.random.default_rng(seed).random(shape) < share
+    occupied[0, 0], occupied[-1, -1] = True, False
+    return wb.shapes.Grid(occupied, **placed)
+
+
+WORLDS = {
+    "unit": random_world((9, 9), 0),
+    "faces that float32 hits": random_world((9, 17), 1),  # scales 8 and 16: all corners are float32
+    "odd": random_world((12, 7), 2, cells_per_unit=np.float32([3.7, 0.3]).astype(float), offset=np.array([-2.5, 7.0])),
+    "one row": random_world((1, 12), 3),
+}
+
+
+def agree(grid, starts, ends):
+    world = ExactWorld(grid)
+    found = world.segments(starts, ends)
+    truth = [meets_world(grid, a, b) for a, b in zip(starts, ends, strict=True)]
+    np.testing.assert_array_equal(found, truth)
+    np.testing.assert_array_equal(world.segments(ends, starts), truth)  # the other way round
+    return world, found
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_segments_and_states(name):
+    """At random, and between corners and one float beside them; a state is a segment of no length."""
+    grid, rng = WORLDS[name], np.random.default_rng(4)
+    size = grid.upper - grid.lower
+    starts = (grid.lower + (rng.random((300, 2)) * 1.4 - 0.2) * size).astype(np.float32)
+    ends = (starts + rng.normal(size=(300, 2)) * size * rng.choice([0.02, 0.2, 1.0], (300, 1))).astype(np.float32)
+    _, found = agree(grid, starts, ends)
+    assert 0 < found.sum() < len(found)
+    corners = [rng.integers(-1, cells + 2, (300, 2)) - 0.5 for cells in grid.shape]
+    places = np.stack(corners, axis=-1)  # (300, 2 ends, 2 coordinates)
+    x = ((places + grid.offset) / grid.cells_per_unit).astype(np.float32)
+    step = rng.integers(-1, 2, x.shape).astype(np.float32)
+    x = np.where(step == 0, x, np.nextafter(x, np.float32(np.inf) * np.where(step == 0, 1, step)))
+    world, _ = agree(grid, x[:, 0].copy(), x[:, 1].copy())
+    x = np.concatenate([starts, x[:, 0]])
+    found = world.states(x)
+    np.testing.assert_array_equal(found, world.segments(x, x))
+    np.testing.assert_array_equal(found, [meets_world(grid, p, p) for p in x])
+    if name != "odd":  # where the grid's own answer is exact
+        np.testing.assert_array_equal(found[:300], grid.contains(starts))
+
+
+def test_touching_counts_and_integers_decide_it():
+    occupied = np.zeros((9, 9), dtype=bool)
+    occupied[4, 4] = True
+    grid = wb.shapes.Grid(occupied)  # the cell spans 3.5 / 8 to 4.5 / 8 along both axes
+    low, high = 3.5 / 8, 4.5 / 8
+    touching = [  # along a face, through a corner, ending in a corner, ending on a face, a point on a corner
+        ((low, 0.0), (low, 1.0)),
+        ((high - 0.25, high + 0.25), (high + 0.25, high - 0.25)),
+        ((0.0, 0.0), (low, low)),
+        ((0.5, 0.0), (0.5, low)),
+        ((high, high), (high, high)),
+    ]
+    starts, ends = (np.array([pair[k] for pair in touching], dtype=np.float32) for k in (0, 1))
+    world, found = agree(grid, starts, ends)
+    assert found.all()
+    assert world.doubts > 0
+    away = np.float32([[-1, 0], [1, 1], [-1, -1], [0, -1], [1, 1]])
+    moved = [
+        np.where(away == 0, x, np.nextafter(x, np.float32(np.inf) * np.where(away == 0, 1, away)))
+        for x in (starts, ends)
+    ]
+    _, found = agree(grid, *moved)
+    assert not found.any()  # one float away
+
+
+def test_lines_through_a_corner_that_float64_cannot_tell():
+    """Coordinates of 48 bits, products of 96: rounding alone would call one half of these free."""
+    occupied = np.zeros((8, 8), dtype=bool)
+    occupied[4, 4] = True
+    scale = np.float32([7.1234565, 5.9876547]).astype(np.float64)
+    # the cell has a corner in the origin
+    grid = wb.shapes.Grid(occupied, cells_per_unit=scale, offset=np.full(2, -3.5))
+    rng = np.random.default_rng(9)
+    starts = (rng.random((400, 2), dtype=np.float32) + np.float32(0.01)) * np.float32([-0.4, 0.4])
+    ends = -starts * np.float32(2.0) ** -rng.integers(0, 4, (400, 1)).astype(np.float32)
+    world, found = agree(grid, starts, ends)
+    assert found.all()
+    assert world.doubts > 400
+    aside = np.nextafter(starts, np.float32(rng.choice([-1.0, 1.0], starts.shape) * np.inf))
+    _, found = agree(grid, aside, ends)
+    assert 0 < found.sum() < len(found)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from plain_shapes import TETRAHEDRON
 
 import warp_bounding as wb
 from sims import prefitted
@@ -29,9 +30,9 @@ def test_closed_forms_are_fitted_and_networks_loaded(tmp_path, monkeypatch):
 
 
 def test_what_does_not_fit_is_refused_with_both_numbers():
-    mesh = wb.shapes.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    mesh, grid = wb.shapes.Mesh(*TETRAHEDRON), disc()
     cells, inner = FitSpec("aabb", resolution=8), FitSpec("mlp", options=MLP.options | {"side": "inside"})
-    rays, whole, grid = FitSpec("aabb", query="ray", options={"length": 2.0}), FitSpec("aabb"), disc()
+    rays, whole = FitSpec("aabb", query="ray", options={"length": 2.0}), FitSpec("aabb")
     for own, of, other, given, words in (
         (MLP, grid, MLP, disc(0.35), "another shape, array; expected"),
         (MLP, grid, MLP, grid.to_grid(margin=0.05), r"too small a margin, expected 0\.05, got 0"),

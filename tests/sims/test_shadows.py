@@ -1,5 +1,4 @@
-"""Shadows: the same pictures, bit by bit, with every proven bounder; broken ones are found out, and the scene is what
-it says."""
+"""Shadows: the same pictures, bit by bit, with every proven bounder; the scene is what it says."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,4 @@
-"""Recipes: exits and grants, occupancies, first layers of waves, and fits to the queries that a
-caller asks."""
+"""Exits and grants, occupancies, first layers of waves, and fits to the queries that a caller asks."""
 
 import numpy as np
 import pytest
