@@ -21,6 +21,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from queue import SimpleQueue
 from threading import Thread, Timer, local
+from time import perf_counter
 
 import warp as wp
 
@@ -309,9 +310,9 @@ class BlockLaunch:
             kernel, first, blocks = self._kernel, shares[0], edges[1]
 
             def timed() -> None:
-                start = time.perf_counter()
+                start = perf_counter()
                 first()
-                _pace[kernel] = (time.perf_counter() - start) / blocks
+                _pace[kernel] = (perf_counter() - start) / blocks
 
             shares[0] = timed
         self._recorded[threads] = shares
