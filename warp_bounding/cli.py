@@ -393,6 +393,13 @@ def arguments_of(given: Mapping[str, Any]) -> dict[str, Any]:
 # --- certify, evaluate, info, query ----------------------------------------------------------------------------------
 
 
+def one_of(jobs: int | None, scheduler: str | None) -> int | str | None:
+    """Where work is done: processes of this machine, or a scheduler's."""
+    if jobs is not None and scheduler is not None:
+        raise BoundingError("jobs is for workers of this machine, got --jobs and --scheduler")
+    return scheduler if jobs is None else jobs
+
+
 @command
 def certify(
     file: BounderFile,
@@ -402,7 +409,9 @@ def certify(
     length: Annotated[float | None, Option(help="Not proven unless FILE claims rays of this length.")] = None,
     resolution: Annotated[int | None, number_option("Not proven unless FILE claims this resolution.")] = None,
     query: Annotated[Kind | None, Option(help="Not proven unless FILE claims this kind of query.")] = None,
-    checkpoint: Annotated[Text, Option(help="Of a distance: go on from this file, and keep the rest there.")] = None,
+    checkpoint: Annotated[Text, Option(help="Go on from this file, and keep there what is left.")] = None,
+    jobs: Annotated[int | None, number_option("Processes of this machine (default: this one).", count)] = None,
+    scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
     **reading: Text,
 ) -> tuple:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
@@ -418,13 +427,15 @@ def certify(
     from warp_bounding.bounders.load import BALLS
 
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
+    processes = one_of(jobs, scheduler)
     if read(file)[1].get("method") == BALLS:
         found = wb.pairs.Balls.load(file).certify(wb.load_shape(str(shape), **reading_of(reading)), budget)
         known = {"path": file, "shape": shape, "proven": found.proven, "certificate": found.to_dict()}
         return 0 if found.proven else 1, known, f"{found.kind}: {found.message}"
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
-        found = wb.certify(bounder, loaded, **expected, budget=budget, progress=update, checkpoint=checkpoint)
+        run = {"budget": budget, "progress": update, "checkpoint": checkpoint, "scheduler": processes}
+        found = wb.certify(bounder, loaded, **expected, **run)
     of_both = about(bounder, file, found, shape, found.indicator)
     if restricted := getattr(loaded, "restriction", ""):
         warn(f"warp-bounding: {loaded.name}: {restricted}")
@@ -644,8 +655,7 @@ def bake(
     from warp_bounding.baking.engine import MANIFEST, SHEET
 
     quiet_warp(given["device"])
-    if jobs is not None and scheduler is not None:
-        raise BoundingError("jobs is for workers of this machine, got --jobs and --scheduler")
+    one_of(jobs, scheduler)
     queries, choosing = given["workload"], given["narrow_ns"] is not None
     read_queries(queries)  # a file that holds none is told before
     own, options = inspect.signature(choose if choosing else fit).parameters, _bake_options()

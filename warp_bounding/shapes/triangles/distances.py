@@ -121,11 +121,16 @@ def _leaf(t: Any, leaf: int, x: wp.vec3d, known: wp.vec2d) -> wp.vec2d:
     for i in range(link[0], link[1]):
         face = triangle_at(t, i, x)
         slack = slack_of(face, wp.vec3d(), wp.float64(0.0))
-        q = closest(face.a, face.b, face.c)
-        distance = wp.length(q)
-        if distance * _SHORTER - slack < found:
-            least = wp.min(least, _proven_distance(q, distance, face, slack))
-            found = wp.min(found, distance * _LONGER + slack)
+        away = wp.max(
+            wp.max(wp.min(face.a, wp.min(face.b, face.c)), -wp.max(face.a, wp.max(face.b, face.c))), wp.vec3d()
+        )
+        reach = found + slack
+        if wp.dot(away, away) * _SHORTER < reach * reach:  # most are farther
+            q = closest(face.a, face.b, face.c)
+            distance = wp.length(q)
+            if distance * _SHORTER - slack < found:
+                least = wp.min(least, _proven_distance(q, distance, face, slack))
+                found = wp.min(found, distance * _LONGER + slack)
     return wp.vec2d(least, found)
 
 
