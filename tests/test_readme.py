@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import typer
 from reading_order import PAGES, ROOT
+from snippets import FENCED, commands
 
 import paper.__main__
 import sims.__main__
@@ -48,14 +49,6 @@ SHORTER = {  # in turns
     'fit(each, method="kdop")': 'fit(each, method="aabb")',
 }
 SMALL = {"choose": "--methods aabb"}  # takes no longer than it needs, whatever the budget
-
-
-FENCED = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
-
-
-def commands(body: str) -> list[list[str]]:
-    """The words of each line of a shell block, without comments."""
-    return [words for line in body.splitlines() if (words := shlex.split(line, comments=True))]
 
 
 def shortened(text: str) -> str:
