@@ -1,10 +1,10 @@
-"""Proving from scratch what a file claims: ``f >= threshold + E`` over all positives, by its own loop (``_halved``).
+"""Prove from scratch what a file claims, ``f >= threshold + E`` over all positives, in a loop of its own (``halving``).
 
-Points are taken cell by cell, rays face by face, boxes from all pairs of corners, and halved until every bound reaches
-the target or a counterexample is found. Networks are bounded by ``taylor``, which shares nothing with the bounds of the
-search but the parametrizations of rays and boxes; volumes have one bound each. Of shapes without cells it halves what
-they do not certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the whole domain, and that the
-object lies in it. A bounder whose method has no proof is asked fresh positives (``stress``).
+It covers points cell by cell, rays face by face, boxes by all pairs of corners, and halves these covers until every
+bound reaches the target or a counterexample is found. ``taylor`` bounds networks; it shares with the bounds of the
+search only the parametrizations of rays and boxes. A volume has one bound, here and there. Of a shape without cells it
+halves the boxes that the shape does not certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the
+whole domain, and that the object lies in it. A bounder whose method has no proof answers fresh positives (``stress``).
 """
 
 import os
@@ -37,26 +37,25 @@ from warp_bounding.runtime.workers import Workers
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import IN, Shape
 
-PULL = 1e-4  # of the way to its cell's centre, by which each suspect is also tried farther inside
-LEAST_SECONDS = 1.0  # for positives that may refute what the proof could not decide
+PULL = 1e-4  # share of the way to its cell's centre: each suspect is also tried there, farther inside
+LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
 DENIED = "that meets the object is answered with no"
 GRANTED = "a part denies a query that meets the object, which an exit before it grants"
-AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a true counterexample is looked for
-CHUNK = 16384  # boxes or cells that are taken at a time
-TRIED = 512  # of a chunk's points, those of the least f: only these are tested for being positives
-SUSPECTS = 1024  # low points that are tried as counterexamples
-SMALLEST = 1e-9  # width, in the coordinates that f takes, under which a box is not halved any more
+AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a counterexample is searched for
+CHUNK = 16384  # boxes or cells of one step
+TRIED = 512  # points of a chunk, those of the least f, that are tested for being positives
+SUSPECTS = 1024  # points of least f that are tried as counterexamples
+SMALLEST = 1e-9  # a box narrower than this, in the coordinates that f takes, ends the proof
 
 
 class Checked(NamedTuple):
     """What a check has found.
 
     Attributes:
-        least: Least certified bound of the boxes that were looked at.
-        boxes: How many these were.
-        suspects: Points where f may lie under the target, candidates for a counterexample: ``(S, n)`` in object space
-            where f is a function of the object's points, ``(S, ndim)`` coordinates v of regions; ``None`` if every
-            bound reached the target.
+        least: The least certified lower bound of the boxes that were looked at.
+        boxes: How many boxes were looked at.
+        suspects: Where f may lie under the target, candidates for a counterexample: points ``(S, n)`` in object space,
+            or of regions coordinates v ``(S, ndim)``. ``None`` if every bound reached the target.
         complete: False if time ran out.
     """
 
@@ -80,31 +79,35 @@ def certify(
     checkpoint: str | os.PathLike | None = None,
     scheduler: str | int | None = None,
 ) -> Certificate:
-    """Prove from scratch that a bounder has no false negative on a shape, or find out why that is not so.
+    """Prove from scratch that a bounder has no false negative on a shape, or find out why there is no proof.
 
-    A bounder itself says which margin, which length of rays and which resolution of a mesh its claim is about; its
-    certificate names them. If you rely on one of these, state it here: a proof of another claim is then not accepted.
+    A bounder's certificate names the margin, the length of rays and the resolution of a mesh that its claim is about.
+    If you rely on one of these, state it here: a bounder that claims another one is then ``"inapplicable"``.
 
     Args:
-        bounder: Its threshold and weights are taken as they are; its own certificate is not looked at.
-        shape: A ``Grid`` or ``Mesh``, or anything that ``load_shape`` takes; voxelised with the
-            bounder's own resolution and margin.
+        bounder: Its threshold and weights are taken as they are; its own certificate is ignored.
+        shape: Any shape, or anything that ``load_shape`` takes; where the bounder is one of cells, the shape is divided
+            into cells with the bounder's resolution and margin.
         margin: The margin that is expected, object units; the bounder's own if ``None``.
         length: The length of rays that is expected, object units; the bounder's own if ``None``.
         resolution: The resolution of a mesh that is expected; the bounder's own if ``None``.
         query: The kind of query that is expected; the bounder's own if ``None``.
         budget: Seconds allowed for all parts together; compiling kernels is not counted. Where they do not suffice, a
             search for a counterexample takes up to a quarter more.
-        progress: Called with what is done and how much there is; counts begin anew for each part of a conjunction.
-        checkpoint: A file that holds what is left of a proof whose time was over, or that was stopped; the same call
-            goes on from there. It is removed when the proof has ended. For proofs of one part.
-        scheduler: Address of a Dask scheduler whose workers search, or a number of processes of this machine, in a
-            script behind ``if __name__ == "__main__":``. The result is the same.
+        progress: Called with how much is done and how much there is; counts begin anew for each part of a conjunction.
+        checkpoint: A file for the state of a proof that runs out of time or is stopped; the same call goes on from
+            there. It is removed when the proof has ended. For proofs of one part.
+        scheduler: Address of a Dask scheduler whose workers search, or a number of processes of this machine (then a
+            script needs ``if __name__ == "__main__":``). The result is the same.
 
     Returns:
         A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were queried,
         and none was denied); ``"refuted"`` (with a counterexample); ``"undecided"``; or ``"inapplicable"`` (the shape
         cannot be the bounded one, the claim is not the expected one, or the method is not conservative).
+
+    Raises:
+        BounderError: For an argument out of range, or a checkpoint of a proof of several parts.
+        FileFormatError: For a checkpoint of another proof, or one that cannot be read or written.
 
     Example:
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind
@@ -126,9 +129,9 @@ def certify(
         return frame.noted(certify(bounder, shape, **own, **run))
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
-    told = {"progress": progress, "scheduler": scheduler}
+    options = {"progress": progress, "scheduler": scheduler}
     if bounder.of_distances:
-        return certify_distance(bounder, shape, expected, budget, checkpoint, told)
+        return certify_distance(bounder, shape, expected, budget, checkpoint, options)
     other = other_claim(bounder, expected)
     try:
         grid = as_fitted(bounder, shape)
@@ -144,26 +147,26 @@ def certify(
         obligations = bounder.obligations(grid)
     except BoundingError as error:
         return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
-    if reason:  # outside its own domain no part of it is asked
+    if reason:  # the object reaches out of the domain, where the bounder answers before any part does
         point, threshold = _denied_outside(bounder, bounder, grid), float(bounder.threshold)
         kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
     if checkpoint is not None and (len(obligations) > 1 or not bounder.provable):
         raise BounderError(f"{bounder.method}: a checkpoint is for a proof of one part, this has {len(obligations)}")
-    told["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
+    options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
     certificates = []
     for part, own in obligations:
         left = budget - (working_seconds() - started)
-        # what a network's exit grants, no part of it can deny
-        asked = part if bounder.composed else bounder
-        certificates.append(_certify(part, own, max(left, 0.0), told, asked))
+        # where an early exit of a network grants, no later part of it can deny
+        deployed = part if bounder.composed else bounder
+        certificates.append(_certify(part, own, max(left, 0.0), options, deployed))
         if certificates[-1].kind not in ("proven", "statistical"):
             break
     return together(bounder, certificates, grid.digest)
 
 
 def _exactly(name: str, value: float | None) -> float | None:
-    """An expected number as an int or a float, not rounded: ``np.float32(0.1)`` is another claim than 0.1."""
+    """An expected number as an int or a float, not rounded: ``np.float32(0.1)`` does not match a claim of 0.1."""
     if value is None:
         return None
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -171,26 +174,26 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _certify(bounder: Bounder, grid: Grid, budget: float, told: dict, asked: Bounder) -> Certificate:
-    """``certify`` for one part of a conjunction; ``asked`` is who must deny a counterexample."""
+def _certify(bounder: Bounder, grid: Grid, budget: float, options: dict, deployed: Bounder) -> Certificate:
+    """``certify`` for one part of a conjunction; a counterexample is one only if ``deployed`` denies it."""
     started = working_seconds()
     threshold, target = float(bounder.threshold), _target(bounder)
 
     def result(status: str, message: str, bound: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = working_seconds() - started
-        if counterexample is not None and asked.query(np.float32(counterexample)[None]).numpy()[0]:
+        if counterexample is not None and deployed.query(np.float32(counterexample)[None]).numpy()[0]:
             status, message, counterexample = "undecided", GRANTED, None
         return document(bounder, grid, status, threshold, bound, boxes, spent, message, counterexample)
 
-    if len(bounder.parts) > 1:  # its parts are proven one by one (``Bounder.obligations``), never as a whole
+    if len(bounder.parts) > 1:  # ``Bounder.obligations`` has them one by one
         return result("undecided", f"{bounder.method}: a part of several tests", threshold)
     if reason := mismatch(bounder, grid):
-        point = _denied_outside(asked, bounder, grid) if reason == OUTSIDE else None
+        point = _denied_outside(deployed, bounder, grid) if reason == OUTSIDE else None
         return result("refuted" if point is not None else "undecided", reason, threshold, 0, point)
     if QUERIES[bounder.query_kind].is_region:
-        return _certify_regions(bounder, grid, target, budget, result, told)
+        return _certify_regions(bounder, grid, target, budget, result, options)
     if not grid.certified:
-        return _attested(bounder, grid, budget, result)
+        return _statistical(bounder, grid, budget, result)
     if not isinstance(grid, Grid):
         grid.check()
         if bounder.exact_on_hull(grid):
@@ -198,38 +201,38 @@ def _certify(bounder: Bounder, grid: Grid, budget: float, told: dict, asked: Bou
             if target <= least < np.inf:
                 return result("proven", _proven(bounder), least, boxes)
     cover = _cells(bounder, grid) if isinstance(grid, Grid) else _points(bounder, grid)
-    found = _checked(cover, target, budget, told)
-    return _conclusion(bounder, grid, found, f"{budget:.3g} s{_goes_on(told)}", budget, result, asked)
+    found = _checked(cover, target, budget, options)
+    return _conclusion(bounder, grid, found, f"{budget:.3g} s{_goes_on(options)}", budget, result, deployed)
 
 
-def _goes_on(told: dict) -> str:
-    """Of a proof whose time was over."""
-    return GOES_ON.format(told["checkpoint"].path) if told.get("checkpoint") else ""
+def _goes_on(options: dict) -> str:
+    """What a message about time that ran out adds if there is a checkpoint."""
+    return GOES_ON.format(options["checkpoint"].path) if options.get("checkpoint") else ""
 
 
 def _conclusion(
-    bounder: Bounder, grid: Shape, found: Checked, time: str, budget: float, result, asked: Bounder
+    bounder: Bounder, grid: Shape, found: Checked, time: str, budget: float, result, deployed: Bounder
 ) -> Certificate:
-    """The certificate for what a check has found; ``time`` is what it had."""
+    """The certificate for what a check has found; ``time`` says in words which budget it had."""
     least, boxes = found.least, found.boxes
     if not found.complete:
-        denied = descend(asked, grid, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]
+        denied = descend(deployed, grid, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]
         if len(denied):
             return result("refuted", f"a {bounder.query_kind} {DENIED}", least, boxes, denied[0])
         return result("undecided", f"no decision within {time}", least, boxes)
     if found.suspects is None:
         return result("proven", _proven(bounder), least, boxes)
-    if (point := _denied(asked, grid, found.suspects)) is not None:
+    if (point := _denied(deployed, grid, found.suspects)) is not None:
         return result("refuted", f"a {bounder.query_kind} {DENIED}", least, boxes, point)
     return result(
         "undecided", "f comes closer to the threshold than the proof's margins for rounding allow", least, boxes
     )
 
 
-def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float, result, told: dict) -> Certificate:
+def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float, result, options: dict) -> Certificate:
     """``certify`` for rays, planes and boxes."""
     if not bounder.provable:
-        return _attested(bounder, grid, budget, result)
+        return _statistical(bounder, grid, budget, result)
     kind = COVERS[bounder.query_kind]
     least, boxes, suspects, complete = Checked(-np.inf, 0)
     text = "f comes closer to the threshold than the proof allows"
@@ -238,10 +241,10 @@ def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float,
             least, boxes = bounder.least(grid)
         elif not isinstance(grid, Grid) and kind.pieces:
             grid.check()
-            least, boxes, suspects, complete = _checked(_regions(bounder, grid), target, budget, told)
+            least, boxes, suspects, complete = _checked(_regions(bounder, grid), target, budget, options)
         else:
-            least, boxes, suspects, complete = _checked(_parametrized(bounder, grid), target, budget, told)
-    except BounderError as error:  # of this object: a volume does not hold it, or numbers leave the range of the proof
+            least, boxes, suspects, complete = _checked(_parametrized(bounder, grid), target, budget, options)
+    except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
         text = str(error)
     if target <= least < np.inf:  # infinity: no positive was looked at, which proves nothing
         return result("proven", _proven(bounder), least, boxes)
@@ -250,18 +253,18 @@ def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float,
         missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
     if missed is not None:
         return result("refuted", f"a query {DENIED}", least, boxes, missed)
-    text = text if complete else f"no decision within {budget:.3g} s{_goes_on(told)}"
+    text = text if complete else f"no decision within {budget:.3g} s{_goes_on(options)}"
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     return result("undecided", text, least, boxes)
 
 
-def _attested(bounder: Bounder, grid: Grid, budget: float, result) -> Certificate:
-    """What fresh positives tell where there is no proof."""
+def _statistical(bounder: Bounder, grid: Grid, budget: float, result) -> Certificate:
+    """A statistical certificate by fresh positives, where there is no proof."""
     done, lowest, missed = try_positives(bounder, grid, POSITIVES, fresh_seed(), budget=budget)
     if missed is not None:
         return result("refuted", f"a query {DENIED}", lowest, 0, missed)
     if not done:
-        return result("undecided", f"no positive could be asked within {budget:g} s", float(bounder.threshold))
+        return result("undecided", f"no positive could be queried within {budget:g} s", float(bounder.threshold))
     rate = fn_rate_bound(done)
     text = (
         f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
@@ -287,7 +290,7 @@ def _denied_region(bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray | 
 def _denied(bounder: Bounder, grid: Grid, x: np.ndarray) -> np.ndarray | None:
     """The first of these points, as float32, that lies in the object and that the deployed bounder denies.
 
-    A bounder of boxes is asked about a box that is no more than the point.
+    A bounder of boxes is queried with the point as a box without extent.
     """
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
     x = x[grid.contains(x)]
@@ -298,9 +301,9 @@ def _denied(bounder: Bounder, grid: Grid, x: np.ndarray) -> np.ndarray | None:
     return x[missed[0]] if len(missed) else None
 
 
-def _denied_outside(asked: Bounder, bounder: Bounder, grid: Shape) -> np.ndarray | None:
-    """A point of the object outside of a bounder's domain that it denies; ``None`` for regions, or if none is found."""
-    return None if QUERIES[bounder.query_kind].is_region else _denied(asked, grid, points_outside(bounder, grid))
+def _denied_outside(deployed: Bounder, bounder: Bounder, grid: Shape) -> np.ndarray | None:
+    """A denied point of the object outside the bounder's domain; ``None`` for regions, or if none is found."""
+    return None if QUERIES[bounder.query_kind].is_region else _denied(deployed, grid, points_outside(bounder, grid))
 
 
 def _proven(bounder: Bounder) -> str:
@@ -317,11 +320,10 @@ def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
 
 
 class Everything:
-    """Boxes all of whose points come from positives, as ``ShapePositives`` tells of a shape.
+    """Boxes that hold positives only; as ``ShapePositives``, which is for boxes that may hold none.
 
     Args:
-        f: What is bounded: a bounder, ``SupportGap``, or ``ChartedPositives``, whose bounds are about the
-            boxes that the parametrization has cut.
+        f: A bounder, ``SupportGap`` or ``ChartedPositives``; the last one cuts its boxes before it bounds them.
     """
 
     def __init__(self, f):
@@ -339,14 +341,14 @@ class Everything:
 
 
 class _Positives:
-    """Looks at boxes: whether ``f >= target`` on all positives.
+    """A look that decides whether ``f >= target`` on all positives.
 
-    A positive refutes that, a box that is too small ends it as well. A point with f under the target refutes nothing
-    until the deployed bounder has denied it (``certify``). What is found is minus the least bound of boxes that reach
-    the target, and of those that did not.
+    A positive with f under the target ends the search, and so does a box that is too small to be halved. Neither
+    refutes the claim: only a positive that the deployed bounder denies does (``certify``). ``found`` holds minus the
+    least lower bound of the boxes that reach the target, and minus that of the others.
 
     Args:
-        positives: What is known of f, and of where positives are.
+        positives: Bounds f over boxes, and knows where positives are.
         target: What every lower bound must reach.
     """
 
@@ -361,9 +363,9 @@ class _Positives:
         bounds = positives.bound(low, high)
         reached = bounds.lower >= target
         least = bounds.lower[reached].min(initial=np.inf)
-        left = np.flatnonzero(~reached)  # NaN is below
+        left = np.flatnonzero(~reached)  # NaN has not reached it
         low, high, bounds = low[left], high[left], bounds.part(left)
-        small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
+        small = positives.too_small(low, high)  # of whole boxes, as the bounds are: ``held`` may cut parts off
         found = positives.held(low, high, bounds, np.full(len(left), target))
         open_ = ~(found.lower >= target)
         least = min(least, found.lower[~open_].min(initial=target if found.cut.any() else np.inf))
@@ -384,16 +386,16 @@ class _Positives:
 
 
 class Cover(NamedTuple):
-    """All positives of an object."""
+    """Boxes that cover all positives of an object."""
 
     positives: Everything | ShapePositives | ShapeRegions
     starts: Iterable[tuple[np.ndarray, np.ndarray, float]]  # as ``halving.search`` takes them
-    at: Callable[[np.ndarray, np.ndarray], np.ndarray]  # suspects, of their numbers and of the boxes that they are in
+    at: Callable[[np.ndarray, np.ndarray], np.ndarray]  # ``Checked.suspects`` of coordinates and owners of boxes
 
 
-def _checked(cover: Cover, target: float, budget: float, told: dict) -> Checked:
-    """Check that ``f >= target`` on all positives, until that fails or time is over; ``told`` is for the search."""
-    left = search(_Positives(cover.positives, target), cover.starts, np.full(2, -np.inf), budget=budget, **told)
+def _checked(cover: Cover, target: float, budget: float, options: dict) -> Checked:
+    """Check that ``f >= target`` on all positives, until that fails or time is over; ``options`` are the search's."""
+    left = search(_Positives(cover.positives, target), cover.starts, np.full(2, -np.inf), budget=budget, **options)
     reached, not_reached = -left.found
     if left.failed is not None:
         return Checked(float(reached), left.boxes, cover.at(*left.failed))
@@ -401,7 +403,7 @@ def _checked(cover: Cover, target: float, budget: float, told: dict) -> Checked:
 
 
 def reachable(domain: Domain, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of all v that the pipeline can make of points of boxes: what ``Domain.widened`` says, made anew.
+    """Corners of boxes of all v that the pipeline can make of points of boxes: ``Domain.widened``, computed anew.
 
     Args:
         domain: The map to v, with the error ``delta`` that it may have.
@@ -418,9 +420,9 @@ def reachable(domain: Domain, lower: np.ndarray, upper: np.ndarray) -> tuple[np.
 
 
 def uncovered(domain: Domain) -> str:
-    """Why ``delta`` is less than what rounds on the way to v, at a corner of the domain; empty if it is not.
+    """A message if ``delta`` is less than the rounding on the way to v at a corner of the domain; empty if it is not.
 
-    What rounds is a point, its difference to the centre, and a product.
+    Three operations round: the point to float32, its difference to the centre, and the product with the scale.
     """
     center, scale = np.float64(domain.center), np.float64(domain.scale)
     needed = [UNIT32 * (np.abs(x) * scale + 2 * np.abs(x - center) * scale) for x in (domain.lower, domain.upper)]
@@ -428,7 +430,7 @@ def uncovered(domain: Domain) -> str:
 
 
 def _cells(f: Bounder, grid: Grid) -> Cover:
-    """Every v that the pipeline can make of the points of the object's cells; suspects are points of the object."""
+    """Covers every v that the pipeline can make of points of the object's cells; suspects are points of the object."""
 
     def corners(some) -> tuple[np.ndarray, np.ndarray]:
         return grid.position(grid.occupied[some] - 0.5), grid.position(grid.occupied[some] + 0.5)
@@ -441,8 +443,8 @@ def _cells(f: Bounder, grid: Grid) -> Cover:
 
     def inside(v: np.ndarray, box: np.ndarray) -> np.ndarray:
         first, last = corners(np.concatenate(cells)[box])
-        x = np.clip(f.domain.to_object(v), first, last)  # the boxes are wider, by delta
-        # a corner's float32 neighbour may lie outside
+        x = np.clip(f.domain.to_object(v), first, last)  # boxes of v are wider than cells, by delta
+        # rounded to float32, a point of a corner may lie outside its cell
         return np.concatenate([x, x + PULL * ((first + last) / 2 - x)])
 
     cells: list[np.ndarray] = []  # the number of the cell of each box
@@ -450,7 +452,7 @@ def _cells(f: Bounder, grid: Grid) -> Cover:
 
 
 def _parametrized(bounder: Bounder, grid: Grid) -> Cover:
-    """The positives of a network as boxes of a parametrization; of planes, their normals."""
+    """Covers the positives of a network by boxes of a parametrization, those of planes by boxes of normals."""
     kind, cover = COVERS[bounder.query_kind], parametrized(bounder, grid)
     if cover is None:
         f, lower, upper = kind.best_first(bounder, grid)
@@ -460,7 +462,7 @@ def _parametrized(bounder: Bounder, grid: Grid) -> Cover:
 
 
 def _anew(kind, bounder: Bounder, grid: Grid, cover) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-    """The starts of a parametrization."""
+    """The starts (``halving.search``) of a parametrization."""
     before, whole = 0, max(len(grid.occupied), 1)
     for lower, upper, done in kind.anew(bounder, grid, cover):
         yield lower, upper, (done - before) / whole
@@ -470,14 +472,14 @@ def _anew(kind, bounder: Bounder, grid: Grid, cover) -> Iterator[tuple[np.ndarra
 # --- shapes without cells --------------------------------------------------------------------------------------------
 
 
-FINER = 1 / 8  # boxes are halved so much further than in the fit's proof, whose smallest count as object
-OTHER_CELLS = 0.8  # of the number of cells along the longest side: regions rest on other ones than the fit
+FINER = 1 / 8  # times the fit's smallest box: the size at which a box counts as object here
+OTHER_CELLS = 0.8  # times the fit's number of cells along the longest side: regions are proven on other cells
 BORDER = 65_536  # points of the border among which some outside the domain are looked for
-INWARD = 1 - 1e-3  # of the way from the domain's middle, where a suspect is tried besides
+INWARD = 1 - 1e-3  # of the way from the domain's middle to a suspect: it is tried there, too
 
 
 def points_outside(bounder: Bounder, shape: Shape) -> np.ndarray:
-    """``(N, n)`` points in object space, of which some may be in the object and outside the bounder's domain."""
+    """``(N, n)`` points in object space: those that may be in the object and outside the bounder's domain."""
     if isinstance(shape, Grid):
         return shape.position(outside(bounder, shape))
     domain, x = bounder.domain.base, border_points(shape, BORDER, np.random.default_rng(0))
@@ -485,18 +487,18 @@ def points_outside(bounder: Bounder, shape: Shape) -> np.ndarray:
 
 
 def _points(bounder: Bounder, shape: Shape) -> Cover:
-    """The points of a shape, in the domain's box; suspects are points in object space."""
+    """Covers the points of a shape by the domain's box; suspects are points in object space."""
     positives = ShapePositives(bounder, shape, FINER * NARROWEST)
 
     def inside(v: np.ndarray, _: np.ndarray) -> np.ndarray:
-        # a point on the end of a complement's domain may round to one beyond it, where the answer is maybe
+        # at the end of a complement's domain a point may round to one beyond it, where the answer is maybe
         return bounder.domain.to_object(np.concatenate([v, v * INWARD]) if bounder.domain.unbounded else v)
 
     return Cover(positives, [(*positives.boxes(), 1.0)], inside)
 
 
 def _regions(bounder: Bounder, shape: Shape) -> Cover:
-    """The rays or boxes of a shape, over the cover of cells that hold it, other ones than the fit's."""
+    """Covers the rays or boxes of a shape by those of cells that hold it; these are not the fit's cells."""
     positives = ShapeRegions(bounder, shape, coarse_cells(shape, OTHER_CELLS), FINER * NARROWEST)
     starts = _anew(positives.kind, bounder, positives.cells, positives.cover)
     return Cover(positives, starts, lambda z, _: positives.coordinates(z))
@@ -505,12 +507,11 @@ def _regions(bounder: Bounder, shape: Shape) -> Cover:
 # --- from a statistical threshold to a proven one ---------------------------------------------------------------------
 
 
-LOWER = (
-    np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0]) / 100
-)  # of queries: more false positives
-DRAWN = 1 << 16  # queries that these are counted on
+# The shares of queries that lower thresholds answer with maybe, where the bounder's own threshold answers no.
+LOWER = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0]) / 100
+DRAWN = 1 << 16  # random queries that these shares are measured on
 FOLLOWED = 8192  # boxes of each generation that an estimate follows
-PLANNED = 0.8  # of the time: as much as a proof is expected to take
+PLANNED = 0.8  # of the budget: what a proof may be expected to take
 
 
 def make_proven(
@@ -522,24 +523,26 @@ def make_proven(
     checkpoint: str | os.PathLike | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Bounder:
-    """A bounder whose threshold was attested by samples, with a lower one that is proven.
+    """A copy of a bounder with a statistical threshold, at a lower threshold that is proven.
 
-    How many boxes a proof takes is estimated, without bias, before it begins. The lower the threshold, the fewer there
-    are, and the more false positives: the threshold is lowered as far as the proof is expected to end in time.
+    A lower threshold has a shorter proof and more false positives. Before a proof begins, an unbiased estimate says how
+    long it takes. The threshold is lowered as little as that estimate allows within the budget.
 
     Args:
-        bounder: Of points, one network of a shape without cells, such as an arm's configurations; not changed.
+        bounder: One network that bounds points of a shape without cells, such as an arm's configurations; not changed.
         shape: As ``certify`` takes it.
         budget: Seconds for the proof.
-        scheduler: As ``certify`` takes it; of an address all workers that are there now are counted.
+        scheduler: As ``certify`` takes it; the estimate counts on the workers that an address has now.
         checkpoint: As ``certify`` takes it: the same call goes on from there, with the threshold that was chosen.
         progress: As ``certify`` takes it.
 
     Returns:
-        The bounder with its certificate.
+        A new bounder with its certificate.
 
     Raises:
-        BounderError: If the bounder is no such network, no threshold can be proven in time, or time was over.
+        BounderError: If the bounder is no such network, no proof is expected to end in time, time runs out, or a
+            proof fails at every threshold.
+        FileFormatError: For a checkpoint of another proof, or one that cannot be read or written.
 
     Example:
         >>> ball = wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: np.linalg.norm(x, axis=1) - 0.9)
@@ -561,12 +564,12 @@ def make_proven(
         index = _planned(each, grid, budget, scheduler)
     end = working_seconds() + budget
     for lower in each[index:]:
-        told = {"progress": progress, "scheduler": scheduler}
-        told["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, lower, grid)
+        options = {"progress": progress, "scheduler": scheduler}
+        options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, lower, grid)
         started, left = working_seconds(), max(end - working_seconds(), 0.0)
-        found = _checked(_points(lower, grid), _target(lower), left, told)
+        found = _checked(_points(lower, grid), _target(lower), left, options)
         if not found.complete:
-            raise BounderError(f"{bounder.method}: no decision within {budget:.3g} s{_goes_on(told)}")
+            raise BounderError(f"{bounder.method}: no decision within {budget:.3g} s{_goes_on(options)}")
         if found.suspects is None:
             spent, none = working_seconds() - started, np.empty((0, grid.ndim))
             settle(lower, grid, Search(found.least, found.least, none, found.boxes, spent, True))
@@ -576,12 +579,12 @@ def make_proven(
 
 
 def _target(bounder: Bounder) -> float:
-    """What f must reach, no less than the exact sum of the threshold and what is rounded."""
+    """What lower bounds of f must reach: at least the exact sum of the threshold and the rounding bound E."""
     return float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
 
 
 def _lower_thresholds(bounder: Bounder, shape: Shape) -> list[float]:
-    """The bounder's threshold and lower ones, each with more false positives, as ``LOWER`` says."""
+    """The bounder's threshold, and lower ones that answer more queries with maybe, by the shares in ``LOWER``."""
     x = np.random.default_rng(0).uniform(shape.lower, shape.upper, (DRAWN, shape.ndim)).astype(np.float32)
     values, now = bounder.values(x).numpy(), float(bounder.threshold)
     denied = np.sort(values[values < now])[::-1]
@@ -590,7 +593,7 @@ def _lower_thresholds(bounder: Bounder, shape: Shape) -> list[float]:
 
 
 def _begun(each: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> int:
-    """Which of these the checkpoint is of."""
+    """The index of the bounder that the checkpoint is about; raises ``FileFormatError`` if it is about none."""
     for index, bounder in enumerate(each):
         try:
             Checkpoint(checkpoint, bounder, shape)
@@ -602,7 +605,10 @@ def _begun(each: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> 
 
 
 def _planned(each: list[Bounder], shape: Shape, budget: float, scheduler: str | int | None) -> int:
-    """The first of these whose proof is expected to end in time."""
+    """The index of the first bounder (highest threshold) whose proof is expected to end in time, by bisection.
+
+    Raises ``BounderError`` if there is none.
+    """
     cores = cpu_threads() if scheduler is None else scheduler
     if isinstance(cores, str):
         with Workers(cores) as workers:
@@ -622,9 +628,9 @@ def _planned(each: list[Bounder], shape: Shape, budget: float, scheduler: str | 
 
 @taylor_bounds()
 def _expected_seconds(bounder: Bounder, shape: Shape) -> float:
-    """Of a proof on this machine, an unbiased estimate; infinity where it fails.
+    """Seconds that a proof takes on this machine: an unbiased estimate, infinity if the proof is seen to fail.
 
-    Follows a random part of each generation of boxes. Source: D. E. Knuth, "Estimating the Efficiency of Backtrack
+    It follows a random part of each generation of boxes. Source: D. E. Knuth, "Estimating the Efficiency of Backtrack
     Programs" (1975).
     """
     positives, rng = ShapePositives(bounder, shape, FINER * NARROWEST), np.random.default_rng(0)
@@ -658,20 +664,20 @@ def certify_distance(
     expected: dict[str, str | float | None],
     budget: float,
     checkpoint: str | os.PathLike | None,
-    told: dict,
+    options: dict,
 ) -> Certificate:
     """``certify`` of a distance.
 
     Args:
-        bounder: Its threshold and numbers are taken as they are; its own certificate is not looked at.
+        bounder: Its threshold and numbers are taken as they are; its own certificate is ignored.
         shape: As ``certify`` takes it.
         expected: The claim that is expected (``other_claim``).
         budget: Seconds allowed.
         checkpoint: As ``certify`` takes it.
-        told: Progress and scheduler, as ``certify`` takes them.
+        options: ``progress`` and ``scheduler``, as ``certify`` takes them.
     """
     started, threshold, error = working_seconds(), float(bounder.threshold), bounder.rounding_bound()
-    before = 0.0  # seconds of the part that a checkpoint holds
+    before = 0.0  # seconds that the search took before the checkpoint
     if checkpoint is not None and bounder.volume is not None:
         raise BounderError(
             f"{bounder.method}: a checkpoint is for a distance that is searched for; this proof is short"
@@ -696,23 +702,23 @@ def certify_distance(
     if bounder.volume is not None:
         volume = bounder.volume.to()
         volume.info = {name: bounder.info.get(name) for name in ("margin", "resolution")}
-        of_volume = certify(volume, grid, budget=budget, **told)
+        of_volume = certify(volume, grid, budget=budget, **options)
         suspects = None if of_volume.counterexample is None else np.array([of_volume.counterexample])
-        least, boxes, told = (0.0 if of_volume.proven else -np.inf), of_volume.boxes, of_volume.message
+        least, boxes, message = (0.0 if of_volume.proven else -np.inf), of_volume.boxes, of_volume.message
     else:
-        held = told["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
+        held = options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
         bar = -float(np.nextafter(threshold + error, np.inf))
-        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, budget, **told)
+        overestimate, boxes, complete, suspects = overestimate_within(bounder, grid, bar, budget, **options)
         least, before = -overestimate, held.seconds if held else 0.0
-        told = CLOSE if complete else f"no decision within {budget:.3g} s{_goes_on(told)}"
+        message = CLOSE if complete else f"no decision within {budget:.3g} s{_goes_on(options)}"
     if threshold <= 0 and float(np.nextafter(threshold + error, np.inf)) <= least < np.inf:
-        told = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."
-        return result("proven", told, least, boxes)
+        message = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."
+        return result("proven", message, least, boxes)
     point = None if suspects is None else _overestimated(bounder, grid, suspects)
     least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     if point is not None:
         return result("refuted", "a distance is overestimated", least, boxes, point)
-    return result("undecided", LOOSE if least == 0 else told, least, boxes)
+    return result("undecided", LOOSE if least == 0 else message, least, boxes)
 
 
 def _overestimated(bounder: DistanceBounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:

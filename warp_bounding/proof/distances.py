@@ -115,7 +115,7 @@ def excesses(
     least: float = 0.0,
     budget: float = float("inf"),
     most: float = float("inf"),
-    **told,
+    **options,
 ) -> tuple[np.ndarray, int, bool]:
     """Certified: by how much F exceeds the distance in boxes, at most.
 
@@ -130,7 +130,7 @@ def excesses(
         least: Excesses under it are not distinguished.
         budget: Seconds; when it is over, boxes count with what is known of them.
         most: Boxes that are looked at; when there are more, it is as if time were over.
-        **told: For ``halving.search``.
+        **options: For ``halving.search``.
 
     Returns:
         ``(N,)`` float64, local units, at least ``least``; how many boxes were looked at; and whether there was time for
@@ -141,7 +141,7 @@ def excesses(
     """
     tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances.of_boxes(tolerance, len(lower))
     look = _Excess(bounder, shape, tolerances, halvings, least)
-    left = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **told)
+    left = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **options)
     found, boxes, complete = left.found, left.boxes, True
     for each in left.waiting:  # there is no time: they count with what is known of them
         for start in range(0, each.count, look.chunk):
@@ -204,8 +204,8 @@ def worst_points(
     """
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     tolerances = Tolerances(met, eps, bounder.part_of(lower / 2 + upper / 2))
-    told = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "budget": budget, "most": boxes}
-    excesses(bounder, shape, lower, upper, tolerance=tolerances, **told)
+    options = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "budget": budget, "most": boxes}
+    excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
     return np.concatenate([*tolerances.raised, np.empty((0, bounder.ndim))])
 
 
@@ -235,7 +235,7 @@ def overestimate_within(
     shape: Shape,
     bar: float,
     budget: float,
-    **told,
+    **options,
 ) -> tuple[float, int, bool, np.ndarray]:
     """Certified: by how much F exceeds the distance, at most; by other boxes than ``largest_overestimate`` has.
 
@@ -244,7 +244,7 @@ def overestimate_within(
         shape: The object.
         bar: An overestimate up to this is good enough, local units.
         budget: Seconds.
-        **told: For ``halving.search``.
+        **options: For ``halving.search``.
 
     Returns:
         As ``largest_overestimate``, of all parts together. Where samples have more than the bar, nothing is searched.
@@ -253,7 +253,7 @@ def overestimate_within(
     if sampled.max() > bar:
         return float(sampled.max()), 0, True, worst
     tolerances = np.full(bounder.part_count, bar)
-    overestimate, boxes, complete = _searched(bounder, shape, tolerances, 0.0, budget, again=True, **told)
+    overestimate, boxes, complete = _searched(bounder, shape, tolerances, 0.0, budget, again=True, **options)
     return float(overestimate.max()), boxes, complete, worst
 
 
@@ -319,7 +319,7 @@ def _searched(
     chosen: np.ndarray | None = None,
     *,
     again: bool = False,
-    **told,
+    **options,
 ) -> tuple[np.ndarray, int, bool]:
     """The largest overestimates ``(parts,)``, where one up to ``eps`` above its part's ``met`` counts as that.
 
@@ -329,7 +329,7 @@ def _searched(
     by other boxes, which begin with thirds; its tolerances do not rise. The rest is for ``excesses``.
     """
     least = float(met.min()) + eps
-    told |= {"halvings": HALVINGS * bounder.ndim, "least": least, "budget": budget}
+    options |= {"halvings": HALVINGS * bounder.ndim, "least": least, "budget": budget}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
         lower, upper = _thirds(lower, upper)
@@ -338,7 +338,7 @@ def _searched(
         kept = chosen[parts]
         lower, upper, parts = lower[kept], upper[kept], parts[kept]
     tolerances = Tolerances(met, eps, parts, fixed=again)
-    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerances, **told)
+    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
     by_part = np.full(len(met), least)
     np.maximum.at(by_part, parts, found)
     return by_part, boxes, complete

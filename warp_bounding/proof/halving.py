@@ -1,14 +1,14 @@
-"""Boxes are halved until each is decided: the loop of ``certify``, and of the proofs of distances.
+"""Branch and bound that halves boxes until each is decided: the loop of ``certify``, and of the proofs of distances.
 
-A *look* tells of boxes which of them are decided and what was found there, and gives the halves of the others. What it
-tells of a box depends on that box alone. So the same boxes are looked at, and the same is found, in whatever order: in
-one process or many, at once or with interruptions. Newest boxes come first, so memory grows with depth, not with the
-number of boxes.
+A *look* bounds some boxes. It returns what it found, and both halves of each box that it could not decide. Its result
+for a box depends on that box alone. So a search looks at the same boxes and finds the same in any order: in one process
+or in many, in one run or with interruptions. It takes the newest boxes first (depth first), so its memory grows with
+the depth, not with the number of boxes.
 
-*On many processes* (``scheduler``) this one looks at boxes until there are many, and hands them out in tasks of some
-seconds. A task that takes much longer gives back what it has left. Dask does a task of a worker that died again.
+*Many processes* (``scheduler``): this process looks at boxes until there are many, and divides them into tasks of some
+seconds each. A task that takes much longer returns its open boxes. Dask repeats the task of a worker that dies.
 
-*A checkpoint* is a file with all boxes that wait, those of unfinished tasks included.
+*A checkpoint* is a file of all open boxes, those of unfinished tasks included.
 """
 
 import hashlib
@@ -31,18 +31,18 @@ from warp_bounding.runtime.workers import Workers
 from warp_bounding.shapes.shape import Shape
 from warp_bounding.version import __version__
 
-PARTS = 10_000  # that progress is told in
+PARTS = 10_000  # steps in which progress is reported
 
 
 class Boxes(NamedTuple):
-    """Boxes that wait.
+    """Open boxes.
 
     Attributes:
-        lower: ``(N, n)`` float64.
-        upper: ``(N, n)`` float64.
-        owner: ``(N,)`` int64, the number of the first box that each is a part of.
-        level: ``(N,)`` int64, how often that was halved.
-        worth: What share of the whole search a unit of their volume is.
+        lower: ``(N, n)`` float64, lower corners.
+        upper: ``(N, n)`` float64, upper corners.
+        owner: ``(N,)`` int64, the number of the start box that each box is a part of.
+        level: ``(N,)`` int64, how many halvings lead from the start box to each box.
+        worth: The share of the whole search that one unit of their volume counts as.
     """
 
     lower: np.ndarray
@@ -53,39 +53,39 @@ class Boxes(NamedTuple):
 
     @property
     def count(self) -> int:
-        """How many."""
+        """How many boxes there are."""
         return len(self.owner)
 
     @property
     def share(self) -> float:
-        """Of the whole search."""
+        """Their share of the whole search."""
         return self.worth * float((self.upper - self.lower).prod(axis=1).sum())
 
     def part(self, some: slice | np.ndarray) -> "Boxes":
-        """Some of them."""
+        """Some of these boxes."""
         return Boxes(*(each[some] for each in self[:-1]), self.worth)
 
     def halves(self, axis: np.ndarray) -> "Boxes":
-        """Both halves of each."""
+        """Both halves of each box: first all lower ones, then all upper ones."""
         owner, level = np.tile(self.owner, 2), np.tile(self.level + 1, 2)
         return Boxes(*halve(self.lower, self.upper, axis), owner, level, self.worth)
 
     @classmethod
     def together(cls, parts: list["Boxes"]) -> "Boxes":
-        """Of parts of the same worth."""
+        """The boxes of all parts, which have one worth."""
         if len(parts) == 1:
             return parts[0]
         return cls(*map(np.concatenate, list(zip(*parts, strict=True))[:-1]), parts[0].worth)
 
 
 class Seen(NamedTuple):
-    """What a look has told.
+    """What a look returns.
 
     Attributes:
-        left: Halves of the boxes that are not decided, or of a part of each.
-        number: ``(F,)``, the numbers in ``found`` that become no less than
-        value: ``(F,)``.
-        failed: Points, and owners of the boxes that they are in, if the search is to end.
+        left: Halves of the undecided boxes, which may be cut to the parts that matter.
+        number: ``(F,)`` int, indices into ``found``; ``found[number]`` is raised to at least ``value``.
+        value: ``(F,)`` float64.
+        failed: Ends the search: suspect points, and the owners of their boxes. ``None`` if it goes on.
     """
 
     left: Boxes
@@ -95,23 +95,23 @@ class Seen(NamedTuple):
 
 
 class Look(Protocol):
-    """Looks at boxes. It can be pickled if workers are to do it."""
+    """Bounds boxes. It must be picklable for work on many processes."""
 
-    chunk: int  # boxes at a time, at most
+    chunk: int  # boxes of one call, at most
 
     def __call__(self, boxes: Boxes) -> Seen: ...
 
 
-class Left(NamedTuple):
-    """What a search has found, and what it has still to do.
+class State(NamedTuple):
+    """What a search has found, and what it still has to do.
 
     Attributes:
-        waiting: The last one is next.
-        found: ``(F,)``, what a look's numbers were raised to.
+        waiting: Open boxes; the last ones are next.
+        found: ``(F,)`` float64, the numbers that looks raise.
         boxes: How many boxes were looked at.
         seconds: How long that took.
         taken: How many of the starts were begun.
-        failed: As of ``Seen``.
+        failed: As in ``Seen``.
         complete: Whether every box is decided.
     """
 
@@ -144,51 +144,51 @@ def search(
     checkpoint: "Checkpoint | None" = None,
     progress: Callable[[int, int], None] | None = None,
     scheduler: str | int | None = None,
-) -> Left:
-    """Look at boxes and their halves until all are decided, one failed, or time is over.
+) -> State:
+    """Look at boxes and their halves until all are decided, one fails, or time is over.
 
     Args:
-        look: Looks at them.
-        starts: Lower and upper corners of the first boxes, some at a time, and what share of the search is done with
-            them. They are numbered through.
-        found: ``(F,)`` float64, where the numbers that looks give begin; raised in place.
+        look: Bounds the boxes.
+        starts: Batches of start boxes: lower and upper corners ``(N, n)`` float64, and the batch's share of the search.
+            The boxes of all batches are numbered through.
+        found: ``(F,)`` float64, initial values of the numbers that looks raise; changed in place.
         budget: Seconds.
-        most: Boxes, after which it is as if time were over.
-        checkpoint: Where to begin, and to write now and then what is left; removed when all boxes are decided.
-        progress: Called with how much is done, in parts of ``PARTS``.
-        scheduler: Address of a Dask scheduler whose workers are to look, or a number of processes of this machine.
+        most: Boxes, after which the search stops as if time were over; ignored with a scheduler.
+        checkpoint: Where to go on from, and to save the state; removed once all boxes are decided or one has failed.
+        progress: Called with how much is done, and ``PARTS`` for all of it.
+        scheduler: Address of a Dask scheduler whose workers look, or a number of processes of this machine.
 
     Returns:
-        What was found, and what is left.
+        What was found, and what is left to do.
     """
-    state, end = _Search(look, starts, found, checkpoint, progress), working_seconds() + budget
+    run, end = _Search(look, starts, found, checkpoint, progress), working_seconds() + budget
     try:
         if scheduler is None:
-            state.alone(end, most)
+            run.alone(end, most)
         else:
-            state.spread(end, scheduler)
+            run.spread(end, scheduler)
     finally:  # Ctrl-C, too
-        if checkpoint and state.failed is None and not state.complete:
-            checkpoint.save(state.left, now=True)
-    if checkpoint and (state.complete or state.failed is not None):
+        if checkpoint and run.failed is None and not run.complete:
+            checkpoint.save(run.state, now=True)
+    if checkpoint and (run.complete or run.failed is not None):
         checkpoint.remove()
-    return state.left
+    return run.state
 
 
 FIRST = 64  # boxes for each worker, at least, before tasks are made
-TASK, LONGEST = 10.0, 30.0  # seconds that a task should take, and after which it gives back what is left
-AHEAD = 2  # tasks for each worker that are handed out at a time
+TASK, LONGEST = 10.0, 30.0  # seconds that a task should take, and after which it returns its open boxes
+AHEAD = 2  # tasks in flight for each worker
 WAIT = 1.0  # seconds between two looks at the clock
 
 
 class _Search:
-    """A search that runs; arguments as of ``search``."""
+    """A running search; arguments as in ``search``."""
 
     def __init__(self, look: Look, starts: Iterable, found: np.ndarray, checkpoint=None, progress=None):
         self.look, self.checkpoint, self.progress, self.started = look, checkpoint, progress, working_seconds()
-        left = (checkpoint.load(len(found)) if checkpoint else None) or Left([], found)
-        self.waiting, self.found, self.boxes, self.before, self.taken, *_ = left
-        self.failed, self.complete, self.out = None, False, {}  # the last: boxes that are being looked at, by any key
+        state = (checkpoint.load(len(found)) if checkpoint else None) or State([], found)
+        self.waiting, self.found, self.boxes, self.before, self.taken, *_ = state
+        self.failed, self.complete, self.out = None, False, {}  # out: boxes that are being looked at, by task
         self.starts, self.begun, self.numbered = iter(starts), 0.0, 0
         for lower, _, share in islice(self.starts, self.taken):
             self.begun, self.numbered, columns = self.begun + share, self.numbered + len(lower), lower.shape[1:]
@@ -199,13 +199,13 @@ class _Search:
         self.done = self.begun - sum(boxes.share for boxes in self.waiting)
 
     @property
-    def left(self) -> Left:
-        """See ``Left``: what is being looked at waits, too."""
+    def state(self) -> State:
+        """See ``State``; boxes that are being looked at count as open."""
         waiting, spent = [*self.waiting, *self.out.values()], self.before + working_seconds() - self.started
-        return Left(waiting, self.found, self.boxes, spent, self.taken, self.failed, self.complete)
+        return State(waiting, self.found, self.boxes, spent, self.taken, self.failed, self.complete)
 
     def take(self, count: int) -> Boxes | None:
-        """The next boxes, at most so many; ``None`` if there are none."""
+        """The next boxes, at most ``count``, all of one worth; ``None`` if there are none."""
         while not self.waiting:
             if (start := next(self.starts, None)) is None:
                 return None
@@ -226,28 +226,28 @@ class _Search:
         return Boxes.together(taken)
 
     def see(self, boxes: Boxes) -> None:
-        """Look at boxes."""
+        """Look at boxes in this process."""
         self.out[None] = boxes
         left, number, value, failed = self.look(boxes)
         np.maximum.at(self.found, number, value)
-        self.ended(None, Left([left] if left.count else [], self.found, boxes.count, failed=failed))
+        self.ended(None, State([left] if left.count else [], self.found, boxes.count, failed=failed))
 
-    def ended(self, key, left: Left) -> None:
-        """Boxes of this key were looked at."""
+    def ended(self, key, state: State) -> None:
+        """Take over the state in which a task ended."""
         boxes = self.out.pop(key)
-        self.waiting += left.waiting
-        self.boxes, self.failed = self.boxes + left.boxes, self.failed or left.failed
-        self.done += boxes.share - sum(each.share for each in left.waiting)
+        self.waiting += state.waiting
+        self.boxes, self.failed = self.boxes + state.boxes, self.failed or state.failed
+        self.done += boxes.share - sum(each.share for each in state.waiting)
 
-    def tell(self) -> None:
-        """Write a checkpoint and tell progress."""
+    def report(self) -> None:
+        """Save a checkpoint when one is due, and report progress."""
         if self.checkpoint and self.failed is None:
-            self.checkpoint.save(self.left)
+            self.checkpoint.save(self.state)
         if self.progress:
             self.progress(round(PARTS * min(max(self.done, 0.0), 1.0)), PARTS)
 
     def alone(self, end: float, most: float = float("inf")) -> None:
-        """Look at boxes here."""
+        """Search in this process."""
         looked = False
         while self.failed is None and not (looked and (working_seconds() > end or self.boxes > most)):
             boxes = self.take(self.look.chunk)
@@ -255,13 +255,14 @@ class _Search:
                 self.complete = True
                 return
             self.see(boxes)
-            self.tell()
+            self.report()
             looked = True
 
     def spread(self, end: float, scheduler: str | int) -> None:
-        """Let Dask workers look at boxes."""
+        """Search with Dask workers."""
         with Workers(scheduler) as workers:
-            look, size, given, spent = workers.held(self.look), 1.0, 0, 0.0  # the last two: of finished tasks
+            look, size = workers.held(self.look), 1.0  # boxes of a task
+            given, spent = 0, 0.0  # boxes and seconds of finished tasks
             while self.failed is None:
                 while len(self.out) < AHEAD * workers.count and (boxes := self._next(size, workers.count)) is not None:
                     self.out[workers.submit(_task, look, boxes, len(self.found))] = boxes
@@ -270,15 +271,15 @@ class _Search:
                 if not self.out:
                     self.complete = True
                     return
-                for key, left in workers.ended(WAIT):
-                    given, spent = given + self.out[key].count, spent + left.seconds
+                for key, state in workers.ended(WAIT):
+                    given, spent = given + self.out[key].count, spent + state.seconds
                     size = TASK * given / max(spent, 1e-3)
-                    np.maximum(self.found, left.found, out=self.found)
-                    self.ended(key, left)
-                self.tell()
+                    np.maximum(self.found, state.found, out=self.found)
+                    self.ended(key, state)
+                self.report()
 
     def _next(self, size: float, workers: int) -> Boxes | None:
-        """Boxes for a task; where there are few, their halves."""
+        """Boxes for a task. While few boxes are open this process looks at them first, which makes more."""
         while self.failed is None and (boxes := self.take(self.look.chunk)) is not None:
             self.waiting.append(boxes)
             waiting = sum(each.count for each in self.waiting)
@@ -288,12 +289,12 @@ class _Search:
         return None
 
 
-def _task(look: Look, boxes: Boxes, size: int) -> Left:
-    """What a worker does: look at boxes and their halves for a while."""
+def _task(look: Look, boxes: Boxes, size: int) -> State:
+    """Runs in a worker: search boxes and their halves for at most ``LONGEST`` seconds, or one look."""
     own = _Search(look, (), np.full(size, -np.inf))
     own.waiting.append(boxes)
     own.alone(working_seconds() + LONGEST)
-    return own.left
+    return own.state
 
 
 # --- checkpoint ------------------------------------------------------------------------------------------------------
@@ -301,19 +302,19 @@ def _task(look: Look, boxes: Boxes, size: int) -> Left:
 
 KEY = "warp_bounding_checkpoint"
 EVERY = 15.0  # seconds between two writes
-TELLING = 1024  # points whose distances tell one function from another, of which a digest knows little but the object
+COMPARED = 1024  # points at which the shape's answers are compared: the digest of a function says little about it
 
 
 class Checkpoint:
-    """What a search has still to do, in a file: read at the beginning, written now and then, removed at the end.
+    """The state of a search in a file: read at the beginning, written now and then, removed at the end.
 
-    Such a file is believed as far as its claim goes: it is part of the machine that proves, not of what is to be
-    proven. It names the bounder's numbers, the shape with its margin, some of its answers and the library's version,
-    and holds a SHA-256 of its content; a file that says anything else is refused, and kept as it is.
+    A proof trusts its checkpoint as it trusts the program: whoever can forge the file can forge a proof. The file names
+    what it is about (the bounder's numbers, the shape with its margin, some of the shape's answers, the library's
+    version) and holds a SHA-256 of its content. A file that does not match is refused, and kept as it is.
     """
 
     def __init__(self, path: str | os.PathLike, bounder: Bounder, shape: Shape):
-        """Look at the file, if there is one.
+        """Read the file, if there is one.
 
         Raises:
             FileFormatError: If it is no checkpoint, one of another proof, or damaged, or if none can be written there.
@@ -321,19 +322,19 @@ class Checkpoint:
         self.path, self._written = file_path(path), working_seconds()
         about = {"method": bounder.method, "sizes": bounder.sizes, "domain": bounder.domain.to_dict()}
         about |= {"threshold": float(bounder.threshold), "shape": shape.digest, "library": __version__}
-        low, high = shape.lower, shape.upper  # what the search rests on, as this machine computes it
-        queried = low + np.random.default_rng(0).uniform(-0.5, 1.5, (TELLING, shape.ndim)) * (high - low)
+        low, high = shape.lower, shape.upper
+        queried = low + np.random.default_rng(0).uniform(-0.5, 1.5, (COMPARED, shape.ndim)) * (high - low)
         answers = shape.distances(queried) if bounder.of_distances else shape.decide(queried)
         about["answers"] = hashlib.sha256(np.asarray(answers).tobytes()).hexdigest()
         self._claim = digest_of(bounder.tensors, about)
         check_writable(self.path)
         self._left = self._read() if self.path.exists() else None
 
-    def load(self, count: int) -> Left | None:
-        """What was left of a search with ``count`` numbers; ``None`` for one that begins.
+    def load(self, count: int) -> State | None:
+        """The saved state of a search with ``count`` numbers in ``found``; ``None`` if there was no file.
 
         Raises:
-            FileFormatError: If it is about another number.
+            FileFormatError: If the file holds another count of numbers.
         """
         if self._left is not None and len(self._left.found) != count:
             raise self.damaged
@@ -341,38 +342,38 @@ class Checkpoint:
 
     @property
     def damaged(self) -> FileFormatError:
-        """To raise."""
+        """The error to raise where the file contradicts itself."""
         return FileFormatError(f"{self.path}: the checkpoint is damaged; remove it to begin anew")
 
     @property
     def seconds(self) -> float:
-        """How long the proof has taken until it was stopped."""
+        """How long the proof took until it was stopped."""
         return self._left.seconds if self._left else 0.0
 
-    def save(self, left: Left, *, now: bool = False) -> None:
-        """Write what is left, unless that was done a moment ago, or at once.
+    def save(self, state: State, *, now: bool = False) -> None:
+        """Write the state if the last write was ``EVERY`` seconds ago or more, or if ``now``.
 
         Raises:
             FileFormatError: If it cannot be written.
         """
         if not now and working_seconds() - self._written < EVERY:
             return
-        tensors = {"found": left.found} | {
+        tensors = {"found": state.found} | {
             f"{name}.{i}": np.ascontiguousarray(getattr(boxes, name))
-            for i, boxes in enumerate(left.waiting)
+            for i, boxes in enumerate(state.waiting)
             for name in Boxes._fields[:-1]
         }
-        document = {"claim": self._claim, "boxes": left.boxes, "seconds": left.seconds, "taken": left.taken}
-        document["worths"] = [boxes.worth for boxes in left.waiting]
+        document = {"claim": self._claim, "boxes": state.boxes, "seconds": state.seconds, "taken": state.taken}
+        document["worths"] = [boxes.worth for boxes in state.waiting]
         text = json.dumps({"sha256": digest_of(tensors, document), "left": document})
         write_whole(self.path, safetensors.numpy.save(tensors, metadata={KEY: text}))
         self._written = working_seconds()
 
     def remove(self) -> None:
-        """The proof has ended."""
+        """Remove the file: the proof has ended."""
         self.path.unlink(missing_ok=True)
 
-    def _read(self) -> Left:
+    def _read(self) -> State:
         try:
             with safetensors.safe_open(str(self.path), framework="numpy") as file:
                 text = (file.metadata() or {})[KEY]
@@ -393,20 +394,20 @@ class Checkpoint:
                 for i, worth in enumerate(document["worths"])
             ]
             found = tensors["found"].copy()
-            left = Left(waiting, found, document["boxes"], document["seconds"], document["taken"])
-            if not _sound(left):
+            state = State(waiting, found, document["boxes"], document["seconds"], document["taken"])
+            if not _well_formed(state):
                 raise self.damaged
         except (KeyError, TypeError, ValueError) as error:
             raise self.damaged from error
-        return left
+        return state
 
 
-def _sound(left: Left) -> bool:
-    """Whether these are numbers of the kinds and sizes that a search has."""
-    sound = all(type(count) is int and count >= 0 for count in (left.boxes, left.taken))
-    sound = sound and type(left.seconds) is float and 0 <= left.seconds < float("inf")
-    sound = sound and left.found.dtype == np.float64 and left.found.ndim == 1
-    for low, high, owner, level, worth in left.waiting:
+def _well_formed(state: State) -> bool:
+    """Whether all arrays and numbers have the types, shapes and ranges that a search gives them."""
+    sound = all(type(count) is int and count >= 0 for count in (state.boxes, state.taken))
+    sound = sound and type(state.seconds) is float and 0 <= state.seconds < float("inf")
+    sound = sound and state.found.dtype == np.float64 and state.found.ndim == 1
+    for low, high, owner, level, worth in state.waiting:
         sound = sound and low.dtype == high.dtype == np.float64 and owner.dtype == level.dtype == np.int64
         sound = sound and low.ndim == 2 and low.shape == high.shape and owner.shape == level.shape == (len(low),)
         sound = sound and type(worth) is float and worth >= 0

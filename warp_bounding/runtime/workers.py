@@ -1,4 +1,4 @@
-"""Processes that work for this one, by Dask: of this machine, or those of a scheduler."""
+"""Dask workers for this process: processes of this machine, or the workers of a running scheduler."""
 
 import contextlib
 import logging
@@ -12,24 +12,24 @@ from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.launch import cpu_threads
 from warp_bounding.runtime.progress import quiet_warp
 
-DEATHS = 10  # of workers under the same task, after which it is given up: it would go on for ever
+DEATHS = 10  # workers that may die during the same task before it fails, so that retries end
 CONNECT_SECONDS = 15
-# Each task has one core: the library's own threads, and those of the libraries below it.
+# A worker uses one core: the variables that limit this library's threads, and those of the libraries below it.
 THREADS = ("WARP_BOUNDING_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 ONE_THREAD = dict.fromkeys(THREADS, "1")
 
 
 def dask_setup(worker: object) -> None:
-    """Called by Dask in a worker that starts: leaves Ctrl-C to the client, and standard output to its ``--json``."""
+    """Dask calls this in a new worker: it ignores Ctrl-C, and prints to standard error, which spares ``--json``."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.dup2(2, 1)
 
 
 @contextlib.contextmanager
 def connected(scheduler: str | int | None) -> Iterator[Any]:
-    """A Dask client of a scheduler, or of so many local workers, one a core if ``None``, restarted when they die.
+    """A Dask client of the scheduler at an address, or of a number of local workers (``None``: one a core).
 
-    Raises ``BoundingError`` where there is none.
+    Dask restarts workers that die. Raises ``BoundingError`` without Dask, or if no scheduler answers.
     """
     try:
         import dask
@@ -38,7 +38,7 @@ def connected(scheduler: str | int | None) -> Iterator[Any]:
         raise BoundingError("work on many processes needs Dask: pip install 'warp-bounding[bake]'") from error
     own = {
         "distributed.scheduler.allowed-failures": DEATHS,
-        "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the task that waits behind
+        "distributed.scheduler.worker-saturation": 1.0,  # else a death also counts against the worker's queued task
         "logging.distributed": "critical",
     }
     with contextlib.ExitStack() as stack:
@@ -61,7 +61,7 @@ def connected(scheduler: str | int | None) -> Iterator[Any]:
 
 
 class Workers:
-    """Workers that run functions, as a context."""
+    """A context in which Dask workers run functions; arguments as in ``connected``."""
 
     def __init__(self, scheduler: str | int):
         self._connected, self._running = connected(scheduler), {}
@@ -76,23 +76,23 @@ class Workers:
 
     @property
     def count(self) -> int:
-        """Tasks that can run at the same time, as far as workers are there; at least 1."""
+        """Tasks that the workers can run at the same time now; at least 1."""
         return max(1, sum(self._client.nthreads().values()))
 
     def held(self, value: Any) -> Any:
-        """Something that tasks need, sent to each worker once."""
+        """A future of a value that tasks take as an argument; it is sent to each worker once."""
         return self._client.submit(pickle.loads, pickle.dumps(value), pure=False)
 
     def submit(self, function: Callable, *arguments: Any) -> str:
-        """Run a function; its key."""
+        """Run a function in a worker; returns the task's key."""
         future = self._client.submit(_alone, function, *arguments, pure=False)
         self._running[future.key] = future
         return future.key
 
     def ended(self, seconds: float) -> list[tuple[str, Any]]:
-        """Keys and results of what has ended, after waiting for one for a while.
+        """Keys and results of the tasks that have ended; waits up to some seconds for the first of them.
 
-        Raises ``BoundingError`` if a task cannot be done.
+        Raises ``BoundingError`` if a task fails.
         """
         import distributed
 
@@ -107,12 +107,12 @@ class Workers:
                 reason = f"{type(error).__name__}: {error}" if error else "the scheduler has gone away"
                 raise BoundingError(" ".join(reason.split())[:300])
             done.append((key, future.result()))
-            del self._running[key]  # else Dask would do it again if the worker that has its result died
+            del self._running[key]  # else Dask would repeat it if the worker that holds its result died
         return done
 
 
 def _alone(function: Callable, *arguments: Any) -> Any:
-    """In a worker: on one core, and without Warp's messages."""
+    """Runs a function in a worker, on one core and without Warp's messages."""
     os.environ.update(ONE_THREAD)
     quiet_warp()
     return function(*arguments)
