@@ -150,12 +150,15 @@ class _Ray(SlabRay):
         self.slabs, self.weights = slabs, _numbers(slabs, face)
 
 
+def second_faces(normals: np.ndarray, domain: RegionDomain) -> np.ndarray:
+    """``(k,)``, where half-spaces end that have no other side: beyond the domain, however long the normals are."""
+    return -np.maximum(np.abs(normals) @ domain.base.limit.astype(np.float64) * (1 + 1e-9), UNBOUNDED)
+
+
 def _plane(slabs: Slabs, domain: RegionDomain) -> SlabPlane:
     if len(slabs.high) <= domain.space_ndim:
         raise BounderError(f"expected more than {domain.space_ndim} half-spaces, got {len(slabs.high)}")
-    # Half-spaces have no other side: they end beyond the domain, however long the normals are.
-    reach = np.abs(slabs.directions) @ domain.base.limit.astype(np.float64) * (1 + 1e-9)
-    return SlabPlane(slabs._replace(low=-np.maximum(reach, UNBOUNDED)), domain)
+    return SlabPlane(slabs._replace(low=second_faces(slabs.directions, domain)), domain)
 
 
 class _Box(SlabBox):
