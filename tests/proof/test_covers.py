@@ -11,7 +11,7 @@ from bounding_shapes import random_mlp, random_network, random_supports, shape
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.proof import certify, check, minimum, parametrized, prove
 from warp_bounding.proof.covers import SupportGap, single_cells
-from warp_bounding.proof.search import charted_minimum, prove_target
+from warp_bounding.proof.search import parametrized_minimum, prove_target
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
@@ -205,15 +205,15 @@ def test_a_search_in_depth_that_is_cut_short_promises_nothing_false():
     x = next(iter(draw_positives("box", grid, 100_000, 5, "cpu")))
     v = bounder.domain.to_local(x)
     least = float(bounder.reference(v[(v[:, :n] <= v[:, n:]).all(axis=1)]).min())
-    whole = charted_minimum(cover, eps=0.02)
+    whole = parametrized_minimum(cover, eps=0.02)
     assert whole.lower_bound <= least
     for boxes in (1, 100, 1000, 3000, 10_000, 100_000):
-        assert charted_minimum(cover, eps=1e-3, boxes=boxes).lower_bound <= least
+        assert parametrized_minimum(cover, eps=1e-3, boxes=boxes).lower_bound <= least
         outcome = prove_target(cover, least + 1e-6, boxes=boxes)  # false: there is a positive under it
         assert not outcome.complete
     assert prove_target(cover, whole.lower_bound - 1e-6).complete
     assert not prove_target(replace(cover, numbers=np.full_like(cover.numbers, np.nan)), -1e9, boxes=1000).complete
-    broken = charted_minimum(
+    broken = parametrized_minimum(
         replace(cover, numbers=np.full_like(cover.numbers, np.nan)), eps=1e-3, upper=least, boxes=1e5
     )
     assert (broken.lower_bound, broken.complete) == (-np.inf, False)

@@ -64,15 +64,15 @@ class Prepared:
         self._record()
 
     def launch(self) -> wp.array | tuple[wp.array, wp.array]:
-        """Ask.
+        """Answer the queries.
 
         Returns:
             ``out``; where candidates are requested, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is
             filled, too.
 
         Raises:
-            QueryError: If ``x`` lies elsewhere by now, or has another shape, as after ``resize_`` or a new ``data`` of
-                a torch tensor.
+            QueryError: If the memory or the shape of ``x`` has changed, as after ``resize_`` or a new ``data`` of a
+                torch tensor.
 
         Example:
             >>> bounder.prepare(points).launch().dtype.__name__
@@ -89,12 +89,12 @@ class Prepared:
         """Place the shape elsewhere in the world, for the launches to come.
 
         Args:
-            xform: As for ``Bounder.query``. If only one of both is given, the other one is none, not the one of before.
+            xform: As for ``Bounder.query``. If only one of both is given, the other one is reset.
             scale: As for ``Bounder.query``.
 
         Raises:
             QueryError: If neither is given, or ``prepare`` was given neither, or for a placement that the certificate
-                does not cover; the old one stays.
+                does not cover; the old placement stays.
 
         Example:
             >>> prepared = bounder.prepare(points, scale=1.0)
@@ -131,10 +131,10 @@ class Prepared:
 class Asking(ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs.
 
-    A bounder of a shape that has an origin (``shapes.recentred``) follows one rule. ``query`` and its like take world
-    coordinates, float32 or float64, as exactly the numbers that they are, and subtract the origin in float64. Whatever
-    reads float32 in place takes local coordinates: kernels' functions, ``prepare``, placements. They belong to
-    ``bounder.local``, which has no origin, so that nobody gives them world coordinates unawares.
+    A bounder of a shape that has an origin (``shapes.recentred``) follows one rule. ``query``, ``values`` and
+    ``candidates`` take world coordinates, float32 or float64, and subtract the origin in float64. Whatever reads
+    float32 in place takes local coordinates: kernels' functions, ``prepare``, placements. These are only for
+    ``bounder.local``, which has no origin, so that nobody gives them world coordinates by mistake.
 
     Attributes:
         frame: Where its local coordinates begin; ``None`` where they are the world's.
@@ -148,7 +148,7 @@ class Asking(ABC):
     _data: tuple[np.float32, Data] | None = None  # the threshold for which ``data`` was made, and it
 
     def __reduce__(self):
-        """Pickles and copies by the class's constructor, which checks and copies all numbers: no memory is shared."""
+        """Pickle and copy through the class's constructor, which checks and copies all numbers: no memory is shared."""
         made = type(self), type(self.domain), self.domain.to_dict(), self.tensors, self.sizes, self._device
         return _remade, (*made, self.threshold, self.certificate, self.info, self.frame)
 
@@ -165,7 +165,7 @@ class Asking(ABC):
 
     @abstractmethod
     def weights(self) -> np.ndarray:
-        """``(K,)`` float32, the method's numbers in the order in which ``source`` reads them."""
+        """``(K,)`` float32, the method's numbers in the order in which the native code reads them."""
 
     def words(self) -> np.ndarray:
         """``(W,)`` uint32, the method's bit field."""
@@ -240,9 +240,9 @@ class Asking(ABC):
         origin and direction, a plane's normal and point, a box's lower and upper corner; object space. ``data`` is
         ``bounder.data``, an argument of the kernel.
 
-        The proof is of the float32 numbers that it gets, in IEEE arithmetic: it keeps to that in a module with
-        ``fast_math``, and does not compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such flags are outside
-        the claim.
+        The proof is about the float32 numbers that the function gets, in IEEE arithmetic. It keeps to IEEE arithmetic
+        in a module with ``fast_math``, and does not compile with ``-ffast-math`` in ``cpu_compiler_flags``; other such
+        flags void the proof.
 
         A name for it, ``test = bounder.func``, can be bound to another bounder's function before Warp builds the
         module; see ``point_func``.
@@ -303,8 +303,8 @@ class Asking(ABC):
                 ``(N,)``. Points: m = n. Regions, m = 2 n: a ray's origin and direction, a plane's normal and point, a
                 box's lower and upper corner. float32 is read in place where it lies on this device; float64 is rounded
                 to float32, which the certificate covers. Of a shape with an ``origin`` these are world coordinates, of
-                any type, and the origin is taken off in float64 first, on the host. Whole numbers must be ones that
-                float32 holds exactly, and no ``wp.array``.
+                any type; the host first subtracts the origin in float64. Integers must be exact in float32, and no
+                ``wp.array``.
             xform: Places the shape in the world: ``wp.transform``, 7 numbers or a homogeneous rigid matrix. ``x`` are
                 then numbers in the world; time is not moved. A rotated box is tested by the axis-aligned box around it
                 in object space; without a rotation, or by right angles, that is the box itself.
@@ -334,7 +334,7 @@ class Asking(ABC):
         (``networks.tensor_cores``).
 
         Returns:
-            ``(N,)`` float32 ``wp.array``; +inf where the answer is *maybe* without asking, -inf outside the domain.
+            ``(N,)`` float32 ``wp.array``; +inf where the answer is *maybe* without f, -inf outside the domain.
 
         Raises:
             QueryError: As ``query`` does.
@@ -419,7 +419,7 @@ class Asking(ABC):
     def _launch_of(
         self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact: bool = False
     ) -> BlockLaunch:
-        """A launch of ``kernel_of()``; its third input is its first block's number. ``exact``: as in ``func``."""
+        """A launch of ``kernel_of()``; its third input is the first block's number. ``exact``: f as ``func`` has it."""
         return BlockLaunch(kernel_of(), count, inputs, outputs, self.device, first_index=2, block=self.source.block)
 
 

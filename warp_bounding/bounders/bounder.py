@@ -72,7 +72,7 @@ class Option:
 
 
 def checked(name: str, expected: Callable[[], str], fits: Callable[[Any], bool], made: Callable = lambda value: value):
-    """A check for values that fit: they are ``made`` what the method uses; what was ``expected`` is for the message."""
+    """A check: raises ``BounderError`` unless a value ``fits``; ``made`` turns it into what the method uses."""
 
     def check(value: Any) -> Any:
         if not fits(value):
@@ -94,7 +94,7 @@ def whole(name: str, least: int, most: int | None = None) -> Callable[[Any], int
 
 
 def one_of(name: str, names: Iterable[str]) -> Callable[[Any], str]:
-    """A check for names, of which there may be more later."""
+    """A check for names; ``names`` may grow later."""
     return checked(name, lambda: f"one of {', '.join(names)}", lambda value: value in tuple(names))
 
 
@@ -119,8 +119,8 @@ def resolved(
 ) -> list[dict[str, Any]]:
     """The value of every option of each class of bounders: as given, else the class's default.
 
-    ``callers`` hand on the options. Raises ``BounderError`` for a wrong value, or an option that none of the classes
-    takes for this kind of query; the message names those that are taken.
+    ``callers`` are the functions that pass the options on. Raises ``BounderError`` for a wrong value, or an option that
+    none of the classes takes for this kind of query; the message names those that are taken.
     """
     known = taken(classes, query)
     if unknown := [name for name in given if name not in known]:
@@ -129,7 +129,7 @@ def resolved(
 
 
 def _unknown(name: str, known: list[str], classes: list[type], query: str, callers: list[Callable]) -> str:
-    """Which option was probably meant, of the callers' own arguments too, and which ones there are."""
+    """The message for an unknown option: the option or argument of a caller probably meant, and all options."""
     own = [
         p.name for caller in callers for p in signature(caller).parameters.values() if p.kind != Parameter.VAR_KEYWORD
     ]
@@ -175,13 +175,13 @@ class Bounder(Asking):
     """
 
     method: ClassVar[str]
-    highest_threshold: ClassVar[float] = np.inf  # that a proof may set
+    highest_threshold: ClassVar[float] = np.inf  # the highest that a proof may set
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
     composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
     of_volume: ClassVar[bool] = False  # regions are tested against a volume of points
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
-    conservative: ClassVar[bool] = True  # false: there to show what goes wrong; it never holds a certificate
-    bit_fields: ClassVar[tuple[str, ...]] = ()  # tensors, of members too, that are uint32: the end of their names
+    conservative: ClassVar[bool] = True  # False: it has false negatives, for comparison, and never a certificate
+    bit_fields: ClassVar[tuple[str, ...]] = ()  # how the names of uint32 tensors end, also of members' tensors
     takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can set
 
@@ -242,7 +242,7 @@ class Bounder(Asking):
     # --- what a method supplies --------------------------------------------------------------------------------------
 
     def check_tensors(self) -> None:
-        """Refuse tensors and sizes that do not fit together, and keep what follows from them; part of the constructor.
+        """Refuse tensors and sizes that do not fit together, and derive attributes from them; part of the constructor.
 
         Raises:
             BounderError: If they do not.
@@ -261,14 +261,14 @@ class Bounder(Asking):
             upper: ``(N, n)`` float64.
 
         Returns:
-            The bounds; the axis to halve next; and a point of each box where f is likely to be least, with f there. The
+            The bounds, the axis to halve next, and a point of each box where f is likely to be least, with f there. The
             other fields of ``BoxBounds`` are for networks.
         """
 
     def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes ``(N, n)`` of v cut where f jumps: corners of the pieces, and which box each is a piece of.
+        """Boxes ``(N, n)`` of v cut where f jumps: corners of the pieces, and the index of each piece's box.
 
-        Here nothing is.
+        By default f does not jump.
         """
         return lower, upper, np.arange(len(lower))
 
@@ -291,9 +291,9 @@ class Bounder(Asking):
         return [self]
 
     def obligations(self, shape: Shape) -> "list[tuple[Bounder, Shape]]":
-        """Parts, and what each must be proven for so that this is proven for a shape.
+        """The parts, each with the shape that it must be proven for; together they prove this for ``shape``.
 
-        Raises ``BounderError`` where that can never be.
+        Raises ``BounderError`` if no proofs of parts can.
         """
         return [(part, shape) for part in self.parts]
 
@@ -456,7 +456,7 @@ class Bounder(Asking):
 _registered: dict[str, type[Bounder]] = {}
 _distances: dict[str, type[Bounder]] = {}
 METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
-DISTANCES: Mapping[str, type[Bounder]] = MappingProxyType(_distances)  # those of distances; equal names: equal volumes
+DISTANCES: Mapping[str, type[Bounder]] = MappingProxyType(_distances)  # of distances; a name in both is of one volume
 Kind = TypeVar("Kind", bound=Bounder)
 COMPOSED: dict[str, type[Bounder]] = {}  # made of others (``cascade.Composed``): files name them, ``fit`` does not
 
@@ -498,7 +498,7 @@ def unregister(kind: type[Bounder]) -> None:
 
 
 def known_method(method: str) -> type[Bounder]:
-    """The class of a method, whatever it can hold; raises ``BounderError`` for an unknown name."""
+    """The class of a method, whatever queries it supports; raises ``BounderError`` for an unknown name."""
     if method not in METHODS:
         near = get_close_matches(str(method), METHODS, n=1)
         meant = f"; did you mean {near[0]!r}?" if near else ""
@@ -508,10 +508,10 @@ def known_method(method: str) -> type[Bounder]:
 
 
 def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bounder]:
-    """The class of a method that can hold a kind of query, or bounds the distance.
+    """The class of a method that bounds a kind of query, or the distance.
 
     Raises:
-        BounderError: For an unknown method, or one that cannot hold the query.
+        BounderError: For an unknown method, or one that does not support the query.
     """
     if query == DISTANCE.name:
         if method not in DISTANCES:
@@ -525,7 +525,7 @@ def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bound
 
 
 def unsupported(method: str, query: str, ndim: int) -> str:
-    """What to say of a method that cannot bound a kind of query of n-dimensional objects: which ones can."""
+    """The message for a method that cannot bound a kind of query of n-dimensional objects; it names those that can."""
     others = [name for name, kind in METHODS.items() if kind.conservative and kind.supports(query, ndim)]
     return f"{method} does not bound {query} queries of {ndim}D objects; {', '.join(others) or 'none'} can"
 

@@ -23,7 +23,7 @@ from warp_bounding.version import __version__
 if TYPE_CHECKING:
     from warp_bounding.bounders.bounder import Bounder
 
-FORMAT, FRAMED = 2, 2  # the newest, and the first one that knows an origin; without one a file is of format 1
+FORMAT, FRAMED = 2, 2  # the newest format, and the first with an origin; a file without an origin has format 1
 KEY = "warp_bounding"
 INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "shape", "seed", "note", "training", "rates")
 
@@ -69,7 +69,7 @@ def read(path: Path) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
     except (ValueError, TypeError, KeyError, RecursionError) as error:
         raise FileFormatError(f"{path}: the description inside is damaged") from error
     if type(version) is int and version < 1:
-        raise FileFormatError(f"{path}: format {version} is none that ever was")
+        raise FileFormatError(f"{path}: format {version} never existed")
     if type(version) is not int or version > FORMAT:
         known = f"newer than this library knows ({FORMAT}); please update warp-bounding"
         raise FileFormatError(f"{path}: format {version} is {known}")

@@ -39,7 +39,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
         'obb'
     """
     path = file_path(path)
-    device_of(device)  # first: that there is none is no fault of the file
+    device_of(device)  # first: a missing device is no fault of the file
     tensors, document = read(path)
     if document.get("method") == BALLS:
         raise FileFormatError(f"{path}: holds the balls of a pair, no bounder; read it with wb.pairs.Balls.load")
@@ -80,7 +80,7 @@ BALLS = "balls"  # ``pairs.balls``: no bounder
 
 
 def _bring_up(bounder: Bounder) -> None:
-    """Older files name a shape without cells by its geometry's digest alone; the object's now has the margin."""
+    """Add the margin to the object's digest: older files name a shape without cells by its geometry's alone."""
     info = bounder.info
     if info["indicator"] is None or any(info[name] is not None for name in ("shape", "grid_shape", "resolution")):
         return
@@ -116,7 +116,7 @@ def bounder_of(source: Bounder | str | os.PathLike, device: str | None = None):
 
 
 def _check_info(document: dict) -> None:
-    """Margin and resolution are used again, to make the same cells of a mesh; rates are shown."""
+    """Check fields of ``info``: margin and resolution divide a mesh into the same cells again, the others are shown."""
     margin, resolution = document.get("margin"), document.get("resolution")
     if margin is not None and not (type(margin) in (int, float) and 0 <= margin < float("inf")):
         raise FileFormatError(f"the margin {margin!r} is not a length")

@@ -1,7 +1,7 @@
 """``mlp``: a multi-layer perceptron (the paper's OurNN), of any widths and activation.
 
-The network's output before the paper's sigmoid is ``f`` (of planes, two outputs make it: ``Head``); the
-threshold on it is set by a proof or a search, not at a probability of one half.
+``f`` is the network's output before the paper's sigmoid, or for planes made of two outputs (``Head``). A proof or a
+search sets the threshold, instead of a probability of one half.
 """
 
 from collections.abc import Iterable
@@ -55,7 +55,7 @@ def _widths(text: str) -> tuple[int, ...]:
 
 
 _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
-MOST_PARTS = 65_536  # parts of a domain that have one each (``bounders.mlp``)
+MOST_PARTS = 65_536  # parts of a domain, each with a threshold
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
@@ -65,7 +65,7 @@ PARTS = Option(
 STATISTICAL = Option(
     "statistical",
     False,
-    "take a threshold that samples attest, where a proof in many dimensions leaves nothing",
+    "take a threshold from samples, unproven, where in many dimensions a proven one denies nothing",
     truth("statistical"),
     bool,
     queries=("point",),
@@ -76,7 +76,7 @@ class Layered(tensor_cores.TensorCores):
     """What bounders with a network have in common: its layers as tensors, and as kernels read them."""
 
     def layer_shapes(self, inputs: int, outputs: int) -> dict[str, tuple[int, ...]]:
-        """Shapes of the layers' tensors, by the sizes, which are checked and kept."""
+        """Shapes of the layers' tensors by ``sizes``; sets ``hidden`` and ``activation``, checked."""
         self.hidden = check_hidden(self.sizes.get("hidden", ()))
         self.activation = activation_of(self.sizes.get("activation")).name
         shapes, sizes = {}, (inputs, *self.hidden, outputs)
@@ -133,7 +133,7 @@ class Mlp(Layered, Bounder):
         return {}
 
     def rebased(self, domain: Domain) -> "Mlp":
-        """The same network of points for another domain: its first layer takes the map between both, in float32.
+        """The same network of points for another domain: its first layer absorbs the map between both, in float32.
 
         It is not proven: its threshold is this one's, and it has no certificate. Raises ``BounderError`` for networks
         of regions.

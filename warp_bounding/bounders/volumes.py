@@ -1,4 +1,4 @@
-"""Slabs: intersections of pairs of parallel half-spaces. What ``aabb``, ``obb`` and ``kdop`` have in common.
+"""Intersections of slabs (pairs of parallel half-spaces), which ``aabb``, ``obb`` and ``kdop`` have in common.
 
 ``f(v)`` is the least distance to a slab's faces, ``min_k min(a_k . v - low_k, high_k - a_k . v)``; it is concave, so
 its minimum over a box is exact in closed form. The faces are the supports of the object's cells (Ericson, *Real-Time
@@ -59,7 +59,7 @@ class VolumeSource(Source):
 class VolumeBounder(Bounder):
     """A volume of points, which regions are tested against.
 
-    A subclass has the numbers of its volume (``shape``) and the tests that are made of them and a domain.
+    A subclass has the numbers of its volume (``shape``), and tests made from these and a domain.
     """
 
     of_volume = True
@@ -110,7 +110,7 @@ class VolumeBounder(Bounder):
         if hull is None:
             raise BounderError(f"{self.method}: {grid.name} has no known convex hull; give a resolution")
         least, count = volume.hull_least(ObjectSupport(grid, self.domain.base, hull))
-        if self.volume is None:  # nothing else is asked f; that decides where the volume is the domain
+        if self.volume is None:  # f is computed only within the limit, so its least there is a lower bound, too
             limit = self.domain.limit.astype(np.float64)[None]
             least = max(least, float(self.bound(-limit, limit).lower[0]))
         return least, count
@@ -369,14 +369,14 @@ class SlabRay(VolumeTest):
         flushed = 8 * (n + 1) * (1 + largest) * TINY
         rounding = 0.0 if slabs.diagonal else gamma(n + 2) * 3 * (size @ limit[:n]) + flushed
         room = (rounding + 2 * ROOM) * (1 + 1e-9)
-        # The next float32 besides: where low is so large that float64 loses ROOM, float32 numbers are farther apart
-        # than ROOM.
+        # And one float32 more: where low is so large that float64 loses ROOM, float32 numbers are farther apart than
+        # ROOM.
         low = np.nextafter(round_down(slabs.low - room), np.float32(-np.inf))
         high = np.nextafter(round_up(slabs.high + room), np.float32(np.inf))
         self.slabs, self.weights = slabs, slabs.numbers(low, high)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """See ``VolumeTest``; without any room."""
+        """See ``VolumeTest``; without the widening for rounding."""
         d, low, high, _ = self.slabs
         n = d.shape[1]
         y, s = v[:, :n] @ d.T, v[:, n:] @ d.T

@@ -1,13 +1,13 @@
 """Whether a shape or another bounder's claim is what a bounder claims, and whether a certificate can be true.
 
 Whatever proves, certifies, resumes from a checkpoint or composes bounders checks here (``mismatch``, ``differing``),
-so that no claim is taken for another one. A claim is about a kind of query, coordinates with or without a time, a side,
-a margin, the length of rays, cells, and times; its domain must hold the shape. What a file says of these is compared
-with the shape that is given. The digest of the object is compared between bounders only: where there is a shape, its
-geometry decides, and a different digest is reported.
+so that no claim is mistaken for another. A claim is about a kind of query, coordinates with or without a time, a side,
+a margin, the length of rays, cells, and times; its domain must hold the shape. These are compared with the given shape.
+Digests of objects are compared between bounders only: where there is a shape, its geometry decides, and a different
+digest is reported.
 
-A file's digest detects damage, and ``check_claims`` detects careless edits by someone who computed it anew. A false
-claim that adds up passes, and only ``certify`` finds it out.
+A file's digest detects damage, and ``check_claims`` detects careless edits after which the digest was computed anew. An
+invalid claim that contradicts nothing in the file passes; only ``certify`` finds it.
 """
 
 from typing import TYPE_CHECKING, Any
@@ -72,8 +72,8 @@ def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
     """Why a bounder's claim cannot be about a shape, in a few words; ``None`` if it can.
 
     Args:
-        bounder: Or a part of one. What ``info`` does not hold is not compared; a fit fills it in at last.
-        shape: As it is to be bounded: of the bounder's side, dilated, divided into cells (``as_fitted``).
+        bounder: Or a part of one. Fields that ``info`` lacks are not compared; a fit sets them at its end.
+        shape: What ``as_fitted`` makes of it: of the bounder's side, dilated, divided into cells.
 
     Returns:
         ``OUTSIDE`` if all but the domain agrees: then points of the shape out there may refute the claim.
@@ -107,9 +107,9 @@ def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
 
 
 def _other_times(bounder: "Bounder", shape: Shape) -> str | None:
-    """Times are denied only where the object is known, and a distance knows how fast that moves.
+    """A message if the bounder denies times at which the shape is unknown, or its distance assumes too low a speed.
 
-    Its domain's corners are these times: ``fault`` checks its ``limit`` against them.
+    The domain's corners are the times that it denies: ``fault`` checks ``limit`` against them.
     """
     base, known = bounder.domain.base, shape.known_times
     if base.lower[0] < known[0] or base.upper[0] > known[1]:
@@ -126,7 +126,7 @@ def _reaches_outside(bounder: "Bounder", shape: Shape) -> bool:
     if isinstance(shape, Grid):
         return len(outside(bounder, shape)) > 0
     domain = bounder.domain.base
-    if domain.unbounded:  # all that the domain's limit lets through is searched, and the rest is maybe
+    if domain.unbounded:  # proofs search all of the domain, and outside it the answer is maybe
         return False
     for side, axis in np.argwhere([shape.lower < domain.lower, shape.upper > domain.upper]):
         beyond = np.array([shape.lower, shape.upper])
@@ -201,7 +201,7 @@ LEAST_ERROR = 0.5  # of E as this version computes it: other versions may bound 
 
 
 def check_claims(bounder: "Bounder", certificate: Certificate, document: dict[str, Any]) -> None:
-    """Refuse a certificate that is about something else than the file, or whose threshold is not what it proves.
+    """Refuse a certificate that is about something else than the file, or does not prove its threshold.
 
     Args:
         bounder: As it was read.
@@ -210,7 +210,7 @@ def check_claims(bounder: "Bounder", certificate: Certificate, document: dict[st
             ``resolution``.
 
     Raises:
-        FileFormatError: If one is impossible; it is named.
+        FileFormatError: If a claim is impossible; the message names it.
     """
     threshold, kind, error = document["threshold"], certificate.kind, bounder.rounding_bound()
     if kind not in KINDS:

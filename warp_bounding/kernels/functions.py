@@ -1,7 +1,7 @@
 """The C text around a method's ``body``, and its batch kernels and functions, made once for each source.
 
-All CPU text may fuse products and sums (``contract``), which what is proven leaves room for; nothing else is up to the
-compiler.
+The compiler may fuse products and sums in all CPU text (``contract``), which the rounding bounds allow for, and may
+change nothing else.
 """
 
 from functools import cache
@@ -52,7 +52,7 @@ def _shuffles(columns: int, lanes: int) -> str:
 
 
 def _early(test: Early, values: bool) -> str:
-    """The C text of an early test; a denied query's answer is written already, unless its value is wanted."""
+    """The C text of an early test. Answers are *no* from the start, so a denial writes only where f is wanted."""
     grants = test.sure_bar is not None
     grant = answer = ""
     if grants:
@@ -112,7 +112,7 @@ class Data:
     empty ones.
 
     Attributes:
-        parameters: Whose they are, domain, threshold and the method's numbers (see ``Source``).
+        parameters: The label (``Source.label``), the domain, the threshold and the method's numbers.
         words: Bit field of ``voxels``; empty for other methods.
 
     Example:
@@ -136,9 +136,9 @@ def point_func(source: Source) -> wp.Function:
     module, and a name that is bound to another function by then brings that one into all kernels of the module;
     ``wp.static`` does so once, where the kernel is defined. Data of another source are answered with *maybe*.
 
-    What is proven is proven of the float32 numbers that the function gets, in IEEE arithmetic. It keeps to that in a
-    module of any options of Warp's, ``fast_math`` too (``TOOLS``); a CPU compiler that is told ``-ffast-math`` refuses
-    it (``native.STRICT``). Other flags that give up IEEE arithmetic are outside the claim.
+    The proof is about the float32 numbers that the function gets, in IEEE arithmetic. The function keeps to IEEE
+    arithmetic under all options of Warp modules, ``fast_math`` included (``TOOLS``); with the CPU compiler flag
+    ``-ffast-math`` it does not compile (``native.STRICT``). Other flags that break IEEE arithmetic void the proof.
     """
     name = named(unique_name(source, "test"))
     vector = vector_type(source.ndim)

@@ -2,7 +2,7 @@
 
 A method gives the C text that computes ``f`` from the coordinates ``v[0..n-1]`` (its ``body``), in terms of a type
 ``V``. ``kernels.functions`` puts around it what all methods share: reading queries, the test for NaN and infinity, the
-world-to- object map, the domain test and the comparison ``not (f < threshold)``.
+world-to-object map, the domain test and the comparison ``not (f < threshold)``.
 
 * CPU batch: ``V`` is a vector of queries, one per SIMD lane; a Warp thread works on a block of ``BLOCK`` queries.
   Costly bodies first gather the queries that lie inside the domain, so that no lane works on one that does not.
@@ -28,10 +28,10 @@ from warp_bounding.shapes.joints import NUMBERS
 text = native_text("batch.h")
 
 DENIED = -(2.0**127)  # f where an early test has said no
-GRANTED = -DENIED / 2  # f where an early test has said maybe; so that the difference of both is finite in float32
+GRANTED = -DENIED / 2  # f where an early test has said maybe; halved, so that GRANTED - DENIED is finite in float32
 ALIGN = 16  # floats: the numbers of a bounder, or of one of its members, begin at a multiple of this
 LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
-FINITE = 0xBFFFFFFF  # bits of a float32 that are neither an infinity nor NaN, which a copy might change
+FINITE = 0xBFFFFFFF  # a mask: float32 bits under it are never infinity or NaN, whose bits a copy might change
 TOOLS = text.TOOLS
 
 _ANSWERS = {True: ("INFINITY", "-INFINITY", "f"), False: ("1", "0", "!(f < threshold)")}  # maybe without f, no, by f
@@ -63,8 +63,8 @@ class Source:
     Equal sources share one compiled function. ``parameters`` begin with what identifies them (``label``), ``center[n]
     scale[n] limit[n] threshold`` and what ``locate`` needs in addition; the method's numbers follow from ``start`` on.
     ``ndim`` is the dimension n of the shape; where ``unbounded``, the answer outside the domain is *maybe*, as it is
-    outside a range of time. ``space`` is always the same, a part of the names and tags of functions, which stay what
-    they were; ``joints`` says that coordinates are values of joints.
+    outside a range of time. ``space`` is constant; it is kept because the names and tags of functions depend on it.
+    ``joints`` says that coordinates are values of joints.
     """
 
     ndim: int

@@ -1,18 +1,18 @@
 """Bounds of a network over boxes by one fused native kernel in float64, one box per SIMD lane: text and kernel.
 
 A parametrization turns a box of numbers into the network's inputs, an affine function of ``zeta`` in [-1,
-1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. Forwards,
-each neuron is a cubic or a line (``activations``) in the linear part of its argument, plus a quadratic form of zeta,
-plus noise. Backwards, these curves are weighed by the output's actual coefficients and added to one cubic polynomial of
-zeta, in which those of many neurons may cancel; only the bands around them count in absolute value. For two layers of H
-neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply-adds a box: entries of the forms, their
-middle and half-range, centre, noise and columns forwards, one coefficient backwards; and fewer than ``C^3 H`` of the
-polynomial. Sums may be taken in any order and fused: ``Network.padding`` and ``SQUARES_ROUNDING`` bound the float64
-rounding of all of them, and the relaxations add what the kernel's own sine errs by.
+1]^columns and noise. A thread takes a block of boxes through all layers and back without leaving its cache. In the
+forward pass each neuron is a cubic or a line (``activations``) in the linear part of its argument, plus a quadratic
+form of zeta, plus noise. The backward pass weighs these relaxations by the output's actual coefficients and adds them
+to one cubic polynomial of zeta, in which those of many neurons may cancel; only the bands around them count in absolute
+value. For two layers of H neurons and C columns the arithmetic is ``(C (C + 1) / 2 + C + 5) H^2`` multiply-adds a box:
+entries of the forms, their middle and half-range, centre, noise and columns forwards, one coefficient backwards; and
+fewer than ``C^3 H`` of the polynomial. Sums may be taken in any order and fused: ``Network.padding`` and
+``SQUARES_ROUNDING`` bound the float64 rounding of all of them. The relaxations include the error of the kernel's sine.
 
-The C text of bounds comes first, then that of the polynomial to which they lead; ``body`` puts them together for the
-shape of a network and its parametrization. K are the network's inputs, Z the numbers of a box, C the columns, the
-entries of zeta (``Parametrization``).
+The C texts are in ``native/bounds.h``; ``body`` puts them together for the shape of a network and its parametrization.
+K is the number of the network's inputs, Z that of a box's numbers, C that of the columns, the entries of zeta
+(``Parametrization``).
 """
 
 from dataclasses import dataclass
@@ -29,8 +29,6 @@ from warp_bounding.runtime.native import named, native_text, unique_name
 
 text = native_text("bounds.h")
 
-# What is known about a function over boxes: what every bounder's ``bound`` gives, and networks a little more.
-
 
 class BoxBounds(NamedTuple):
     """Bounds of ``f`` over N boxes of m numbers: a query's coordinates, or the numbers of a network's parametrization.
@@ -42,8 +40,8 @@ class BoxBounds(NamedTuple):
             positive.
         value: ``(N,)`` float64, ``f`` there; infinity where a box of a parametrization holds no positive.
         next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and the attributes below may be ``None``.
-        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It is one of this very
-            ``f``: whoever makes the bounds of another function of these makes them without what follows.
+        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It bounds this very ``f``:
+            bounds of another function that are derived from these must leave out ``slope`` and what follows.
         level: ``(N,)``, networks only: where the parametrization's numbers are the inputs themselves, ``f >= level +
             slope . (v - center)`` on the box.
         boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the parametrization cut off, which holds
@@ -60,7 +58,7 @@ class BoxBounds(NamedTuple):
     boxes: np.ndarray | None = None
 
     def part(self, rows: np.ndarray) -> "BoxBounds":
-        """The same of some of the boxes."""
+        """The bounds of some of the boxes."""
         return BoxBounds(*(each if each is None else each[rows] for each in self))
 
 
@@ -84,8 +82,9 @@ class BoxBounds(NamedTuple):
 #   index is ``entry(k, m)``;
 # * ``split``: what sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``.
 #
-# K, C and Z are constants: the inputs, the columns of generators and the numbers of z. ``absolute`` is a function of V.
-# ``numbers.data`` holds float64 parameters, ``table.data`` int32 ones. Rounding in float64 is part of ``noise``.
+# K, C and Z are constants: the numbers of inputs, of columns of generators, and of entries of z. ``absolute`` is a
+# function of V. ``numbers.data`` holds float64 parameters, ``table.data`` int32 ones. ``noise`` includes float64
+# rounding.
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,6 @@ def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False)
     They read the box ``V low[Z], high[Z]``, which the parametrization may shrink, the weights ``w``
     (``Network.packed``), the rounding ``padding`` of each layer and the parametrization's ``numbers`` and ``table``.
     They set, each of type ``V``:
-    ``V``:
 
     * ``least``, a certified lower bound of f on the box, and ``level``, the constant of the linear bound;
     * ``gradient[K]``, the slopes of the linear bound in the inputs;
@@ -272,7 +270,7 @@ if (NOISY) {{
     for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
     bulk += all;
 }}
-{f"{{ {text.STRAIGHTEN} }} {_lean(parametrization)}" * bends}
+{f"{{ {text.STRAIGHTEN} }} {_tilt_to_gradient(parametrization)}" * bends}
 {" ".join(f"slope[{k}] = {_product(parametrization, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(parametrization.columns))}
 {join(_constrain(parametrization, start, factors) for start, factors in parametrization.constraints())}
 {{ {text.CLOSE} }}
@@ -292,8 +290,8 @@ def _product(parametrization: Parametrization, column: int, of: str) -> str:
     return " + ".join(f"{of.format(i=i)} * gen[{entry}]" for entry, (i, k) in pairs if k == column)
 
 
-def _lean(parametrization: Parametrization) -> str:
-    """Where columns are inputs, each its own, C that moves the slopes ``tilt`` into ``gradient``."""
+def _tilt_to_gradient(parametrization: Parametrization) -> str:
+    """C that moves the slopes ``tilt`` into ``gradient``, if each column is one input; else nothing."""
     if parametrization.pairs != [(k, k) for k in range(parametrization.inputs)]:
         return ""
     share = "tilt[k] / (gen[k] > zero ? gen[k] : zero + 1.0)"
@@ -312,15 +310,12 @@ def _layer(shape: NetworkShape, index: int, at: int) -> str:
 
 
 def _bent(shape: NetworkShape, index: int) -> bool:
-    """Whether the arguments of a layer have parabolas in them."""
+    """Whether the arguments of a layer have quadratic forms."""
     return any(activation_of(name).bends for _, _, name in shape.layers[:index])
 
 
 def _forwards(shape: NetworkShape, index: int, at: int) -> str:
-    """One hidden layer's means, slopes, spreads and generators.
-
-    From those of the layer below or from the parametrization's.
-    """
+    """One hidden layer's means, slopes, bands and generators, from those of the layer below or the parametrization."""
     parametrization, (_, neurons, activation) = shape.parametrization, shape.layers[index]
     if index == 0:
         generators = " ".join(
@@ -406,7 +401,7 @@ def snippet(shape: NetworkShape) -> str:
 
 
 def stored(shape: NetworkShape, bounds: str, store: str) -> str:
-    """A kernel's body: C that loads boxes, does what ``bounds`` says for those of all lanes, and ``store`` for each."""
+    """A kernel's body: C that loads boxes into lanes, runs ``bounds`` for all lanes at once, and ``store`` for each."""
     names = "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;\n"
     names += constants(BOX=shape.parametrization.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
     cpu, cuda = lanes_text(shape, names)
@@ -532,10 +527,10 @@ def _corner_kernel(shape: NetworkShape) -> wp.Kernel:
 def bound_corners(
     shape: NetworkShape, weights: np.ndarray, padding: np.ndarray, lower: np.ndarray, upper: np.ndarray, device="cpu"
 ) -> np.ndarray:
-    """Numbers at the corners of boxes: f is at least what is multilinear between them, certified.
+    """Values at the corners of boxes, whose multilinear interpolation is a certified lower bound of f.
 
-    Boxes are as of ``bound_boxes``, of the plain parametrization. Returns ``(N, 2^n)`` float64; the corner at place i
-    is the upper one on axis k where bit k of i is set.
+    Boxes are as of ``bound_boxes``, of the plain parametrization. Returns ``(N, 2^n)`` float64; corner i is the upper
+    one on axis k if bit k of i is set.
     """
     count, size = lower.shape
     corner = wp.empty(count << size, dtype=wp.float64, device=device)

@@ -1,9 +1,9 @@
-"""A network's native code of inference, and its numbers in the order in which that reads them.
+"""A network's native code of inference, and its numbers in the order in which that code reads them.
 
 In the batch path and on CUDA each lane is a query (``V`` a vector of lanes, or a float), and each weight that is
 loaded serves all of them. The function for other kernels evaluates one query on a CPU: there the lanes are neurons,
-so that one query is fast by itself. Every text below is C as it stands; what it calls by capitals are constants of
-the layer, written in front of it.
+so that one query is fast by itself. Names in capitals in the C texts are constants of the layer, declared before the
+text.
 """
 
 from dataclasses import dataclass
@@ -26,9 +26,8 @@ ALIGN = 16  # floats of one AVX-512 vector, a line of cache: where rows of the c
 class MlpSource(Source):
     """Native code of a network, for its sizes.
 
-    Numbers: per layer the copy for queries in lanes (``_QUERIES_IN_LANES``:
-    blocks of J neurons, input by input) and the one for neurons in lanes (``_NEURONS_IN_LANES``: a row of all neurons
-    for each input), and for each output its bias and its weights.
+    Numbers: each layer twice, for queries in lanes (``QUERIES_IN_LANES``: blocks of J neurons, input by input) and for
+    neurons in lanes (``NEURONS_IN_LANES``: a row of all neurons for each input); then each output's bias and weights.
     """
 
     hidden: tuple[int, ...]
@@ -148,7 +147,7 @@ class MlpSource(Source):
         return "\n".join([*lines, self._finish()])
 
     def _finish(self, first: str = "f", second: str = "other") -> str:
-        """C statements that make of two outputs, under these names, the first."""
+        """C statements that combine two outputs, under these names, into the first (``Head.finish``)."""
         if not self.head.finish:
             return ""
         names = "" if first == "f" else f"V& f = {first}; V& other = {second};"

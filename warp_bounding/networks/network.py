@@ -2,16 +2,16 @@
 
 A hidden layer computes ``h' = act(W h + b)``, act one of ``activations``; the output is linear.
 
-Bounds enclose the activation of each neuron at ``z + x``, ``x = l + p + y``, where l is linear in the box's
-coordinates, p is the quadratic form that the parabolas of the layers below make together, and y is all the rest: by a
-line or a cubic in l, whose coefficients are the same above and below, and a band (``Activation.relaxation``). So
-layers compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective
+A neuron's argument on a box is ``z + x``, ``x = l + p + y``: z its value at the centre, l linear in the box's
+coordinates, p the quadratic form that the parabolas of the layers below add up to, and y the rest. The relaxation of
+its activation (``Activation.relaxation``) is a line or a cubic in l, the same for the lower and the upper bound, and an
+error band around it. So layers compose exactly but for the bands, as zonotopes do (Singh et al., *Fast and Effective
 Robustness Certification*, 2018), and Taylor models (Makino and Berz, *Taylor Models and Other Validated Functional
-Inclusion Methods*, 2003). Forwards, centres, linear parts and quadratic forms stay, in which those of many neurons
-cancel, and half-widths of the rest. Backwards, the output's actual coefficients are carried down (CROWN, Zhang et al.
-2018): the curves of all neurons are added to one cubic polynomial, in which they cancel again, and only bands are added
-in absolute value, so that on small boxes the bound is off by the third power of their width, times what of the cubes
-does not cancel. Any curve is sound; they decide only how tight the bound is.
+Inclusion Methods*, 2003). The forward pass keeps centres, linear parts, quadratic forms, in which terms of many neurons
+cancel, and half-widths of the rest. The backward pass carries the output's actual coefficients down (CROWN, Zhang et
+al. 2018): it adds the relaxations of all neurons to one cubic polynomial, in which they cancel again, and only the
+bands in absolute value. So on small boxes the bound is off by the third power of their width, times what does not
+cancel in the cubic terms. Any line or cubic is sound; the choice only decides how tight the bound is.
 """
 
 from contextvars import ContextVar
@@ -32,7 +32,7 @@ from warp_bounding.networks.bounds import (
 )
 from warp_bounding.rounding import LARGEST, TINY, UNIT64, gamma
 
-# What a network rounds: the error of any float32 evaluation, and that of bounds in float64, layer by layer.
+# Rounding of a network: the error of any float32 evaluation, and of bounds in float64, layer by layer.
 #
 # The error model is that of ``rounding``: a sum of K products in any order, fused or not. Activations have slopes
 # between -1 and 1, so an error of a layer's sums is passed on undiminished at worst, and each activation adds its own
@@ -41,7 +41,7 @@ from warp_bounding.rounding import LARGEST, TINY, UNIT64, gamma
 
 @dataclass(frozen=True)
 class Layer:
-    """``z = W h + b`` in float64, and what is applied to z.
+    """``z = W h + b`` in float64, and the activation that is applied to z.
 
     Attributes:
         weight: ``(H, K)``.
@@ -55,10 +55,10 @@ class Layer:
 
 
 class Rounding(NamedTuple):
-    """What a network rounds.
+    """Rounding of a network.
 
     Attributes:
-        padding: Per layer, the output last: a bound of what float64 rounds in anything that bounds compute there.
+        padding: Per layer, the output last: bounds the float64 rounding of everything that bounds compute there.
         error: E, a bound of the error of any float32 evaluation of the output.
         largest: Bound of the output's absolute value.
     """
@@ -69,7 +69,7 @@ class Rounding(NamedTuple):
 
 
 def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = None) -> Rounding:
-    """Walk through the layers once.
+    """The rounding of a network, in one walk through its layers.
 
     Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that float32 adds up, and
     ``rounding`` the distance of the computed z from the exact one. For bounds in float64, ``operations`` is more than
@@ -131,7 +131,7 @@ class Network:
         limit: ``(n,)``, largest ``|v|`` that is ever evaluated.
 
     Attributes:
-        padding: Bounds of what each layer's float64 arithmetic in ``bound`` rounds, the output's last.
+        padding: As in ``Rounding``.
         rounding: E, a bound of the error of any float32 evaluation.
         largest: Bound of ``|f|``.
         packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their
@@ -153,10 +153,7 @@ class Network:
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
 
     def kernel_shape(self, parametrization: Parametrization | None = None) -> NetworkShape:
-        """What kernels of bounds are compiled for.
-
-        Boxes are of the inputs themselves if there is no parametrization.
-        """
+        """What kernels of bounds are compiled for; without a parametrization, boxes are of the inputs themselves."""
         layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name) for x in self.hidden)
         return NetworkShape(len(self.limit), layers, parametrization or PlainParametrization(len(self.limit)))
 
@@ -172,17 +169,14 @@ class Network:
         return h
 
     def padding_for(self, limit: np.ndarray, terms: np.ndarray | None = None) -> np.ndarray:
-        """``padding`` of bounds over boxes with centres ``|v| <= limit``, ``(n,)``, of ``terms``; see ``measure``.
-
-        Raises as the class does.
-        """
+        """``padding`` for boxes with centres ``|v| <= limit``, ``(n,)``; ``terms`` and errors as of ``measure``."""
         return np.array(measure([*self.hidden, self.output], limit, terms).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
-        return self.bound_charted(PlainParametrization(len(self.limit)), lower, upper, self.limit)
+        return self.bound_parametrized(PlainParametrization(len(self.limit)), lower, upper, self.limit)
 
-    def bound_charted(
+    def bound_parametrized(
         self,
         parametrization: Parametrization,
         lower: np.ndarray,
@@ -201,17 +195,17 @@ class Network:
         return BOUNDS.get().boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """Multilinear bounds under f over boxes of its inputs, as ``bound_corners`` gives them."""
+        """Multilinear lower bounds of f over boxes of its inputs, as ``bound_corners`` gives them."""
         return BOUNDS.get().corners(self, PlainParametrization(len(self.limit)), lower, upper)
 
 
 class SearchBounds:
-    """How networks are bounded, but in ``certify`` (``proof.taylor``): by the kernels of ``networks.bounds``."""
+    """Bounds of networks by the kernels of ``networks.bounds``, everywhere but in ``certify`` (``proof.taylor``)."""
 
     def boxes(
         self, network, parametrization, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
     ) -> BoxBounds:
-        """See ``Network.bound_charted``."""
+        """See ``Network.bound_parametrized``."""
         padding = np.array(network.padding) if limit is network.limit else network.padding_for(limit, terms)
         return bound_boxes(
             network.kernel_shape(parametrization), network.packed, padding, lower, upper, numbers, table, device
@@ -228,9 +222,9 @@ BOUNDS: ContextVar = ContextVar("bounds", default=SearchBounds())  # noqa: B039 
 
 # How the outputs of a network become f, by kind of query.
 #
-# Points, rays and boxes have one output, and that is f. Planes ``m . y = c``: a connected object meets all planes of
-# normal m whose c lies between two supports of its hull, so the network has two outputs of m alone, ``H`` and ``G``,
-# and ``f = min(H(m) - c, G(m) + c)``: a learned support function.
+# For points, rays and boxes f is the only output. Planes ``m . y = c``: a connected object meets all planes of normal m
+# whose c lies between two supports of its hull. So the network has two outputs that depend on m alone, ``H`` and ``G``,
+# a learned support function, and ``f = min(H(m) - c, G(m) + c)``.
 
 
 class Head:
@@ -274,5 +268,5 @@ _VALUE, _HEADS = Head(), {"plane": _Supports()}
 
 
 def head_of(query: str) -> Head:
-    """What a network for a kind of query ends with."""
+    """The head of a network for a kind of query."""
     return _HEADS.get(query, _VALUE)

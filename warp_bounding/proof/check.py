@@ -323,7 +323,7 @@ class Everything:
     """Boxes that hold positives only; as ``ShapePositives``, which is for boxes that may hold none.
 
     Args:
-        f: A bounder, ``SupportGap`` or ``ChartedPositives``; the last one cuts its boxes before it bounds them.
+        f: A bounder, ``SupportGap`` or ``ParametrizedPositives``; the last one cuts its boxes before it bounds them.
     """
 
     def __init__(self, f):

@@ -14,7 +14,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.geometry import Hull, hull_of
 from warp_bounding.networks.bounds import BoxBounds, PlainParametrization
 from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization
-from warp_bounding.proof.search import ChartedPositives
+from warp_bounding.proof.search import ParametrizedPositives
 from warp_bounding.queries.region_domain import RegionDomain
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.shapes.grid import Grid, blocks_of, summed_area
@@ -26,10 +26,8 @@ from warp_bounding.shapes.shape import Shape
 class Cover:
     """The cover of a kind of query; found under the kind's name in ``covers.COVERS``."""
 
-    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives | None:
-        """The positives of a network as boxes of a parametrization, for a search depth first.
-
-        ``None`` where there is no parametrization.
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ParametrizedPositives | None:
+        """The positives of a network as boxes of a parametrization, for a depth-first search; ``None`` if it has none.
 
         The bounder's domain must hold the object.
 
@@ -39,34 +37,33 @@ class Cover:
         return None
 
     def best_first(self, bounder: Bounder, grid: Grid) -> tuple:
-        """What ``minimum`` searches without a parametrization.
-
-        An f with ``bound`` and ``reference``, and corners of boxes.
-        """
+        """What ``minimum`` searches without a parametrization: an f with ``bound`` and ``reference``, and corners."""
         return bounder, *bounder.cut(*positive_boxes(bounder, grid))[:2]
 
     # In how many boxes ``reach`` looks for the points of regions, fewest first; none where shapes need no cells.
     pieces: tuple[int, ...] = ()
 
     def reach(
-        self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
+        self, cover: ParametrizedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Where regions can meet the object: all of its points that are positives of boxes.
+        """Where the regions of boxes can meet the object.
 
         Args:
-            cover: What ``parametrized`` has made; its boxes may be cut further.
-            lower: ``(N, Z)`` float64 corners, numbers of the parametrization.
+            cover: What ``parametrized`` has made.
+            lower: ``(N, Z)`` float64 corners of boxes in the cover's, numbers of the parametrization.
             upper: ``(N, Z)`` float64.
-            pieces: In how many boxes.
+            pieces: How many boxes to return for each.
 
         Returns:
-            Corners ``(N, pieces, n)`` float64 of boxes in local space, some inverted, which hold nothing: every exact
-            positive of a box of z that no other box of the cover has meets the object in these.
+            Corners ``(N, pieces, n)`` float64 of boxes in local space; inverted ones hold nothing. Every exact positive
+            of a box of z that no other box of the cover has meets the object in one of these.
         """
         raise NotImplementedError
 
-    def anew(self, bounder: Mlp, grid: Grid, cover: ChartedPositives) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
-        """The charted positives for ``certify``, some at a time, in boxes that it need not share with the search.
+    def anew(
+        self, bounder: Mlp, grid: Grid, cover: ParametrizedPositives
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+        """The positives for ``certify``, some at a time, in boxes that may be others than those of the search.
 
         Yields:
             Lower and upper corners, and how many of the object's cells are done with these.
@@ -74,7 +71,7 @@ class Cover:
         yield cover.lower, cover.upper, len(grid.occupied)
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
-        """V of queries that pass points ``(N, n)`` of the object, both in local space (of points and boxes in any)."""
+        """``v`` of queries that pass points ``(N, n)`` of the object, in local space (for points and boxes in any)."""
         raise NotImplementedError(bounder.query_kind)
 
     def coordinates(self, bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray:
@@ -106,9 +103,9 @@ def positive_boxes(bounder: Bounder, grid: Grid) -> tuple[np.ndarray, np.ndarray
 class PointCover(Cover):
     """Points of an object: few large blocks of its cells."""
 
-    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives:
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ParametrizedPositives:
         boxes, limit = positive_boxes(bounder, grid), bounder.domain.limit.astype(np.float64)
-        return ChartedPositives(bounder.network, PlainParametrization(grid.ndim), *boxes, np.zeros(1), limit)
+        return ParametrizedPositives(bounder.network, PlainParametrization(grid.ndim), *boxes, np.zeros(1), limit)
 
     def at_points(self, p: np.ndarray, bounder: Bounder) -> np.ndarray:
         return p
@@ -185,14 +182,12 @@ def _directions(n: int, axis: int | None = None, sign: int = 1) -> tuple[np.ndar
 
 
 class RayCover(Cover):
-    """Rays that meet an object, as boxes of ``networks.parametrizations.RayParametrization``.
-
-    By where a ray first enters it.
+    """Rays that meet an object, by where they first enter it: boxes of ``parametrizations.RayParametrization``.
 
     z = (p, t, m), 2n + 1 numbers: a point p of the object that the ray ``a + t w`` passes, its parameter 0 <= t <= 1
-    there (w is the whole displacement, ``stretch`` times a unit vector), and a direction m of any length on the cube's
-    surface. Of m one entry has no width in each box. Besides, t has none where the ray begins in the object, and else
-    the entry of p across the exposed face.
+    there (w is the whole displacement, ``stretch`` times a unit vector), and the ray's direction m, scaled onto the
+    surface of the cube [-1, 1]^n. In each box one entry of m is fixed, and another number: t = 0 where the ray begins
+    in the object, else the entry of p across the exposed face.
 
     Let a ray meet the object. Either its origin lies in the object: these are the boxes with p anywhere in the object,
     t = 0 and every direction. Or it first enters at a point p, and exposed faces with inward directions cover it:
@@ -204,7 +199,7 @@ class RayCover(Cover):
        cell crosses a face that holds p, is exposed, and is crossed inwards by the ray.
     """
 
-    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives:
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ParametrizedPositives:
         n, domain = grid.ndim, bounder.domain
         local = domain.base.to_local
         first, last = blocks_of(grid.occupancy)
@@ -231,14 +226,14 @@ class RayCover(Cover):
         # ``stretch``; together under 2 n^2. In a they come with t <= 1, and with p.
         size, terms = limit + 2 * stretch, 2 * n * n * stretch
         size, terms = np.concatenate([size, stretch * (1 + 1e-3)]), np.concatenate([size + terms, limit + terms])
-        return ChartedPositives(
+        return ParametrizedPositives(
             bounder.network, RayParametrization(2 * n), lower, upper, np.concatenate(numbers), size, terms=terms
         )
 
     pieces = (1, 6, 24)
 
     def reach(
-        self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
+        self, cover: ParametrizedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
     ) -> tuple[np.ndarray, np.ndarray]:
         # Before p the ray is outside of all cells, or p is its origin: what counts is p + r w with 0 <= r <= 1 - t.
         n = cover.parametrization.inputs // 2
@@ -250,7 +245,9 @@ class RayCover(Cover):
         room = PRODUCTS * UNIT64 * (np.maximum(np.abs(begin), np.abs(end)) + np.abs(ways).max(axis=0))
         return begin + ways.min(axis=0) - room, end + ways.max(axis=0) + room
 
-    def anew(self, bounder: Mlp, grid: Grid, cover: ChartedPositives) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
+    def anew(
+        self, bounder: Mlp, grid: Grid, cover: ParametrizedPositives
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, int]]:
         sets = 1 + 2 * grid.ndim  # the cells of a part, and their faces on each side
         for index, (lower, upper) in enumerate(single_cells(bounder, grid)):
             yield lower, upper, min((index + 1) * CELLS // sets, len(grid.occupied))
@@ -277,16 +274,14 @@ MOST_CELLS = 2.0**30  # cells from the grid's origin to the domain's ends: the p
 
 
 class BoxCover(Cover):
-    """Boxes that meet an object, as boxes of the parametrization ``networks.parametrizations.BoxParametrization``.
-
-    All pairs of corners.
+    """Boxes that meet an object, as all pairs of corners: boxes of ``parametrizations.BoxParametrization``.
 
     A summed-area table says which of them meet the object. Devices cut boxes at ``|v| = limit``, which may lie outside
     the grid on one side (the domain's centre is a float32 number), or on all (the bounder was made for a larger grid).
     So corners run over all that is within the limit, in cells of this grid.
     """
 
-    def parametrized(self, bounder: Mlp, grid: Grid) -> ChartedPositives:
+    def parametrized(self, bounder: Mlp, grid: Grid) -> ParametrizedPositives:
         n, base = grid.ndim, bounder.domain.base
         origin = base.to_local(grid.position(np.zeros(n)))
         unit = base.to_local(grid.position(np.ones(n))) - origin
@@ -302,12 +297,12 @@ class BoxCover(Cover):
             wide = f"the domain is {most:.3g} cells of the shape wide, more than the proof counts"
             raise BounderError(f"{bounder.method}: {wide}")
         numbers, largest = np.concatenate([unit, origin, noise]), np.tile(limit + noise, 2)
-        return ChartedPositives(bounder.network, BoxParametrization(2 * n), lower, upper, numbers, largest, words)
+        return ParametrizedPositives(bounder.network, BoxParametrization(2 * n), lower, upper, numbers, largest, words)
 
     pieces = (1,)
 
     def reach(
-        self, cover: ChartedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
+        self, cover: ParametrizedPositives, lower: np.ndarray, upper: np.ndarray, pieces: int
     ) -> tuple[np.ndarray, np.ndarray]:
         # the largest box
         n = cover.parametrization.inputs // 2
@@ -322,7 +317,7 @@ class BoxCover(Cover):
 
 
 AT_A_TIME = 2048  # boxes that are compared with all corners at a time
-FIRST = 4  # boxes along each axis of a cube's face to begin with
+FIRST = 4  # boxes along each axis of a cube's face at the start
 
 
 class SupportGap:

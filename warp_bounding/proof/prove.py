@@ -23,10 +23,10 @@ from warp_bounding.proof.distances import largest_overestimate
 from warp_bounding.proof.search import (
     NARROWEST,
     CachedBounds,
-    ChartedPositives,
+    ParametrizedPositives,
     Search,
     ShapePositives,
-    charted_minimum,
+    parametrized_minimum,
     minimum,
 )
 from warp_bounding.proof.stress import Walk, statistical_test
@@ -40,13 +40,13 @@ from warp_bounding.shapes.shape import OUT, Shape
 # --- prove -----------------------------------------------------------------------------------------------------------
 
 
-ROOM = 1e-4  # of f: how far under the least value that a search has found an tested statistically threshold is set
-STARTS = 4096  # points of a shape's border that a search begins with, where it is given none
+ROOM = 1e-4  # of f: how far a statistical threshold lies under the least value that a search has found
+STARTS = 4096  # points of a shape's border from which a search starts, unless it is given points
 TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
-CENTERS = 64  # about how many cells' centres a search begins with, where it is given no points
+CENTERS = 64  # about how many centres of cells a search starts from, unless it is given points
 
 
-def parametrized(bounder: Bounder, grid: Grid) -> ChartedPositives | None:
+def parametrized(bounder: Bounder, grid: Grid) -> ParametrizedPositives | None:
     """The positives of a network as boxes of a parametrization (``Cover.parametrized``).
 
     ``None`` where the proof has no parametrization.
@@ -66,11 +66,12 @@ def least_value(
 ) -> Search:
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
-    That takes one pass over the cells, or branch and bound. Of a shape without cells the whole domain is searched, less
-    what the shape certifies to be empty (``search.ShapePositives``), for points; convex volumes, of points or of
-    regions that are tested against them, and planes need its convex hull alone, where that is known. Points, rays and
-    boxes of a network are searched depth first in the numbers of a parametrization (``parametrized``). Where there is
-    none the search is best first: planes over their normals (``covers``).
+    * Closed forms of cells: one pass over the cells.
+    * Convex volumes, and planes: the object's convex hull alone, where it is known.
+    * Points of a shape without cells: best first over the domain, less what the shape certifies to be empty
+      (``search.ShapePositives``). Its rays and boxes: ``least_region``.
+    * A network's points, rays and boxes over cells: depth first in the numbers of a parametrization (``parametrized``).
+    * The rest, best first: planes over their normals (``covers``).
     """
     started = working_seconds()
     limits = {"eps": eps, "budget": budget, "boxes": boxes, "progress": progress}
@@ -96,7 +97,7 @@ def least_value(
     if not len(known):
         centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
         known = kind.at_points(bounder.domain.base.to_local(centers), bounder)
-    return charted_minimum(found, upper=float(bounder.reference(known).min()), **limits)
+    return parametrized_minimum(found, upper=float(bounder.reference(known).min()), **limits)
 
 
 def prove(
@@ -124,8 +125,8 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain; if it consists of several networks whose regions are
-            proven one by one (``Bounder.parts``); or if no threshold separates anything (the minimum is not finite).
+        BounderError: If the bounder was made for another domain; if method or shape have no proof; if it consists of
+            several networks whose regions are proven one by one (``Bounder.parts``); or if the minimum is not finite.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
@@ -133,7 +134,7 @@ def prove(
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
     if not grid.certified:
         raise BounderError(
-            f"{bounder.method}: {grid.name} certifies no box to be empty, so there is no proof; see attest"
+            f"{bounder.method}: {grid.name} certifies no box to be empty, so there is no proof; see statistical_test"
         )
     if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
         raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
@@ -151,12 +152,12 @@ def prove_or_test(
     statistical: bool = False,
     **limits,
 ) -> Search | None:
-    """``prove``, with its limits.
+    """``prove``, with its limits; or, if the shape certifies nothing or ``statistical``, a threshold without a proof.
 
-    Where the shape certifies nothing, or no proof is wanted, a search lowers the threshold and samples attest it.
+    That is set under the least f that a search finds, and ``statistical_test`` certifies it.
 
     Returns:
-        What ``prove`` does, or ``None``.
+        What ``prove`` does, or ``None`` without a proof.
     """
     if grid.certified and not statistical:
         return prove(bounder, grid, points=points, **limits)
@@ -172,7 +173,7 @@ def prove_or_test(
 def prove_distance(
     bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, budget: float = float("inf")
 ) -> None:
-    """``prove`` of a distance: ``f = d - F`` on all of the domain; parts may have a slack of their own each.
+    """``prove`` of a distance: ``f = d - F`` on all of the domain; each part may have a slack of its own.
 
     Args:
         bounder: Changed in place (``freeze``).
@@ -203,8 +204,7 @@ def settle(bounder: Bounder, grid: Shape, search: Search) -> Certificate:
     """Set a bounder's threshold under what ``least_value`` has certified, and give it its certificate.
 
     Raises:
-        BounderError: If the minimum is not finite: no threshold separates anything; or if the bounder was made for
-            another object.
+        BounderError: If the minimum is not finite, or the bounder was made for another object.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
@@ -233,11 +233,11 @@ def settle(bounder: Bounder, grid: Shape, search: Search) -> Certificate:
 # --- regions of a shape without cells --------------------------------------------------------------------------------
 
 
-CELLS, MOST_CELLS = 2.0**21, 2.0**26  # about how many cells are laid in the box around a shape, and at most
+CELLS, MOST_CELLS = 2.0**21, 2.0**26  # cells in the box around a shape: usually about, and at most
 MOST_RESOLUTION = 1024
-# Regions of a shape: cells along the longest side, as shares of the usual number; the share of the limits that the
-# search of each may take; how many times as long as the one before it one of finer cells takes, and one of the shape
-# itself.
+# Regions of a shape: cells along the longest side of each search, as shares of the usual number; the share of the
+# limits that each search may take; how many times as long as the last one a search of finer cells takes, and one of the
+# shape itself.
 CELL_SHARES, FIRST_SHARE, FINER_TIMES, SHAPE_TIMES = (1.0, 2.0, 3.0), 0.7, 2.5, 8.0
 
 _CELLS: WeakKeyDictionary[Shape, dict[int, Grid]] = WeakKeyDictionary()
@@ -254,19 +254,16 @@ def coarse_cells(shape: Shape, share: float = 1.0) -> Grid:
 
 
 class ShapeRegions:
-    """P_delta of a shape for rays or boxes of a network, as boxes of parametrization numbers z.
+    """P_delta of a shape for rays or boxes of a network, as boxes of numbers z of a parametrization.
 
-    Coarse cells come first, and the shape itself where they fail.
-
-    Cells that hold the shape are laid over it, and the boxes of their cover hold all positives. Where the bound of f is
-    too low in a box, the shape decides whether the regions in it can meet it at all (``Cover.reach``), and the box is
-    dropped where it certifies that they cannot. So cells are refined, without being laid, where the network would fail
-    on them and only there.
+    Coarse cells hold the shape, and the boxes of their cover hold all positives. Where the bound of f is too low in a
+    box, the shape itself decides whether the box's regions can meet it (``Cover.reach``); the box is dropped if the
+    shape certifies that they cannot. So the shape is queried only where the network is too low on its coarse cells.
 
     Args:
         bounder: Its f is bounded.
         shape: The object.
-        cells: That hold it (``coarse_cells``).
+        cells: Coarse cells that hold it (``coarse_cells``).
         narrowest: See ``search.NARROWEST``.
     """
 
@@ -293,7 +290,7 @@ class ShapeRegions:
         return self.cover.bound(lower, upper)
 
     def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``ShapePositives``: the closed box holds no positive of the shape, except those in other boxes."""
+        """See ``ShapePositives``; certified: a closed box holds no positives but those that other boxes hold, too."""
         vacant = np.zeros(len(lower), dtype=bool)
         for pieces in self.kind.pieces:
             left = np.flatnonzero(~vacant)
@@ -337,10 +334,10 @@ def least_region(
     boxes: float,
     progress: Callable[[int, float, float], None] | None,
 ) -> Search:
-    """``least_value`` of rays or boxes of a shape without cells, which knows a positive with f of ``known``.
+    """``least_value`` of rays or boxes of a shape without cells; ``known`` is f at a positive.
 
     A bound over cells that hold the shape holds for the shape. Coarse cells come first, then finer ones as long as time
-    is expected to suffice, and at last the shape itself. ``needed`` of the result is about the first cells alone.
+    is expected to suffice, and last the shape itself. ``needed`` of the result is about the first cells alone.
     """
     started, cover_of, best = working_seconds(), COVERS[bounder.query_kind].parametrized, None
 
@@ -350,7 +347,7 @@ def least_region(
 
     for share in CELL_SHARES:
         before, cells = working_seconds(), coarse_cells(shape, share)
-        found = charted_minimum(cover_of(bounder, cells), eps=eps, progress=progress, **left(FIRST_SHARE))
+        found = parametrized_minimum(cover_of(bounder, cells), eps=eps, progress=progress, **left(FIRST_SHARE))
         best = found if best is None else _better(best, found)
         took = working_seconds() - before
         limit = left()
@@ -377,9 +374,9 @@ def _better(one: Search, other: Search) -> Search:
 # --- thresholds of parts: points -------------------------------------------------------------------------------------
 
 
-STEPS = 8  # sizes of steps that are tried, each half of the one before; the first one reaches the highest threshold
-TOLERATED = 0.1  # negatives, in the mean: what a part's gap may make a false positive
-FINEST = 2.0**-10  # of the thresholds: a largest step that is not worth less
+STEPS = 8  # steps between levels that are tried, each half of the one before; the first reaches the highest threshold
+TOLERATED = 0.1  # negatives on average that a part's gap may turn into false positives
+FINEST = 2.0**-10  # relative to the thresholds, the least size of the first step
 
 
 def prove_local(
@@ -408,7 +405,7 @@ def prove_local(
         progress: As of ``prove``.
 
     Raises:
-        BounderError: If the thresholds are beyond what levels can express.
+        BounderError: If levels cannot express the thresholds.
     """
     values, place = member.reference(negatives), lattice.place(negatives)
     found = np.full(lattice.count, np.inf)
@@ -436,7 +433,7 @@ def prove_local(
 
 
 class Lost:
-    """The cost of a bound below the least f in a part: how many negatives pass that need not.
+    """The cost of a bound below the least f in a part: how many more negatives are *maybe* for it.
 
     Args:
         values: f of negatives ``(N,)``.
@@ -475,11 +472,10 @@ def at_least(
         place: Their parts.
 
     Raises:
-        BounderError: If the thresholds are beyond what levels can express.
+        BounderError: If levels cannot express the thresholds.
     """
     bounder, some = _finest(member, lattice, least, values, place), np.isfinite(least)
-    # Where nothing is denied, f is ``CERTAIN``; it may be so wherever there are positives, as after a training of no
-    # time.
+    # Where nothing is denied, f is ``CERTAIN``; without training that may be every part that has positives.
     return bounder, float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
 
 

@@ -4,29 +4,28 @@ Every box gets a certified lower bound of f (``Bounder.bound``) and a few concre
 enough is closed, the others are halved. What is returned is sound whenever the search ends: the least bound over all
 closed *and* open boxes.
 
-*Best first* (``minimum``), on the host: a box is closed where its bound is not more than ``eps`` under the least value
-found. Boxes wait in chunks, and the chunk whose boxes matter most comes first, those with the largest gap where nothing
-else is said, so that a search that is stopped early has raised its bound as far as it could. When many wait, those are
-closed as they are that will not matter by the end, as far as that can be told, and when too many do, the half that
-matters least: memory stays bounded, and the search goes on where it counts, but it can no longer end with the gap that
-was requested.
+*Best first* (``minimum``), on the host: a box is closed if its bound is at most ``eps`` under the least value found.
+Boxes wait in chunks. The chunk of the highest price comes first, by default that of the largest gap, so that a search
+that is stopped early has raised its bound as far as it could. When many boxes wait, the search closes those that are
+not expected to matter by the end; when too many wait, the half that matters least. Their bounds count as they are. So
+memory stays bounded and the search goes on where it counts, but it can no longer reach the requested gap.
 
 *A shape without cells* (``ShapePositives``): the search begins with the whole domain. Where the bound of f is too low
-in a box, the shape is asked whether the box is vacant: whether no v in it can come from a point of the object, with
-everything that the pipeline rounds. Vacant boxes are dropped, the others halved. So the shape is asked only where the
-bounder says *no*, or nearly so, and most of the domain is never refined. A shape that knows half-spaces of its part in
-a box (``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``bound_in_half_spaces``).
-A box that has become ``NARROWEST`` on every axis counts as object.
+in a box, the shape decides whether the box is vacant: whether no v in it can come from a point of the object, rounding
+included. Vacant boxes are dropped, the others halved. So the shape is queried only where the bounder says *no*, or
+nearly so, and most of the domain is never refined. A shape that knows half-spaces of its part in a box
+(``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``bound_in_half_spaces``). A box
+that is at most ``NARROWEST`` wide on every axis counts as object.
 
-*Depth first* (``charted_minimum``), in a kernel, over boxes of a parametrization's numbers: it proves ``f >= target``,
-or the highest target that time allows. A box is closed when its bound reaches the target (``CLOSE_ALL``, minus
-infinity, is reached by any), or because it is too narrow to be halved; it is never opened again. The target is proven
+*Depth first* (``parametrized_minimum``), in a kernel, over boxes of a parametrization's numbers: it proves ``f >=
+target``, or the highest target that time allows. A box is closed when its bound reaches the target (any bound reaches
+``CLOSE_ALL``, minus infinity), or when it is too narrow to be halved; it is never opened again. The target is proven
 when no box waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the target
 alone, not on the order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all
-in order, and needs no memory. The initial boxes come in random order, so that the share of them that is done tells
-early what the rest will take. A search for the minimum goes for the best target; where that is expected to take too
-long, it goes on with a lower one. No target above the least bound of a closed box can be proven any more, so it is
-lowered to that bound too (``Pace.reach``), which is what is proven in the end.
+in order, and needs no memory. The initial boxes come in random order, so the share of them that is done tells early how
+long the rest will take. A search for the minimum begins with the best target, and goes on with a lower one if that is
+expected to take too long. No target above the least bound of a closed box can be proven any more, so the target falls
+to that bound, too (``Pace.reach``); that is what is proven in the end.
 """
 
 import re
@@ -63,9 +62,9 @@ from warp_bounding.shapes.shape import HalfSpaces, Shape
 
 CHUNK = 32768  # boxes that are bounded at a time
 MANY, TOO_MANY = 5_000_000, 15_000_000  # boxes that wait (a million takes about 0.1 GB in 4D)
-AGAIN = 1.2  # times as many as after the last time: when boxes are looked through again
-# The gap falls with the boxes bounded, to this power, about; those that wait and cost less than a share of what that
-# leaves are closed.
+AGAIN = 1.2  # waiting boxes are pruned again when there are this many times as many as after the last pruning
+# The gap falls about as this power of the number of bounded boxes; pruning closes boxes whose price is below this share
+# of the highest price, scaled by that fall.
 FALLS, SHARE = 0.6, 0.5
 QUARTER = 1.7  # a box whose bound is too loose by more than this factor is quartered at once
 NEAR = 16.0  # gaps above the least value found: positives of a shape under it are kept as samples
@@ -118,8 +117,8 @@ def minimum(
 ) -> Search:
     """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
 
-    Boxes may be distinguished by groups, each with a minimum of its own: one is not searched for less than itself, and
-    a search that runs out of time is loose in the groups only that are not done.
+    Boxes may belong to groups, each with a minimum of its own. No group is refined below its own minimum, and a search
+    that runs out of time is loose only in unfinished groups.
 
     Args:
         bounder: The bounder of ``f``.
@@ -136,8 +135,8 @@ def minimum(
         groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
         group_of: The groups of ``points``; needed where there are groups.
         group_count: How many groups there are, those without a box among them.
-        price: What it costs that a group's minimum is known to be no less than a bound: called with bounds ``(K,)`` and
-            their groups, it grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
+        price: The cost of a bound as the proven minimum of its group: called with bounds ``(K,)`` and their groups, it
+            grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
 
     Returns:
         The result; sound also where it is not complete.
@@ -153,7 +152,7 @@ def minimum(
     eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
 
     def targets() -> np.ndarray:
-        """Which groups f are decided: near the least value found, or no less than what has been closed."""
+        """Each group's f at which a box is closed: near the least value found, or no less than one closed already."""
         return np.minimum(best - eps, closed)
 
     def prices(bound: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -174,7 +173,7 @@ def minimum(
         bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
         points, values, of_points, axis = bounds.point, bounds.value, group, bounds.axis.copy()
         if positives is not None:
-            small = positives.too_small(low, high)  # before anything is cut off: the bounds are of whole boxes
+            small = positives.too_small(low, high)  # of whole boxes, as the bounds are: ``held`` may cut parts off
             queried = np.flatnonzero(bound < targets()[group])
             goal = targets()[group[queried]]
             held = positives.held(low[queried], high[queried], bounds.part(queried), goal)
@@ -232,7 +231,7 @@ def minimum(
                 gave_up = True
         if progress:
             progress(done, sum(len(chunk.bound) for chunk in waiting), float(best.min() - least().min()))
-    # No more than the least value found, which may be that of a point that nothing is decided of.
+    # At most the least value found: its point may lie in no box that was closed.
     found, spent = np.minimum(least(), best), working_seconds() - started
     complete = not waiting and not gave_up
     return Search(float(found.min()), float(best.min()), low_points, done, spent, complete, by_group=found)
@@ -326,7 +325,7 @@ def bound_in_half_spaces(
         upper: ``(N, n)`` float64.
         bounds: Of f over these boxes, with ``level`` and ``slope``.
         known: Half-spaces, object space, over the boxes' ``Domain.origins``.
-        target: ``(N,)``, f that is of no interest any more.
+        target: ``(N,)``, f at which a box is closed.
     """
     center, radius, scale = (lower + upper) / 2, (upper - lower) / 2 * GROWTH, domain.scale.astype(np.float64)
     at, rate = domain.to_local(known.center), known.slope / scale
@@ -376,22 +375,22 @@ def _cut(low: np.ndarray, high: np.ndarray, rest: np.ndarray, line: np.ndarray) 
 # --- positives of a shape without cells ------------------------------------------------------------------------------
 
 
-NARROWEST = 2.0**-14  # local units, in which the domain is about [-1, 1]^n: sides of boxes that are not halved any more
-# A box whose longest side is so many times that which the bound of f would halve is halved along its longest side:
-# f alone would leave flat boxes, which shapes that know a distance only can never certify.
+NARROWEST = 2.0**-14  # local units, in which the domain is about [-1, 1]^n: boxes with no longer side are not halved
+# A box whose longest side is more than this many times the side that the bound of f would halve is halved along its
+# longest side: else boxes get flat, and a shape that only knows a distance can never certify flat boxes.
 LONGEST_TO_SPLIT = 8.0
 
 
 class ShapePositives:
-    """Boxes that hold P_delta of a shape of points, and what the shape certifies to be absent there.
+    """Boxes that hold P_delta of a shape for points, and what the shape certifies of them.
 
-    ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` is the same of regions, in other numbers of which v
-    follows.
+    ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` does the same for regions, whose boxes are of
+    parametrization numbers instead of v.
 
     Args:
-        bounder: Its f is bounded; it is tested as a point of the object's space.
+        bounder: Its f is bounded; v is a point of the object's space.
         shape: The object.
-        narrowest: See ``NARROWEST``; ``certify`` takes less, so that no box decides there that the fit has halved.
+        narrowest: See ``NARROWEST``; ``certify`` takes less, and so decides on smaller boxes than the fit did.
     """
 
     def __init__(self, bounder: Bounder, shape: Shape, narrowest: float = NARROWEST):
@@ -399,12 +398,12 @@ class ShapePositives:
         self.domain = bounder.domain
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(N, n)`` corners of boxes, one or ``cut``, that hold all that a positive can give and f must decide."""
+        """``(N, n)`` corners of boxes that hold every v of a positive that the domain test passes: the domain, cut."""
         limit = self.domain.limit.astype(np.float64)[None]
         return self.bounder.cut(-limit, limit)[:2]
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        """F at ``(N, n)``; see ``Bounder.reference``."""
+        """``f`` at ``(N, n)``; see ``Bounder.reference``."""
         return self.bounder.reference(v)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
@@ -417,13 +416,13 @@ class ShapePositives:
         return self.shape.empty(*self.domain.origins(lower, upper))
 
     def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
-        """What is known of f over what in boxes comes from positives.
+        """What is known of f over those v of boxes that come from positives.
 
         Args:
             lower: ``(N, n)`` float64 corners.
             upper: ``(N, n)`` float64.
             bounds: What ``bound`` says of these boxes.
-            target: ``(N,)``, f that is of no interest any more.
+            target: ``(N,)``, f at which a box is closed.
         """
         known = None if bounds.slope is None else self.shape.half_spaces(*self.domain.origins(lower, upper))
         if known is None:
@@ -437,12 +436,12 @@ class ShapePositives:
         return ((upper - lower) <= self.narrowest).all(axis=1)
 
     def holds(self, v: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: whether these are certainly positives: the exact v of a point of the object lies here."""
+        """``(N,)`` bool: which of these v are positives: the exact v of points of the object."""
         return self.shape.contains(self.domain.to_object(v))
 
 
 def _unless_flat(side: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """The axes along which boxes of these sides are to be halved, ``(N,)``; of a flat box that of its longest side."""
+    """The axes ``(N,)`` along which to halve boxes of these sides: as given, but of flat boxes the longest side."""
     longest, row = side.argmax(axis=1), np.arange(len(side))
     return np.where(side[row, longest] > LONGEST_TO_SPLIT * side[row, axis], longest, axis)
 
@@ -451,8 +450,8 @@ def _unless_flat(side: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 STACK = 1024  # boxes that a block can hold; a stack grows by one box for each lane and level, of about 60 levels
-RARELY = 4  # f is tried once in so many steps: it takes a quarter of the time of a bound, and seldom tells anything new
-# in the parametrization's numbers: a box no wider than this is closed, since halving would not raise its bound
+RARELY = 4  # f is evaluated in one of so many steps: it takes a quarter of the time of a bound, and seldom finds less
+# in the parametrization's numbers: a box narrower than this is closed, since halving would not raise its bound
 SMALLEST = 1e-8
 KEPT = 8  # low points that a block returns
 
@@ -581,7 +580,7 @@ OVERTIME, WIDER = 0.01, 3.0  # past END, a gap is widened by the factor WIDER af
 
 
 class Pace:
-    """The gap between the least value known and the target of a search, as time goes on.
+    """The gap between the least value known and the target of a search, widened as time runs short.
 
     Args:
         gap: The first gap, which is the best one that is requested.
@@ -631,7 +630,7 @@ class Pace:
         self._from = here
 
     def reach(self, gap: float) -> None:
-        """Aim no nearer than a gap that the search cannot come under any more."""
+        """Widen the gap to at least one that the search cannot come under any more."""
         self.gap = max(self.gap, gap)
 
     def widen(self) -> None:
@@ -654,7 +653,7 @@ STATE = 3  # arrays of the blocks' state: stacks, heights, and how many boxes of
 
 
 @dataclass(frozen=True)
-class ChartedPositives:
+class ParametrizedPositives:
     """An object's positives as boxes of a parametrization's numbers z, and the network whose f is bounded there."""
 
     network: Network  # of f
@@ -669,7 +668,7 @@ class ChartedPositives:
     def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
         """Certified bounds over boxes of z."""
         more = self.limit, self.terms, self.numbers, self.table, device
-        return self.network.bound_charted(self.parametrization, lower, upper, *more)
+        return self.network.bound_parametrized(self.parametrization, lower, upper, *more)
 
     @property
     def padding(self) -> np.ndarray:
@@ -694,7 +693,7 @@ class Descent:
         values: ``(K,)``, f there.
     """
 
-    def __init__(self, cover: ChartedPositives, device: str):
+    def __init__(self, cover: ParametrizedPositives, device: str):
         dev = wp.get_device(device)
         self._kernel, self._device = depth_first_kernel(cover.network.kernel_shape(cover.parametrization)), dev
         blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.parametrization.size
@@ -732,7 +731,7 @@ class Descent:
         return not self.waiting and self.least >= self._target
 
     def step(self, target: float, boxes: float = float("inf")) -> float:
-        """Let each block go on, for some 50 ms in all, and close the boxes that reach a target.
+        """Let each block search on, for some 50 ms in all, and close the boxes that reach a target.
 
         Args:
             target: Value of f, or ``CLOSE_ALL``.
@@ -761,7 +760,7 @@ class Descent:
 
 
 def prove_target(
-    cover: ChartedPositives, target: float, *, boxes: float = float("inf"), device: str = "cpu"
+    cover: ParametrizedPositives, target: float, *, boxes: float = float("inf"), device: str = "cpu"
 ) -> Descent:
     """Try to prove ``f >= target`` for all positives; ends early where a positive lies under the target.
 
@@ -780,11 +779,10 @@ def prove_target(
 
 
 def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve: np.ndarray) -> int:
-    """Give empty blocks boxes of the reserve's end, or else the bottom half of the fullest stack, its largest boxes.
+    """Give empty blocks boxes from the reserve's end, or else the bottom half of the fullest stack, its largest boxes.
 
-    So many boxes as ``initial`` says, at the bottom of each stack ``(STACK, 2, Z)``, are initial ones, which nobody has
-    halved yet. Returns how many boxes were taken from the reserve ``(N, 2, Z)``, the initial boxes that no block has
-    taken.
+    The lowest ``initial`` boxes of each stack ``(STACK, 2, Z)`` are initial ones, not halved yet. The reserve
+    ``(N, 2, Z)`` has the initial boxes that no block has taken. Returns how many boxes were taken from it.
     """
     taken, empty = 0, np.flatnonzero(heights == 0)
     for place, block in enumerate(empty):
@@ -807,8 +805,8 @@ def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve:
     return taken
 
 
-def charted_minimum(
-    cover: ChartedPositives,
+def parametrized_minimum(
+    cover: ParametrizedPositives,
     *,
     eps: float,
     upper: float = float("inf"),
@@ -817,7 +815,7 @@ def charted_minimum(
     progress: Callable[[int, float, float], None] | None = None,
     device: str = "cpu",
 ) -> Search:
-    """Certified minimum of f over charted positives.
+    """Certified minimum of f over parametrized positives.
 
     Args:
         cover: The positives.
@@ -864,7 +862,7 @@ def charted_minimum(
     return Search(proven, best, cover.coordinates(numbers), done(), spent, best - proven <= eps, needed, numbers)
 
 
-def divided(cover: ChartedPositives, count: float, device: str) -> ChartedPositives:
+def divided(cover: ParametrizedPositives, count: float, device: str) -> ParametrizedPositives:
     """The same positives in at least ``count`` boxes, where halving makes so many; without halves that hold none."""
     lower, upper = cover.lower, cover.upper
     for _ in range(2 * MOST_INITIAL.bit_length()):  # halves without positives do not count

@@ -1,7 +1,7 @@
 """A kind of query as one object: numbers, sampler, exact truth, hard positives, and the map to a bounder's v.
 
-A kind is written in a file of its own and put into ``queries.QUERIES`` under its name; everybody else finds it there,
-and higher floors keep what they know of it under the same name. Nobody compares the name itself.
+Each kind has a file of its own and an entry in ``queries.QUERIES`` under its name. Higher floors have tables by the
+same name for what they know of it. No code compares the name itself.
 
 *Local space* is object space mapped by ``x -> (x - center) * scale``; the domain is about [-1, 1]^n there. A query
 becomes numbers ``v`` of that space: coordinates of points, displacements, normals. The C text that computes them is
@@ -27,10 +27,9 @@ from warp_bounding.rounding import UNIT32, gamma, round_up
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import IN, OUT, Shape
 
-FAR = 8.0  # of |a|_1, a region's point in local space: one from farther away that may meet the domain is *maybe*
-FARTHEST_SUM = 2.0**60  # of |a|_1: beyond it a region is *maybe* in any case, as sums with it could overflow
-# A direction whose largest |entry| is outside of these is *maybe*, so that products with it neither overflow nor
-# vanish.
+FAR = 8.0  # largest |a|_1 of a region's point a in local space; beyond, a region that may meet the domain is *maybe*
+FARTHEST_SUM = 2.0**60  # beyond this |a|_1 any region is *maybe*, as sums with it could overflow
+# A direction whose largest |entry| is outside of these is *maybe*: products with it could overflow or vanish.
 DIRECTION_SMALLEST, DIRECTION_LARGEST = 2.0**-90, 2.0**90
 PARALLEL = 2.0**-80  # local units: a ray whose w is at most this on an axis counts as parallel to that axis' faces
 GUARD = 16 * UNIT32  # relative room in the test against the domain: over three times its rounding
@@ -176,7 +175,7 @@ class Query(ABC):
         return np.where(self.valid(q), getattr(shape, self.decider)(*self.halves(q, length)), OUT).astype(np.uint8)
 
     def halves(self, q: np.ndarray, length: float) -> list[np.ndarray]:
-        """What the shape's ``decider`` is asked about."""
+        """The arguments of the shape's ``decider``."""
         return np.split(q, 2, axis=1)
 
     @abstractmethod
@@ -252,7 +251,7 @@ class Query(ABC):
     def placed_rounding(self, domain, world: WorldMap, input_unit: float) -> np.ndarray:
         """``(n,)``, local units: how far a moved query may pass a point of the exact one; infinite without a bound.
 
-        Before they were moved, numbers were rounded by ``input_unit``, relatively. See ``domain``.
+        ``input_unit`` is the relative rounding error of the query's numbers before the move. See ``domain``.
         """
 
 

@@ -10,8 +10,8 @@ of this map needs (a 4096th of a cell), so that the rounding of a placement, giv
 ``|v| <= limit`` is the widened domain. Nothing outside it can be in the object, and no bounder is queried there. On
 the axis of time, where the answer outside is *maybe*, the limit lies inside the range instead, by twice the rounding.
 Where the object is unbounded (``Complement``) the answer outside is *maybe* on every axis, and proofs run over
-all of ``|v| <= limit``. Of joints a query is *maybe* beyond their limits, and turned back into one turn before it is
-mapped (``joints``).
+all of ``|v| <= limit``. Values of joints are *maybe* beyond their limits; angles are reduced to one turn before the map
+(``joints``).
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ from warp_bounding.shapes.joints import Joints
 from warp_bounding.shapes.shape import Shape
 
 DELTA_SHARE = 1.0 / 4096.0  # of a detail (of a grid, a cell): the input error allowed for where rounding needs less
-# Times what the map rounds: room for a placement, which joints that are turned back do not have.
+# Delta is at least this many times the map's rounding: with room for a placement, or of periodic joints without it.
 PLACED, TURNED = 4.0, 1.0 + 2.0**-4
 DELTA_LARGEST_SHARE = 1.0 / 16.0  # of a detail: a shape that needs more is refused
 EXTENTS = (2.0**-60, 2.0**60)  # object units, of a domain: products with its scale then stay far from float32's ends
@@ -247,7 +247,7 @@ def rounding_of_map(extent: np.ndarray) -> np.ndarray:
 
 
 def input_rounding(center, scale, extent, lower, upper, joints: Joints | None = None) -> np.ndarray:
-    """Largest error of ``v`` of a float64 point of the domain: its rounding, that of turning it back, and the map's."""
+    """Largest error of ``v`` of a float64 point in the domain: from rounding it, reducing angles, and the map."""
     reach = np.maximum(np.abs(lower), np.abs(upper))
     reach = reach if joints is None else np.maximum(reach, joints.reach)
     flushed = 2 * TINY * scale.astype(np.float64) + TINY  # the input or the difference set to zero; the product

@@ -1,8 +1,8 @@
 """From a region (a query that is a set of points) to the coordinates ``v`` that a bounder computes with.
 
-What v is, is said in the file of its kind. A region counts by its part inside
-the domain, in time too; one that lies wholly outside the range of time is answered with *maybe*. So is one that is
-given from farther away than ``FAR`` (``queries.base``) and may meet the domain.
+The file of each kind of query says what v is. Only the part of a region inside the domain counts, in time too; a region
+wholly outside the range of time is *maybe*. So is one that is given from farther away than ``FAR`` (``queries.base``)
+and may meet the domain.
 
 ``base`` is the domain of points, with a ``delta`` that covers what the map of regions rounds: *for every point x of
 the object in an exact region, the region that the pipeline computes with passes x within* ``base.delta`` *on every
@@ -24,7 +24,7 @@ from warp_bounding.rounding import round_down
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 
-SPACE = "geometric"  # what files say of a region: it is tested against what bounds the object
+SPACE = "geometric"  # a constant field of files: queries are tested against what bounds the object
 PLACED = 2.0**-12  # local units: what delta allows for the rounding of a placement, beyond the map's own
 # Local units, a ray's displacement on each axis: the least is far above ``PARALLEL``; a ray as long as the largest
 # rounds by more than delta may be, unless a cell is half of the domain or more.
@@ -67,8 +67,8 @@ class RegionDomain:
             raise BounderError(
                 f"{grid.name}: {query} queries of configurations are not bounded, points are; see clear_segments"
             )
-        # To the base time is an axis like the others: a region counts by its part inside the domain, and what it is to
-        # the range of time its own test decides (``extra``).
+        # The base takes time as an axis like the others; the region's own test compares it with the range of time
+        # (``extra``).
         still = replace(grid, time=False) if isinstance(grid, Grid) else grid
         base, kind = Domain.of(still), QUERIES[query]
         length = float(length) if kind.has_length else None
@@ -77,13 +77,12 @@ class RegionDomain:
         most_delta = DELTA_LARGEST_SHARE * cell
         widest_base = replace(base, limit=(base.limit + most_delta).astype(np.float32))
         needed = kind.rounding(widest_base, length)
-        # Only what the length is to blame for is refused here; ``Domain.of`` refuses the rest, in its own words.
+        # Refuses only what is due to the length; ``Domain.of`` refuses the rest, with its own message.
         if length and (needed > most_delta).any() and (kind.rounding(widest_base, 0.0) <= most_delta).all():
             raise BounderError(
                 f"{grid.name}: a ray of length {length:g} is so long that float32 cannot tell cells apart at its end"
             )
-        # What the map needs, as ``fault`` checks it again; and also room for a placement, unless that would cost too
-        # much.
+        # What the map needs (``fault`` checks it again), and room for a placement unless that would cost too much.
         with_placement = np.minimum(needed + PLACED, PLACED_SHARE * cell)
         least_delta = np.maximum(needed * POSITIONS_ROUNDING * GROWTH, with_placement)
         domain = cls(query, Domain.of(still, least_delta=least_delta), grid.time, length)

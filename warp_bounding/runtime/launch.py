@@ -1,9 +1,9 @@
-"""Launching batch kernels. Warp runs a launch on one core of a CPU, so here its blocks are shared by several threads.
+"""Launching batch kernels. Warp runs a launch on one core of a CPU; here several threads share its blocks.
 
-Only launches whose outputs are disjoint and that use no tiles are threaded; modules are loaded on the calling thread,
-where launches are recorded. The threads sleep between launches. Whoever is awake takes the next share, so a launch
-never waits for a thread that has not woken: the caller then does everything itself. What a kernel's block took the last
-time shows whether waking threads pays. (A ``ThreadPoolExecutor`` in their place makes batches of 0.3 ms a tenth
+Only launches whose outputs are disjoint and that use no tiles are threaded; the calling thread loads modules and
+records launches. The threads sleep between launches. Any thread that is awake takes the next share, so a launch never
+waits for a thread to wake: the caller then does everything itself. The time that a kernel's block took in the last
+launch decides whether waking threads pays. (A ``ThreadPoolExecutor`` in their place makes batches of 0.3 ms a tenth
 slower.)
 
 A *block* is what one item of a CPU launch (one ``wp.tid()``) handles; *threads* are those of the operating system.
@@ -53,7 +53,7 @@ class OutOfTimeError(Exception):
 
 
 class _Own(local):
-    """What each thread has for itself: another one's compiling would turn its clock back."""
+    """Numbers of each thread: another thread's compiling must not turn its clock back."""
 
     compiling = 0.0  # seconds that it has spent on compiling
     end = math.inf  # of its work, by its own clock
@@ -87,8 +87,8 @@ def working_seconds() -> float:
 def limited(seconds: float) -> Iterator[None]:
     """Work of this thread that may take so many ``working_seconds``, for proofs that have no limit of their own.
 
-    It ends, with ``OutOfTimeError``, at its first look at that clock, or its first launch of a kernel for one use,
-    after this time. A limit within another one ends no later than that.
+    After this time its next look at that clock, or its next ``launch_once``, raises ``OutOfTimeError``. A limit within
+    another one ends no later than the outer one.
     """
     before = _own.end
     _own.end = min(before, working_seconds() + seconds)
@@ -102,7 +102,7 @@ BLOCK = 512  # queries of a block of a batch kernel; on CUDA one
 SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves
 WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
 
-TOLD_AFTER = 1.0  # seconds of compiling after which it is reported
+REPORT_AFTER = 1.0  # seconds of compiling after which it is reported
 _reported: list[str] = []  # the module that was reported
 
 _pace: dict[wp.Kernel, float] = {}  # seconds that a block of a kernel took the last time, on one thread
@@ -136,7 +136,7 @@ class _Job:
         while self._open:
             try:
                 share = self._open.pop()
-            except IndexError:  # somebody else was faster
+            except IndexError:  # another thread was faster
                 return
             try:
                 share()
@@ -157,7 +157,7 @@ class _Job:
             self._news.get()
 
 
-_jobs: SimpleQueue[_Job] = SimpleQueue()  # one entry for each thread that shall help
+_jobs: SimpleQueue[_Job] = SimpleQueue()  # one entry for each thread that is to help
 _threads: list[Thread] = []  # they sleep until there is a job
 
 
@@ -167,12 +167,12 @@ def _serve(jobs: SimpleQueue) -> None:
 
 
 def run_shares(shares: Sequence[Callable[[], None]]) -> None:
-    """Do all shares, on as many threads, which sleep in between, and return when they have ended.
+    """Do all shares, one a thread, and return when none is running any more, even after an interrupt.
 
-    That holds whatever interrupts: shares write to memory that the caller may give up afterwards. A signal's handler
-    may raise between any two steps, when a share has been taken and not begun, or news taken and not looked at. So
-    nothing is counted on that the interrupted thread has done: it looks anew who is at work. What a share or a handler
-    has raised is raised at the end; some shares may then not have been done.
+    That matters because shares write to memory that the caller may free afterwards. A signal's handler may raise
+    between any two steps: when a share has been taken but not begun, or an entry of the queue taken but not used. So
+    the interrupted thread relies on nothing that it did before, and looks anew which helpers are at work. What a share
+    or a handler has raised is raised at the end; some shares may then not have been done.
     """
     job = _Job(shares)
     try:
@@ -182,7 +182,7 @@ def run_shares(shares: Sequence[Callable[[], None]]) -> None:
             _threads.append(thread)
         for _ in shares[1:]:
             _jobs.put(job)
-    except BaseException as error:  # without those who could not be called
+    except BaseException as error:  # go on without the threads that could not be started
         job.error = error
     over = False
     while not over:
@@ -210,7 +210,7 @@ _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
 def ready(kernel: wp.Kernel, device: wp.Device) -> None:
     """Compile and load a kernel's module, once; reports on standard error what takes more than a second."""
     if (kernel, device.alias) not in _ready:
-        slow = Timer(TOLD_AFTER, _tell, [kernel.module.name])
+        slow = Timer(REPORT_AFTER, _report, [kernel.module.name])
         slow.daemon = True
         slow.start()
         started = time.perf_counter()
@@ -222,8 +222,8 @@ def ready(kernel: wp.Kernel, device: wp.Device) -> None:
         _ready.add((kernel, device.alias))
 
 
-def _tell(module: str) -> None:
-    """Say what is being compiled, once; not where something has taken the place of standard error, as in a notebook."""
+def _report(module: str) -> None:
+    """Report what is being compiled, once; not if standard error is replaced, as in a notebook."""
     err = sys.stderr
     if err is None or _reported or not (err is sys.__stderr__ or err.isatty()):
         return
@@ -282,8 +282,8 @@ class BlockLaunch:
     def launch_once(self) -> None:
         """Run a launch that is needed once.
 
-        One thread launches directly: to record it first would take half as long again as the launch alone. For several
-        threads it is recorded, since only this one may ask Warp.
+        One thread launches directly: recording first would add half of the launch's time. Several threads need a
+        recording, since only the calling thread may call Warp.
         """
         working_seconds()
         if self._most == 1:
@@ -292,11 +292,11 @@ class BlockLaunch:
             self.launch()
 
     def launch_whole(self) -> None:
-        """Run the launch on one thread, by one call of Warp's, so that a graph that is being captured holds it."""
+        """Run the launch on one thread by one call of Warp, so that a CUDA graph can capture it."""
         if self._blocks:
-            self._query_warp(0, self._blocks)
+            self._warp_launch(0, self._blocks)
 
-    def _query_warp(self, begin: int, end: int, **options) -> "wp.Launch | None":
+    def _warp_launch(self, begin: int, end: int, **options) -> "wp.Launch | None":
         ready(self._kernel, self._device)
         inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
         return wp.launch(
@@ -305,7 +305,7 @@ class BlockLaunch:
 
     def _record(self, threads: int) -> list[Callable[[], None]]:
         edges = [self._blocks * t // threads for t in range(threads + 1)]
-        shares = [self._query_warp(*ends, record_cmd=True).launch for ends in pairwise(edges)]
+        shares = [self._warp_launch(*ends, record_cmd=True).launch for ends in pairwise(edges)]
         if self._most > 1:
             kernel, first, blocks = self._kernel, shares[0], edges[1]
 

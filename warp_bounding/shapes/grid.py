@@ -91,12 +91,12 @@ class Grid(Shape):
         resolution: The ``resolution`` that a mesh was voxelised with; ``None`` where the grid was given as one.
         note: A restriction that a user should know, such as that an open mesh is bounded by its surface only.
         remark: What else a user may want to know.
-        shape_digest: Of the geometry whose cells these are; ``None`` where the grid was given as one, and is not
-            dilated.
+        shape_digest: ``geometry`` of the shape that was divided into these cells, or of the grid that was dilated;
+            else ``None``.
         joints: Those of that shape.
 
     Raises:
-        ShapeError: If all cells are empty, or all are occupied, or the map is none.
+        ShapeError: If all cells are empty, or all are occupied, or scale or offset are impossible.
 
     Example:
         >>> wb.shapes.Grid(ball)
@@ -171,12 +171,12 @@ class Grid(Shape):
 
     @property
     def lower(self) -> np.ndarray:
-        """``(n,)`` float64, the domain's lower corner in object space: where the first cells begin."""
+        """``(n,)`` float64, the grid's lower corner in object space: where the first cells begin."""
         return self.position(np.full(self.ndim, -0.5))
 
     @property
     def upper(self) -> np.ndarray:
-        """``(n,)`` float64, the domain's upper corner in object space: where the last cells end."""
+        """``(n,)`` float64, the grid's upper corner in object space: where the last cells end."""
         return self.position(np.array(self.shape) - 0.5)
 
     @property
@@ -235,7 +235,7 @@ class Grid(Shape):
         """The truth for points, in plain NumPy: is a closed occupied cell around them?
 
         Args:
-            x: ``(N, n)``, object space. Points outside the domain, and NaN, are in no cell.
+            x: ``(N, n)``, object space. Points outside the grid, and NaN, are in no cell.
 
         Returns:
             ``(N,)`` bool.
@@ -282,15 +282,15 @@ class Grid(Shape):
         return self.distances(x)[:, 0]
 
     def distances(self, x: np.ndarray) -> np.ndarray:
-        """See ``Shape``: of the cells.
+        """See ``Shape``: distances to the occupied cells.
 
-        Where coordinate 0 is time, in space at the point's time: infinite if no cell is there then.
+        Where coordinate 0 is time, distances are in space, at the point's time: infinite if no cell is occupied then.
         """
         found = self._distances(x)
         if self.time:
             found[(x[:, 0] < self.lower[0]) | (x[:, 0] > self.upper[0])] = 0.0, np.inf
         with np.errstate(over="ignore", invalid="ignore"):
-            exact = (np.asarray(x).astype(np.float32) == x).all(axis=1)  # as ``contains`` is
+            exact = (np.asarray(x).astype(np.float32) == x).all(axis=1)  # float32 points, of which ``contains`` is sure
         found[:, 1] = np.where(exact & self.contains(x), 0.0, found[:, 1])
         return found
 
@@ -333,7 +333,7 @@ class Grid(Shape):
 
     @cached_property
     def geometry(self) -> str:
-        """SHA-256 of cells and map; the name and the way it was made do not enter."""
+        """SHA-256 of the cells, scale and offset; the name and the way it was made do not enter."""
         sha = hashlib.sha256(b"warp-bounding grid 1")
         sha.update(np.array(self.shape, dtype="<i8").tobytes())
         sha.update(np.packbits(self.occupancy).tobytes())
@@ -402,7 +402,7 @@ class Grid(Shape):
 def grid_over(
     shape: Shape, occupancy: np.ndarray, scale: np.ndarray, offset: np.ndarray, margin: float, resolution: int
 ) -> Grid:
-    """The grid of cells that were laid over a shape, dilated by a margin: named, and remembered, as that is."""
+    """The grid of a dilated shape's cells, with the shape's name, notes, joints and digest."""
     return Grid(
         occupancy,
         cells_per_unit=scale,

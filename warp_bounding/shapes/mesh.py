@@ -1,10 +1,10 @@
 """The shape of a triangle mesh: its surface, and its inside where the surface is closed (``surfaces``).
 
-The object is every point within the margin of a face, and what a flood from outside does not reach through the faces
-of closed parts; air that it encloses counts as inside, or with ``hollow="empty"`` what faces go around 0 times counts
-as outside. The triangles themselves answer about points and boxes (``triangles/``), in float64 with error bounds;
-``to_grid`` makes cells that hold the object, conservatively too (``triangles/cells.py``). The mesh that counts is the
-one with these float32 vertices: what a file held in float64 is rounded once, when it is read.
+The object is every point within the margin of a face, and every point that a flood from outside does not reach through
+the faces of closed parts. So enclosed air counts as inside; with ``hollow="empty"`` points of winding number 0 count as
+outside. The triangles themselves answer about points and boxes (``triangles/``), in float64 with error bounds;
+``to_grid`` makes cells that hold the object, also conservatively (``triangles/cells.py``). All claims are about the
+mesh with these float32 vertices: float64 vertices of a file are rounded once, when it is read.
 """
 
 import copy
@@ -34,15 +34,15 @@ from warp_bounding.shapes.surfaces import Surface, surface_of, turns_of
 if TYPE_CHECKING:
     from warp_bounding.shapes.triangles.solid import DilatedSolid, Solid
 
-CELL_BYTES = 8  # bytes a cell, while cells are made: a number of its region (4) and a few truth values
-LANDMARK = 0.9  # of the margin: landmarks that are nearer to a face lie in the object
+CELL_BYTES = 8  # bytes a cell, while cells are made: the number of its region (4) and a few truth values
+LANDMARK = 0.9  # of the margin: landmarks nearer to a face than this are not on the border, and dropped
 
 
 class Faces(Shape):
-    """What meshes at rest and moving share: faces whose closed parts have an inside, a margin, and kernels.
+    """The base of static and moving meshes: faces with a margin, whose closed parts have an inside.
 
-    A subclass has ``bounds``, of the faces alone; ``surface``; ``_solid``, which knows of no margin; and
-    ``_dilated_solid``.
+    A subclass has ``bounds``, of the faces without the margin; ``surface``; ``_solid``, without the margin; and
+    ``_dilated_solid``, with it.
     """
 
     @property
@@ -51,11 +51,11 @@ class Faces(Shape):
 
     @property
     def watertight(self) -> bool:
-        """Whether the surface is closed: equal vertices and equal faces count once, and no face has an edge alone.
+        """Whether the surface is closed: no edge belongs to one face only. Equal vertices and equal faces count once.
 
         A mesh that trimesh calls watertight is closed, unless its faces close only with their own doubles and hold
         nothing. So are solids that touch in an edge or share a wall, and closed surfaces with faces that are doubled or
-        have no area (``surfaces``). Vertices of a motion are equal that are so at all keyframes.
+        have no area (``surfaces``). Vertices of a motion are equal if they are equal at all keyframes.
         """
         return self.surface.watertight
 
@@ -69,7 +69,7 @@ class Faces(Shape):
 
     @cached_property
     def _used(self) -> np.ndarray:
-        """Numbers of the vertices that faces have, ascending."""
+        """Indices of the vertices that faces use, ascending."""
         return np.unique(self.faces)
 
     def _corner(self, side: int) -> np.ndarray:
@@ -80,9 +80,9 @@ class Faces(Shape):
     def decide(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` uint8 for points ``(N, n)``: ``OUT`` or ``IN`` for certain, else ``UNDECIDED``.
 
-        Undecided are points that lie on the object's border but for rounding, and those of which no proof was found
-        that they are outside: in gaps that are much narrower than a cell of ``triangles/cells.py``. Out of a motion's
-        time a point is ``OUT``.
+        A point is undecided if rounding may move it across the object's border, or if no proof was found that it is
+        outside: in gaps much narrower than a cell of ``triangles/cells.py``. Outside a motion's time a point is
+        ``OUT``.
         """
         return self._dilated_solid.decide(x)
 
@@ -106,7 +106,7 @@ class Faces(Shape):
         least: float,
         enough: np.ndarray | float = np.inf,
     ) -> np.ndarray:
-        """See ``Shape``; boxes of a motion lie between two ``knots``."""
+        """See ``Shape``; a box of a motion must lie between two neighbouring ``knots``."""
         return self._dilated_solid.overestimate(lower, upper, values, least, enough)
 
     def dilated(self, margin: float):
@@ -125,7 +125,7 @@ class Faces(Shape):
         return made
 
     def _margin_of_cells(self, margin: float) -> float:
-        """The margin of cells that are laid over the object: its own, if it has one."""
+        """The margin for the object's cells: its own if it has one, else the given one, checked."""
         margin = checked_margin(margin)
         if self.margin:
             self._new_margin(margin or self.margin)
@@ -159,8 +159,8 @@ class Mesh(Faces):
         hollow: ``"filled"``: air that closed parts enclose is inside; ``"empty"``: it is outside.
 
     Raises:
-        ShapeError: For what is no mesh, vertices that are not finite, faces without area only, an impossible
-            margin, or faces that are not turned alike where hollows are empty.
+        ShapeError: For what is no mesh, vertices that are not finite, faces of which none has an area, an impossible
+            margin, or with ``hollow="empty"`` faces that are not consistently oriented.
 
     Example:
         >>> faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
@@ -238,7 +238,7 @@ class Mesh(Faces):
 
     @cached_property
     def remark(self) -> str:
-        """How many hollows there are, and what they count as. A closed surface in one piece is not searched for any."""
+        """How many hollows there are, and what they count as; a closed surface in one piece is not searched."""
         if not self.surface.closed.any() or self._turns[1]:
             return ""
         if self._turns[0]:

@@ -6,7 +6,7 @@ bounder would deny until the shape certifies each of them empty; it needs no gri
 is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only tested by
 samples.
 
-Whatever a shape cannot decide it counts as object; ``decide`` tells these cases apart, so that they can be counted.
+A point that a shape cannot decide counts as object; ``decide`` reports such points as ``UNDECIDED``.
 """
 
 import hashlib
@@ -26,10 +26,8 @@ from warp_bounding.shapes.joints import Joints
 
 # --- Limits of requests -----------------------------------------------------------------------------------------------
 #
-# Limits: resolutions, margins, cells that float32 can divide an object into, and steps that this
-# machine can hold.
-#
-# An error before a step is begun is better than a process that is killed in it.
+# Limits: resolutions, margins, cells that float32 can divide an object into, and memory. An error before a step is
+# better than a process that is killed in it.
 
 MAX_CELLS = 2**31 - 1  # cells of a grid: their indices are 32-bit integers
 MAX_OFFSET = 2**22  # cells: what ``Grid`` allows for an offset
@@ -38,7 +36,7 @@ DEFAULT_RESOLUTION, MAX_RESOLUTION = 64, 1024  # cells along the longest axis of
 
 
 def check_memory(needed: float, what: str, advice: str) -> None:
-    """Raise ``ShapeError`` where about ``needed`` bytes for ``what`` are more than all of the memory."""
+    """Raise ``ShapeError`` if ``what`` needs more bytes (about ``needed``) than this machine has memory."""
     there = _memory()
     if there is not None and needed > there:
         raise ShapeError(
@@ -79,14 +77,14 @@ def checked_margin(margin: float) -> float:
 
 
 def cells_per_unit(extent: float, resolution: int, name: str) -> float:
-    """Cubic cells along an extent, rounded to few significant bits: they are never smaller than requested.
+    """Cubic cells per unit of length, for ``resolution`` of them along an extent, or fewer: rounded down to few bits.
 
-    Raises ``ShapeError`` if float32 cells cannot divide it.
+    Raises ``ShapeError`` if float32 cells cannot divide the extent.
     """
     mantissa, exponent = math.frexp(resolution / extent)
     scale = math.ldexp(math.floor(math.ldexp(mantissa, SCALE_BITS)), exponent - SCALE_BITS)
     limits = np.finfo(np.float32)
-    if not float(limits.tiny) <= scale <= float(limits.max):  # of float32, NumPy would make scale one
+    if not float(limits.tiny) <= scale <= float(limits.max):  # float(): else NumPy would round scale to float32
         raise ShapeError(f"{name}: expected an object that float32 cells can divide, got extent {extent:g}")
     return scale
 
@@ -94,7 +92,8 @@ def cells_per_unit(extent: float, resolution: int, name: str) -> float:
 def cells_around(lower: np.ndarray, upper: np.ndarray, reach: float, name: str) -> tuple[np.ndarray, np.ndarray]:
     """First and last cell of a grid around an object: all cells that it may meet, and one more on every side.
 
-    Corners ``(3,)`` and the reach, by which it is dilated, are in cells. Raises ``ShapeError`` too far from the origin.
+    Corners ``(3,)`` and ``reach``, the dilation, are in cells. Raises ``ShapeError`` for an object too far from the
+    origin.
     """
     from warp_bounding.shapes.triangles.cells import SLACK
 
@@ -143,15 +142,15 @@ def checked_corners(lower, upper, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 # --- What is known of the part of a shape in a box --------------------------------------------------------------------
 #
-# What a shape may know of its part in a box beyond whether there is any: a half-space that holds it.
+# A shape may know more of its part in a box than whether there is one: a half-space that holds that part.
 #
-# Where f falls towards the object and the object ends before f has fallen far, a box may meet both: neither the bound
-# of f nor ``Shape.empty`` closes it. The least f over the part of the box in the half-space is what counts, and two
-# linear bounds tell it together.
+# A box may hold both points of the object and, outside it, points where f is low. Then neither the bound of f nor
+# ``Shape.empty`` closes the box. But only the least f over the box's part in the half-space counts, and the linear
+# bound of f and the half-space together bound that.
 
 
 class HalfSpaces(NamedTuple):
-    """Of N closed boxes in n dimensions: certified half-spaces that hold the object's points in them.
+    """Certified half-spaces, one for each of N closed boxes in n dimensions, that hold the object's points in the box.
 
     Attributes:
         empty: ``(N,)`` bool, certified as in ``Shape.empty``; the half-spaces of empty boxes mean nothing.
@@ -159,7 +158,7 @@ class HalfSpaces(NamedTuple):
         level: ``(N,)`` float64.
         slope: ``(N, n)`` float64: a point x of the object in the box has ``level + slope . (x - center) >= 0``.
         axis: ``(N,)`` int, the axis along which halving the box helps the half-space most.
-        loss: ``(N,)`` float64, about by how much the linear function exceeds the one that it bounds.
+        loss: ``(N,)`` float64, about how far the linear function exceeds the function that it bounds.
     """
 
     empty: np.ndarray
@@ -171,7 +170,7 @@ class HalfSpaces(NamedTuple):
 
     @classmethod
     def blank(cls, lower: np.ndarray, upper: np.ndarray) -> "HalfSpaces":
-        """Of boxes between ``(N, n)`` float64 corners: nothing is known, and each half-space holds everything."""
+        """Half-spaces that hold everything, for boxes between ``(N, n)`` float64 corners of which nothing is known."""
         count, n = lower.shape
         center = lower * 0.5 + upper * 0.5
         return cls(
@@ -201,9 +200,9 @@ class HalfSpaces(NamedTuple):
 
 # --- Shapes -----------------------------------------------------------------------------------------------------------
 
-HOLLOW = ("filled", "empty")  # what air may count as that an object encloses: inside, outside
+HOLLOW = ("filled", "empty")  # enclosed air counts as inside, or as outside
 OUT, IN, UNDECIDED = 0, 1, 2  # answers of ``decide``
-BALL = 1 + 2.0**-40  # outweighs what float64 rounds in a length and a difference
+BALL = 1 + 2.0**-40  # a factor that covers the float64 rounding of a length and a difference
 PADDING = 0.1  # of the longest side: by how much random queries reach beyond the box that holds the object
 DETAILS = 64  # along the longest side: float32 must distinguish points that are a DETAILS-th of it from each other
 
@@ -217,18 +216,15 @@ class Shape(Picklable, ABC):
     """A closed set in n dimensions, the object; all coordinates are in object space, all lengths in object units.
 
     Attributes:
-        name: For people and messages; of a file its name, never the folder that it lies in.
-        note: A restriction that a user should know; may be empty. ``restriction`` has it, and what the shape itself
-            knows.
-        remark: What a user may want to know and what restricts nothing, such as what counts as unknown in a map; may be
-            empty.
+        name: For messages; a file's name without its folder.
+        note: A restriction that a user should know; may be empty. ``restriction`` adds those of the geometry.
+        remark: Something else that a user may want to know, such as what counts as unknown in a map; may be empty.
         time: Coordinate 0 is time; a query outside its range has no certain answer.
         margin: How far the object was dilated (Euclidean, in space); queries are about the dilated object.
-        resolution: Of cells that were laid over a shape; ``None`` where the shape itself is queried.
+        resolution: Cells along the longest axis, if a shape was divided into cells; else ``None``.
         certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
-        unbounded: The object is all that lies beyond the box, too (``complement``); a query there is *maybe* in it.
-        joints: Where the coordinates are values of joints, their limits, beyond which nothing is known, and their
-            periods.
+        unbounded: The object includes everything outside the box (``complement``): queries there are *maybe*.
+        joints: If the coordinates are values of joints: their limits, beyond which nothing is known, and periods.
     """
 
     name: str = "shape"
@@ -241,8 +237,7 @@ class Shape(Picklable, ABC):
     unbounded: ClassVar[bool] = False
     joints: Joints | None = None
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
-    # Truth of regions, where a shape can decide it: called as described in ``Mesh``, they answer as
-    # ``decide``.
+    # The truth of regions, if a shape can decide it: arguments as in ``Mesh``, answers as of ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_planes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
@@ -311,7 +306,7 @@ class Shape(Picklable, ABC):
 
     @property
     def knots(self) -> np.ndarray:
-        """``(K,)`` float64, times at which its motion may bend; of a shape at rest none."""
+        """``(K,)`` float64, times at which the velocity of its points may jump; none for a shape at rest."""
         return np.empty(0)
 
     @property
@@ -333,7 +328,7 @@ class Shape(Picklable, ABC):
 
     @property
     def details_per_unit(self) -> np.ndarray:
-        """``(n,)`` float64, per object unit, of what float32 must tell apart anywhere in the object (grid cells)."""
+        """``(n,)`` float64, details per object unit: float32 must distinguish points a detail (a grid cell) apart."""
         size = np.full(self.ndim, self.extent.max())
         if self.time:
             size[0] = self.upper[0] - self.lower[0]
@@ -341,10 +336,7 @@ class Shape(Picklable, ABC):
 
     @property
     def waves(self) -> np.ndarray | None:
-        """``(K, n)`` float64, per object unit: the sines and cosines of ``waves @ x`` decide whether x lies in it.
-
-        As far as that is known.
-        """
+        """``(K, n)`` float64: sines and cosines of ``waves @ x`` determine whether x is in it; ``None`` if unknown."""
         return None
 
     @property
@@ -424,18 +416,17 @@ class Shape(Picklable, ABC):
         least: float,
         enough: np.ndarray | float = np.inf,
     ) -> np.ndarray | None:
-        """How much functions may exceed the distance to the object in boxes.
+        """Upper bounds of how far functions exceed the distance to the object over boxes.
 
-        Here by the distance at the centres, which grows no faster than the way.
+        By default they follow from the distance at the boxes' centres, which is 1-Lipschitz.
 
         Args:
             lower: ``(N, n)`` float64, lower corners.
             upper: ``(N, n)`` float64, upper corners.
-            values: ``(N, 2^n)`` float64, of a function at each box's corners, the one at place i the upper one on axis
-                k where bit k of i is set. In between, the function is at most what is multilinear between the corners.
-            least: Excesses below it need not be distinguished.
-            enough: Of each box, or of all: no more need be known of an overestimate than that it is above this, which
-                takes less time.
+            values: ``(N, 2^n)`` float64, of a function at each box's corners; corner i is the upper one on axis k if
+                bit k of i is set. On the box the function is at most the multilinear interpolation of these.
+            least: Smaller results may be raised to this.
+            enough: For each box, or for all: a result above this need not be tight, which saves time.
 
         Returns:
             ``(N,)`` float64, certified: the function is nowhere in the box above the distance by more. ``None`` where
@@ -459,11 +450,11 @@ class Shape(Picklable, ABC):
         return None
 
     def points(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Random points ``(count, n)`` of the object, up to rounding, however thin; ``(0, n)`` where it names none."""
+        """Random points ``(count, n)`` of the object, up to rounding; ``(0, n)`` if the shape cannot draw any."""
         return np.empty((0, self.ndim))
 
     def check(self) -> None:
-        """Raise ``ShapeError`` with a point that contradicts what somebody has said of the shape."""
+        """Raise ``ShapeError`` with a point that contradicts what the caller claimed of the shape."""
 
     def check_contents(self) -> None:
         """Raise ``ShapeError`` where a search finds no point in the object, or none outside."""
@@ -483,8 +474,7 @@ class Shape(Picklable, ABC):
         """A ``Grid`` of closed cells that hold every point within ``margin`` of the shape.
 
         Args:
-            resolution: Cells along the longest side of the dilated object, 2 to 1024; a default of the shape's own for
-                ``None``.
+            resolution: Cells along the longest side of the dilated object, 2 to 1024; the shape's default if ``None``.
             margin: Object units, at least 0.
 
         Raises:
@@ -502,7 +492,7 @@ class Shape(Picklable, ABC):
 
 
 class Derived(Shape):
-    """A shape that is made of another one, ``whole``: what it does not say of itself is as there."""
+    """A shape made of another one, ``whole``, from which it takes what it does not define itself."""
 
     def __init__(self, whole: Shape):
         self.whole = whole

@@ -91,12 +91,11 @@ def surface_of(vertices: np.ndarray, faces: np.ndarray) -> Surface:
 
 
 def turns_of(vertices: np.ndarray, faces: np.ndarray) -> tuple[int, bool]:
-    """How the faces ``(F, 3)`` of closed parts are turned; vertices ``(V, 3)`` at equal places are one.
+    """Whether the faces ``(F, 3)`` of closed parts are consistently oriented; equal vertices ``(V, 3)`` count as one.
 
     Returns:
-        Edges that faces do not run through as often one way as the other: 0 where faces are turned alike. And
-            whether the faces are one piece that meets two by two at its edges, so that there is one inside, but where
-            it passes through itself.
+        The number of edges that faces do not run through equally often both ways, 0 for consistent faces; and whether
+            the faces are one piece with two faces at every edge, which has one inside unless it intersects itself.
     """
     _, _, merged = distinct_rows(vertices)
     ends, face, edge, count = _edges_of(merged[faces].astype(np.int64), len(vertices))

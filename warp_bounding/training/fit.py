@@ -45,17 +45,17 @@ from warp_bounding.training.recipes.distance import train_distance
 from warp_bounding.training.relu_field import train_relu_field
 from warp_bounding.training.samples import CallersQueries, Problem, Trained
 
-FRONT_SHARE = 0.1  # of the rest of the budget: what each learned part of a cascade before its networks gets
+FRONT_SHARE = 0.1  # of the rest of the budget: for each learned part of a cascade before its networks (a prefilter)
 COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and what is computed from them
 PROOF_SECONDS = 8e-6  # per occupied cell, measured: what training leaves for a proof that is one pass over the cells
-# Of a proof without cells where nothing was trained: the gap of f, in local units, and the boxes after which it ends.
+# Limits of a proof without cells of what is not trained: the gap of f, in local units, and the number of boxes.
 SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
 # Cells along the longest side of a 3D shape for rays, planes and boxes, by default. Networks of the bunny
 # fitted in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
 REGION_NDIM, REGION_RESOLUTION = 3, 128
 PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
 TRAINING_SHARE = 1 / 3  # of the budget, where workers prove
-LEAST_SHARE = 0.05  # of the budget: what a part gets at least, however long the parts before it took
+LEAST_SHARE = 0.05  # of the budget: the least that a part of a cascade gets, however long the parts before it took
 
 
 def fit(
@@ -98,13 +98,13 @@ def fit(
         resolution: Cells along a mesh's longest axis, where cells are laid: for ``bvh``, ``voxels`` and ``relu-field``
             64. For all else ``None`` is the mesh itself. Grids bring their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
-        side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it, and
-            *maybe* that it may not be; the bounder holds the shape's complement, and the proof is about that. For
-            points, and of methods that lay no cells; with an outer bounder it makes a ``two_sided`` one.
-        workload: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation asks them. What
-            learns (networks, a ``learned-kdop``, a ``relu-field``) then has its false positives
-            elsewhere where it can; of planes their normals count. Every proof is about all queries all the same.
-            Thousands of them should do; of more than a million some are taken.
+        side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it; the
+            bounder then bounds the shape's complement, and the proof is about that. For points, and methods that do
+            not divide the shape into cells; with an outer bounder it makes a ``two_sided`` one.
+        workload: ``(Q, m)`` numbers, object space: queries of the caller's own, as its simulation makes them. Learned
+            methods (networks, a ``learned-kdop``, a ``relu-field``) then avoid false positives among these first; of
+            planes only the normals count. Proofs are about all queries all the same. Some thousands are enough; of more
+            than a million a part is used.
         last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
@@ -113,15 +113,14 @@ def fit(
             number of processes of this machine. A third of the budget is for training, the rest for the proof
             (``proof.make_proven``, which also resumes).
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
-            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; of a bvh, which has as many leaves as take the
-            memory of such a network. Of an arm's configurations ``(2 K, 48, 48)`` begins with sines and cosines of its
-            K angles. ``activation``: ``"sin"`` or ``"relu"`` for an mlp. ``parts``: of an mlp of points:
-            about how many parts of the domain, each with a threshold. ``statistical``: of an mlp of points, ``True``
-            for a threshold that samples attest, where a proof in many dimensions leaves nothing. ``metric``: of a
-            distance, where coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``:
-            half-spaces of a kdop or learned-kdop.
-            ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the result is then repeatable
-            to the bit on the same machine.
+            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; a bvh gets the memory of such a network. For an
+            arm's configurations the first layer of ``(2 K, 48, 48)`` begins as sines and cosines of its K angles.
+            ``activation``: ``"sin"`` or ``"relu"`` for an mlp. ``parts``: of an mlp of points, about how many parts of
+            the domain get a threshold each. ``statistical``: of an mlp of points, ``True`` for a threshold from
+            samples, unproven, where in many dimensions a proven one denies nothing. ``metric``: of a distance, where
+            coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
+            kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the
+            result is then repeatable to the bit on the same machine.
 
     Returns:
         The bounder, with ``certificate`` and ``info``. ``info["training"]`` reports how training went, with ``seconds``
@@ -176,13 +175,13 @@ def fit(
         Cascade.check(classes)
     if last is not None and (len(classes) < 2 or type(last) is not classes[-1] or last.frame != frame):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
-    told = resolved(classes, query, options, [fit])
-    domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in told)
+    chosen = resolved(classes, query, options, [fit])
+    domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in chosen)
     callers = None if workload is None else CallersQueries(workload, grid, domain, int(seed), frame)
     problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
     with reported(progress, f"fit {method}") as update:
         training = budget if scheduler is None else TRAINING_SHARE * budget
-        parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, told, training, spent, update)
+        parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, chosen, training, spent, update)
         if last is not None:
             parts.append(last.local.to(str(parts[0].device)))
         bounder = parts[0] if len(classes) == 1 else cascade(*parts)
@@ -197,7 +196,7 @@ def fit(
 
 
 class Stopwatch:
-    """What a fit has taken: ``seconds``, and among them ``compile_seconds`` for kernels, which no budget counts."""
+    """The time of a fit: ``seconds``, and among them ``compile_seconds`` for kernels, which no budget counts."""
 
     def __init__(self):
         self._started, self._compiled = time.perf_counter(), compile_seconds()
@@ -218,12 +217,12 @@ def _fit_parts(
     problem: Problem,
     wanted: list[type[Bounder]],
     classes: list[type[Bounder]],
-    told: list[dict[str, Any]],
+    chosen: list[dict[str, Any]],
     budget: float,
     spent: Stopwatch,
     progress: Progress | None,
 ) -> list[Bounder]:
-    """Bounders of the ``wanted`` classes, the first ones of ``classes``, among all of which the budget is shared."""
+    """Bounders of the ``wanted`` classes, the first ones of ``classes``; all of ``classes`` share the budget."""
     trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
     for index, cls in enumerate(wanted):
         trainer, own = trainers[index], spent if index == 0 else Stopwatch()
@@ -236,7 +235,7 @@ def _fit_parts(
             reserved = PROOF_SECONDS * len(grid.occupied) if isinstance(grid, Grid) else PROOF_SHARE * seconds
             seconds -= min(seconds / 2, reserved)
         part = replace(problem, front=tuple(parts), in_front=waiting > 0)
-        bounder, record = trainer.train(cls, part, told[index], seconds, progress)
+        bounder, record = trainer.train(cls, part, chosen[index], seconds, progress)
         if not trainer.proves:
             prove_or_test(bounder, grid, seed=problem.seed, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
         bounder.info = described(grid, problem.seed, record | own.seconds())
@@ -265,8 +264,8 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
     known = [METHODS[name] for name in method.split("+") if name in METHODS]  # other names are refused later
     if isinstance(shape, Shape) and not own and resolution is None:
         kind = QUERIES[query]
-        told = not kind.is_region or (kind.decides(shape) and shape.corners() is not None)
-        if told and all(cls.takes_shapes(query) for cls in known):
+        decidable = not kind.is_region or (kind.decides(shape) and shape.corners() is not None)
+        if decidable and all(cls.takes_shapes(query) for cls in known):
             shape.check()
             shape = shape.dilated(margin)
             shape.check_contents()
@@ -286,11 +285,11 @@ def _bounded(shape, query: str, method: str, resolution: int | None, margin: flo
 # Distances. A method that has a volume is fitted as a bounder of points, whose proof carries over; the others as
 # ``TRAINERS`` says. ``prove_distance`` then finds the slack.
 
-TOLERANCE = 0.02  # of a cell's side, and ...
-LOOSER = 1.25  # ... of what some points of it have: an overestimate up to their sum is not looked at more closely
-CELL_HALVINGS = 3  # on each axis, of a cell whose overestimate is larger
-MOST_HALVED = 3  # axes that this counts, so that there are not too many boxes in higher dimensions
-# Of the budget, what training leaves for the proof of a distance; from so many dimensions on.
+# A cell is halved if its overestimate exceeds TOLERANCE of its side plus LOOSER times that of some of its points.
+TOLERANCE, LOOSER = 0.02, 1.25
+CELL_HALVINGS = 3  # of a cell, on each axis
+MOST_HALVED = 3  # axes that count for this, so that there are not too many boxes in higher dimensions
+# Of the budget, what training leaves for the proof of a distance; the second from LARGE dimensions on.
 DISTANCE_PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
 
 
@@ -307,10 +306,10 @@ def _fit_distance(
     progress,
     force: bool,
 ) -> DistanceBounder:
-    """The part of ``fit`` that is about distances to a shape, without the margin yet; arguments are checked there."""
+    """``fit`` of distances to a shape that is not dilated by the margin yet; ``fit`` has checked the arguments."""
     cls = method_class(method, DISTANCE.name, shape.ndim)
-    (told,) = resolved([cls], DISTANCE.name, options, [fit])
-    metric = told.pop(METRIC.name)
+    (chosen,) = resolved([cls], DISTANCE.name, options, [fit])
+    metric = chosen.pop(METRIC.name)
     shape = in_metric(shape, metric)
     if shape.joints is not None:
         raise BounderError(
@@ -340,10 +339,10 @@ def _fit_distance(
                 f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
             )
         proving = budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
-        domain = DistanceDomain.of(fitted, told.pop(REACH.name, 0.0))
+        domain = DistanceDomain.of(fitted, chosen.pop(REACH.name, 0.0))
         problem = Problem(fitted, domain, DISTANCE.name, seed, device)
         with reported(progress, f"fit {method}") as update:
-            bounder, record = trainer_of(cls).train(cls, problem, told, budget - proving, update)
+            bounder, record = trainer_of(cls).train(cls, problem, chosen, budget - proving, update)
         bounder.sizes[METRIC.name] = metric
         prove_distance(bounder, fitted, budget=proving)
         info = described(fitted, seed, record)
@@ -372,8 +371,8 @@ def _sampled_overestimate(bounder: DistanceBounder, shape: Shape, lower: np.ndar
 
 # How the bounders of a class are made from a shape: in closed form by the class itself, or as ``TRAINERS`` says.
 #
-# ``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which holds
-# for its subclasses too.
+# ``fit`` treats all methods alike. A learned method from outside the package adds an entry to ``TRAINERS``, which
+# counts for its subclasses too.
 
 KDOP_SECONDS = 10.0  # training longer does not make learned half-spaces tighter
 
@@ -383,10 +382,10 @@ class Trainer:
     """How the bounders of a class are made.
 
     ``train`` is called with the class, the problem, the values of all of the class's options, the seconds that training
-    may take, and a function for progress or ``None``. Where it ``proves``, it sets threshold and certificate itself,
-    and such parts of a cascade share the rest of the budget equally; else ``fit`` calls ``prove`` afterwards, and the
-    part gets the share ``FRONT_SHARE`` only before one that proves. More than ``most_seconds`` would make nothing
-    tighter.
+    may take, and a function for progress or ``None``. If it ``proves``, it sets threshold and certificate itself, and
+    such parts of a cascade share the rest of the budget equally. Else ``fit`` calls ``prove`` afterwards; the part then
+    gets all that is left, but only ``FRONT_SHARE`` of it before a part that proves. More than ``most_seconds`` does not
+    make it tighter.
     """
 
     train: Callable[[type[Bounder], Problem, dict[str, Any], float, Progress | None], Trained]
@@ -404,7 +403,7 @@ def _closed_form(cls: type[Bounder], problem: Problem, options: dict[str, Any], 
 def _closed_distance(
     cls: type[DistanceBounder], problem: Problem, options: dict[str, Any], seconds: float, _
 ) -> Trained:
-    """The F that the class computes, lowered where it exceeds the distance."""
+    """The function F that the class computes, lowered where it exceeds the distance."""
     lowered = partial(_overestimate_of_cells, shape=problem.grid, seconds=seconds)
     return cls.fit(problem.grid, problem.domain, lowered=lowered, device=problem.device, **options), {}
 
@@ -480,7 +479,7 @@ def warn_of_restriction(shape: Shape) -> None:
 
 
 def _warn(text: str) -> None:
-    """Warn whoever has called the package, so that what one call says twice is shown once."""
+    """Warn at the line that called the package, so that repeated warnings of one call are shown once."""
     level, frame = 2, sys._getframe(1)
     while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == PACKAGE:
         level, frame = level + 1, frame.f_back
@@ -488,7 +487,7 @@ def _warn(text: str) -> None:
 
 
 def check_asked(query: str, method: str, length: float | None, side: str, last=None, workload=None) -> None:
-    """Refuse what other kinds of query have, or none."""
+    """Refuse arguments that this kind of query does not have, with ``BounderError``."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
     if side not in SIDES:

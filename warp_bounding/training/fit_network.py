@@ -1,11 +1,11 @@
 """Fitting networks: train, then set the threshold by a proof where there is one, else by a search and statistics.
 
-A network of points is trained with the prover in the loop: now and then branch and bound looks for the least f on the
-object, and the points that it finds become samples. The last part of the budget is the proof itself. Planes' supports
-need no labels, and their proof is short. Networks of rays and of boxes are first searched by an adversary, and the
-prover then tries to show that nothing lies below what it found. Where there is no time for that, the adversary's value
-sets the threshold and fresh positives attest it. A network with exits is several networks that share layers; each gets
-a threshold of its own, in the same way.
+A network of points is trained with the prover in the loop: now and then branch and bound searches for the least f on
+the object, and the points that it finds become samples. The last part of the budget is the proof itself. Support
+functions of planes need no labels, and their proof is short. For rays and boxes, an adversarial search comes first, and
+the prover then tries to show that nothing lies below what it found. If there is no time for that, the search's value
+sets the threshold, and fresh positives test it. A network with exits is several networks that share layers; each gets a
+threshold of its own, in the same way.
 """
 
 from dataclasses import dataclass
@@ -57,35 +57,35 @@ class NetworkOptions:
 
 # How long the proof of a network that is still being trained will take, and what follows for its training.
 
-# Largest share of the budget that is reserved for the proof of rays or boxes, of cells and of other shapes; of these a
-# proof is not tried where it is expected to take more than so many times as long.
+# Largest share of the budget that is reserved for the proof of rays or boxes, of cells and of other shapes. Of other
+# shapes no proof is tried if it is expected to take more than HOPEFUL times that share.
 MOST_REGION_PROOF, MOST_SHAPE_PROOF, HOPEFUL = 0.6, 0.35, 4.0
 # The search of rays or boxes of a shape itself takes about so many times as long as that of coarse cells.
 SHAPE_TIMES = 30.0
-# The proof of the final network takes this many times as long as that of one at used fraction 0 and at 1, and in
-# between a number linear in the used fraction: f gets steeper while it trains. Both are empirical.
+# How many times as long the proof of the final network takes as that of the network at used fraction 0, and at 1;
+# linear in between: f gets steeper while it trains. Both are empirical.
 PROOF_GROWTH = (4.2, 1.35)
 # A search that did not end underestimates what it has left, by about this factor: of the boxes of a 4D teapot it
 # estimated 14 s for a proof that did not end in 21 s, with 21 % false positives then; with it times 5, weights
 # decayed, and the proof ended in 2.3 s, with 16.7 %.
 UNTOLD = 5.0
-# Where the proof of rays or boxes is expected to take more than the share DECAY_ABOVE, weights decay at the rate DECAY,
-# times the factor by which it is exceeded, up to MOST_DECAY: smaller weights make proofs shorter.
+# If the proof of rays or boxes is expected to exceed the share DECAY_ABOVE of the budget, weights decay at the rate
+# DECAY times the factor of that excess, up to MOST_DECAY: smaller weights make proofs shorter.
 DECAY_ABOVE, DECAY, MOST_DECAY = 0.3, 0.05, 0.2
-# A proof ends with a gap, which lowers the threshold and makes false positives of more queries. Where these are
-# expected to be more than this share of all queries the proof is given up, and training keeps its time.
+# A proof ends with a gap, which lowers the threshold and makes false positives of more queries. If more than this share
+# of all queries is expected to become one, the proof is given up, and training keeps its time.
 WORTH_PROVING = 1e-2
 
-# About the time of the million fresh positives that attest a threshold, of cells and of regions of other shapes, and
-# the share of the budget that is left for it at most.
-ATTEST_SECONDS, SHAPE_ATTEST_SECONDS, ATTEST_SHARE = 2.5, 12.0, 0.15
+# About the time of the million fresh positives that test a threshold, of cells and of regions of other shapes, and the
+# largest share of the budget that is left for them.
+TEST_SECONDS, SHAPE_TEST_SECONDS, TEST_SHARE = 2.5, 12.0, 0.15
 
 
 def final_proof_seconds(search: Search, used: float, of_cells: bool = True, untold: float = 1.0) -> float:
     """Seconds expected for the proof of the final network, by a search of the one at a used fraction of its training.
 
-    ``untold`` is a factor of what a search that did not end says of the rest. Of regions of shapes that are not
-    ``of_cells`` the search is about coarse cells.
+    ``untold`` corrects the estimate of a search that did not end (``UNTOLD``). Unless ``of_cells``, the search was over
+    coarse cells of the shape.
     """
     begin, end = PROOF_GROWTH
     seconds = search.seconds if search.complete else untold * search.needed
@@ -99,15 +99,15 @@ def decay_for(expected: float, budget: float) -> float:
 
 
 def statistical_seconds(budget: float, little: bool) -> float:
-    """Seconds of a budget that are left for attesting: ``little`` of cells, and where a proof is expected instead."""
-    return ATTEST_SECONDS if little else min(SHAPE_ATTEST_SECONDS, ATTEST_SHARE * budget)
+    """Seconds of a budget that are left for ``statistical_test``: ``little`` of cells, or if a proof is expected."""
+    return TEST_SECONDS if little else min(SHAPE_TEST_SECONDS, TEST_SHARE * budget)
 
 
 # What a threshold costs in false positives, and the best one for a network of rays or boxes in some time.
 #
-# An adversary looks for the least f of a positive. The prover then tries to show that no positive lies below that value
-# by more than a gap that costs next to nothing. If it does not get there in its time, and the gap that it has proven
-# costs too much, the adversary's value sets the threshold, and fresh positives attest it.
+# An adversarial search finds a low f of a positive. The prover then tries to show that no positive lies below that
+# value by more than a gap that costs next to nothing. If time runs out before, and the gap that it has proven costs too
+# much, the search's value sets the threshold, and fresh positives test it.
 
 # Share of all queries that may become false positives by the gap that a complete search leaves.
 PROOF_COST = {"point": 1e-4, "ray": 1e-3, "plane": 1e-4, "box": 1e-3}
@@ -142,10 +142,7 @@ class Costs:
 
 
 def lattice_of(problem: Problem, count: int) -> Lattice:
-    """About so many parts, no more, of the domain.
-
-    They are cubes, as nearly as whole counts along each axis allow.
-    """
+    """Parts of the domain, at most ``count`` and about as many, as nearly cubes as whole counts along axes allow."""
     shape, domain = problem.grid, problem.domain
     lower, upper = shape.lower, shape.upper
     if isinstance(shape, Grid):
@@ -252,10 +249,10 @@ def fit_network(
 class _Fit:
     """One fit.
 
-    ``as_points`` says that queries are points, ``of_planes`` that the network is a plane's two
-    supports (``Head``), ``proof_worthwhile`` of rays and boxes that a proof is expected to be worth its time.
-    ``first_reserve`` is the share of the budget reserved for setting the threshold until a search has measured what
-    that takes, and again where a proof is given up; the user's progress counts the rest as training.
+    ``as_points``: queries are points. ``of_planes``: the network is a plane's two supports (``Head``).
+    ``proof_worthwhile``: a proof of rays or boxes is expected to be worth its time. ``first_reserve``: the share of the
+    budget reserved for setting the threshold until a search has measured what that takes, and again once a proof is
+    given up; the user's progress counts the rest as training.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
@@ -440,8 +437,8 @@ class _Fit:
     def _decide(self, part: Mlp, trainer: NetworkTrainer, parts_left: int) -> dict:
         """Let the adversary look for the least f, then the prover, if that is worth it or if the adversary ends early.
 
-        Without the prover (``limits`` is ``None``) fresh positives attest the threshold; the adversary has all the
-        time.
+        Without the prover (``limits`` is ``None``) the adversary has all the time, and fresh positives test the
+        threshold.
         """
         found, limits = self._lowest(trainer, parts_left)
         record = decide(part, self.problem, found.worst, limits, lambda note: self.clock.tell(1.0, note))
@@ -453,8 +450,8 @@ class _Fit:
         budget, rounds = self.options.budget, {} if self.clock.timed else {"rounds": SEARCH_ROUNDS}
         at_least = LEAST_SHARE * budget
         whole = (1 + OVERTIME_SHARE * self.proof_worthwhile) * budget
-        statistical_test = statistical_seconds(budget, self.proof_worthwhile or isinstance(self.problem.grid, Grid))
-        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - statistical_test  # seconds of this part
+        reserved = statistical_seconds(budget, self.proof_worthwhile or isinstance(self.problem.grid, Grid))
+        left = (whole - self.clock.seconds - self.grant_seconds) / parts_left - reserved  # seconds of this part
         share = min(left, self.final_search_limit) if self.proof_worthwhile else left
         seconds = max(share, at_least) if self.clock.timed else float("inf")
         found = adversarial_minimum(trainer.samples, trainer.network, seconds, trainer.hard, **rounds)

@@ -1,8 +1,8 @@
 """The default recipe: what the paper's asymmetric loss becomes when seconds count and the threshold is the minimum.
 
-The figure of merit is the volume of negatives above the *least* value on the object, a worst case over a continuous
-set. Hence the loss of ``accumulate``, and positives from a pool of the worst ones found, which walk down f inside
-their cells. Positives that others find, such as the prover, enter the pool by ``add``.
+The aim is few negatives above the *least* value on the object, a worst case over a continuous set. Hence the loss of
+``accumulate``, and positives from a pool of the worst ones found, which take steps down f inside their cells. Positives
+that others find, such as the prover, enter the pool by ``add``.
 
 Samples are columns here: coordinates v ``(ndim, N)``, and of positives their *states* ``(S, N)``, from which v follows
 (``training.samples``: a cell and an offset in it, for instance) and which stay positive wherever they move.
@@ -25,9 +25,9 @@ from warp_bounding.training.samples import Samples
 # The asymmetric loss of the default recipe and its constants, the batches that it is taken on, and its gradient.
 #
 # A positive's weight grows geometrically against a negative's (the paper's schedule grows it linearly and waits for
-# zero false negatives); the negatives' loss turns into a ramp, which gives up on what cannot be separated instead of
-# bending everything for it; half of a batch is drawn from samples that carry gradient, with weights that keep the mean
-# unbiased. All schedules are functions of the used fraction of the budget.
+# zero false negatives). The negatives' loss turns into a ramp, which gives up on negatives that cannot be separated
+# instead of distorting f for them. Most of a batch is drawn from samples that carry gradient, with weights that keep
+# the mean unbiased. All schedules are functions of the used fraction of the budget.
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ RECIPES = {
 MANY_COORDINATES, FAR_FROM_TRUTH = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 
-# Share of uniform samples that are negatives a network must deny, usually. Of callers' queries most lie far away or
-# touch, so few are; with this their loss weighs against the positives' as that of others does.
+# Share of uniform samples that are usually negatives within the domain. Few of a caller's queries are, as most lie far
+# away or touch; with this weight their loss counts against the positives' as that of uniform samples does.
 NEGATIVES = 0.75
 
 
@@ -102,7 +102,7 @@ class Batches:
     offset: torch.Tensor | None = None  # ``(N,)``, what f is taken relative to; ``None`` for 0
 
     def relative(self, f: torch.Tensor, columns: torch.Tensor) -> torch.Tensor:
-        """F of some columns, in place, less their offset."""
+        """``f`` of some columns less their offset, in place."""
         return f if self.offset is None else f.sub_(self.offset.index_select(0, columns))
 
 
@@ -338,8 +338,8 @@ class NetworkTrainer:
 
 # Training for local thresholds: each part of the domain is judged by the worst positive in it, not by the worst of all.
 #
-# Towards the end f is taken relative to its part: less the least f of the positives known there, and more the least of
-# all. A part where the network fails then demands nothing of the others.
+# Towards the end f is taken relative to its part: less the least f of the positives known there, plus the least of all.
+# A part where the network fails then demands nothing of the others.
 
 # Used fractions between which the parts come in, linearly. Earlier they do harm: a part in which the network fails is
 # let go before it has been learned.
