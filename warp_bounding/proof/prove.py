@@ -26,8 +26,8 @@ from warp_bounding.proof.search import (
     ParametrizedPositives,
     Search,
     ShapePositives,
-    parametrized_minimum,
     minimum,
+    parametrized_minimum,
 )
 from warp_bounding.proof.stress import Walk, statistical_test
 from warp_bounding.queries import QUERIES
