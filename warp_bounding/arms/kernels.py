@@ -10,25 +10,25 @@ from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 
 # --- How far two hulls are apart --------------------------------------------------------------------------------------
 #
-# How far two hulls of points are apart, in float64: a direction that proves it, and two points that are so near.
+# The distance of two convex hulls in float64: a direction that proves a lower bound, two points that are an upper one.
 #
-# For any vector n, however it was found, every point b of one hull and every point a of the other have ``n . (b - a) >=
-# gap``, where the gap is the least of ``n . b`` less the largest of ``n . a`` over the corners. So the gap over the
-# length of n is a lower bound of the distance that rests on nothing but two sums over corners. The search for a good n
-# may be as careless as it likes. It is the algorithm of Gilbert, Johnson and Keerthi: of the differences ``b - a`` it
-# keeps up to four whose hull comes ever nearer to 0.
+# For any vector n, however it was found, all points a of one hull and b of the other have ``n . (b - a) >= gap``, where
+# the gap is the least ``n . b`` less the largest ``n . a`` over the corners. So the gap over the length of n is a lower
+# bound of the distance that depends only on these two searches over corners. The search for a good n needs no rigour:
+# it is GJK (Gilbert, Johnson and Keerthi), which keeps up to four of the differences ``b - a``, whose hull comes ever
+# nearer to 0.
 #
-# Where 0 lies inside of four differences, the hulls meet, and ``depth`` tells how far 0 is from their faces: by so much
-# the corners may be off and the hulls still meet.
+# Where 0 lies inside the hull of four differences, the hulls meet. ``depth`` is how far 0 is from that hull's faces:
+# the hulls still meet if corners are off by that much.
 #
 # Source: Gilbert, Johnson, Keerthi, "A fast procedure for computing the distance between complex objects in three-
 # dimensional space" (1988).
 
-ROUNDS = wp.constant(32)  # of the search; most pairs take 3 to 6
-_CLOSE = wp.constant(wp.float64(1e-10))  # of the distance found: a search whose bounds are so close ends
-# Of the longest difference L of four corners. Where every height of their hull is above 2^-12 L, a face has an area of
-# 2^-25 L^2 or more, so that its normal, a cross product of edges, is off by 2^-25 at most, and what it tells of 0 by
-# less than 2^-24 L.
+ROUNDS = wp.constant(32)  # of the search, at most; most pairs take 3 to 6
+_CLOSE = wp.constant(wp.float64(1e-10))  # relative to the distance: the search ends when its bounds are this close
+# The least height of the hull of four corners, relative to their longest difference L. Where every height is above
+# 2^-12 L, a face has an area of 2^-25 L^2 or more. Then its normal, a cross product of edges, is off by 2^-25 at most,
+# and the distance of 0 from its plane by less than 2^-24 L.
 FLATTEST, CRUDE = 2.0**-12, 2.0**-20
 _FLATTEST, _CRUDE = wp.constant(wp.float64(FLATTEST)), wp.constant(wp.float64(CRUDE))
 _ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
@@ -43,11 +43,11 @@ class Bodies:
     """Rounded hulls in the frames of their links."""
 
     points: wp.array(dtype=wp.vec3d)
-    first: wp.array(dtype=wp.int32)  # corner of each body, and behind the last one their number
+    first: wp.array(dtype=wp.int32)  # index of each body's first corner, and at the end the number of all corners
     link: wp.array(dtype=wp.int32)
     radius: wp.array(dtype=wp.float64)
     lanes: wp.array(dtype=wp.float64)  # corners, eight at a time; see native/hulls.h
-    block: wp.array(dtype=wp.int32)  # where the eights of each body begin, and behind the last one their end
+    block: wp.array(dtype=wp.int32)  # where each body's groups of eight begin, and at the end where the last one ends
     center: wp.array(dtype=wp.vec3d)  # of a ball that holds the corners
     ball: wp.array(dtype=wp.float64)
     low: wp.array(dtype=wp.vec3d)  # of a box that holds the corners
@@ -64,12 +64,12 @@ class Place:
 
 @wp.struct
 class Separation:
-    """What is known of two hulls."""
+    """Bounds of the distance of two hulls."""
 
-    normal: wp.vec3d  # of length 1, about
-    gap: wp.float64  # see module; minus infinity where no direction is known
-    apart: wp.float64  # the hulls have points that are so far from each other
-    depth: wp.float64  # above 0 where the hulls meet
+    normal: wp.vec3d  # of length about 1
+    gap: wp.float64  # a lower bound, by ``normal`` (see above); minus infinity without a direction
+    apart: wp.float64  # an upper bound: the distance of two points of the hulls
+    depth: wp.float64  # above 0 where the hulls meet (see above)
 
 
 @wp.func
@@ -214,22 +214,22 @@ def separation(bodies: Bodies, one: int, at_one: Place, other: int, at_other: Pl
 
 # --- Where the links are ----------------------------------------------------------------------------------------------
 #
-# Where the links of an arm are, in float64 kernels, and what that rounds.
+# The forward kinematics of an arm in float64 kernels, and its rounding.
 #
-# With u = 2^-53, n joints, and S the size of all (how far from the origin any corner, joint or obstacle can be): sine
-# and cosine err by 4 u, say, a product of two rotations by 3 u an entry, so that a rotation is off by 32 u for each
-# joint before it, in the operator norm, and a place by 40 n u S. The first derivatives of a corner are cross products
-# of such numbers, in whatever order, off by 100 n u S at most. A linear bound over a box takes each of them times half
-# the box's side, at most 1, and twice n of them. With n up to 16 all that is under 2^13 u S. A configuration that is
-# computed from weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by no more
-# than 16 times 2^-46 S. What is allowed is far more than all of it, and far less than anything that matters.
+# Let u = 2^-53, n the number of joints, and S the largest distance from the origin that any corner, joint or obstacle
+# can have. Sine and cosine are off by at most 4 u, an entry of a product of two rotations by 3 u. So a rotation is off
+# by 32 u for each joint before it, in the operator norm, and a position by 40 n u S. The first derivatives of a corner
+# are cross products of such numbers, off by 100 n u S at most. A linear bound over a box multiplies each by half the
+# box's side, at most 1, and adds up to 2 n of them. With n up to 16 all that is under 2^13 u S. A configuration that
+# is computed from weighted coordinates is off by 2^-50 of its numbers, up to ``FARTHEST``, which moves corners by no
+# more than 16 times 2^-46 S. ``ALLOWANCE`` is far more than the sum, and far less than anything that matters.
 
-ALLOWANCE = 2.0**-36  # of the size of all: by how much a gap may be off; see above
+ALLOWANCE = 2.0**-36  # times S: by how much a gap may be off
 
 
 @wp.struct
 class Chain:
-    """The joints: each one's origin in the frame of its parent, z being the axis, and what its value is."""
+    """The joints: the origin of each in the frame of its parent, whose z is the joint's axis, and its value."""
 
     parent: wp.array(dtype=wp.int32)  # the joint whose link carries it, a lower number; -1 of the base
     turn: wp.array(dtype=wp.mat33d)
@@ -242,36 +242,34 @@ class Chain:
 
 # --- Pairs of bodies --------------------------------------------------------------------------------------------------
 #
-# What is known of a pair of bodies of an arm, at a configuration and over boxes of them, in float64.
+# Bounds of the distance of a pair of bodies of an arm, at a configuration and over boxes of configurations, in float64.
 #
-# A *pair* is two bodies that may touch, and its *path*: the joints that move one against the other, from the link of
-# the one towards the base as far as both have it in common, and from there to the link of the other. Seen from the
-# one's link, corner p of the other is a function of these joint values alone; joints on the way to the base count
-# backwards. Where the one is the base or carries the other, the path only leads outwards.
+# A *pair* is two bodies that may touch, here called A and B. Its *path* are the joints that move one against the other:
+# from A's link towards the base down to the last link that carries both, and from there out to B's link. In the frame
+# of A's link, a corner p of B depends on these joint values alone; those on the way towards the base count with a minus
+# sign. If A is the base or carries B, the path only leads outwards.
 #
-# *First order.* Where each joint value differs by ``h_i`` at most from the centre's, p has moved by no more than
-# ``sum_i rho_i 2 sin(h_i / 2)``, rho_i being how far the body is from the axis of joint i at most (``Arm.path``).
+# *First order.* If joint i differs from its value at the box's centre by d_i, ``|d_i| <= h_i``, then p has moved by at
+# most ``sum_i rho_i 2 sin(h_i / 2)``. Here rho_i is the largest distance of B from the axis of joint i (``Arm.path``).
 #
-# *Second order.* With n the direction that tells the hulls apart at the centre, ``n . p`` is there ``n . p_c + sum_i
-# c_i d_i``, ``c_i = n . dp/dq_i``, up to ``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``, and the second derivative is at
-# most rho of the later of the two joints of the path, since ``d2p/dq_i dq_j = z_i x (z_j x (p - o_j))`` for i before j.
-# So the gap is above a linear function for each corner. A box over which all of them stay above the radii is free of
-# the pair.
+# *Second order.* Let n be the direction that separates the hulls at the centre, and p_c the corner there. ``n . p`` is
+# ``n . p_c + sum_i c_i d_i``, ``c_i = n . dp/dq_i``, up to ``1/2 sum_ij |d_i| |d_j| |d2p/dq_i dq_j|``. The second
+# derivative is ``z_i x (z_j x (p - o_j))`` for i before j, at most rho_j. So the gap is above one linear function for
+# each corner of B. If all of them stay above the radii over a box, the box is free of this pair.
 #
-# *Third order.* Of small boxes the second derivatives at the centre are known: ``h_ij = ((n x z_i) x z_j) .
-# (p - o_j)``, or minus that where i and j count in opposite ways. ``1/2 sum_ij h_ij d_i d_j`` is no less than
-# ``1/2 sum_i min(0, h_ii) h_i^2 - sum_(i<j) |h_ij| h_i h_j``, and what is left out is at most a sixth of the sum over
-# i, j, k of ``|d_i d_j d_k|`` and rho of the latest of the three. The better of both orders counts.
+# *Third order.* Small boxes use the second derivatives at the centre: ``h_ij = ((n x z_i) x z_j) . (p - o_j)``, or minus
+# that if i and j count with opposite signs. ``1/2 sum_ij h_ij d_i d_j`` is at least ``1/2 sum_i min(0, h_ii)
+# h_i^2 - sum_(i<j) |h_ij| h_i h_j``. The remainder is at most a sixth of the sum over i, j, k of ``|d_i d_j d_k|``
+# times rho of the latest of the three. The better of the two orders counts.
 #
-# A joint that slides may be taken first, at which corners go straight on; all bounds above need ``rho`` only for
-# values within the limits, where what collides is.
+# Prismatic joints move corners along straight lines, as if they came first. All bounds above need rho only for values
+# within the limits, since configurations collide only there.
 #
-# *Half-spaces.* Where they do not, a configuration of the box that collides has a corner whose linear function is no
-# more than 0. One linear function that lies under all of them in the box, over all pairs that are left, gives a
-# half-space.
+# *Half-spaces.* If a box is not free, each of its colliding configurations has a corner whose linear function is at
+# most 0. One linear function below all of them on the box, over all pairs that are left, gives a half-space.
 #
 
-OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # outweigh what sums of a few products round, relative to their size
+OUTWARD, INWARD = 1 + 2.0**-40, 1 - 2.0**-40  # factors that cover the rounding of sums of a few products
 
 _OUTWARD, _INWARD = wp.constant(wp.float64(OUTWARD)), wp.constant(wp.float64(INWARD))
 _HALF, _TWO, _SIXTH = (wp.constant(wp.float64(each)) for each in (0.5, 2.0, 1 / 6))
@@ -284,27 +282,27 @@ class Collisions:
 
     chain: Chain
     bodies: Bodies
-    pairs: wp.array(dtype=wp.vec2i)  # the one, the other
-    first: wp.array(dtype=wp.int32)  # where the path of each pair begins, and behind the last one their end
+    pairs: wp.array(dtype=wp.vec2i)  # bodies A and B
+    first: wp.array(dtype=wp.int32)  # where the path of each pair begins, and at the end where the last one ends
     path: wp.array(dtype=wp.int32)  # joints
     sign: wp.array(dtype=wp.float64)  # of each joint of a path: 1, or -1 where it leads towards the base
-    reach: wp.array(dtype=wp.float64)  # of each joint of a path: how far the other is from its axis at most
+    reach: wp.array(dtype=wp.float64)  # of each joint of a path: rho, the largest distance of B from its axis
     weights: wp.array(dtype=wp.float64)  # of coordinates
     lower: wp.array(dtype=wp.float64)  # limits, in the shape's coordinates
     upper: wp.array(dtype=wp.float64)
-    safety: wp.float64  # metres, what comes closer counts as touching
-    allowance: wp.float64  # metres, by how much a gap may be off
+    safety: wp.float64  # metres: bodies that come closer count as touching
+    allowance: wp.float64  # metres: by how much rounding may change a gap
 
 
 # --- Answers ----------------------------------------------------------------------------------------------------------
 
-OPEN, FREE, FULL = 0, 1, 2  # answers about boxes: nothing is known, none of its configurations collides, all do
-HALVES = 3  # asked for: half-spaces, where nothing else is known
+OPEN, FREE, FULL = 0, 1, 2  # answers about a box: unknown, none of its configurations collides, all collide
+HALVES = 3  # a question: whether a box is free, and if that is unknown its half-space
 
-MOST_OPEN = 8  # pairs of a box that a half-space is made of; where more are left there is none
-LARGEST_HALF = 1.0  # radians: the second order is of no use for larger boxes
-LARGEST_SUM = 2.0  # radians: nor is the third where half the sides have a larger sum; the rounding rests on it
-BLUR = 2.0**-50  # of a coordinate: by how much the centre of a box and its half may be off
+MOST_OPEN = 8  # pairs that a box's half-space is made of, at most; with more open pairs there is none
+LARGEST_HALF = 1.0  # radians: boxes with a larger half side do not use the second order
+LARGEST_SUM = 2.0  # radians: boxes with a larger sum of half sides do not use the third; the rounding relies on it
+BLUR = 2.0**-50  # relative to a coordinate: by how much a box's computed centre and half sides may be off
 
 _OPEN, _FREE, _FULL, _HALVES = wp.constant(OPEN), wp.constant(FREE), wp.constant(FULL), wp.constant(HALVES)
 _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED)
@@ -314,7 +312,7 @@ _BLUR = wp.constant(wp.float64(BLUR))
 
 
 class Kernels(NamedTuple):
-    """For arms of one number of joints."""
+    """The kernels for arms of one number of joints."""
 
     points: wp.Kernel  # truth of configurations
     boxes: wp.Kernel  # whether closed boxes are free, or all collide, and half-spaces
