@@ -257,8 +257,8 @@ class Chain:
 # derivative is ``z_i x (z_j x (p - o_j))`` for i before j, at most rho_j. So the gap is above one linear function for
 # each corner of B. If all of them stay above the radii over a box, the box is free of this pair.
 #
-# *Third order.* Small boxes use the second derivatives at the centre: ``h_ij = ((n x z_i) x z_j) . (p - o_j)``, or minus
-# that if i and j count with opposite signs. ``1/2 sum_ij h_ij d_i d_j`` is at least ``1/2 sum_i min(0, h_ii)
+# *Third order.* Small boxes use the second derivatives at the centre: ``h_ij = ((n x z_i) x z_j) . (p - o_j)``, negated
+# if i and j count with opposite signs. ``1/2 sum_ij h_ij d_i d_j`` is at least ``1/2 sum_i min(0, h_ii)
 # h_i^2 - sum_(i<j) |h_ij| h_i h_j``. The remainder is at most a sixth of the sum over i, j, k of ``|d_i d_j d_k|``
 # times rho of the latest of the three. The better of the two orders counts.
 #

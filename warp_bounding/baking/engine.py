@@ -322,7 +322,7 @@ def bake(
         scheduler: Address of a Dask scheduler, whose workers see both folders under the same paths; ``None`` for
             processes of this machine.
         samples: Random queries of each shape that false positives are counted on.
-        workload: A ``.npy`` file of queries as of ``fit`` and ``choose``, the same for all shapes.
+        workload: A ``.npy`` file of queries as in ``fit`` and ``choose``, the same for all shapes.
         reading: Keyword arguments of ``load_shape``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing.

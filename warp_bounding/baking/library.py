@@ -143,7 +143,7 @@ class BounderLibrary(Picklable, Mapping):
 
     @cached_property
     def manifest(self) -> list[dict[str, Any]]:
-        """A row for each shape that was baked, those with an error too; fields as of ``library.Record``.
+        """A row for each shape that was baked, those with an error too; fields as in ``library.Record``.
 
         Example:
             >>> bounder.save("bounders/ball.safetensors")
@@ -179,7 +179,7 @@ class BounderGroup:
     """Bounders that share a function.
 
     Attributes:
-        func: As of ``Bounder.func``; write ``wp.static(group.func)`` in a kernel.
+        func: As in ``Bounder.func``; write ``wp.static(group.func)`` in a kernel.
         data: ``wp.array(dtype=wb.Data)``, one entry a bounder of the group.
         slots: ``wp.array(dtype=wp.int32)``, ``(S,)``: the place in ``data`` of each bounder of the stack, -1 for those
             of other groups.

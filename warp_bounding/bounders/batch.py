@@ -67,7 +67,7 @@ class Prepared:
         """Answer the queries.
 
         Returns:
-            ``out``; where candidates are requested, ``(indices, count)`` as of ``Bounder.candidates``, and ``out`` is
+            ``out``; where candidates are requested, ``(indices, count)`` as in ``Bounder.candidates``, and ``out`` is
             filled, too.
 
         Raises:

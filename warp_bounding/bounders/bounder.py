@@ -160,7 +160,7 @@ class Bounder(Asking):
         query_kind: The kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
         domain: The box it was made for, and the map into it.
         threshold: float32; the answer is *maybe* iff ``not (f < threshold)``.
-        certificate: What is proven of it, or ``None``.
+        certificate: The claim that is proven or tested of it, or ``None``.
         info: How it was made, by the names in ``file_format.INFO_FIELDS``. ``training`` is a record of the fit, with
             its seconds; ``rates`` are false positives on a few queries, its own and an axis-aligned box's
             (``quick_rates``).

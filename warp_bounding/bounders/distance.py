@@ -136,7 +136,7 @@ class DistanceBounder(Bounder):
 
     Attributes:
         domain: The box that holds the object, and the map into it.
-        threshold: float32, at most 0: what is added to F, the slack with its sign turned. Others are as of ``Bounder``.
+        threshold: float32, at most 0: what is added to F, the slack with its sign turned. Others are as in ``Bounder``.
 
     Example:
         >>> far = wb.fit(ball, "distance", "kdop", device="cpu")
@@ -409,7 +409,7 @@ class DistanceBounder(Bounder):
     def candidates(self, x, radius=0.0) -> tuple[wp.array, wp.array]:
         """Which points may be within a radius, compacted on the device.
 
-        Arguments as of ``query``, result as of ``Bounder.candidates``.
+        Arguments as in ``query``, result as in ``Bounder.candidates``.
         """
         return compact(self.query(x, radius))
 
@@ -434,7 +434,7 @@ class DistanceBounder(Bounder):
             from 0 at the start to 1 at the end; 1 where there is none. NaN and infinity: maybe, at 0.
 
         Raises:
-            QueryError: As of ``query``, and for ``steps`` that is no whole number of at least 1.
+            QueryError: As in ``query``, and for ``steps`` that is no whole number of at least 1.
 
         Example:
             >>> start, end = np.array([[[-9.0, 0.5, 0.5]], [[0.5, 0.5, 0.5]]], np.float32)
@@ -458,10 +458,10 @@ class DistanceBounder(Bounder):
             steps: As for ``segments``.
 
         Returns:
-            As of ``segments``; times are shares of the length. A direction without a length: maybe, at 0.
+            As in ``segments``; times are shares of the length. A direction without a length: maybe, at 0.
 
         Raises:
-            QueryError: As of ``segments``, and for a shape that moves.
+            QueryError: As in ``segments``, and for a shape that moves.
 
         Example:
             >>> maybe, t = far.rays(np.array([[9.0, 0.5, 0.5, 1.0, 0.0, 0.0]], np.float32), length=100.0)
@@ -492,7 +492,7 @@ class DistanceBounder(Bounder):
             ``(N,)`` uint8 ``wp.array``, 1 = maybe. NaN, infinity and a box upside down: maybe.
 
         Raises:
-            QueryError: As of ``segments``.
+            QueryError: As in ``segments``.
 
         Example:
             >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()

@@ -42,7 +42,7 @@ class TwoSided(Picklable):
         self.outer, self.inner = outer, inner
 
     def classify(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
-        """Where points are; arguments as of ``Bounder.query``.
+        """Where points are; arguments as in ``Bounder.query``.
 
         Returns:
             ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object dilated by the outer margin, 2 = certainly in

@@ -564,7 +564,7 @@ class SlabBounder(FaceBounder):
     def sampled_directions(cls, samples: np.ndarray) -> np.ndarray:
         """``(k, m)`` float64, slab normals for ``(N, m)`` samples, in their units; the axes by default.
 
-        Unless the class is ``of_samples``, there may be none of them.
+        Unless the class is ``of_samples``, N may be 0.
         """
         return np.eye(samples.shape[1])
 

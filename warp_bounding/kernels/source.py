@@ -10,7 +10,7 @@ world-to-object map, the domain test and the comparison ``not (f < threshold)``.
 * Function for other kernels: ``V`` is ``float``; a method may give a CPU body of its own that uses the lanes for
   something else (a network: for its neurons).
 
-Nothing here decides what is conservative: the bodies' rounding is bounded in the methods' ``rounding_bound``.
+Soundness does not depend on this file: the methods' ``rounding_bound`` covers the rounding of their bodies.
 """
 
 from dataclasses import dataclass, field
@@ -154,7 +154,7 @@ class Source:
     def body(self, lanes: Lanes) -> str:
         """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``.
 
-        A source with an ``ask`` needs none for lanes.
+        A source with an ``ask`` needs no body for lanes.
         """
         raise TypeError(f"{type(self).__name__} does not define body")
 

@@ -370,7 +370,7 @@ def _tiles(columns: int) -> list[str]:
 
 
 def _in_blocks(body: str, neurons: int, sums: int = 1) -> str:
-    """A text for blocks of R neurons, each of which has so many sums, that fit the registers; and for the rest."""
+    """A text for blocks of R neurons that fit the registers, each with so many ``sums``; and for the rest."""
     rows = max(min(ROWS, REGISTERS // sums), 1)
     blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
@@ -529,7 +529,7 @@ def bound_corners(
 ) -> np.ndarray:
     """Values at the corners of boxes, whose multilinear interpolation is a certified lower bound of f.
 
-    Boxes are as of ``bound_boxes``, of the plain parametrization. Returns ``(N, 2^n)`` float64; corner i is the upper
+    Boxes are as in ``bound_boxes``, of the plain parametrization. Returns ``(N, 2^n)`` float64; corner i is the upper
     one on axis k if bit k of i is set.
     """
     count, size = lower.shape

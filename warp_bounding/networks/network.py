@@ -169,7 +169,7 @@ class Network:
         return h
 
     def padding_for(self, limit: np.ndarray, terms: np.ndarray | None = None) -> np.ndarray:
-        """``padding`` for boxes with centres ``|v| <= limit``, ``(n,)``; ``terms`` and errors as of ``measure``."""
+        """``padding`` for boxes with centres ``|v| <= limit``, ``(n,)``; ``terms`` and errors as in ``measure``."""
         return np.array(measure([*self.hidden, self.output], limit, terms).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:

@@ -188,7 +188,7 @@ class Shapes:
 
     Attributes:
         bounders: Each once.
-        roles: ``(S,)`` int, as of ``placing``.
+        roles: ``(S,)`` int, as in ``placing``.
         bounder_of: ``(S,)`` int32, which of the bounders; -1 for none.
         own: What ``place_shapes`` reads of that, on the device.
     """
@@ -200,7 +200,7 @@ class Shapes:
         unproven: bool,
         untested: Collection[int],
     ):
-        """Check the bounders, and warn once of shapes that have no test; ``BounderError`` as of ``ParticleCull``."""
+        """Check the bounders, and warn once of shapes that have no test; ``BounderError`` as in ``ParticleCull``."""
         self._model = model = pipeline.model
         count = model.shape_count
         for shape in untested:

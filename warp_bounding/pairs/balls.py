@@ -84,7 +84,7 @@ def _search(
 
 
 class _Balls:
-    """Looks at boxes; arguments as of ``_search``."""
+    """Looks at boxes; arguments as in ``_search``."""
 
     chunk = CHUNK
 

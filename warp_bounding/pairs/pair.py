@@ -259,7 +259,7 @@ class Pair:
             ``(N,)`` float32 ``wp.array``, world units, at least 0; 0 for NaN, and whatever else has no answer.
 
         Raises:
-            QueryError: As of ``query``.
+            QueryError: As in ``query``.
 
         Example:
             >>> float(pair.distance([[0, 0, 0, 0, 0, 0, 1]], [[9, 0, 0, 0, 0, 0, 1]]).numpy()[0]) > 6
@@ -304,7 +304,7 @@ class Pair:
             gap; the duration where they are so all the time.
 
         Raises:
-            QueryError: As of ``query``, and for another duration or number of steps.
+            QueryError: As in ``query``, and for another duration or number of steps.
 
         Example:
             >>> at_rest, falling = [[0, 0, 0, 0, 0, 0]], [[-1, 0, 0, 0, 0, 0]]

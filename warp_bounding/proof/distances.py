@@ -153,7 +153,7 @@ def excesses(
 
 
 class _Excess:
-    """Looks at boxes: by how much F exceeds the distance there; arguments as of ``excesses``."""
+    """Looks at boxes: by how much F exceeds the distance there; arguments as in ``excesses``."""
 
     chunk = CHUNK
 

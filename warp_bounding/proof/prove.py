@@ -398,11 +398,11 @@ def prove_local(
         lattice: The parts.
         shape: The object.
         negatives: ``(N, n)`` coordinates v that are no positives: they show which step between levels denies most.
-        points: As of ``prove``.
+        points: As in ``prove``.
         eps: Largest gap, in f, of a part where a larger one would deny fewer of the negatives.
-        budget: As of ``prove``; parts whose search has not ended are looser, the others are not.
-        boxes: As of ``prove``.
-        progress: As of ``prove``.
+        budget: As in ``prove``; parts whose search has not ended are looser, the others are not.
+        boxes: As in ``prove``.
+        progress: As in ``prove``.
 
     Raises:
         BounderError: If levels cannot express the thresholds.
@@ -480,7 +480,7 @@ def at_least(
 
 
 def needless(least: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """The least f ``(parts,)``, but minus infinity where no negative lies below; arguments as of ``at_least``."""
+    """The least f ``(parts,)``, but minus infinity where no negative lies below; arguments as in ``at_least``."""
     denied = np.bincount(place[values < least[place]], minlength=len(least))
     return np.where((denied == 0) & (least < np.inf), -np.inf, least)
 
@@ -488,7 +488,7 @@ def needless(least: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.nda
 def worthwhile(lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray, eps: float) -> np.ndarray:
     """``(parts,)``, each part's gap that makes some ``TOLERATED`` more negatives false positives; at least ``eps``.
 
-    Arguments as of ``at_least``; ``eps`` where no positive is known.
+    Arguments as in ``at_least``; ``eps`` where no positive is known.
     """
     below = values < least[place]
     nearest = np.full(lattice.count, -np.inf)

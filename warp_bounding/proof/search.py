@@ -1,7 +1,7 @@
 """Branch and bound: the least value of a bounder's ``f`` over boxes, certified from below.
 
 Every box gets a certified lower bound of f (``Bounder.bound``) and a few concrete points. A box whose bound is high
-enough is closed, the others are halved. What is returned is sound whenever the search ends: the least bound over all
+enough is closed, the others are halved. The result is sound whenever the search ends: it is the least bound over all
 closed *and* open boxes.
 
 *Best first* (``minimum``), on the host: a box is closed if its bound is at most ``eps`` under the least value found.
@@ -316,8 +316,8 @@ def bound_in_half_spaces(
 
     With ``f >= a + b . zeta``, ``|zeta| <= 1``, on the box, and ``c + d . zeta >= 0`` for every v of such a point, f is
     at least ``a - s c + (b - s d) . zeta`` there for any ``s >= 0``. That is concave in s and bends where an entry of
-    ``b - s d`` changes its sign; the best of these is taken. What matters of a box is where none of these three linear
-    functions tells that a point is not in the half-space, or that f is no less than the target.
+    ``b - s d`` changes its sign; the best of these is taken. A box is then cut to where none of the three linear
+    functions shows that a point is outside the half-space, or that f is at least the target.
 
     Args:
         domain: Maps points to v; its ``delta`` is counted in.
@@ -458,7 +458,7 @@ KEPT = 8  # low points that a block returns
 
 # A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them,
 # closes those whose bound reaches the target and halves the others, until the stack is empty or full, the block has
-# bounded as many boxes as it may, or a positive lies under the target. What is then left on the stack waits for the
+# bounded as many boxes as it may, or a positive lies under the target. Boxes that are then on the stack wait for the
 # next launch. If the target is -infinity, all boxes are bounded once and closed, however many there are, and a bound
 # that is NaN counts as -infinity. A box that is too narrow to be halved is closed, too: the least bound of a closed box
 # then lies below the target. BODY bounds the boxes of all lanes, SPLIT sets where one is halved.
@@ -863,7 +863,7 @@ def parametrized_minimum(
 
 
 def divided(cover: ParametrizedPositives, count: float, device: str) -> ParametrizedPositives:
-    """The same positives in at least ``count`` boxes, where halving makes so many; without halves that hold none."""
+    """The same positives in at least ``count`` boxes, if halving makes so many; halves without positives go."""
     lower, upper = cover.lower, cover.upper
     for _ in range(2 * MOST_INITIAL.bit_length()):  # halves without positives do not count
         if len(lower) >= count:

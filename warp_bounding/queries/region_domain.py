@@ -35,8 +35,8 @@ PLACED_SHARE = 1.0 / 32.0  # of a cell: map and placement together get no more t
 def domain_of(grid: Grid, query: str = "point", length: float = 1.0) -> "Domain | RegionDomain":
     """The domain of a kind of query; rays have ``length``, object units.
 
-    Raises ``ShapeError`` if float32 cannot resolve cells where the grid lies, ``BounderError`` if not along so long a
-    ray.
+    Raises ``ShapeError`` if float32 cannot resolve cells where the grid lies, ``BounderError`` if it cannot at the end
+    of such a ray.
     """
     return RegionDomain.of(grid, query, length) if QUERIES[query].is_region else Domain.of(grid)
 
@@ -153,8 +153,8 @@ class RegionDomain:
         """float32 numbers behind the threshold in ``parameters``.
 
         Of a ray ``stretch`` (n), of a plane ``1 / scale`` (n), which takes an object-space normal to local space, of a
-        box none. Where coordinate 0 is time one more: a coordinate 0 of at most this, in absolute value and in local
-        space, certainly lies inside the range of time, whatever the map rounds.
+        box nothing. Where coordinate 0 is time, one more: a local coordinate 0 of at most this, in absolute value,
+        certainly lies inside the range of time, rounding included.
         """
         own = self.kind.extra(self)
         if not self.time:

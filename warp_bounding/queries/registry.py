@@ -34,7 +34,7 @@ def described(query: str) -> Query | DistanceQuery:
 
 
 def sample(query: str, grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Random queries ``(count, m)`` float32 of a kind, as of ``Query.sample``; raises ``QueryError`` for no kind."""
+    """Random queries ``(count, m)`` float32 of a kind, as in ``Query.sample``; raises ``QueryError`` for no kind."""
     return QUERIES[check_query(query)].sample(grid, count, rng)
 
 
@@ -50,7 +50,7 @@ def decision(
 def oracle(
     query: str, grid: Grid, device: str | None = None, length: float = 1.0
 ) -> Callable[[np.ndarray], np.ndarray]:
-    """The exact truth for queries of a kind, as of ``Query.oracle``: called with ``(N, m)`` it gives ``(N,)`` bool."""
+    """The exact truth for queries of a kind, as in ``Query.oracle``: called with ``(N, m)`` it gives ``(N,)`` bool."""
     return QUERIES[check_query(query)].oracle(grid, device, length)
 
 

@@ -63,7 +63,7 @@ _own = _Own()
 
 
 def compiled_for(seconds: float) -> None:
-    """Tell the clock that this thread has just compiled for so long."""
+    """Take seconds that this thread has just spent on compiling off its clock."""
     _own.compiling += seconds
 
 
@@ -322,7 +322,7 @@ class BlockLaunch:
 def launch_blocks(
     kernel: wp.Kernel, count: int, inputs: list, outputs: list, device, *, first_index: int, block: int = BLOCK
 ) -> None:
-    """Launch a kernel over the blocks of ``count`` items; arguments as of ``BlockLaunch``."""
+    """Launch a kernel over the blocks of ``count`` items; arguments as in ``BlockLaunch``."""
     BlockLaunch(kernel, count, inputs, outputs, device, first_index=first_index, block=block).launch_once()
 
 

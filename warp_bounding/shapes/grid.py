@@ -127,7 +127,7 @@ class Grid(Shape):
                 f"{given.max()}; write which are "
                 "occupied, such as (a >= 65) | (a < 0) of an OccupancyGrid, where what is unknown counts as occupied"
             )
-        occupancy = np.array(given, dtype=bool, order="C")  # our own copy: a proof must not change under us
+        occupancy = np.array(given, dtype=bool, order="C")  # a copy, which the caller cannot change after a proof
         if occupancy.ndim < 1 or occupancy.size == 0:
             raise ShapeError(f"{self.name}: expected an array with at least one cell, got shape {occupancy.shape}")
         if occupancy.size > MAX_CELLS:

@@ -237,7 +237,7 @@ class Shape(Picklable, ABC):
     unbounded: ClassVar[bool] = False
     joints: Joints | None = None
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
-    # The truth of regions, if a shape can decide it: arguments as in ``Mesh``, answers as of ``decide``.
+    # The truth of regions, if a shape can decide it: arguments as in ``Mesh``, answers as in ``decide``.
     decide_boxes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_segments: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
     decide_planes: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
@@ -257,7 +257,7 @@ class Shape(Picklable, ABC):
 
     @property
     def restriction(self) -> str:
-        """For users: what is not bounded, by the note and the geometry (such as an open surface); may be empty."""
+        """For users: what is not bounded, from the note and the geometry (such as an open surface); may be empty."""
         return self.note
 
     # --- where it is -------------------------------------------------------------------------------------------------
@@ -482,7 +482,7 @@ class Shape(Picklable, ABC):
         """
 
     def _new_margin(self, margin: float) -> float | None:
-        """A margin to dilate by, checked; ``None`` where the shape has it already, or there is none."""
+        """A margin to dilate by, checked; ``None`` if it is 0 or the shape has it already."""
         margin = checked_margin(margin)
         if margin in (0.0, self.margin):
             return None

@@ -84,7 +84,7 @@ def fit(
 
     Args:
         shape: What ``load_shape`` returns, or anything that it takes. Of a mesh that is not closed only the surface
-            is bounded, and its margin, which raises a ``BoundingWarning``.
+            and its margin are bounded, which raises a ``BoundingWarning``.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder``
             of the shape, whose distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
@@ -95,8 +95,8 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis, where cells are laid: for ``bvh``, ``voxels`` and ``relu-field``
-            64. For all else ``None`` is the mesh itself. Grids bring their own.
+        resolution: Cells along a mesh's longest axis. ``None`` is 64 for ``bvh``, ``voxels`` and ``relu-field``, and
+            the mesh itself, without cells, for all other methods. Grids have their own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it; the
             bounder then bounds the shape's complement, and the proof is about that. For points, and methods that do
@@ -129,7 +129,7 @@ def fit(
 
     Raises:
         ShapeError: If the shape cannot be read or bounded.
-        QueryError: For an unknown kind of query, or a ``workload`` that is none of it.
+        QueryError: For an unknown kind of query, or a ``workload`` of another kind.
         BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin
             larger than the object without ``force``.
 
@@ -244,7 +244,7 @@ def _fit_parts(
 
 
 def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]:
-    """``info`` of a bounder that was fitted to a shape, its margin included, but for its ``rates``."""
+    """``info``, without ``rates``, of a bounder that was fitted to a shape, its margin included."""
     return {
         "indicator": shape.digest,
         "name": shape.name,
@@ -473,7 +473,7 @@ def warn_of_coarse_cells(grid: Grid) -> None:
 
 
 def warn_of_restriction(shape: Shape) -> None:
-    """Warn where not all of what a user may mean is bounded, such as the inside of an open mesh."""
+    """Warn if a part that a user may mean is not bounded, such as the inside of an open mesh."""
     if text := getattr(shape, "restriction", ""):  # what only has a ``to_grid`` of its own says nothing of it
         _warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
 

@@ -65,9 +65,9 @@ SHAPE_TIMES = 30.0
 # How many times as long the proof of the final network takes as that of the network at used fraction 0, and at 1;
 # linear in between: f gets steeper while it trains. Both are empirical.
 PROOF_GROWTH = (4.2, 1.35)
-# A search that did not end underestimates what it has left, by about this factor: of the boxes of a 4D teapot it
-# estimated 14 s for a proof that did not end in 21 s, with 21 % false positives then; with it times 5, weights
-# decayed, and the proof ended in 2.3 s, with 16.7 %.
+# A search that did not end underestimates the rest by about this factor. For boxes of a 4D teapot it expected a proof
+# of 14 s, which did not end in 21 s and left 21 % false positives. With five times the estimate weights decayed, and
+# the proof ended in 2.3 s, with 16.7 %.
 UNTOLD = 5.0
 # If the proof of rays or boxes is expected to exceed the share DECAY_ABOVE of the budget, weights decay at the rate
 # DECAY times the factor of that excess, up to MOST_DECAY: smaller weights make proofs shorter.
@@ -182,7 +182,7 @@ def decide(
     """Set the threshold of a network of rays or boxes, by proof if there is time for one, and give it its certificate.
 
     ``found`` ``(N, ndim)`` are the lowest positives known, coordinates ``v``; ``limits`` are seconds or boxes for the
-    prover, ``None`` if it is not to try. Returns a record of the gap, and of what the proof took and costs.
+    prover, ``None`` for no proof. Returns a record of the gap, and of the proof's seconds and cost in false positives.
     """
     costs, least = Costs(part, problem), float(part.reference(found).min())
     record, left = {}, None

@@ -80,7 +80,7 @@ def hierarchy(
     """Fit bounders to the parts of a shape and prove each: *maybe* where one of them says so.
 
     Args:
-        shape: As of ``fit``; no cells are laid over it.
+        shape: As in ``fit``; no cells are laid over it.
         query: ``"point"``.
         method: Of the leaves, a name in ``METHODS``.
         levels: How often the object is halved, 1 to 8; there are 2^levels leaves, each with about the
@@ -89,7 +89,7 @@ def hierarchy(
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object units.
         device: Warp device; the default device if ``None``.
-        progress: As of ``fit``.
+        progress: As in ``fit``.
         **options: The method's own, of each leaf, such as ``hidden=(16, 16)``.
 
     Returns:

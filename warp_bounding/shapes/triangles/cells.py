@@ -134,7 +134,7 @@ def solid_cells(
     margin: float | np.ndarray,
     air: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> np.ndarray:
-    """As ``surface_cells``; also cells that may meet the inside of ``closed`` parts. ``air`` is as of ``fill_inside``.
+    """As ``surface_cells``; also cells that may meet the inside of ``closed`` parts. ``air`` is as in ``fill_inside``.
 
     There must be room for one empty cell on every side.
     """

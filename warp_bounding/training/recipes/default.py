@@ -70,8 +70,8 @@ RECIPES = {
     "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
     "box": Recipe(first_gain=5.0, sharpness=0.3),
 }
-# What is different for rays and boxes of 4D objects, from so many coordinates on. Networks of the paper's sizes are far
-# from the truth there, so that most samples need gradient, and f is low at many places.
+# Changes for rays and boxes from 8 coordinates on (4D objects). Networks of the paper's sizes are far from the truth
+# there, so that most samples need gradient, and f is low at many places.
 MANY_COORDINATES, FAR_FROM_TRUTH = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
 
 
@@ -296,7 +296,7 @@ class NetworkTrainer:
         self._batches = tuple(replace(batches, offset=self.offset(batches.x)) for batches in planned)
 
     def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
-        """Learn from f of encoded positives what samples are judged by, in addition to f itself; here nothing."""
+        """Update what samples are compared with, from f of encoded positives; by default f is compared with 0."""
 
     def offset(self, x: torch.Tensor) -> torch.Tensor | None:
         """``(N,)``, what f of encoded samples is taken relative to; ``None`` for 0."""
@@ -305,7 +305,7 @@ class NetworkTrainer:
     def judge(
         self, negative: torch.Tensor, f_negative: torch.Tensor, positive: torch.Tensor, f_positive: torch.Tensor
     ) -> float:
-        """False positives, of all uniform samples, at the least value known on the object."""
+        """The share of uniform samples that are false positives at the least value known on the object."""
         return float((f_negative >= f_positive.min()).sum()) / self.recipe.pool
 
     def _relative(self, x: torch.Tensor, f: torch.Tensor) -> torch.Tensor:
@@ -316,7 +316,7 @@ class NetworkTrainer:
         return evaluated(self.team, workers, x)
 
     def _descend(self, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
-        """States ``(S, N)`` after so many moves down f, which shrink from 0.4 cells on."""
+        """States ``(S, N)`` after some ``moves`` down f; the first is 0.4 cells long, the next ones shrink."""
         begin, state, samples, network = state, state.clone(), self.samples, self.network
 
         def job(index: int, part: slice) -> None:
