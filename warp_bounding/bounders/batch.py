@@ -45,7 +45,7 @@ class Prepared:
         ((100,), (100,), (1,))
     """
 
-    def __init__(self, bounder: "Asking", x, *, out: wp.array | None, xform, scale, candidates: bool):
+    def __init__(self, bounder: "Queryable", x, *, out: wp.array | None, xform, scale, candidates: bool):
         bounder.expect_local("prepare")
         self._bounder, self._x = bounder, x
         self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)
@@ -128,7 +128,7 @@ class Prepared:
         self._launch = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
-class Asking(ABC):
+class Queryable(ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs.
 
     A bounder of a shape that has an origin (``shapes.recentred``) follows one rule. ``query``, ``values`` and
@@ -215,7 +215,7 @@ class Asking(ABC):
         """Refuse, with ``QueryError``, a bounder with an origin where ``what`` takes local coordinates."""
         if self.frame is not None:
             raise QueryError(
-                f"{what} takes local coordinates, and of this bounder {self.frame.told}: subtract bounder.origin in "
+                f"{what} takes local coordinates, and of this bounder {self.frame.summary}: subtract bounder.origin in "
                 "float64, then ask bounder.local"
             )
 

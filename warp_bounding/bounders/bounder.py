@@ -28,7 +28,7 @@ from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
-from warp_bounding.bounders.batch import Asking
+from warp_bounding.bounders.batch import Queryable
 from warp_bounding.bounders.file_format import save
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
@@ -152,7 +152,7 @@ def _value(option: Option, given: dict[str, Any]) -> Any:
 CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that memory stays small
 
 
-class Bounder(Asking):
+class Bounder(Queryable):
     """A conservative test: *maybe* (1) or certainly *no* (0). Never *no* where the truth is *yes*.
 
     Attributes:
@@ -419,7 +419,7 @@ class Bounder(Asking):
         return f"{text}, looser than a box ({rates['fp_rate_aabb']:.2f} %)" if looser else text
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """What it bounds, in a few words."""
         return f"bounder, {self.ndim}D {self.query_kind} queries"
 
@@ -445,7 +445,7 @@ class Bounder(Asking):
 
     def __repr__(self) -> str:
         proof = self.certificate.kind if self.certificate else "no certificate"
-        text = f"{self.method} {self.told}, {self.nbytes} bytes, {proof}"
+        text = f"{self.method} {self.summary}, {self.nbytes} bytes, {proof}"
         return f"<{text}, {self.tightness}>" if self.tightness else f"<{text}>"
 
 

@@ -242,7 +242,7 @@ class DistanceBounder(Bounder):
         return np.concatenate([self.domain.header, [threshold, share], self.extra])
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         return f"distance bounder, {self.ndim}D"
 
     @property

@@ -43,7 +43,7 @@ def statement(bounder: "Bounder") -> dict[str, str]:
         words["note"] = str(info["note"])
     if bounder.frame is not None:
         takes = "query takes world coordinates, and takes it off in float64; kernels take local ones"
-        words["origin"] = f"{bounder.frame.told}; {takes}"
+        words["origin"] = f"{bounder.frame.summary}; {takes}"
     margin, digest = info.get("margin") or 0.0, info.get("indicator") or "unknown"
     dilated = f"dilated by {margin} (object units)" if margin else "not dilated"
     words["for"] = _queries(bounder)

@@ -1,17 +1,18 @@
 """A kind of query as one object: numbers, sampler, exact truth, hard positives, and the map to a bounder's v.
 
-Each kind has a file of its own and an entry in ``queries.QUERIES`` under its name. Higher floors have tables by the
-same name for what they know of it. No code compares the name itself.
+A *positive* is a query that meets the object, a *hard* one barely; a bounder *denies* a query by answering *no*. Each
+kind has a file of its own and an entry in ``queries.QUERIES`` under its name. Higher floors have tables by the same
+name for what they know of it. No code compares the name itself.
 
 *Local space* is object space mapped by ``x -> (x - center) * scale``; the domain is about [-1, 1]^n there. A query
 becomes numbers ``v`` of that space: coordinates of points, displacements, normals. The C text that computes them is
 given ``V q[]`` (the numbers in object space), ``center scale limit`` (n each), ``extra``, a ``V zero`` and the
-functions ``root`` and ``over`` (``kernels``). It sets ``V v[]`` and clears two masks: ``testable`` (false: the query
-cannot be tested, the answer is *maybe*, whatever ``inside`` says: a number that is not finite, a direction without a
-usable length, an inverted box, a region that is given from too far away or lies outside the range of time) and
-``inside`` (false: *no*). V is a vector of queries or a float, so masks are combined with ``&`` and ``|`` and never
-negated. Where a shape is placed, ``q`` are numbers in the world and ``place`` is ``Placement.values``: another text
-moves q into object space first.
+functions ``root`` and ``over`` (``kernels``). It sets ``V v[]`` and clears two masks. ``testable`` is false if the
+query cannot be tested: a number is not finite, a direction has no usable length, a box is inverted, or a region is
+given from too far away or lies outside the range of time. Then the answer is *maybe*, whatever ``inside`` is.
+``inside`` is false where the answer is *no*. V is a vector of queries or a float, so masks are combined with ``&`` and
+``|`` and never negated. If a shape is placed, ``q`` are numbers in the world and ``place`` is ``Placement.values``:
+another text moves q into object space first.
 """
 
 from abc import ABC, abstractmethod
@@ -70,16 +71,16 @@ class Query(ABC):
 
     Attributes:
         name: What users call it.
-        is_region: It is a set of many points of space, given by 2n numbers: a bounder tests the set, not its numbers as
-            one point. A point query is not.
+        is_region: A query is a set of points, given by 2n numbers, and a bounder tests the set, not the numbers as one
+            point. False for points only.
         has_length: Its queries share a length, which is an option: rays.
         every: In words, all queries of the kind; ``{length}`` stands for the length.
-        hard_positives: In words, the half of ``draw_positives`` that is drawn to be missed.
+        hard_positives: In words, the half of ``draw_positives`` that is drawn to be hard.
         oracle_body: C text of the exact truth (``exact.loop_snippet``).
         sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``registry.SampledOracle``), by
             its paper's recipe.
         decider: Name of the method of shapes that decides queries of this kind.
-        directed: Of each n of a query's numbers, whether they are a direction without a length; else they are a point.
+        directed: For each n of a query's numbers: they are a direction, whose length does not count, or else a point.
         map_text: The C text from the numbers ``q`` to the coordinates ``v``.
         placed_text: The C text that moves q from the world into the object's space; it runs before ``map_text``.
     """

@@ -35,18 +35,18 @@ class Frame:
     blur: tuple[float, ...]
 
     def shift(self, directed: tuple[bool, ...]) -> np.ndarray:
-        """What is taken off a query's numbers, of which each n are a direction or a point."""
+        """What is subtracted from a query's numbers: the origin from points, nothing from directions."""
         return np.concatenate([np.zeros(len(self.origin)) if each else self.origin for each in directed])
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """For messages."""
         return f"coordinates count from the origin ({', '.join(f'{x:.12g}' for x in self.origin)})"
 
     def noted(self, certificate):
         """A certificate of local coordinates, with a sentence that says so."""
-        told = f"{self.told[0].upper()}{self.told[1:]}, which is taken off in float64."
-        return replace(certificate, message=f"{certificate.message} {told}")
+        sentence = f"{self.summary[0].upper()}{self.summary[1:]}, which is taken off in float64."
+        return replace(certificate, message=f"{certificate.message} {sentence}")
 
     def fault(self, bounder) -> str | None:
         """Why a bounder's claim does not hold in this frame, in a few words; ``None`` if it does.
@@ -102,7 +102,7 @@ class Recentred(Derived):
         self.local, self.coordinates, self.resolution = local, frame, local.resolution
 
     def __repr__(self) -> str:
-        return f"{repr(self.local)[:-1]}, {self.coordinates.told}>"
+        return f"{repr(self.local)[:-1]}, {self.coordinates.summary}>"
 
     @property
     def origin(self) -> np.ndarray:
@@ -186,7 +186,7 @@ def own_coordinates(shape, what: str):
     """A shape whose coordinates are its own; raises ``ShapeError`` for one with an origin."""
     if isinstance(shape, Recentred):
         raise ShapeError(
-            f"{shape.name}: {what} takes local coordinates, and of this shape {shape.coordinates.told}: give "
+            f"{shape.name}: {what} takes local coordinates, and of this shape {shape.coordinates.summary}: give "
             "shape.local"
         )
     return shape

@@ -1,10 +1,9 @@
 """What every shape is: a closed set of points in a box, queried at points and over whole boxes.
 
-Two questions carry everything else. ``contains`` is the truth for points. ``empty`` is a certificate: it is True only
-where no point of a closed box is in the object, and False proves nothing. A proof divides the boxes of queries that a
-bounder would deny until the shape certifies each of them empty; it needs no grid, and no cell limits how tight it
-is. A shape without ``empty`` (``certified`` is False) can be bounded too, but its bounders are only tested by
-samples.
+Two methods matter most. ``contains`` is the truth for points. ``empty`` is a certificate: it is True only where no
+point of a closed box is in the object, and False proves nothing. A proof halves the boxes where a bounder answers *no*
+until the shape certifies each of them empty; it needs no grid, so no size of cells limits how tight it is. A shape
+without ``empty`` (``certified`` is False) can be bounded, too, but its bounders are only tested by samples.
 
 A point that a shape cannot decide counts as object; ``decide`` reports such points as ``UNDECIDED``.
 """

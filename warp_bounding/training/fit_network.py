@@ -124,7 +124,7 @@ class Costs:
     def __init__(self, bounder: Mlp, problem: Problem):
         x = problem.sample(SAMPLES, np.random.default_rng(0))
         truth = oracle(problem.query, problem.grid, bounder.device, bounder.domain.oracle_length)(x)
-        values = bounder.values(x).numpy()[~truth & problem.asked(x)]
+        values = bounder.values(x).numpy()[~truth & problem.reaching(x)]
         self.values, self.query = np.sort(values[np.isfinite(values)]), problem.query
 
     def cheap_gap(self, least: float) -> float:
@@ -163,7 +163,7 @@ def negatives_of(problem: Problem) -> np.ndarray:
     """``(N, ndim)`` coordinates v of random queries that are certainly no positives, and that reach the bounder."""
     x = problem.sample(SAMPLES, np.random.default_rng(0))
     truth = oracle(problem.query, problem.grid, "cpu", problem.domain.oracle_length)(x)
-    v = problem.domain.to_local(x[~truth & problem.asked(x)])
+    v = problem.domain.to_local(x[~truth & problem.reaching(x)])
     return v[(np.abs(v) <= problem.domain.limit).all(axis=1)]
 
 

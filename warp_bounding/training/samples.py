@@ -875,8 +875,8 @@ class Problem:
         usual = sample(self.query, self.grid, count - own, rng)
         return np.concatenate([self.callers.draw(own, rng), np.asarray(usual, dtype=np.float32)])
 
-    def asked(self, x: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool: whether all of ``front`` let these queries, in object space, through."""
+    def reaching(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: which queries, in object space, all bounders of ``front`` answer with *maybe*."""
         left = np.ones(len(x), dtype=bool)
         for bounder in self.front:
             left[left] = bounder.query(np.asarray(x[left], dtype=np.float32)).numpy() != 0

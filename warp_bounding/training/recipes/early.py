@@ -279,7 +279,7 @@ def _queried(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Random queries ``(N, columns)`` that reach the network, and whether each is answered with *maybe*."""
     x = np.asarray(problem.sample(count, rng), dtype=np.float32)
-    x = x[problem.asked(x) & np.isfinite(bounder.parts[-1].values(x).numpy())]
+    x = x[problem.reaching(x) & np.isfinite(bounder.parts[-1].values(x).numpy())]
     return x, bounder.query(x).numpy() != 0
 
 
