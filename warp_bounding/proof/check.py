@@ -319,7 +319,7 @@ def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
 # --- the loop --------------------------------------------------------------------------------------------------------
 
 
-class Everything:
+class PositivesOnly:
     """Boxes that hold positives only; as ``ShapePositives``, which is for boxes that may hold none.
 
     Args:
@@ -354,7 +354,7 @@ class _Positives:
 
     chunk = CHUNK
 
-    def __init__(self, positives: Everything | ShapePositives | ShapeRegions, target: float):
+    def __init__(self, positives: PositivesOnly | ShapePositives | ShapeRegions, target: float):
         self.positives, self.target = positives, target
 
     @taylor_bounds()
@@ -388,7 +388,7 @@ class _Positives:
 class Cover(NamedTuple):
     """Boxes that cover all positives of an object."""
 
-    positives: Everything | ShapePositives | ShapeRegions
+    positives: PositivesOnly | ShapePositives | ShapeRegions
     starts: Iterable[tuple[np.ndarray, np.ndarray, float]]  # as ``halving.search`` takes them
     at: Callable[[np.ndarray, np.ndarray], np.ndarray]  # ``Checked.suspects`` of coordinates and owners of boxes
 
@@ -448,7 +448,7 @@ def _cells(f: Bounder, grid: Grid) -> Cover:
         return np.concatenate([x, x + PULL * ((first + last) / 2 - x)])
 
     cells: list[np.ndarray] = []  # the number of the cell of each box
-    return Cover(Everything(f), starts(), inside)
+    return Cover(PositivesOnly(f), starts(), inside)
 
 
 def _parametrized(bounder: Bounder, grid: Grid) -> Cover:
@@ -457,8 +457,8 @@ def _parametrized(bounder: Bounder, grid: Grid) -> Cover:
     if cover is None:
         f, lower, upper = kind.best_first(bounder, grid)
         starts = [(lower, upper, 1.0)]
-        return Cover(Everything(f), starts, lambda m, _: kind.coordinates(bounder, grid, m))
-    return Cover(Everything(cover), _anew(kind, bounder, grid, cover), lambda z, _: cover.coordinates(z))
+        return Cover(PositivesOnly(f), starts, lambda m, _: kind.coordinates(bounder, grid, m))
+    return Cover(PositivesOnly(cover), _anew(kind, bounder, grid, cover), lambda z, _: cover.coordinates(z))
 
 
 def _anew(kind, bounder: Bounder, grid: Grid, cover) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
@@ -557,13 +557,13 @@ def make_proven(
         raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")
     if not (bounder.provable and grid.certified):
         raise BounderError(f"{bounder.method}: {grid.name} or the method has no proof")
-    each = [bounder.to().freeze(threshold, None) for threshold in _lower_thresholds(bounder, grid)]
+    lowered = [bounder.to().freeze(threshold, None) for threshold in _lower_thresholds(bounder, grid)]
     if checkpoint is not None and os.path.exists(checkpoint):
-        index = _begun(each, grid, checkpoint)
+        index = _begun(lowered, grid, checkpoint)
     else:
-        index = _planned(each, grid, budget, scheduler)
+        index = _planned(lowered, grid, budget, scheduler)
     end = working_seconds() + budget
-    for lower in each[index:]:
+    for lower in lowered[index:]:
         options = {"progress": progress, "scheduler": scheduler}
         options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, lower, grid)
         started, left = working_seconds(), max(end - working_seconds(), 0.0)
@@ -575,7 +575,7 @@ def make_proven(
             settle(lower, grid, Search(found.least, found.least, none, found.boxes, spent, True))
             lower.info = bounder.info | {"rates": None}
             return lower.in_frame(frame)
-    raise BounderError(f"{bounder.method}: at every threshold a positive or a proof comes too close; train it longer")
+    raise BounderError(f"{bounder.method}: the proof fails at each threshold that was tried; train it longer")
 
 
 def _target(bounder: Bounder) -> float:
@@ -592,9 +592,9 @@ def _lower_thresholds(bounder: Bounder, shape: Shape) -> list[float]:
     return [now, *(float(denied[place]) for place in places if place < len(denied))]
 
 
-def _begun(each: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> int:
+def _begun(lowered: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> int:
     """The index of the bounder that the checkpoint is about; raises ``FileFormatError`` if it is about none."""
-    for index, bounder in enumerate(each):
+    for index, bounder in enumerate(lowered):
         try:
             Checkpoint(checkpoint, bounder, shape)
         except FileFormatError as error:
@@ -604,7 +604,7 @@ def _begun(each: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> 
     raise reason
 
 
-def _planned(each: list[Bounder], shape: Shape, budget: float, scheduler: str | int | None) -> int:
+def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str | int | None) -> int:
     """The index of the first bounder (highest threshold) whose proof is expected to end in time, by bisection.
 
     Raises ``BounderError`` if there is none.
@@ -613,14 +613,14 @@ def _planned(each: list[Bounder], shape: Shape, budget: float, scheduler: str | 
     if isinstance(cores, str):
         with Workers(cores) as workers:
             cores = workers.count
-    first, last = 0, len(each)
+    first, last = 0, len(lowered)
     while first < last:
         middle = (first + last) // 2
-        seconds = _expected_seconds(each[middle], shape) * cpu_threads() / cores
+        seconds = _expected_seconds(lowered[middle], shape) * cpu_threads() / cores
         first, last = (first, middle) if seconds <= PLANNED * budget else (middle + 1, last)
-    if first == len(each):
+    if first == len(lowered):
         raise BounderError(
-            f"{each[0].method}: a proof in {budget:.3g} s is not expected, that of the lowest threshold takes about "
+            f"{lowered[0].method}: a proof in {budget:.3g} s is not expected, that of the lowest threshold takes about "
             f"{seconds:.3g} s; give a larger budget, more workers (scheduler=), or a smaller network"
         )
     return first

@@ -71,8 +71,8 @@ class Boxes(NamedTuple):
         return Boxes(*halve(self.lower, self.upper, axis), owner, level, self.worth)
 
     @classmethod
-    def together(cls, parts: list["Boxes"]) -> "Boxes":
-        """The boxes of all parts, which have one worth."""
+    def concatenated(cls, parts: list["Boxes"]) -> "Boxes":
+        """The boxes of all parts, which must have one worth."""
         if len(parts) == 1:
             return parts[0]
         return cls(*map(np.concatenate, list(zip(*parts, strict=True))[:-1]), parts[0].worth)
@@ -150,7 +150,7 @@ def search(
     Args:
         look: Bounds the boxes.
         starts: Batches of start boxes: lower and upper corners ``(N, n)`` float64, and the batch's share of the search.
-            The boxes of all batches are numbered through.
+            The boxes of all batches are numbered consecutively.
         found: ``(F,)`` float64, initial values of the numbers that looks raise; changed in place.
         budget: Seconds.
         most: Boxes, after which the search stops as if time were over; ignored with a scheduler.
@@ -223,7 +223,7 @@ class _Search:
                 self.waiting.append(boxes.part(slice(-count)))
             taken.append(boxes.part(slice(-count, None)))
             count -= taken[-1].count
-        return Boxes.together(taken)
+        return Boxes.concatenated(taken)
 
     def see(self, boxes: Boxes) -> None:
         """Look at boxes in this process."""
