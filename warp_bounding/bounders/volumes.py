@@ -284,14 +284,14 @@ TEXTS = {"point": _POINT, "ray": _RAY, "plane": _plane, "box": _BOX}
 # Points, rays, planes and boxes against an intersection of slabs ``P = {y: low_k <= d_k . y <= high_k}``.
 #
 # * Point: the least distance to a face.
-# * Ray: the segment is clipped by every slab (Kay and Kajiya 1986). The slabs are widened by all that the rounding of
-# ``d . a`` and ``d . w`` can do; a quotient then has a relative error of a few roundings, and parameters lie in [0, 1].
+# * Ray: the segment is clipped by every slab (Kay and Kajiya 1986). The slabs are widened by the largest rounding of
+# ``d . a`` and ``d . w``; a quotient then has a relative error of a few roundings, and parameters lie in [0, 1].
 # * Plane: against P's support. Where there are n slabs, P is a parallelepiped and its support a sum over its edges;
 # with more slabs the support is the largest value at P's vertices. Exact.
 # * Box: the intervals of the box and of P on the slabs' directions. Where P is a box that is turned, also on the
-# coordinate axes and, in 3D, on the products of the edges (Gottschalk et al. 1996): exact in 2D and 3D. Conservative
-# where edges of two dimensions and more would be needed: for turned boxes in 4D and above, and for k-DOPs, whose
-# classic test these are.
+# coordinate axes and, in 3D, on the cross products of the edges (Gottschalk et al. 1996): exact in 2D and 3D. For
+# turned boxes in 4D and above, and for k-DOPs (whose classic test this is), conservative: an exact test would need
+# more directions.
 #
 # Every test of a region decides between *meets P* (f >= 0 up to rounding) and *misses P*: nothing is claimed of points
 # outside P. What a test reads (edges, vertices, widened faces) follows from the slabs alone, so a file holds nothing

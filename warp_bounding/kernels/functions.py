@@ -21,9 +21,9 @@ def _shared(source: Source, placed: bool, values: bool) -> dict[str, object]:
 
 
 def _picked(vectors: list[str], lanes: int, at: list[int]) -> str:
-    """A C expression: the numbers at places ``at`` of some vectors behind each other, one for each lane."""
+    """A C expression: for each lane a number, the one at its place ``at`` in the concatenated vectors."""
     have = vectors[0]
-    for b in range(1, len(vectors)):  # keep what is there, take from vector b what stands in it
+    for b in range(1, len(vectors)):  # keep the lanes that are found, and take those of vector b
         known = [p if b == 1 else lane for lane, p in enumerate(at)]
         pick = [lanes + p % lanes if p // lanes == b else known[lane] % lanes for lane, p in enumerate(at)]
         have = f"__builtin_shufflevector({have}, {vectors[b]}, {', '.join(map(str, pick))})"
@@ -132,9 +132,9 @@ def point_func(source: Source) -> wp.Function:
     Points: ``test(data: Data, q: vec_n) -> bool``. Regions: ``test(data: Data, a: vec_n, b: vec_n) -> bool`` with a
     ray's origin and direction, a plane's normal and point, a box's lower and upper corner.
 
-    In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks a global name up again whenever it builds the
-    module, and a name that is bound to another function by then brings that one into all kernels of the module;
-    ``wp.static`` does so once, where the kernel is defined. Data of another source are answered with *maybe*.
+    In a kernel, write ``wp.static(bounder.func)(data, q)``. Warp looks up a global name whenever it builds the module;
+    if the name is bound to another function by then, all kernels of the module call that one. ``wp.static`` looks it up
+    once, where the kernel is defined. Data of another source are answered with *maybe*.
 
     The proof is about the float32 numbers that the function gets, in IEEE arithmetic. The function keeps to IEEE
     arithmetic under all options of Warp modules, ``fast_math`` included (``TOOLS``); with the CPU compiler flag
@@ -169,9 +169,9 @@ def batch_kernel(source: Source, placed: bool, values: bool, body: str | None = 
 
     It takes ``(x, count, block, parameters, words, placement, out)``. Where ``placed``, ``placement`` is read: a
     world-to-object map, or the radius of a distance, one or one per query. With ``values`` it writes ``f`` itself
-    (float32; +inf where the answer is *maybe* without it, -inf outside), or the distance. A ``body``, on CUDA, are
-    statements from ``V v[]`` to ``V f`` that the 32 threads of a warp run together; the kernel then takes ``numbers``
-    before ``out``, which the body reads, the threshold first, and is launched with whole blocks of threads.
+    (float32; +inf where the answer is *maybe* without it, -inf outside), or the distance. ``body`` is for CUDA:
+    statements from ``V v[]`` to ``V f`` that the 32 threads of a warp run together. The kernel then takes ``numbers``
+    before ``out``, which the body reads, the threshold first; it is launched with whole blocks of threads.
     """
     role = f"{'_placed' * placed}{'_values' * values}"
     out_type = wp.float32 if values else wp.uint8

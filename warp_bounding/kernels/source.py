@@ -96,7 +96,7 @@ class Source:
 
     @property
     def tag(self) -> tuple[int, int]:
-        """Two 32-bit numbers that the data of a function carry, 62 bits that equal sources share and others do not."""
+        """Two 32-bit numbers, 62 bits of a hash: a function's data carry that of its source, and no other source's."""
         bits = int(identity(self), 16)
         return bits >> 32 & FINITE, bits & FINITE
 
@@ -126,9 +126,8 @@ class Source:
     def around(self, placed: bool, values: bool) -> dict[str, str]:
         """The C text around ``f``, by its names in ``batch.h``: from a query to v, and from f to what is answered.
 
-        Where ``placed``, queries are in the world, and a map leads from there to the object; with ``values`` what is
-        answered is ``f`` itself. Here f is compared with the threshold; ``kernels.distances`` compares a distance with
-        a radius.
+        If ``placed``, queries are in the world and first mapped to object space; with ``values`` the answer is ``f``
+        itself. Here f is compared with the threshold; ``kernels.distances`` compares a distance with a radius.
         """
         yes, no, decision = _ANSWERS[values]
         texts = {
@@ -186,5 +185,5 @@ def fill(text: str, **values: object) -> str:
 
 
 def words_at(whole: str, place: int | str) -> str:
-    """A C declaration of ``words`` that begin at a place of those at the pointer ``whole``, for a member's text."""
+    """A C declaration of ``words`` for a member's text: they begin at a place of those at the pointer ``whole``."""
     return f"const struct {{ const unsigned int* data; }} words = {{{whole} + {place}}}; (void)words;"

@@ -189,7 +189,7 @@ class NetworkShape:
 
 
 def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
-    """What stands before ``body``, on a CPU and on CUDA: types, the arrays' names (``inputs``) and tools."""
+    """C text before ``body``, for CPU and for CUDA: types, the arrays' names (``inputs``) and tools."""
     names = sorted({layer[2] for layer in shape.layers})
     tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
     tools += "".join(activation_of(name).relaxation() for name in names)
@@ -350,7 +350,7 @@ V* to = {to}; const V* back = back{index};
 
 
 def _values(shape: NetworkShape, index: int, at: int) -> str:
-    """From the activations ``y`` of the layer below, or the inputs, to those of a hidden layer."""
+    """C from the activations ``y`` of the layer below, or the inputs, to those of a hidden layer."""
     _, neurons, activation = shape.layers[index]
     return f"""
 V y{index}[{neurons}]; {{

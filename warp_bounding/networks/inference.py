@@ -55,7 +55,7 @@ class MlpSource(Source):
 
     @property
     def places(self) -> list[int]:
-        """Index in the numbers at which each layer's copies begin, and last that of the output."""
+        """Index in the numbers at which each layer's copies begin, and last where the outputs do."""
         places = [0]
         for k, h in self.layers:
             places.append(places[-1] + h * (k + 1) + _filling(h, k) + _row(h) * (k + 1))
@@ -68,7 +68,7 @@ class MlpSource(Source):
         return [(place + h * (k + 1) + _filling(h, k), _row(h)) for place, (k, h) in starts]
 
     def head_size(self, index: int) -> int:
-        """Numbers of the outputs behind hidden layer ``index``."""
+        """How many numbers the outputs after hidden layer ``index`` have."""
         return self.head.outputs * (1 + padded(self.hidden[index]))
 
     # --- a query in each lane ----------------------------------------------------------------------------------------
@@ -160,7 +160,7 @@ def _function(name: str, activation, lanes: Lanes) -> str:
 
 
 def padded(neurons: int) -> int:
-    """Activations behind a layer, and an output's weights of them, with the zeros behind the last."""
+    """The number of a layer's activations, and of an output's weights, padded with zeros."""
     return -(-neurons // EIGHT) * EIGHT
 
 
@@ -176,7 +176,7 @@ def _block(neurons: int) -> int:
 
 
 def _filling(neurons: int, inputs: int) -> int:
-    """Floats behind a layer's copy for queries in lanes that align what follows."""
+    """The number of floats after a layer's copy for queries in lanes that align the next copy."""
     return -(neurons * (inputs + 1)) % ALIGN
 
 

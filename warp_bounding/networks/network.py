@@ -71,19 +71,19 @@ class Rounding(NamedTuple):
 def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = None) -> Rounding:
     """The rounding of a network, in one walk through its layers.
 
-    Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that float32 adds up, and
-    ``rounding`` the distance of the computed z from the exact one. For bounds in float64, ``operations`` is more than
-    the roundings on any path so far: in each layer at most 4 sums of ``terms`` products (centre, linear parts, noise,
-    and the way back), and fewer than 32 operations of a relaxation; 4 more sums and 96 operations more of quadratic
-    forms (entries, middle and half of the range) where a layer bends; 16 are left for the parametrization and the last
-    steps. ``chain`` bounds the sum of absolute terms on a path, with activations of slope 1 and parabolas whose
-    heights, at most 1, are in the term 1.0 of each layer. A mean differs from the value at the box's centre by no more
-    than its noise, so sums of means are values and noise. The entries of quadratic forms together are at most twice the
-    parabolas' heights: hence the factor 2.
+    *float32.* Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that are added
+    up, and ``rounding`` the distance of the computed z from the exact one.
+
+    *Bounds in float64.* ``operations`` exceeds the roundings on any path so far. A layer has at most 4 sums of
+    ``terms`` products (centre, linear parts, noise, and the backward pass) and fewer than 32 operations of a
+    relaxation. One that bends has 4 more sums and 96 more operations of quadratic forms (entries, middle and half of
+    the range). The parametrization and the last steps have 16. ``chain`` bounds the sum of absolute terms on a path,
+    with activations of slope 1 and parabolas of height at most 1, the term 1.0 of each layer. The entries of quadratic
+    forms add up to at most twice these heights, hence the factor 2. A mean is the centre's value up to its noise.
 
     Args:
         layers: The output last.
-        limit: ``(n,)``, largest size of the inputs, which are exact.
+        limit: ``(n,)``, largest absolute values of the inputs, which are exact.
         terms: ``(n,)``, bound of the sum of the absolute terms of which a parametrization makes an input over a box:
             its centre, linear and quadratic parts and noise; ``limit`` if ``None``.
 
@@ -189,8 +189,8 @@ class Network:
     ) -> BoxBounds:
         """``bound`` over boxes ``(N, Z)`` float64 of a parametrization's numbers.
 
-        ``limit`` ``(K,)`` is the largest size of the inputs, ``terms`` that of the sum of an input's absolute terms
-        over a box, ``limit`` if ``None``; ``numbers`` and ``table`` are parameters of the parametrization.
+        ``limit`` ``(K,)`` bounds the inputs' absolute values, ``terms`` the sum of an input's absolute terms over a box
+        (``limit`` if ``None``); ``numbers`` and ``table`` are parameters of the parametrization.
         """
         return BOUNDS.get().boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
 

@@ -99,7 +99,7 @@ def decay_for(expected: float, budget: float) -> float:
 
 
 def statistical_seconds(budget: float, little: bool) -> float:
-    """Seconds of a budget that are left for ``statistical_test``: ``little`` of cells, or if a proof is expected."""
+    """Seconds of a budget that are left for ``statistical_test``; ``little`` for cells, or if a proof is expected."""
     return TEST_SECONDS if little else min(SHAPE_TEST_SECONDS, TEST_SHARE * budget)
 
 
