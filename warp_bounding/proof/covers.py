@@ -40,7 +40,7 @@ class Cover:
         """What ``minimum`` searches without a parametrization: an f with ``bound`` and ``reference``, and corners."""
         return bounder, *bounder.cut(*positive_boxes(bounder, grid))[:2]
 
-    # In how many boxes ``reach`` looks for the points of regions, fewest first; none where shapes need no cells.
+    # The values of ``pieces`` for ``reach`` to try, fewest first; empty for kinds whose covers of shapes need no cells.
     pieces: tuple[int, ...] = ()
 
     def reach(
@@ -75,7 +75,7 @@ class Cover:
         raise NotImplementedError(bounder.query_kind)
 
     def coordinates(self, bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray:
-        """``v`` of what a search has found, given as the numbers ``(N, Z)`` that it searched over.
+        """``v`` of points that a search has found, given in the numbers ``(N, Z)`` that it searched over.
 
         Raises:
             BounderError: If these are other numbers.

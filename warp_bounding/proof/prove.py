@@ -154,7 +154,7 @@ def prove_or_test(
 ) -> Search | None:
     """``prove``, with its limits; or, if the shape certifies nothing or ``statistical``, a threshold without a proof.
 
-    That is set under the least f that a search finds, and ``statistical_test`` certifies it.
+    That is set under the least f that a search finds; ``statistical_test`` tests it and gives the certificate.
 
     Returns:
         What ``prove`` does, or ``None`` without a proof.
@@ -399,7 +399,7 @@ def prove_local(
         shape: The object.
         negatives: ``(N, n)`` coordinates v that are no positives: they show which step between levels denies most.
         points: As in ``prove``.
-        eps: Largest gap, in f, of a part where a larger one would deny fewer of the negatives.
+        eps: Largest gap, in f, of a part; larger where that denies no fewer of the negatives.
         budget: As in ``prove``; parts whose search has not ended are looser, the others are not.
         boxes: As in ``prove``.
         progress: As in ``prove``.

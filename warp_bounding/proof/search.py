@@ -130,11 +130,11 @@ def minimum(
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
-        positives: Tells which boxes hold no positive; every point of the boxes is one if ``None``.
+        positives: Certifies which boxes hold no positive; if ``None``, every point of the boxes is a positive.
         known: A value of f at a positive, where there are no groups.
         groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
         group_of: The groups of ``points``; needed where there are groups.
-        group_count: How many groups there are, those without a box among them.
+        group_count: How many groups there are, including those without a box.
         price: The cost of a bound as the proven minimum of its group: called with bounds ``(K,)`` and their groups, it
             grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
 
@@ -152,11 +152,11 @@ def minimum(
     eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
 
     def targets() -> np.ndarray:
-        """Each group's f at which a box is closed: near the least value found, or no less than one closed already."""
+        """The bound that closes a box, by group: near the least value found, or the least bound of a closed box."""
         return np.minimum(best - eps, closed)
 
     def prices(bound: np.ndarray, group: np.ndarray) -> np.ndarray:
-        with np.errstate(invalid="ignore"):  # nothing is known of a group: its best value is infinite, as is the price
+        with np.errstate(invalid="ignore"):  # without a known value of a group its best value and price are infinite
             gap = np.nan_to_num(best[group] - bound, nan=np.inf)
             return gap if price is None else price(bound, group)
 

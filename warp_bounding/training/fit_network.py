@@ -114,7 +114,6 @@ PROOF_COST = {"point": 1e-4, "ray": 1e-3, "plane": 1e-4, "box": 1e-3}
 LARGEST_COST = 2e-2  # the same share where the search of rays or boxes ran out of time; above it the proof is not used
 SAMPLES = 200_000  # random queries by which costs are estimated
 FINEST = 1e-6  # least gap that is required, in f
-POSITIVES = 300_000  # random positives from which the parts' least f is first taken
 USUAL = 1e-3  # gap in f that is required where too few negatives lie below to measure its cost
 
 
