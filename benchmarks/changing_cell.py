@@ -18,12 +18,12 @@ from paper.results import versions
 from sims.arm.robots import CELLS
 from sims.prefitted import FOLDER
 
-CELL, PLACES, QUERIES = CELLS["planar-4"], 5, 400_000
+CELL, PLACES, QUERIES = CELLS["planar-4"], 3, 400_000
 WAYS = {
     "box": {"method": "aabb"},
     "tree of boxes": {"method": "bvh", "resolution": 24, "hidden": (16, 16)},
     "small network": {"hidden": (8, 16, 16), "budget": 10.0},
-    "network of everything": {"hidden": (8, 40, 40), "budget": 120.0},
+    "network of everything": {"hidden": (8, 40, 40), "budget": 100.0},
 }
 FIELDS = (
     "way", "place", "seconds", "bytes", "nanoseconds", "false_positives_percent", "ideal_percent", "certificate",
