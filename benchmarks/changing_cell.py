@@ -1,4 +1,4 @@
-"""A crate moves in a cell: `python benchmarks/changing_cell.py --out results/robots`.
+"""A crate moves in a cell: `python benchmarks/changing_cell.py --out results/changing-cell`.
 
 The network of the cell stays as it is. For each place of the crate a small bounder of the crate alone is fitted, and
 proven; both are asked. Beside it a network of the whole cell, fitted anew. False positives are per cent of random
@@ -104,7 +104,7 @@ def page(rows: list[dict], command: str) -> str:
 def main() -> None:
     """Measure what is missing, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/robots"))
+    parser.add_argument("--out", type=Path, default=Path("results/changing-cell"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     file, shape = options.out / "changing-cell.csv", CELL.shape()
@@ -117,8 +117,8 @@ def main() -> None:
             if (way, place) not in known:
                 rows.append(measure(place, crate, way, network, q))
                 store(file, FIELDS, rows)
-    text = page(rows, "python benchmarks/changing_cell.py --out results/robots")
-    (options.out / "changing-cell.md").write_text(text)
+    text = page(rows, "python benchmarks/changing_cell.py --out results/changing-cell")
+    (options.out / "README.md").write_text(text)
     print(text)
 
 

@@ -1,4 +1,4 @@
-"""A UR5 that plans with OMPL: `python benchmarks/robot_planning.py --out results/robots`.
+"""A UR5 that plans with OMPL: `python benchmarks/robot_planning.py --out results/robot-planning`.
 
 RRT-Connect among a table, shelves and a post, four joints of a UR5, its last two held. States and edges are checked
 exactly by Coal on meshes; with a proven network in front of that, a state that it denies is not, nor the part of an
@@ -178,7 +178,7 @@ def page(rows: list[dict], command: str) -> str:
 def main() -> int:
     """Run what is missing, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/robots"))
+    parser.add_argument("--out", type=Path, default=Path("results/robot-planning"))
     parser.add_argument("--effort", type=float, default=400.0, help="seconds of the network's fit")
     options = parser.parse_args()
     if find_spec("ompl") is None:
@@ -195,8 +195,8 @@ def main() -> int:
         for row in pool.imap(plan, runs, chunksize=1):
             rows.append(row)
             store(file, FIELDS, rows)
-    text = page(rows, "python benchmarks/robot_planning.py --out results/robots")
-    (options.out / "planning.md").write_text(text)
+    text = page(rows, "python benchmarks/robot_planning.py --out results/robot-planning")
+    (options.out / "README.md").write_text(text)
     print(text)
     return 0
 

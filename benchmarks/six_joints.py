@@ -122,7 +122,7 @@ def page(known: dict, rows: list[dict], command: str) -> str:
 def main() -> None:
     """Go on with the proof, then write the page."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("results/robots"))
+    parser.add_argument("--out", type=Path, default=Path("results/six-joints"))
     parser.add_argument("--kept", type=Path, default=Path("out/six"))
     parser.add_argument("--network", type=Path)
     parser.add_argument("--effort", type=float, default=1000.0)
@@ -146,7 +146,7 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "six-joints.json").write_text(json.dumps(known, indent=1))
     text = page(known, stored(tasks), "python benchmarks/six_joints.py --network six.safetensors")
-    (options.out / "six-joints.md").write_text(text)
+    (options.out / "README.md").write_text(text)
     print(text)
 
 
