@@ -86,6 +86,16 @@ def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypa
     for query, method in (("ray", "mlp"), ("point", "kdop")):
         with pytest.raises(BounderError, match="scheduler is for"):
             wb.fit(shape, query, method, scheduler=2)
+    for wrong in (0, -1, True, 2.5):
+        with pytest.raises(BoundingError, match="an address or a number of processes"):
+            wb.proof.make_proven(found, shape, scheduler=wrong)
+        with pytest.raises(BoundingError, match="an address or a number of processes"):
+            wb.certify(found, shape, scheduler=wrong)
+    with pytest.raises(BounderError, match="budget"):
+        wb.proof.make_proven(found, shape, budget=-1.0)
+    other = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.7, -0.3, 0.0], 0.2)])
+    with pytest.raises(BounderError, match="denies positives of"):
+        wb.proof.make_proven(found, other)
     grid = np.eye(8, dtype=bool)
     with pytest.raises(BounderError, match="shape without cells"):
         wb.proof.make_proven(wb.fit(grid, method="kdop", **OPTIONS), grid)

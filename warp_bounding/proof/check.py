@@ -113,8 +113,7 @@ def certify(
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind
         ('proven', 'inapplicable')
     """
-    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not budget >= 0:
-        raise BounderError(f"budget must be a number of at least 0, got {budget!r}")
+    _check_budget(budget)
     started, bounder = working_seconds(), bounder_of(bounder)
     frame = bounder.frame
     try:
@@ -163,6 +162,12 @@ def certify(
         if certificates[-1].kind not in ("proven", "statistical"):
             break
     return together(bounder, certificates, grid.digest)
+
+
+def _check_budget(budget: float) -> None:
+    """Raises ``BounderError`` if it is no number of seconds."""
+    if isinstance(budget, bool) or not isinstance(budget, (int, float)) or not budget >= 0:
+        raise BounderError(f"budget must be a number of at least 0, got {budget!r}")
 
 
 def _exactly(name: str, value: float | None) -> float | None:
@@ -550,13 +555,18 @@ def make_proven(
         >>> wb.proof.make_proven(network, ball, budget=60.0).certificate.kind
         'proven'
     """
+    _check_budget(budget)
+    bounder = bounder_of(bounder)
     frame = bounder.frame
     bounder, shape = in_local(bounder, shape)
     grid = as_fitted(bounder, shape)
+    if reason := mismatch(bounder, grid) or uncovered(bounder.domain.base):
+        raise BounderError(f"{bounder.method}: {reason}")
     if isinstance(grid, Grid) or bounder.query_kind != "point" or len(bounder.obligations(grid)) > 1:
         raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")
     if not (bounder.provable and grid.certified):
         raise BounderError(f"{bounder.method}: {grid.name} or the method has no proof")
+    grid.check()
     lowered = [bounder.to().freeze(threshold, None) for threshold in _lower_thresholds(bounder, grid)]
     if checkpoint is not None and os.path.exists(checkpoint):
         index = _begun(lowered, grid, checkpoint)
@@ -610,7 +620,7 @@ def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str
     Raises ``BounderError`` if there is none.
     """
     cores = cpu_threads() if scheduler is None else scheduler
-    if isinstance(cores, str):
+    if not isinstance(cores, int) or isinstance(cores, bool) or cores < 1:  # an address, or what is refused
         with Workers(cores) as workers:
             cores = workers.count
     first, last = 0, len(lowered)
@@ -618,6 +628,8 @@ def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str
         middle = (first + last) // 2
         seconds = _expected_seconds(lowered[middle], shape) * cpu_threads() / cores
         first, last = (first, middle) if seconds <= PLANNED * budget else (middle + 1, last)
+    if first == len(lowered) and seconds == np.inf:
+        raise BounderError(f"{lowered[0].method}: it denies positives of {shape.name} at each threshold that was tried")
     if first == len(lowered):
         raise BounderError(
             f"{lowered[0].method}: a proof in {budget:.3g} s is not expected, that of the lowest threshold takes about "

@@ -31,6 +31,9 @@ def connected(scheduler: str | int | None) -> Iterator[Any]:
 
     Dask restarts workers that die. Raises ``BoundingError`` without Dask, or if no scheduler answers.
     """
+    whole = isinstance(scheduler, int) and not isinstance(scheduler, bool) and scheduler >= 1
+    if not (scheduler is None or isinstance(scheduler, str) or whole):
+        raise BoundingError(f"scheduler must be an address or a number of processes, got {scheduler!r}")
     try:
         import dask
         import distributed
