@@ -81,8 +81,8 @@ def page(rows: list[dict], command: str) -> str:
         "# A crate that moves",
         "",
         f"**A proven bounder of the crate alone takes {mean(quick, 'seconds'):.1f} s, a network of everything "
-        f"{mean(whole, 'seconds'):.0f} s. Asked beside the cell's network it lets "
-        f"{mean(quick, 'false_positives_percent'):.1f} % of all configurations through that are free, the new network "
+        f"{mean(whole, 'seconds'):.0f} s. Beside the cell's network it has "
+        f"{mean(quick, 'false_positives_percent'):.1f} % false positives, the new network "
         f"{mean(whole, 'false_positives_percent'):.1f} %.**",
         "",
         f"`{command}`",

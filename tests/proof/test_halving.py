@@ -20,7 +20,7 @@ OPTIONS = {"device": "cpu", "progress": False}
 
 @pytest.fixture(scope="module")
 def client():
-    """Of two workers, which begin anew when they are killed."""
+    """A Dask client with two workers. Dask restarts a worker that is killed."""
     with connected(2) as client:
         yield client
 
@@ -94,7 +94,7 @@ def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypa
     with pytest.raises(BounderError, match="budget"):
         wb.proof.make_proven(found, shape, budget=-1.0)
     other = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.7, -0.3, 0.0], 0.2)])
-    with pytest.raises(BounderError, match="denies positives of"):
+    with pytest.raises(BounderError, match="is arm its shape"):
         wb.proof.make_proven(found, other)
     grid = np.eye(8, dtype=bool)
     with pytest.raises(BounderError, match="shape without cells"):

@@ -629,7 +629,9 @@ def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str
         seconds = _expected_seconds(lowered[middle], shape) * cpu_threads() / cores
         first, last = (first, middle) if seconds <= PLANNED * budget else (middle + 1, last)
     if first == len(lowered) and seconds == np.inf:
-        raise BounderError(f"{lowered[0].method}: it denies positives of {shape.name} at each threshold that was tried")
+        raise BounderError(
+            f"{lowered[0].method}: the proof fails at each threshold that was tried; is {shape.name} its shape?"
+        )
     if first == len(lowered):
         raise BounderError(
             f"{lowered[0].method}: a proof in {budget:.3g} s is not expected, that of the lowest threshold takes about "
