@@ -173,7 +173,7 @@ def finished(bounder: Any) -> Any:
 
 
 def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], title: Callable[[Any], str]) -> bool:
-    """Do all cells, and tell whether all were done; one that fails is told and the others go on.
+    """Measure all cells; returns whether all succeeded. A cell that fails is reported, and the others go on.
 
     ``measure`` does one and returns what it has found, in a line for people. An interruption is never taken for a
     result; a result that cannot be written ends the run.

@@ -320,7 +320,7 @@ def test_the_lists_of_a_gpu_are_right_on_a_cpu(bunny, monkeypatch, warps, by_pla
 
 
 def pipeline_around(add, points: np.ndarray, radius: float, gap: float = GAP):
-    """Of what ``add`` adds to a builder, and particles of a radius."""
+    """A model of what ``add`` puts into a builder, and of particles of a radius."""
     builder, count = newton.ModelBuilder(), len(points)
     add(builder)
     builder.add_particles(points.tolist(), [[0.0] * 3] * count, [0.01] * count, [radius] * count)

@@ -227,7 +227,7 @@ def test_certificates_say_what_they_are_about(query):
 
 
 def test_a_claim_edited_in_a_file_is_told_or_found_out(tmp_path):
-    """Edited beside the certificate and in it, it is another claim, which is named; in one of them it is refused."""
+    """A field that is edited in both places is another claim, which the message names; edited in one it is refused."""
     path = tmp_path / "b.safetensors"
 
     def smaller(document):

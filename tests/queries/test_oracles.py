@@ -25,7 +25,7 @@ ODD = np.float32([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, -1e-45, 1e-38, 1e10
 
 
 def lattice_points(grid: Grid, count: int, rng: np.random.Generator) -> np.ndarray:
-    """``(N, n)`` float32 points on centres, faces, edges and corners of cells, some one float beside them."""
+    """``(N, n)`` float32 points on centres, faces, edges and corners of cells, some of them moved by one float."""
     t = np.round(rng.uniform(-2, np.array(grid.shape) + 1, (count, grid.ndim)) * 2) / 2
     x = grid.position(t).astype(np.float32)
     toward = rng.choice(np.float32([-np.inf, np.inf]), x.shape)

@@ -232,7 +232,7 @@ def test_truth_of_a_tree_is_that_of_the_bodies(shapes, rng):
 
 
 def test_bodies_stay_within_what_a_path_reaches(rng):
-    """Both ways around: what moves one body against another is told of each joint between them."""
+    """`Arm.path` names each joint between two bodies, from either of them."""
     arm = robot(rng)
     q = rng.uniform(arm.lower, arm.upper, (200, len(arm.free)))
     frames = arm.frames(q)

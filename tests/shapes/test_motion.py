@@ -326,5 +326,5 @@ def test_an_object_that_is_cut_off_has_points_on_its_ends(rng):
         on = x[x[:, axis] == end]
         assert 0.5 * ENDS_SHARE / 2 < len(on) / count <= ENDS_SHARE / 2
         away = np.delete(on, axis, axis=1)
-        beside = away + 1e-3 * (away - away.mean(axis=0))  # outwards, about
-        assert (~shape.contains(np.insert(beside, axis, end, axis=1))).mean() > 0.5
+        outside = away + 1e-3 * (away - away.mean(axis=0))  # outwards, about
+        assert (~shape.contains(np.insert(outside, axis, end, axis=1))).mean() > 0.5
