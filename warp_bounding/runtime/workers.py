@@ -73,9 +73,12 @@ class Workers:
         self._client = self._connected.__enter__()
         return self
 
-    def __exit__(self, *error: Any) -> None:
-        self._client.cancel(list(self._running.values()))
-        self._connected.__exit__(*error)
+    def __exit__(self, kind: Any, error: Any, trace: Any) -> None:
+        with contextlib.suppress(OSError, RuntimeError):  # the scheduler may be gone
+            self._client.cancel(list(self._running.values()))
+            self._connected.__exit__(kind, error, trace)
+        if isinstance(error, OSError):
+            raise BoundingError("the scheduler has gone away") from error
 
     @property
     def count(self) -> int:
