@@ -18,14 +18,14 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from robots import robots, store, stored
+from robots import store, stored
 
 import warp_bounding as wb
 from paper.results import versions
 from sims.arm.meshes import MeshModel
+from sims.arm.robots import ur5
 
 FILES, HIDDEN, PARTS = Path("out/robots"), (8, 40, 40), 512
-HELD = {"wrist_2_joint": -np.pi / 2, "wrist_3_joint": 0.0}
 RANGE, STEP, FINER, SECONDS = 0.6, 0.05, 100, 60.0  # radians: an edge, and the usual check along it; of a problem
 PROBLEMS, WAYS = 20, ("exact", "bounded")
 FIELDS = (
@@ -37,17 +37,7 @@ FIELDS = (
 @cache
 def shape() -> wb.arms.ArmConfigurations:
     """Configurations in which the UR5 touches the cell or itself."""
-    folder = robots() / "ur_description"
-    name = "ur5_joint_limited_robot"
-    arm = wb.arms.load_urdf(folder / f"urdf/{name}.urdf", srdf=folder / f"srdf/{name}.srdf", held=HELD)
-    box = wb.arms.Body.box
-    cell = [
-        box([-1, -1, -0.12], [1, 1, -0.04], name="table"),
-        box([0.35, -0.6, 0.45], [0.8, 0.6, 0.5], name="shelf"),
-        box([0.75, -0.6, 0.0], [0.8, 0.6, 1.0], name="back"),
-        box([-0.1, 0.45, 0.0], [0.0, 0.55, 1.0], name="post"),
-    ]
-    return wb.arms.ArmConfigurations(arm, cell, self_collision=True, name="UR5 in a cell")
+    return wb.arms.ArmConfigurations(ur5().arm, ur5().obstacles, self_collision=True, name="UR5 in a cell")
 
 
 def problems() -> list[tuple[np.ndarray, np.ndarray]]:

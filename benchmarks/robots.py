@@ -11,9 +11,7 @@ import argparse
 import csv
 import sys
 import time
-from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from arms import tree_of_boxes
@@ -21,69 +19,15 @@ from shared import clock
 
 import warp_bounding as wb
 from paper.results import versions
-from sims.prefitted import FOLDER
+from sims.arm.robots import KEPT, ROBOTS
 from warp_bounding.proof import stress_test
 
-KEPT = FOLDER / "robots"
 SAMPLES, TIMED, ROUNDS, ATTACKED = 100_000, 400_000, 5, 200_000
 FIELDS = (
     "robot", "bounds", "joints", "coordinates", "pairs", "colliding_percent", "checks_per_second", "bytes",
     "nanoseconds", "false_positives_percent", "certificate", "missed", "cpu_seconds", "proof_seconds",
     "versions",
 )  # fmt: skip
-
-
-class Robot(NamedTuple):
-    """A robot of example-robot-data, and how its network is fitted."""
-
-    title: str
-    urdf: str
-    srdf: str
-    revolved: tuple[str, ...]  # round parts at the ends, and what a flange carries
-    options: dict
-    held: dict[str, float]
-
-    def arm(self) -> wb.arms.Arm:
-        """The arm, its gripper held."""
-        folder = robots()
-        return wb.arms.load_urdf(folder / self.urdf, srdf=folder / self.srdf, held=self.held, name=self.title)
-
-
-ROBOTS = {
-    "ur5": Robot(
-        "UR5",
-        "ur_description/urdf/ur5_robot.urdf",
-        "ur_description/srdf/ur5.srdf",
-        ("base_link", "wrist_3_link", "ee_link"),
-        {"hidden": (8, 48, 48)},
-        {},
-    ),
-    "panda": Robot(
-        "Panda",
-        "panda_description/urdf/panda.urdf",
-        "panda_description/srdf/panda.srdf",
-        ("panda_link0", "panda_link7", "panda_hand", "panda_leftfinger", "panda_rightfinger"),
-        {"hidden": (10, 48, 48)},
-        {"panda_finger_joint1": 0.02},
-    ),
-    "xarm7": Robot(
-        "xArm7",
-        "xarm_description/urdf/xarm7.urdf",
-        "xarm_description/srdf/xarm7.srdf",
-        ("link_base", "link7"),
-        {"hidden": (10, 48, 48)},
-        {},
-    ),
-}
-
-
-def robots() -> Path:
-    """The folder of the robots."""
-    try:
-        data = distribution("example-robot-data")
-    except PackageNotFoundError:
-        sys.exit("robots need example-robot-data: pip install 'warp-bounding[robots]'")
-    return Path(data.locate_file("cmeel.prefix/share/example-robot-data/robots"))
 
 
 def stored(file: Path) -> list[dict]:
@@ -249,4 +193,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except wb.BoundingError as error:
+        sys.exit(f"robots: {error}")

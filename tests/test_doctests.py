@@ -109,7 +109,13 @@ def test_notebooks_run_with_a_small_budget(path):
     for name in ("nbformat", "nbclient", "ipykernel", "matplotlib"):
         pytest.importorskip(name)
     before, told = path.read_bytes(), runpy.run_path(str(ROOT / "notebooks/execute.py"))
-    assert told["problems"](told["execute"](path, 0.3, None)) == []
+    try:
+        executed = told["execute"](path, 0.3, None)
+    except told["CellExecutionError"] as error:
+        if reason := told["lacking"](error):
+            pytest.skip(reason)
+        raise
+    assert told["problems"](executed) == []
     assert path.read_bytes() == before
 
 

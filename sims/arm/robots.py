@@ -1,13 +1,17 @@
-"""Arms and their cells, made by code: planar arms of a few joints, and one of six as factories have."""
+"""Arms and their cells: planar arms of a few joints, one of six as factories have, and robots of example-robot-data."""
 
 from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import distribution
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 import warp_bounding as wb
+from sims.prefitted import FOLDER
 
-__all__ = ["CELLS", "Cell", "four_joints", "planar", "six_joints"]
+__all__ = ["CELLS", "KEPT", "ROBOTS", "Cell", "Robot", "four_joints", "planar", "robots", "six_joints", "ur5"]
 
 # Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m
 # (Denavit-Hartenberg a, alpha, d).
@@ -29,12 +33,14 @@ LENGTHS = {2: (0.55, 0.45), 3: (0.4, 0.35, 0.25), 4: (0.32, 0.28, 0.22, 0.18)}  
 
 
 class Cell(NamedTuple):
-    """An arm at work."""
+    """An arm at work; of a robot also its name in ``ROBOTS``, and at what joints it is held, radians."""
 
     name: str
     title: str
     arm: wb.arms.Arm
     obstacles: tuple[wb.arms.Body, ...]
+    robot: str = ""
+    held: dict[str, float] = {}  # noqa: RUF012  never changed
 
     def shape(self, **options) -> wb.arms.ArmConfigurations:
         """Its colliding configurations, in coordinates in which a unit moves the arm by a metre at most."""
@@ -156,3 +162,83 @@ CELLS = {
         Cell("six", "Arm of six joints", six_joints(), _factory()),
     )
 }
+
+
+# --- robots of the package example-robot-data ------------------------------------------------------------------------
+
+KEPT = FOLDER / "robots"  # bounders of their collisions with themselves
+HELD_WRIST = {"wrist_2_joint": -np.pi / 2, "wrist_3_joint": 0.0}  # radians: of the UR5 in its cell
+
+
+class Robot(NamedTuple):
+    """A robot of example-robot-data, and how the network of its collisions with itself is fitted."""
+
+    title: str
+    urdf: str
+    srdf: str
+    revolved: tuple[str, ...]  # round parts at the ends, and what a flange carries
+    options: dict
+    held: dict[str, float]
+
+    def arm(self) -> wb.arms.Arm:
+        """The arm, its gripper held."""
+        folder = robots()
+        return wb.arms.load_urdf(folder / self.urdf, srdf=folder / self.srdf, held=self.held, name=self.title)
+
+
+ROBOTS = {
+    "ur5": Robot(
+        "UR5",
+        "ur_description/urdf/ur5_robot.urdf",
+        "ur_description/srdf/ur5.srdf",
+        ("base_link", "wrist_3_link", "ee_link"),
+        {"hidden": (8, 48, 48)},
+        {},
+    ),
+    "panda": Robot(
+        "Panda",
+        "panda_description/urdf/panda.urdf",
+        "panda_description/srdf/panda.srdf",
+        ("panda_link0", "panda_link7", "panda_hand", "panda_leftfinger", "panda_rightfinger"),
+        {"hidden": (10, 48, 48)},
+        {"panda_finger_joint1": 0.02},
+    ),
+    "xarm7": Robot(
+        "xArm7",
+        "xarm_description/urdf/xarm7.urdf",
+        "xarm_description/srdf/xarm7.srdf",
+        ("link_base", "link7"),
+        {"hidden": (10, 48, 48)},
+        {},
+    ),
+}
+
+
+def robots() -> Path:
+    """The folder of the robots.
+
+    Raises:
+        BoundingError: If they, or what reads them, are not installed.
+    """
+    try:
+        import yourdfpy  # noqa: F401
+
+        data = distribution("example-robot-data")
+    except ImportError as error:
+        raise wb.BoundingError("robots need example-robot-data: pip install 'warp-bounding[robots]'") from error
+    return Path(data.locate_file("cmeel.prefix/share/example-robot-data/robots"))
+
+
+@cache
+def ur5() -> Cell:
+    """Four joints of a UR5, the last two held, among a table, a shelf with its back, and a post."""
+    folder, name, box = robots() / "ur_description", "ur5_joint_limited_robot", wb.arms.Body.box
+    files = folder / f"urdf/{name}.urdf", folder / f"srdf/{name}.srdf"
+    arm = wb.arms.load_urdf(files[0], srdf=files[1], held=HELD_WRIST, name="UR5")
+    things = (
+        box([-1, -1, -0.12], [1, 1, -0.04], name="table"),
+        box([0.35, -0.6, 0.45], [0.8, 0.6, 0.5], name="shelf"),
+        box([0.75, -0.6, 0.0], [0.8, 0.6, 1.0], name="back"),
+        box([-0.1, 0.45, 0.0], [0.0, 0.55, 1.0], name="post"),
+    )
+    return Cell("ur5", "UR5", arm, things, "ur5", HELD_WRIST)

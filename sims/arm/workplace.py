@@ -24,9 +24,14 @@ class Workplace(Place):
         self.cell, self.name, self.scene, self.itself = cell, cell.title, f"arm-{cell.name}", itself
 
     @cached_property
+    def around(self) -> wb.arms.ArmConfigurations:
+        """The configurations that collide with what surrounds the arm: what bounders of the cell bound."""
+        return self.cell.shape(self_collision=False)
+
+    @cached_property
     def shape(self) -> wb.arms.ArmConfigurations:
         """The configurations that collide."""
-        return self.cell.shape(self_collision=self.itself)
+        return self.cell.shape(self_collision=True) if self.itself else self.around
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
         """Uniform within the joints' limits, which are float32 numbers."""
