@@ -27,7 +27,7 @@ import warp_bounding as wb
 from sims.cloth.scene import RADIUS, SHAPES, newton_mesh
 from sims.prefitted import stored
 from sims.threads import threads_of
-from warp_bounding.newton import ParticleCull
+from warp_bounding.newton import Cull
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # Python has put this folder there, not the one above it
 
@@ -80,8 +80,8 @@ class Cell:
         self._state, self._rng = self._model.state(), np.random.default_rng(1)
         pipeline = newton.CollisionPipeline(self._model, soft_contact_gap=gap)
         self._contacts = pipeline.contacts()
-        self.boxes = ParticleCull(pipeline)
-        self.cull = ParticleCull(pipeline, {shape: files[name] for shape, name in named.items()})
+        self.boxes = Cull(pipeline)
+        self.cull = Cull(pipeline, {shape: files[name] for shape, name in named.items()})
         self._ways = {"none": pipeline.collide, "boxes": self.boxes.collide, "distance": self.cull.collide}
         if self._model.device.is_cpu and (os.cpu_count() or 1) > 1:
             self._ways["cores"] = self.cull.collide

@@ -193,7 +193,7 @@ def in_newton(mesh: Mesh, far: wb.DistanceBounder, balls: Balls, count: int, apa
     """
     import newton
 
-    from warp_bounding.newton import PairCull
+    from warp_bounding.newton import Cull
 
     rng, builder, shapes = np.random.default_rng(3), newton.ModelBuilder(), []
     given, size = newton.Mesh(mesh.vertices, mesh.faces.reshape(-1)), float((mesh.upper - mesh.lower).max())
@@ -204,14 +204,15 @@ def in_newton(mesh: Mesh, far: wb.DistanceBounder, balls: Balls, count: int, apa
         shapes.append(builder.add_shape_mesh(body=builder.add_body(xform=place, mass=1.0), mesh=given, cfg=config))
     model = builder.finalize(device="cpu")
     pipelines = [newton.CollisionPipeline(model, deterministic=True) for _ in range(2)]
-    cull = PairCull(pipelines[1], dict.fromkeys(shapes, (far, balls)))
+    cull = Cull(pipelines[1], dict.fromkeys(shapes, far), balls=dict.fromkeys(shapes, balls))
+    ways = [pipelines[0].collide, cull.collide]
     state, contacts = model.state(), [pipeline.contacts() for pipeline in pipelines]
     times: list[list[float]] = [[], []]
     for _ in range(ROUNDS):
-        for pipeline, found, took in zip(pipelines, contacts, times, strict=True):
-            took.append(clock(lambda: pipeline.collide(state, found))[1])  # noqa: B023
+        for way, found, took in zip(ways, contacts, times, strict=True):
+            took.append(clock(lambda: way(state, found))[1])  # noqa: B023
     records = [found.rigid_contact_point0.numpy()[: int(found.rigid_contact_count.numpy()[0])] for found in contacts]
-    tally = cull.tally()
+    tally = cull.tally()["pairs of meshes"]
     told = {"pair": f"Newton, {count} bunnies, spread {apart:g}", "placements": tally.pairs}
     told |= {"missed": 0 if np.array_equal(*records) else "other contacts"}
     rows = [told | {"way": "without", "left": 100.0}, told | {"way": "filter", "left": 0.0}]

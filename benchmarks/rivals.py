@@ -271,7 +271,7 @@ def pairs(device: str) -> tuple[Calls, dict[str, dict], int]:
     from sims.cloth.field import GAPS, Field
     from sims.cloth.scene import SHAPES, SPECS, dilated
     from sims.prefitted import fitted
-    from warp_bounding.newton import ParticleCull
+    from warp_bounding.newton import Cull
 
     field, found = (
         Field(),
@@ -294,7 +294,7 @@ def pairs(device: str) -> tuple[Calls, dict[str, dict], int]:
 
     calls, known = {}, {}
     for name, of_shape in found.items():
-        cull = ParticleCull(pipeline, {index: of_shape[shape] for index, shape in field.shapes.items()})
+        cull = Cull(pipeline, {index: of_shape[shape] for index, shape in field.shapes.items()})
         calls[f"cull, {name}"] = alone(lambda cull=cull: cull.candidates(state))
         calls[f"pass with {name}"] = alone(lambda cull=cull: cull.collide(state, contacts))
         known |= {label: {"of": "cull, aabb", "one_core": True} for label in (f"cull, {name}", f"pass with {name}")}

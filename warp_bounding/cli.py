@@ -429,6 +429,9 @@ def certify(
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
     processes = one_of(jobs, scheduler)
     if read(file)[1].get("method") == BALLS:
+        given = expected | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
+        if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
+            raise BoundingError(f"balls of a pair are certified at once; leave out {', '.join(unfit)}")
         found = wb.pairs.Balls.load(file).certify(wb.load_shape(str(shape), **reading_of(reading)), budget)
         known = {"path": file, "shape": shape, "proven": found.proven, "certificate": found.to_dict()}
         return 0 if found.proven else 1, known, f"{found.kind}: {found.message}"

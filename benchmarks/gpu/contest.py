@@ -499,6 +499,7 @@ def cull(arguments) -> dict:
     import newton_map
 
     from warp_bounding.newton import cull as newton_cull
+    from warp_bounding.newton import sieve
 
     def mesh_of(name: str) -> newton.Mesh:  # without a reader of meshes
         kept = np.load(arguments.data / f"newton-{name}.npz")
@@ -511,17 +512,17 @@ def cull(arguments) -> dict:
         return capture.graph
 
     newton_map.newton_mesh, records, found = mesh_of, newton_map.records, {}
-    usual = newton_cull.WARPS, newton_cull.SORTED, newton_cull.BESIDE
+    usual = sieve.WARPS, sieve.SORTED, newton_cull.BESIDE
     for particles, meshes in CELLS[: 1 if arguments.quick else None]:
-        newton_cull.SORTED = 0  # so that there is memory for it
+        sieve.SORTED = 0  # so that there is memory for it
         cell = newton_map.Cell(particles, meshes, 0.05, arguments.device)
         row = {"contacts": cell.compare(), "pairs": cell.cull.pairs}
         row["left"] = [each.survivors for each in (cell.boxes, cell.cull)]
         cell._ways["none"](cell._state, cell._contacts)
         there = records(cell._contacts)
         graphs = {"none": captured(lambda c=cell: c._ways["none"](c._state, c._contacts))}
-        for name, (newton_cull.WARPS, by_place, newton_cull.BESIDE) in LAYOUTS.items():
-            newton_cull.SORTED = 0 if by_place else 2**62
+        for name, (sieve.WARPS, by_place, newton_cull.BESIDE) in LAYOUTS.items():
+            sieve.SORTED = 0 if by_place else 2**62
             for way in ("boxes", "distance"):
                 try:
                     graph = captured(lambda c=cell, w=way: c._ways[w](c._state, c._contacts))
@@ -535,7 +536,7 @@ def cull(arguments) -> dict:
                 )
             if name in ("16 warps", "16 warps, by place"):
                 graphs[f"the cull alone, {name}"] = captured(lambda c=cell: c.cull.candidates(c._state))
-        newton_cull.WARPS, newton_cull.SORTED, newton_cull.BESIDE = usual
+        sieve.WARPS, sieve.SORTED, newton_cull.BESIDE = usual
         for turn in range(2):
             for name, graph in graphs.items():
                 row[f"{name}, ms, turn {turn}"] = ns(lambda g=graph: wp.capture_launch(g), 1_000_000, 5, 20)

@@ -183,7 +183,7 @@ def gpu_closest(results: Path) -> str:
 
 def gpu_cull(results: Path) -> str:
     """Milliseconds of Newton's pass in a graph on an H100, with the layout that the library takes."""
-    from warp_bounding.newton.cull import SORTED
+    from warp_bounding.newton.sieve import SORTED
 
     found, lines = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"], []
     for cell, row in found.items():
@@ -218,7 +218,7 @@ def _card(results: Path, part: str, way: str, card: str = "h100") -> str:
 def _cull(results: Path, cell: str) -> str:
     """How many times as fast Newton's pass is on an H100, with bounders."""
     row = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"][cell]
-    from warp_bounding.newton.cull import SORTED
+    from warp_bounding.newton.sieve import SORTED
 
     with_it = f"distance, 16 warps{', by place' if row['pairs'] >= SORTED else ''}"
     times = [min(row[f"{way}, ms, turn {turn}"][0] for turn in (0, 1)) for way in ("none", with_it)]

@@ -25,7 +25,7 @@ from sims import base
 from sims.cloth.scene import DT, GAP, RADIUS, Scene, shape
 from sims.drawing import CAPTIONS, draw_with
 from sims.threads import threads_of
-from warp_bounding.newton import ParticleCull
+from warp_bounding.newton import Cull
 
 __all__ = ["Example", "cloth_data", "contact_keys", "contact_records"]
 
@@ -97,7 +97,7 @@ class Example(base.Example):
         self._cull = None
         if bounders is not None:
             of_shape = {scene.indices[name]: bounder for name, bounder in bounders.items()}
-            self._cull = ParticleCull(self._pipeline, of_shape, unproven=unproven)
+            self._cull = Cull(self._pipeline, of_shape, unproven=unproven)
         self.digests: list[bytes] = []
         self.touched = self._missed = 0
         self.deepest = 0.0

@@ -32,7 +32,7 @@ from sims.cloth.scene import CELLS, GAP, RADIUS, SHAPES, dilated, newton_mesh
 from sims.prefitted import FitSpec, fitted
 from sims.report import shown
 from sims.threads import threads_of
-from warp_bounding.newton import ParticleCull
+from warp_bounding.newton import Cull
 
 __all__ = ["FIELD_SPECS", "GAPS", "Field", "bounders_for", "field_table", "measure", "sentences"]
 
@@ -147,7 +147,7 @@ def measure(field: Field, gap: float, bounders: dict[str, dict[str, wb.Bounder]]
     pipeline = newton.CollisionPipeline(field.model, soft_contact_gap=gap)
     contacts, state = pipeline.contacts(), field.model.state()
     culls = {
-        name: ParticleCull(pipeline, {index: of_shape[shape] for index, shape in field.shapes.items()})
+        name: Cull(pipeline, {index: of_shape[shape] for index, shape in field.shapes.items()})
         for name, of_shape in bounders.items()
     }
     if ALL_CORES in culls:

@@ -1,7 +1,7 @@
 """Example Cull.
 
 A cloth falls on bunnies and stars, which stand on a ground plane among pillars, balls and blocks. Before each contact
-pass of particles with shapes, a ``ParticleCull`` takes out the pairs that cannot touch: of the meshes by proven
+pass of particles with shapes, a ``Cull`` takes out the pairs that cannot touch: of the meshes by proven
 bounders of distances, of the ground and the other shapes in closed form. The contacts are the same, and so is every
 step that the solver makes.
 
@@ -32,7 +32,7 @@ import warp as wp
 import warp_bounding as wb
 from sims.cloth.scene import SHAPES, newton_mesh
 from sims.prefitted import stored
-from warp_bounding.newton import ParticleCull
+from warp_bounding.newton import Cull
 
 __all__ = ["Example", "main"]
 
@@ -94,7 +94,7 @@ class Example:
         if args.cull:
             device = str(self.model.device)
             files = {name: wb.load(stored("cloth", f"{name}-distance"), device=device) for name in SHAPES}
-            self.cull = ParticleCull(self.collision_pipeline, {index: files[name] for index, name in of_meshes.items()})
+            self.cull = Cull(self.collision_pipeline, {index: files[name] for index, name in of_meshes.items()})
         self.viewer.set_model(self.model)
         self.capture()
 

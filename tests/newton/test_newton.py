@@ -13,8 +13,7 @@ newton = pytest.importorskip("newton", reason="Newton is not installed: pip inst
 
 import warp.examples  # noqa: E402
 
-from warp_bounding.newton import ParticleCull, margin_for  # noqa: E402
-from warp_bounding.newton import cull as cull_module  # noqa: E402
+from warp_bounding.newton import Cull, margin_for, sieve  # noqa: E402
 from warp_bounding.newton.kernels import runs_of  # noqa: E402
 
 RADIUS, GAP, RECORDS = 0.02, 0.03, ("particle", "shape", "body_pos", "body_vel", "normal", "indices", "barycentric")
@@ -57,7 +56,7 @@ def records(contacts) -> list[np.ndarray]:
     count = int(contacts.soft_contact_count.numpy()[0])
     arrays = [getattr(contacts, f"soft_contact_{name}", None) for name in RECORDS]
     rows = [array.numpy()[:count].copy() for array in arrays if array is not None]
-    by_chance = contacts.soft_contact_count.device.is_cuda or cull_module._in_lists(wp.get_device("cpu"))
+    by_chance = contacts.soft_contact_count.device.is_cuda or sieve.in_lists(wp.get_device("cpu"))
     order = np.lexsort((rows[1], rows[0])) if by_chance else np.arange(count)
     return [row[order] for row in rows]
 
@@ -84,7 +83,7 @@ def check(pipeline, cull, state=None, least: int = 1, numbers: bool = True) -> l
 def test_contacts_are_the_same(bunny, moving):
     model, mesh, shapes = scene(bunny, moving=moving)
     pipeline, state = newton.CollisionPipeline(model, soft_contact_gap=0.01), model.state()
-    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
+    cull = Cull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
     rng = np.random.default_rng(1)
     for _ in range(3):
         check(pipeline, cull, state, 100)
@@ -103,7 +102,7 @@ def test_one_bounder_of_distances_serves_every_gap_radius_and_scale(bunny, dilat
     model, _, shapes = scene(bunny, moving=True)
     pipeline, state, survivors = newton.CollisionPipeline(model, soft_contact_gap=0.01), model.state(), []
     far = wb.fit(bunny, "distance", "bvh", leaves=64, margin=dilated, device="cpu")
-    cull = ParticleCull(pipeline, dict.fromkeys(shapes, far))
+    cull = Cull(pipeline, dict.fromkeys(shapes, far))
     changed = model.particle_radius, state.particle_q, model.shape_transform
     radius, *places = [array.numpy() for array in changed]
     for gap, size, away in ((0.0, 1.0, 0.0), (0.01, 1.0, 0.0), (0.2, 1.0, 0.0), (0.05, 20.0, 0.0), (0.01, 1.0, 3000.0)):
@@ -123,13 +122,13 @@ def test_pairs_in_any_order(bunny, of_distances):
     pipeline, state = newton.CollisionPipeline(model), model.state()
     far = wb.fit(bunny, "distance", "bvh", leaves=64, device="cpu") if of_distances else None
     own = dict.fromkeys(shapes, far or bounder_of(bunny, mesh, pipeline))
-    in_order = ParticleCull(pipeline, own).candidates(state).numpy()
+    in_order = Cull(pipeline, own).candidates(state).numpy()
     pairs = pipeline.soft_rigid_contact_pairs.numpy()
     assert runs_of(pairs).mean() > 0.9
     pairs = np.random.default_rng(2).permutation(pairs)[:-7]  # not a multiple of what is looked at together
     assert not runs_of(pairs).any()
     pipeline.soft_rigid_contact_pairs = wp.array(pairs, dtype=wp.vec2i, device="cpu")
-    cull = ParticleCull(pipeline, own)
+    cull = Cull(pipeline, own)
     check(pipeline, cull, state, 100)
     here = {(*pair,) for pair in cull.candidates(state).numpy().tolist()}
     assert here == {(*pair,) for pair in in_order.tolist()} & {(*pair,) for pair in pairs.tolist()}
@@ -138,7 +137,7 @@ def test_pairs_in_any_order(bunny, of_distances):
 def test_particles_that_are_larger_or_far_away_are_not_lost(bunny):
     model, mesh, shapes = scene(bunny, particles=500)
     pipeline, state = newton.CollisionPipeline(model), model.state()
-    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
+    cull = Cull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
 
     def culled() -> int:
         cull.candidates(state)
@@ -165,7 +164,7 @@ def test_rotations_that_are_not_quite_ones(bunny, turn):
         builder.add_particle(wp.transform_point(place, wp.vec3(*x)), wp.vec3(0.0), 0.01, radius=RADIUS)
     pipeline = newton.CollisionPipeline(builder.finalize(device="cpu"))
     margin = margin_for(mesh, RADIUS + pipeline.soft_contact_gap, world=20.0)
-    cull = ParticleCull(pipeline, {shape: wb.fit(far, method="voxels", margin=margin, resolution=48, device="cpu")})
+    cull = Cull(pipeline, {shape: wb.fit(far, method="voxels", margin=margin, resolution=48, device="cpu")})
     check(pipeline, cull, least=100)
     assert cull.survivors < cull.pairs
 
@@ -180,7 +179,7 @@ def test_arrays_with_gaps_between_their_numbers(bunny):
         wide = np.stack([values, np.zeros_like(values) - 99.0], axis=1)
         setattr(of, name, wp.array(wide, dtype=getattr(of, name).dtype, device="cpu")[:, 0])
         assert not getattr(of, name).is_contiguous
-    cull = ParticleCull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
+    cull = Cull(pipeline, dict.fromkeys(shapes, bounder_of(bunny, mesh, pipeline)))
     assert same(there, contacts_of(cull.collide, pipeline, state))
     assert cull.survivors < cull.pairs
 
@@ -203,23 +202,21 @@ def test_what_does_not_fit_is_refused(bunny):
         ({shapes[0]: occupancy}, "proven"),
     ):
         with pytest.raises(wb.BounderError, match=message):
-            ParticleCull(pipeline, bounders)
-    ParticleCull(pipeline, {shapes[0]: occupancy}, unproven=True)
+            Cull(pipeline, bounders)
+    Cull(pipeline, {shapes[0]: occupancy}, unproven=True)
     for wrong, message in (
         (model, "must be a newton.CollisionPipeline, got Model"),
         (newton.CollisionPipeline(model, requires_grad=True), "differentiable"),
     ):
         with pytest.raises(wb.BounderError, match=message):
-            ParticleCull(wrong, {shapes[0]: good})
-    cull = ParticleCull(pipeline, {shapes[0]: good})
+            Cull(wrong, {shapes[0]: good})
+    cull = Cull(pipeline, {shapes[0]: good})
     kept = cull.candidates(state)
     with pytest.raises(wb.BounderError, match=r"contact gap 0\.02, got ones for 0\.01"):
         cull.collide(state, pipeline.contacts(), candidates=kept, soft_contact_margin=0.02)
     with pytest.raises(wb.BounderError, match="at least 0 and scale not 0"):
         margin_for(mesh, -0.1, scale=1.0, world=1.0)
     assert margin_for(mesh, 0.1, scale=-2.0, world=1.0) == margin_for(mesh, 0.1, scale=2.0, world=1.0) > 0.1 / 2
-    with pytest.warns(wb.BoundingWarning, match="every edge and face"):
-        ParticleCull(newton.CollisionPipeline(model, enable_rigid_soft_full_surface_contact=True))
 
 
 # --- where no count is read back: inside a captured graph, and wherever the caller wants it ------------------------
@@ -241,8 +238,8 @@ def test_nothing_is_read_back(bunny, device, monkeypatch):
     """Not one array is copied to the host, nothing waits for the device, and a denied pair stands for all others."""
     pipeline, bounders = two_bunnies(bunny, device)
     state, contacts = pipeline.model.state(), pipeline.contacts()
-    cull = ParticleCull(pipeline, bounders, reads_back=False)
-    usual = ParticleCull(pipeline, bounders).candidates(state).numpy()
+    cull = Cull(pipeline, bounders, reads_back=False)
+    usual = Cull(pipeline, bounders).candidates(state).numpy()
 
     def refused(*_, **__):
         raise AssertionError("something was read back")
@@ -276,7 +273,7 @@ def test_a_graph_holds_the_whole_pass(bunny, device):
         state.particle_q.assign(place)
         there.append(contacts_of(pipeline.collide, pipeline, state))
     state.particle_q.assign(first)
-    cull = ParticleCull(pipeline, bounders)
+    cull = Cull(pipeline, bounders)
     try:
         with wp.ScopedCapture(device) as capture:
             cull.collide(state, contacts)
@@ -299,13 +296,13 @@ def test_a_graph_holds_the_whole_pass(bunny, device):
 @pytest.mark.parametrize(("warps", "by_place"), [(1, False), (7, True), (64, False), (2**20, False)])
 def test_the_lists_of_a_gpu_are_right_on_a_cpu(bunny, monkeypatch, warps, by_place):
     """All survivors, and besides them one denied pair, are laid out, however many warps share them."""
-    monkeypatch.setattr(cull_module, "_in_lists", lambda _: True)
-    monkeypatch.setattr(cull_module, "WARPS", warps)
-    monkeypatch.setattr(cull_module, "SORTED", 0 if by_place else 2**62)
+    monkeypatch.setattr(sieve, "in_lists", lambda _: True)
+    monkeypatch.setattr(sieve, "WARPS", warps)
+    monkeypatch.setattr(sieve, "SORTED", 0 if by_place else 2**62)
     pipeline, bounders = two_bunnies(bunny, "cpu")
     state, one = pipeline.model.state(), next(iter(bounders))
     bounders[one + 1] = wb.fit(bunny, method="bvh", margin=0.5, leaves=16, device="cpu")
-    cull, reading = (ParticleCull(pipeline, bounders, reads_back=back, unproven=True) for back in (False, True))
+    cull, reading = (Cull(pipeline, bounders, reads_back=back, unproven=True) for back in (False, True))
     for gap in (0.02, 0.3):
         pipeline.soft_contact_gap = gap
         check(pipeline, reading)
@@ -332,11 +329,11 @@ def pipeline_around(add, points: np.ndarray, radius: float, gap: float = GAP):
 @pytest.mark.parametrize("count", [1, 20, 33, 70])
 def test_few_particles_and_none_or_all_that_stay(monkeypatch, count):
     """Lists that do not fill a warp; particles that all touch, and none that does."""
-    monkeypatch.setattr(cull_module, "_in_lists", lambda _: True)
+    monkeypatch.setattr(sieve, "in_lists", lambda _: True)
     for height, stays in ((0.0, count), (5.0, 0)):
         x = np.array([[0.1 * k, 0.0, height] for k in range(count)])
         pipeline = pipeline_around(lambda builder: builder.add_ground_plane(), x, 0.02)
-        cull = ParticleCull(pipeline, reads_back=False)
+        cull = Cull(pipeline, reads_back=False)
         check(pipeline, cull, least=stays)
         assert cull.survivors == stays
 
@@ -375,24 +372,24 @@ ODD = (  # a shape, how far particles reach, their radius, and the gap
 def test_numbers_that_nobody_should_use(case):
     add, reach, radius, gap = ODD[case]
     pipeline = pipeline_of(add, reach, radius, gap, 2000 if reach < 1e5 else 1000)
-    check(pipeline, ParticleCull(pipeline))
+    check(pipeline, Cull(pipeline))
     if radius < 0:
         far = wb.fit(newton.Mesh.create_box(1.0, 1.0, 1.0), "distance", "bvh", device="cpu")
-        check(pipeline, ParticleCull(pipeline, {0: far}))
+        check(pipeline, Cull(pipeline, {0: far}))
 
 
 def test_the_mesh_on_the_device_counts_and_not_the_one_of_the_host():
     mesh = newton.Mesh.create_box(1.0, 1.0, 1.0)
     pipeline = pipeline_of(lambda b: b.add_shape_mesh(body=-1, mesh=mesh), 1.3, 0.01, 0.03)
     mesh.vertices = 0.1 * mesh.vertices
-    check(pipeline, ParticleCull(pipeline))
+    check(pipeline, Cull(pipeline))
     with pytest.raises(wb.BounderError, match="made for another mesh"):
-        ParticleCull(pipeline, {0: wb.fit(mesh, method="kdop", margin=0.1, device="cpu")})
+        Cull(pipeline, {0: wb.fit(mesh, method="kdop", margin=0.1, device="cpu")})
 
 
 def test_shapes_whose_mesh_or_type_is_another_later():
     pipeline = pipeline_of(lambda b: (box(0.1)(b), box()(b)), 1.3, 0.01, 0.03)
-    cull, model = ParticleCull(pipeline), pipeline.model
+    cull, model = Cull(pipeline), pipeline.model
     model.shape_source_ptr.assign(model.shape_source_ptr.numpy()[::-1].copy())
     check(pipeline, cull)
     model.shape_type.fill_(int(newton.GeoType.SPHERE))
@@ -453,7 +450,7 @@ def test_contacts_are_the_same_to_the_last_bit(kind, away):
     hard = at_the_border(pipeline, rng, center, 1.0)
     near = center + rng.normal(size=(4000, 3)) * [2.0, 1.0, 2.0]
     pipeline = primitive(kind, place, np.concatenate([hard, near]), 0.02, on_body=on_body)
-    cull = ParticleCull(pipeline)
+    cull = Cull(pipeline)
     there = check(pipeline, cull, least=401)  # of the hard ones, those that touch
     assert cull.culled > 0.2 * (cull.pairs - len(there[0]))
 
@@ -472,7 +469,7 @@ def test_a_barrel_is_wider_than_its_ends():
             # Newton's own box does not know of the change; it is wide enough for every barrel here.
             pipeline.model.shape_gap.fill_(1.0)
             made.append(pipeline)
-        check(made[1], ParticleCull(made[1]), least=400)
+        check(made[1], Cull(made[1]), least=400)
 
 
 @pytest.mark.parametrize("kind", ADDED)
@@ -482,7 +479,7 @@ def test_numbers_that_are_none_stay(kind):
     for k, number in enumerate(bad):
         points[64 * k : 64 * k + 64 : 3, 2] = points[64 * k + 1 : 64 * k + 64 : 3, 0] = number
     pipeline = primitive(kind, wp.transform_identity(), points, 0.02)
-    state, cull = pipeline.model.state(), ParticleCull(pipeline)
+    state, cull = pipeline.model.state(), Cull(pipeline)
     check(pipeline, cull, state, 0, numbers=False)
     state.particle_q.zero_()
     for number in bad:
@@ -497,14 +494,14 @@ def test_height_fields_say_once_that_they_have_no_test():
     add = lambda builder: (builder.add_shape_heightfield(heightfield=field), builder.add_ground_plane())  # noqa: E731
     pipeline = pipeline_around(add, np.full((20, 3), [0.0, 0.0, 1.0]), 0.02)
     with pytest.warns(wb.BoundingWarning, match=r"keep all their pairs, having no test: hfield \(1\)"):
-        cull = ParticleCull(pipeline)
+        cull = Cull(pipeline)
     cull.candidates(pipeline.model.state())
     tally = cull.tally()
     assert (tally["hfield"].culled, tally["plane"].culled) == (0, 20)
     assert str(tally["plane"]) == "20 of 20 (100.0 %)"
-    ParticleCull(pipeline, untested=[0])  # says nothing: it was requested
+    Cull(pipeline, untested=[0])  # says nothing: it was requested
     far = primitive("mesh", wp.transform_identity(), np.full((50, 3), 9.0), 0.02)
     for untested, pairs in (((), 0), ([0], 50)):
-        assert len(ParticleCull(far, untested=untested).candidates(far.model.state())) == pairs
+        assert len(Cull(far, untested=untested).candidates(far.model.state())) == pairs
     with pytest.raises(wb.BounderError, match="shape must be a whole number from 0 to 0, got"):
-        ParticleCull(far, untested=[1])
+        Cull(far, untested=[1])

@@ -9,7 +9,7 @@ import warp_bounding as wb
 
 newton = pytest.importorskip("newton", reason="Newton is not installed: pip install '.[newton]'")
 
-from warp_bounding.newton import PairCull  # noqa: E402
+from warp_bounding.newton import Cull  # noqa: E402
 from warp_bounding.pairs import Balls  # noqa: E402
 
 RECORDS = ("shape0", "shape1", "point0", "point1", "normal", "margin0", "margin1")
@@ -47,9 +47,15 @@ def scene(mesh, count: int, scale=(1.0, 1.0, 1.0), spread: float = 1.2, margin: 
     return builder.finalize(device="cpu"), shapes
 
 
-def contacts_of(pipeline, state) -> list[np.ndarray]:
+def culled(pipeline, own: dict[int, tuple]) -> Cull:
+    """A cull with bounders and balls of shapes."""
+    far, balls = ({shape: pair[k] for shape, pair in own.items() if pair[k] is not None} for k in (0, 1))
+    return Cull(pipeline, far, balls=balls)
+
+
+def contacts_of(pipeline, state, cull: Cull | None = None) -> list[np.ndarray]:
     contacts = pipeline.contacts()
-    pipeline.collide(state, contacts)
+    (cull or pipeline).collide(state, contacts)
     count = int(contacts.rigid_contact_count.numpy()[0])
     rows = [getattr(contacts, f"rigid_contact_{name}").numpy()[:count].copy() for name in RECORDS]
     if pipeline.deterministic:
@@ -68,26 +74,26 @@ def test_contacts_are_the_same(mesh, own, phase, scale):
     model, shapes = scene(mesh, 24, scale)
     pipeline, state, rng = newton.CollisionPipeline(model, broad_phase=phase), model.state(), np.random.default_rng(0)
     whole = newton.CollisionPipeline(model, broad_phase=phase)
-    cull = PairCull(pipeline, dict.fromkeys(shapes, own))
-    culled = made = 0
+    cull = culled(pipeline, dict.fromkeys(shapes, own))
+    gone = made = 0
     for _ in range(4):
-        expected, found = contacts_of(whole, state), contacts_of(pipeline, state)
+        expected, found = contacts_of(whole, state), contacts_of(pipeline, state, cull)
         assert all(np.array_equal(a, b) for a, b in zip(expected, found, strict=True))
-        culled, made = culled + cull.tally().culled, made + len(expected[0])
+        gone, made = gone + cull.tally()["pairs of meshes"].culled, made + len(expected[0])
         place = state.body_q.numpy()
         place[:, :3] += rng.normal(size=(len(place), 3)) * 0.2
         state.body_q.assign(place)
     assert made
-    assert culled == 0 if scale == (1.0, 1.3, 0.8) else culled > 0
+    assert gone == 0 if scale == (1.0, 1.3, 0.8) else gone > 0
 
 
 def test_margins_and_gaps_are_read_in_each_pass(mesh, own):
     model, shapes = scene(mesh, 24, margin=0.02, gap=0.05)
     pipeline, whole = (newton.CollisionPipeline(model, deterministic=True) for _ in range(2))
-    PairCull(pipeline, dict.fromkeys(shapes, own))
+    cull = culled(pipeline, dict.fromkeys(shapes, own))
     for size in (0.0, 0.3):
         model.shape_gap.fill_(size)
-        expected, found = contacts_of(whole, model.state()), contacts_of(pipeline, model.state())
+        expected, found = contacts_of(whole, model.state()), contacts_of(pipeline, model.state(), cull)
         assert all(np.array_equal(a, b) for a, b in zip(expected, found, strict=True))
 
 
@@ -99,36 +105,33 @@ def test_one_side_may_have_the_bounder_and_the_other_the_balls(mesh, own):
     place.body_q.assign(q)
     for first, second in ((0, 1), (1, 0)):
         pipeline = newton.CollisionPipeline(model)
-        cull = PairCull(pipeline, {shapes[first]: (own[0], None), shapes[second]: (None, own[1])})
-        expected, found = contacts_of(newton.CollisionPipeline(model), place), contacts_of(pipeline, place)
+        cull = culled(pipeline, {shapes[first]: (own[0], None), shapes[second]: (None, own[1])})
+        expected, found = contacts_of(newton.CollisionPipeline(model), place), contacts_of(pipeline, place, cull)
         assert all(np.array_equal(a, b) for a, b in zip(expected, found, strict=True))
-        assert cull.tally().pairs
+        assert cull.tally()["pairs of meshes"].pairs
     pipeline = newton.CollisionPipeline(model)
-    cull = PairCull(pipeline, {})
-    contacts_of(pipeline, place)
-    assert cull.tally().culled == 0
+    cull = Cull(pipeline, balls={shapes[0]: own[1]})  # and no bounder
+    contacts_of(pipeline, place, cull)
+    assert cull.tally()["pairs of meshes"].culled == 0
 
 
 def test_what_does_not_fit_is_refused(mesh, own):
     model, shapes = scene(mesh, 2)
     pipeline, (far, balls) = newton.CollisionPipeline(model), own
     other = wb.shapes.Mesh(mesh.vertices * np.float32(2), mesh.faces, name="other")
+    first, box = shapes[0], model.shape_count - 1
     cases = {
-        "CollisionPipeline": lambda: PairCull(model, {}),
-        "whole number": lambda: PairCull(pipeline, {99: own}),
-        "expected a mesh": lambda: PairCull(pipeline, {model.shape_count - 1: own}),
-        "and balls": lambda: PairCull(pipeline, {shapes[0]: far}),
-        "distance bounder": lambda: PairCull(pipeline, {shapes[0]: (wb.fit(mesh, method="aabb", device="cpu"), balls)}),
-        "expected balls": lambda: PairCull(pipeline, {shapes[0]: (far, far)}),
-        "hold another mesh": lambda: PairCull(pipeline, {shapes[0]: (far, Balls.of(other, 8))}),
-        "another mesh, other": lambda: PairCull(
-            pipeline, {shapes[0]: (wb.fit(other, "distance", "aabb", device="cpu"), balls)}
-        ),
-        "proven": lambda: PairCull(pipeline, {shapes[0]: (far.to().freeze(far.threshold, None), balls)}),
+        "whole number": (far, {99: balls}),
+        "expected a mesh": (far, {box: balls}),
+        "expected balls": (far, {first: far}),
+        "hold another mesh": (far, {first: Balls.of(other, 8)}),
+        "another mesh, other": (wb.fit(other, "distance", "aabb", device="cpu"), {first: balls}),
+        "proven": (far.to().freeze(far.threshold, None), {first: balls}),
+        "mapping from indices of shapes to balls, got Balls": (far, balls),
     }
-    for message, call in cases.items():
+    for message, (bounder, held) in cases.items():
         with pytest.raises(wb.BounderError, match=message):
-            call()
+            Cull(pipeline, {first: bounder}, balls=held)
 
 
 def test_a_mesh_whose_inside_newton_tells_by_normals_is_refused(mesh):
@@ -139,4 +142,4 @@ def test_a_mesh_whose_inside_newton_tells_by_normals_is_refused(mesh):
     model, shapes = scene(other, 2)
     pair = wb.fit(other, "distance", "aabb", device="cpu"), Balls.of(other, 8)
     with pytest.raises(wb.BounderError, match="normals"):
-        PairCull(newton.CollisionPipeline(model), {shapes[0]: pair})
+        culled(newton.CollisionPipeline(model), {shapes[0]: pair})

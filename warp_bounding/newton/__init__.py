@@ -1,4 +1,4 @@
-"""For Newton: passes over the pairs that may touch only, of particles (``cull``) and of meshes (``rigid``).
+"""For Newton: passes over what may touch only: particles, whole soft surfaces (``surface``), meshes (``rigid``).
 
 Needs Newton, the extra ``newton``: from 1.7 on, tested with 1.8.
 """
@@ -10,8 +10,7 @@ except ImportError as error:
         "warp_bounding.newton needs Newton: pip install 'warp-bounding[newton]'", name="newton"
     ) from error
 
-from warp_bounding.newton.cull import ParticleCull, Tally
-from warp_bounding.newton.rigid import PairCull
+from warp_bounding.newton.cull import Cull, Tally
 from warp_bounding.newton.shapes import margin_for
 
-__all__ = ["PairCull", "ParticleCull", "Tally", "margin_for"]
+__all__ = ["Cull", "Tally", "margin_for"]

@@ -23,21 +23,21 @@ CPU_BLOCK = 1024  # pairs that one thread of a kernel goes through on a CPU
 
 
 @wp.kernel(enable_backward=False)
-def split_particles(
+def split_balls(
     # inputs
     first: int,
-    particle_q: wp.array(dtype=wp.vec3),
-    particle_radius: wp.array(dtype=float),
+    points: wp.array(dtype=wp.vec3),
+    radii: wp.array(dtype=float),
     count: int,
     # outputs
     rows: wp.array(dtype=float),
 ):
-    """The particles' x, one after another, then all their y, z and radii: so that neighbours are read together."""
+    """The balls' x, one after another, then all their y, z and radii: so that neighbours are read together."""
     p = first + wp.tid()
-    q = particle_q[p]
+    q = points[p]
     for k in range(3):
         rows[k * count + p] = q[k]
-    rows[3 * count + p] = particle_radius[p]
+    rows[3 * count + p] = radii[p]
 
 
 @wp.kernel(enable_backward=False)

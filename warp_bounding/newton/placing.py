@@ -186,6 +186,9 @@ _HULL_ROUNDING = wp.constant(IN_WORLD * UNIT32)
 # Of the sum that a bounder's margin is compared with: eight roundings.
 IN_SUM = 8.0 * UNIT32
 _SUM_ROUNDING = wp.constant(IN_SUM)
+# Times that: the passes over surfaces take corners of meshes to the world and back, and closest points of edges and
+# faces there, 48 units of what a mesh reaches and 64 of the world.
+_OF_SURFACES = wp.constant(4.0)
 # A quaternion whose squared length is farther from 1 than this, more than float32 rounding makes it, does not only
 # rotate.
 _UNIT_ROTATION = wp.constant(1.0e-6)
@@ -216,9 +219,17 @@ def _off_unit(q: wp.quat) -> float:
 
 @wp.func
 def _around_mesh(
-    hull: Hull, half: wp.vec3, grow: float, size: float, scale: wp.vec3, gap: float, margin: float, world: float
+    hull: Hull,
+    half: wp.vec3,
+    grow: float,
+    size: float,
+    scale: wp.vec3,
+    gap: float,
+    margin: float,
+    world: float,
+    rounding: float,
 ) -> Hull:
-    """The hull of a domain, or of a mesh, given in the mesh's units."""
+    """The hull of a domain, or of a mesh, given in the mesh's units; ``rounding`` is a multiple of what is added."""
     hull.half = wp.abs(wp.cw_mul(half, scale))
     hull.radius = wp.length(wp.cw_mul(half, scale))
     grown = grow * (1.0 + _HULL_ROUNDING)
@@ -228,10 +239,10 @@ def _around_mesh(
     inverse = 1.0 / wp.min(wp.abs(scale))
     # The search squares how far it looks, so that a negative number counts as its size.
     reach = wp.abs(gap) + wp.abs(margin * inverse)
-    moved = _MESH_ROUNDING * (size + reach) + _WORLD_ROUNDING * world * inverse
+    moved = rounding * (_MESH_ROUNDING * (size + reach) + _WORLD_ROUNDING * world * inverse)
     hull.reach = reach + moved + _SUM_ROUNDING * reach
     hull.per_radius = inverse * (1.0 + _MESH_ROUNDING + _SUM_ROUNDING)
-    hull.per_coordinate = inverse * _WORLD_ROUNDING
+    hull.per_coordinate = rounding * inverse * _WORLD_ROUNDING
     # Where the search finds nothing the pass takes the distance for 1e6, and makes a contact if that is near enough:
     # then nothing is said. Else a radius is over half of it, and so is the way over half of it divided by the scale.
     hull.margin = wp.min(hull.margin, _MOST_OF_RADII * inverse)
@@ -281,6 +292,7 @@ def place_shapes(
     shape_type: wp.array(dtype=int),
     shape_mesh: wp.array(dtype=wp.uint64),
     gap: float,
+    surfaces: int,
     roles: wp.array(dtype=int),
     meshes: wp.array(dtype=wp.uint64),
     domains: wp.array2d(dtype=wp.vec3),
@@ -291,7 +303,10 @@ def place_shapes(
     placed: wp.array(dtype=Placed),
     hulls: wp.array(dtype=Hull),
 ):
-    """World to shape, by the operations of Newton's own pass; and the hull of each shape; for rounding see module."""
+    """World to shape, by the operations of Newton's own pass; and the hull of each shape; for rounding see module.
+
+    The passes over ``surfaces`` measure a mesh's gap in the world, that over particles in the mesh: the larger counts.
+    """
     s = first + wp.tid()
     place = wp.transform_identity()
     if shape_body[s] >= 0:
@@ -315,7 +330,11 @@ def place_shapes(
     if role == _PRIMITIVE:
         hull = _around_primitive(shape_type[s], scale, gap, margin, world)
     else:
-        hull = _around_mesh(hull, domains[s, 1], grows[s], sizes[s], scale, gap, margin, world)
+        far, rounding = gap, 1.0
+        if surfaces == 1:
+            far = gap * wp.max(1.0, 1.0 / wp.min(wp.abs(scale)))
+            rounding = _OF_SURFACES
+        hull = _around_mesh(hull, domains[s, 1], grows[s], sizes[s], scale, far, margin, world, rounding)
         if shape_mesh[s] != meshes[s] or (shape_type[s] != _MESH and shape_type[s] != _CONVEX_MESH):
             hull.margin = -wp.inf  # another shape than the one that is known
     hull.center = wp.transform_point(to_world, wp.cw_mul(domains[s, 0], scale))
@@ -330,6 +349,8 @@ def place_shapes(
     )
     if not wp.max(wp.abs(length - 1.0), parts_off) <= _UNIT_ROTATION:
         beyond = wp.inf  # the bounder itself is queried, in the coordinates of Newton's pass
+        if surfaces == 1:
+            hull.margin = -wp.inf  # which has others there
     hull.radius += beyond
     hull.half += wp.vec3(beyond)
     axes = wp.mat33()

@@ -1,7 +1,7 @@
 """A filter between the broad and the narrow phase of a Newton pipeline: pairs of meshes that are certainly apart go.
 
 Newton makes contacts of two meshes where a point on an edge of one has a distance from the other under ``gap + margin``
-of both, added up. ``PairCull`` asks ``wb.pairs`` whether all of one mesh is farther than that from all of the other,
+of both, added up. ``PairFilter`` asks ``wb.pairs`` whether all of one mesh is farther than that from all of the other,
 and by what float32 does on the way: Newton's transforms, as in ``placing``, and its closest points, under ``ROUNDING =
 256 u`` of the places, of what the meshes reach from their origins, and of the sum itself. Pairs that are left stand in
 Newton's order, and their contacts are the same. Newton's reduction may list them in another order unless the pipeline
@@ -14,19 +14,19 @@ are open or have an edge without exactly two faces: by their normals Newton may 
 (``unproven=True`` takes both).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 
 import newton
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import DistanceBounder
+from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
-from warp_bounding.newton.cull import Tally
 from warp_bounding.newton.placing import coordinates_of
-from warp_bounding.newton.shapes import check_index, check_proven, triangles
+from warp_bounding.newton.shapes import CLOSED, check_index, check_proven, triangles
 from warp_bounding.pairs import Balls, Pair, PairData
 from warp_bounding.pairs.kernels import closest_func
 from warp_bounding.rounding import UNIT32
@@ -37,7 +37,6 @@ from warp_bounding.shapes import Mesh
 
 ROUNDING = wp.constant(256.0 * UNIT32)
 NONE = -1
-CLOSED = 1  # Newton's bit of a mesh whose inside it tells by crossings of its faces, not by normals
 
 
 @wp.func
@@ -134,55 +133,44 @@ def deny_kernel(source: DistanceSource) -> wp.Kernel:
     return named(unique_name(source, "newton_pairs")).kernel(deny)
 
 
-class PairCull:
-    """A collision pipeline whose narrow phase skips pairs of meshes that are certainly apart.
-
-    Attributes:
-        pipeline: The pipeline; its broad phase calls the filter from now on.
-    """
+class PairFilter:
+    """Takes pairs of meshes that are certainly apart from what a broad phase has found, while it is ``culled``."""
 
     def __init__(
         self,
         pipeline: newton.CollisionPipeline,
-        bounded: Mapping[int, tuple[DistanceBounder | None, Balls | None]],
-        *,
-        unproven: bool = False,
+        bounders: Mapping[int, Bounder],
+        balls: Mapping[int, Balls],
+        unproven: bool,
     ):
-        """Check bounders and balls, and load all kernels, so that a graph can be captured.
-
-        Args:
-            pipeline: Any broad phase; without speculative contacts.
-            bounded: Per index of a shape a distance bounder of its mesh and balls that hold it, in the mesh's own
-                coordinates; one of both may be ``None``. One bounder may serve many shapes.
-            unproven: Take bounders without a proof, shapes with a texture SDF, and refused meshes, too; contacts may
-                then be missed.
-
-        Raises:
-            BounderError: For what is not of this mesh, has no proof, or is refused (see module).
-        """
-        if not isinstance(pipeline, newton.CollisionPipeline):
-            raise BounderError(f"pipeline must be a newton.CollisionPipeline, got {type(pipeline).__name__}")
+        """See ``Cull``; shapes without balls take part if they can. Raises ``BounderError`` for those that cannot."""
         if getattr(pipeline, "_speculative_enabled", False):
             raise BounderError("speculative contacts look farther than gaps and margins; pairs must stay")
         self.pipeline, self._model = pipeline, pipeline.model
         model, device = self._model, pipeline.model.device
         count, self._pairs = model.shape_count, pipeline.broad_phase_shape_pairs
         meshes = model.shape_source_ptr.numpy().astype(np.uint64) if count else np.zeros(0, np.uint64)
-        bounders: list[DistanceBounder] = []
-        balls: list[Balls] = []
+        lists: tuple[list[Bounder], list[Balls]] = [], []
         known: dict[int, Mesh] = {}
         numbers = np.full((2, count), NONE, np.int32)
-        for shape, own in bounded.items():
-            _check(model, shape, own, unproven, meshes, known)
-            for row, (held, each) in enumerate(zip((bounders, balls), own, strict=True)):
+        for shape in {**bounders, **balls}:
+            bounder = bounders.get(shape)
+            own = bounder if getattr(bounder, "of_distances", False) else None, balls.get(shape)
+            try:
+                _check(model, shape, own, unproven, meshes, known)
+            except BounderError:
+                if shape in balls:
+                    raise
+                continue
+            for row, (held, each) in enumerate(zip(lists, own, strict=True)):
                 if each is not None:
                     if not any(each is other for other in held):
                         held.append(each)
                     numbers[row, shape] = next(n for n, other in enumerate(held) if other is each)
         self._tests = [
             (deny_kernel(bounder.source), Pair(bounder, each).data, a, b)
-            for a, bounder in enumerate(bounders)
-            for b, each in enumerate(balls)
+            for a, bounder in enumerate(lists[0])
+            for b, each in enumerate(lists[1])
         ]
         self._scene = Scene()
         self._scene.bounder_of, self._scene.balls_of = (wp.array(row, dtype=int, device=device) for row in numbers)
@@ -194,14 +182,22 @@ class PairCull:
         self._compaction = Compaction(self._keep)
         for kernel in (_begin, _end, _counted, *(test[0] for test in self._tests)):
             ready(kernel, device)
-        phase = pipeline.broad_phase
-        phase.__dict__["_filter"] = self._filter
-        phase.__class__ = _filtering(type(phase))
+        pipeline.broad_phase.__class__ = _filtering(type(pipeline.broad_phase))
 
-    def tally(self) -> Tally:
-        """Pairs that the broad phase found in the last pass, and how many of them went; waits for the device."""
-        found, left = (int(n) for n in self._found.numpy())
-        return Tally(max(found, 0), max(found, 0) - max(left, 0))
+    def counts(self) -> tuple[int, int]:
+        """How many pairs the broad phase found in the last pass, and how many are left; waits for the device."""
+        found, left = self._found.numpy().tolist()
+        return max(found, 0), max(left, 0)
+
+    @contextmanager
+    def culled(self) -> Iterator[None]:
+        """The broad phase calls the filter."""
+        own = self.pipeline.broad_phase.__dict__
+        own["_filter"] = self._filter
+        try:
+            yield
+        finally:
+            del own["_filter"]
 
     def _filter(self) -> None:
         """Take denied pairs from the list that the broad phase has just written."""
@@ -236,8 +232,6 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
     check_index(model, shape)
     if int(model.shape_type.numpy()[shape]) != int(newton.GeoType.MESH):
         raise BounderError(f"shape {shape}: expected a mesh")
-    if not isinstance(own, tuple) or len(own) != 2:
-        raise BounderError(f"shape {shape}: expected a distance bounder and balls, got {own!r}")
     bounder, balls = own
     if bounder is not None:
         Pair(bounder, Balls(np.zeros((1, 3), np.float32), np.zeros(1, np.float32), ""))  # a distance in 3D, at rest
@@ -272,6 +266,7 @@ def _filtering(kind: type) -> type:
 
     def launch(phase, *arguments, **options) -> None:
         kind.launch(phase, *arguments, **options)
-        phase.__dict__["_filter"]()
+        if filtered := phase.__dict__.get("_filter"):
+            filtered()
 
     return type(kind.__name__, (kind,), {"launch": launch, "_filters": True})

@@ -12,9 +12,10 @@ import warp as wp
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, BoundingWarning
 from warp_bounding.newton import placing
-from warp_bounding.newton.placing import IN_MESH, IN_WORLD, PRIMITIVES
+from warp_bounding.newton.placing import IN_MESH, IN_WORLD, PRIMITIVES, Hull, Placed
 from warp_bounding.queries import QUERIES
 from warp_bounding.rounding import UNIT32
+from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.shapes import Mesh
 
 # --- Meshes -----------------------------------------------------------------------------------------------------------
@@ -69,10 +70,11 @@ def triangles(mesh: int, device: wp.Device) -> tuple[np.ndarray, np.ndarray]:
 # err.
 
 MESHES = (int(newton.GeoType.MESH), int(newton.GeoType.CONVEX_MESH))
+CLOSED = 1  # Newton's bit of a mesh whose inside it tells by crossings of its faces, not by normals
 
 
 def margin_for(mesh: newton.Mesh, reach: float, *, world: float, scale: float = 1.0) -> float:
-    """The ``margin`` to fit a bounder with, so that ``ParticleCull`` takes it.
+    """The ``margin`` to fit a bounder with, so that ``Cull`` takes it.
 
     Args:
         mesh: The shape's mesh.
@@ -190,7 +192,8 @@ class Shapes:
         bounders: Each once.
         roles: ``(S,)`` int, as in ``placing``.
         bounder_of: ``(S,)`` int32, which of the bounders; -1 for none.
-        own: What ``place_shapes`` reads of that, on the device.
+        placed: ``(S,)`` ``Placed``, as the last pass has found them.
+        hulls: ``(S,)`` ``Hull``, likewise.
     """
 
     def __init__(
@@ -199,9 +202,14 @@ class Shapes:
         bounders: Mapping[int, Bounder],
         unproven: bool,
         untested: Collection[int],
+        surfaces: bool = False,
     ):
-        """Check the bounders, and warn once of shapes that have no test; ``BounderError`` as in ``ParticleCull``."""
+        """Check the bounders, and warn once of shapes that have no test; ``BounderError`` as in ``Cull``.
+
+        For passes over whole ``surfaces`` hulls are farther, and meshes are tested only if their faces enclose them.
+        """
         self._model = model = pipeline.model
+        self._surfaces = surfaces
         count = model.shape_count
         for shape in untested:
             check_index(model, shape)
@@ -222,8 +230,11 @@ class Shapes:
                 known[mesh] = triangles(mesh, model.device)
             return known[mesh]
 
+        self.mesh_of = mesh_of
         for shape, bounder in bounders.items():
             check_bounder(pipeline, shape, bounder, unproven, mesh_of)
+            if not (unproven or self._encloses(shape)):
+                raise BounderError(f"shape {shape}: an edge has not two faces, so Newton tells the inside by normals")
             self._bound(shape, bounder, unproven, mesh_of(shape)[0])
             numbers[shape] = next(n for n, other in enumerate(self.bounders) if other is bounder)
         for shape, kind in enumerate(kinds):
@@ -232,7 +243,7 @@ class Shapes:
             points = mesh_of(shape)[0] if kind in MESHES and self._ids[shape] else np.empty(0)
             if kind in PRIMITIVES:
                 self.roles[shape] = placing.PRIMITIVE
-            elif points.size and np.isfinite(points).all():
+            elif points.size and np.isfinite(points).all() and self._encloses(shape):
                 self._enclose(shape, points)
                 self.roles[shape], self._margins[shape], self._grows[shape] = placing.HULL, np.inf, 1.0
             elif collides[shape]:
@@ -241,9 +252,11 @@ class Shapes:
             reported = ", ".join(f"{name} ({number})" for name, number in sorted(unknown.items()))
             told = f"shapes that keep all their pairs, having no test: {reported}"
             warnings.warn(told, BoundingWarning, stacklevel=3)
+        self.placed = wp.empty(count, dtype=Placed, device=model.device)
+        self.hulls = wp.empty(count, dtype=Hull, device=model.device)
         on_device = [(self.roles, wp.int32), (self._ids, wp.uint64), (self._domains, wp.vec3)]
         on_device += [(values, wp.float32) for values in (self._margins, self._grows, self._sizes)]
-        self.own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]
+        self._own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]
         self.bounder_of = wp.array(numbers, dtype=wp.int32, device=model.device)
 
     def read(self, state: newton.State) -> list[wp.array | None]:
@@ -251,6 +264,20 @@ class Shapes:
         m = self._model
         places = [state.body_q, m.shape_transform, m.shape_body, m.shape_scale, m.shape_margin]
         return [*places, m.shape_flags, m.shape_type, m.shape_source_ptr]
+
+    def launch(self, state: newton.State, gap: float) -> BlockLaunch:
+        """Places and hulls of a state, for this contact gap."""
+        inputs = [0, *self.read(state), gap, int(self._surfaces), *self._own]
+        outputs = [self.placed, self.hulls]
+        count, device = self._model.shape_count, self._model.device
+        return BlockLaunch(placing.place_shapes, count, inputs, outputs, device, first_index=0, block=1)
+
+    def _encloses(self, shape: int) -> bool:
+        """Whether Newton tells a mesh's inside by crossings of its faces, as the passes over surfaces must.
+
+        By normals it may find an inside far away.
+        """
+        return not self._surfaces or bool(int(self._model._shape_mesh_properties.numpy()[shape]) & CLOSED)
 
     @property
     def names(self) -> list[str]:

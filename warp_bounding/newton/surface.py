@@ -1,0 +1,279 @@
+"""Whole faces and edges of soft bodies against meshes: what Newton's passes over them need not look at.
+
+With ``enable_rigid_soft_full_surface_contact`` Newton looks, for each corner, edge and face of each mesh, which edges
+and faces of soft bodies come near it; and for each particle, which faces of each mesh do. Here a ball holds each face
+of a soft body (and each edge without a face), and is asked as a particle of that radius is: if the ball is farther
+from the mesh than Newton looks, so are the face, its edges and its corners. What stays marks cells of a grid around the
+mesh, in the mesh's own coordinates: all that the face's box meets, dilated by how far Newton looks and by the half size
+of the mesh's largest face. Corners, edges and faces of the mesh whose middles lie in unmarked cells are told to be of a
+shape that does not collide, so that Newton leaves them at once. Their places in Newton's tables stay, and so do the
+numbers that contacts keep of them.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
+import newton
+import numpy as np
+import warp as wp
+
+from warp_bounding.newton.placing import Hull, Placed, coordinates_of
+from warp_bounding.newton.shapes import Shapes
+from warp_bounding.newton.sieve import Sieve
+from warp_bounding.rounding import UNIT32
+from warp_bounding.runtime.launch import BlockLaunch, ready
+
+ALONG = 32  # cells along each axis of a mesh's box
+_ALONG = wp.constant(ALONG)
+_ROUNDING = wp.constant(1.0 + 16.0 * UNIT32)  # of a ball's radius: differences, squares, their sum, its root
+_SLACK = wp.constant(2.0**-7)  # cells: more than float32 rounds in the number of one among ``ALONG``
+_FINITE = wp.constant(1.0e30)
+
+
+@wp.struct
+class Cells:
+    """The grid around a mesh, in its own coordinates."""
+
+    lower: wp.vec3
+    per_unit: wp.vec3  # cells; 0 where the mesh is flat
+    reach: wp.vec3  # half the size of its largest face
+    first: int  # the number of its first cell
+
+
+@wp.kernel(enable_backward=False)
+def place_faces(
+    # inputs
+    first: int,
+    corners: wp.array(dtype=wp.vec3i),
+    particle_q: wp.array(dtype=wp.vec3),
+    particle_radius: wp.array(dtype=float),
+    # outputs
+    middles: wp.array(dtype=wp.vec3),
+    radii: wp.array(dtype=float),
+):
+    """A ball around each face, as large as its particles are beyond it."""
+    i = first + wp.tid()
+    face = corners[i]
+    middle = (particle_q[face[0]] + particle_q[face[1]] + particle_q[face[2]]) / 3.0
+    farthest, radius = wp.float32(0.0), wp.float32(0.0)
+    for k in range(3):
+        farthest = wp.max(farthest, wp.length(particle_q[face[k]] - middle))
+        radius = wp.max(radius, wp.abs(particle_radius[face[k]]))
+    middles[i] = middle
+    radii[i] = (farthest + radius) * _ROUNDING
+
+
+@wp.kernel(enable_backward=False)
+def mark_cells(
+    # inputs
+    first: int,
+    pairs: wp.array(dtype=wp.vec2i),
+    keep: wp.array(dtype=wp.uint8),
+    corners: wp.array(dtype=wp.vec3i),
+    particle_q: wp.array(dtype=wp.vec3),
+    particle_radius: wp.array(dtype=float),
+    placed: wp.array(dtype=Placed),
+    hulls: wp.array(dtype=Hull),
+    grids: wp.array(dtype=Cells),
+    # outputs
+    marks: wp.array(dtype=wp.uint8),
+    whole: wp.array(dtype=wp.uint8),
+):
+    """Mark the cells that a face may touch; the ``whole`` mesh where that is not known."""
+    i = first + wp.tid()
+    if keep[i] == wp.uint8(0):
+        return
+    face, shape = corners[pairs[i][0]], pairs[i][1]
+    hull, place, cells = hulls[shape], placed[shape], grids[shape]
+    lower, upper, way, sizes = wp.vec3(_FINITE), wp.vec3(-_FINITE), wp.float32(0.0), wp.float32(0.0)
+    for k in range(3):
+        x = particle_q[face[k]]
+        y = wp.cw_div(wp.transform_point(place.to_shape, x), place.scale)
+        lower, upper = wp.min(lower, y), wp.max(upper, y)
+        own = hull.reach + hull.per_radius * wp.abs(particle_radius[face[k]]) + hull.per_coordinate * coordinates_of(x)
+        way = wp.max(way, own)
+        sizes += coordinates_of(y) + own
+    if not (way <= hull.margin and sizes < _FINITE):
+        whole[shape] = wp.uint8(1)
+        return
+    from_, to = wp.vec3i(), wp.vec3i()
+    for k in range(3):
+        beyond = way + cells.reach[k]
+        low = (lower[k] - beyond - cells.lower[k]) * cells.per_unit[k] - _SLACK
+        high = (upper[k] + beyond - cells.lower[k]) * cells.per_unit[k] + _SLACK
+        from_[k] = int(wp.clamp(low, 0.0, float(_ALONG - 1)))
+        to[k] = int(wp.clamp(high + 1.0, 0.0, float(_ALONG)))
+    for a in range(from_[0], to[0]):
+        for b in range(from_[1], to[1]):
+            for c in range(from_[2], to[2]):
+                marks[cells.first + (a * _ALONG + b) * _ALONG + c] = wp.uint8(1)
+
+
+@wp.kernel(enable_backward=False)
+def mask_rows(
+    # inputs
+    first: int,
+    shapes: wp.array(dtype=wp.int32),
+    cells: wp.array(dtype=wp.int32),
+    marks: wp.array(dtype=wp.uint8),
+    whole: wp.array(dtype=wp.uint8),
+    # outputs
+    rows: wp.array2d(dtype=wp.int32),
+):
+    """The shape of each row of a table, or one that does not collide."""
+    i = first + wp.tid()
+    shape = shapes[i]
+    if marks[cells[i]] == wp.uint8(1) or whole[shape] == wp.uint8(1):
+        rows[i, 0] = shape
+    else:
+        rows[i, 0] = whole.shape[0]
+
+
+class Surface:
+    """The culls of Newton's passes over particles, faces and edges of soft bodies against meshes.
+
+    Attributes:
+        particles: The sieve of particles and meshes.
+        faces: The sieve of soft faces, and edges without one, and meshes.
+    """
+
+    def __init__(self, pipeline: newton.CollisionPipeline, shapes: Shapes):
+        self._pipeline, self._model, self._shapes = pipeline, pipeline.model, shapes
+        model, device = self._model, pipeline.model.device
+        self._data = data = pipeline._soft_mesh_contact_data
+        self.particles = Sieve(data.vertex_pairs, model.particle_count, shapes)
+        corners = _corners_of(model)
+        tables = [data.rigid_features[0], data.rigid_features[2], data.rigid_faces]
+        meshes = np.unique(np.concatenate([data.vertex_pairs.numpy()[:, 1], *(t.numpy()[:, 0] for t in tables)]))
+        self._corners = wp.array(corners, dtype=wp.vec3i, device=device)
+        self._middles = wp.empty(len(corners), dtype=wp.vec3, device=device)
+        self._radii = wp.empty(len(corners), dtype=wp.float32, device=device)
+        pairs = _pairs_of(model, corners, meshes)
+        self.faces = Sieve(wp.array(pairs, dtype=wp.vec2i, device=device), len(corners), shapes)
+        grids, cells = _grids(model.shape_count, meshes, tables, shapes)
+        self._grids = wp.array(grids, dtype=Cells, device=device)
+        self._marks = wp.zeros(max(len(meshes), 1) * ALONG**3, dtype=wp.uint8, device=device)
+        self._whole = wp.zeros(model.shape_count, dtype=wp.uint8, device=device)
+        flags = model.shape_flags
+        self._flags = wp.zeros(len(flags) + 1, dtype=flags.dtype, device=device)  # the last shape does not collide
+        # Of each table: shapes and cells of its rows, and the rows as Newton is to see them.
+        self._tables = [
+            (*(wp.array(each, dtype=int, device=device) for each in (table.numpy()[:, 0].copy(), own)), wp.clone(table))
+            for table, own in zip(tables, cells, strict=True)
+        ]
+        for kernel in (place_faces, mark_cells, mask_rows):
+            ready(kernel, device)
+
+    def launches(self, state: newton.State) -> list[BlockLaunch]:
+        """What fills the masks of both sieves and of the tables; ``begin`` comes before."""
+        q, radius, device = state.particle_q, self._model.particle_radius, self._model.device
+        launch = partial(BlockLaunch, device=device, first_index=0, block=1)
+        found = self.particles.launches(q, radius)
+        if not len(self.faces):
+            return found
+        where = [self._shapes.placed, self._shapes.hulls, self._grids]
+        inputs = [0, self.faces.pairs, self.faces.keep, self._corners, q, radius, *where]
+        marks = [self._marks, self._whole]
+        return [
+            *found,
+            launch(place_faces, len(self._corners), [0, self._corners, q, radius], [self._middles, self._radii]),
+            *self.faces.launches(self._middles, self._radii),
+            launch(mark_cells, len(self.faces), inputs, marks),
+            *(
+                launch(mask_rows, len(rows), [0, shapes, cells, *marks], [_numbers(rows)])
+                for shapes, cells, rows in self._tables
+                if len(rows)
+            ),
+        ]
+
+    def begin(self) -> None:
+        """Forget what the last pass found."""
+        for sieve in (self.particles, self.faces):
+            sieve.begin()
+        self._marks.zero_()
+        self._whole.zero_()
+
+    @contextmanager
+    def culled(self, state: newton.State, reads_back: bool) -> Iterator[None]:
+        """Newton's passes see what the launches have left, and its own tables again behind them."""
+        data, model = self._data, self._model
+        before = data.vertex_pairs, data.rigid_features, data.rigid_faces, model.shape_flags
+        corners, normals, edges, outward = data.rigid_features
+        if len(self.particles):
+            data.vertex_pairs = self.particles.kept(state.particle_q, reads_back)
+        if len(self.faces):
+            corners, edges, data.rigid_faces = (rows for _, _, rows in self._tables)
+            data.rigid_features = corners, normals, edges, outward
+            wp.copy(self._flags, model.shape_flags)
+            model.shape_flags = self._flags
+        try:
+            yield
+        finally:
+            data.vertex_pairs, data.rigid_features, data.rigid_faces, model.shape_flags = before
+
+    def rows(self) -> list[tuple[int, int]]:
+        """Of corners, edges and faces of meshes: how many there are, and how many are left; waits for the device."""
+        none = self._model.shape_count
+        return [(len(rows), int((rows.numpy()[:, 0] != none).sum())) for _, _, rows in self._tables]
+
+
+def _corners_of(model: newton.Model) -> np.ndarray:
+    """``(F, 3)`` int32, the particles of faces, and of edges that belong to none (their last twice)."""
+    none = np.empty((0, 3), np.int32)
+    faces = model.tri_indices.numpy().reshape(-1, 3) if model.tri_count else none
+    if not len(faces) or not model.edge_count:  # without faces Newton looks at no edge
+        return faces
+    edges = model.edge_indices.numpy()[:, 2:4]
+    first, last = np.sort(np.concatenate([edges, *(faces[:, [k, (k + 1) % 3]] for k in range(3))]), axis=1).T
+    keys = first.astype(np.int64) * model.particle_count + last
+    lone = ~np.isin(keys[: len(edges)], keys[len(edges) :])
+    return np.concatenate([faces, edges[lone][:, [0, 1, 1]]]).astype(np.int32)
+
+
+def _numbers(rows: wp.array) -> wp.array:
+    """The same rows, each a row of whole numbers."""
+    return wp.array(ptr=rows.ptr, dtype=wp.int32, shape=(len(rows), rows.dtype._length_), device=rows.device)
+
+
+def _pairs_of(model: newton.Model, corners: np.ndarray, meshes: np.ndarray) -> np.ndarray:
+    """``(N, 2)`` int32, faces and meshes of worlds that meet, mesh by mesh."""
+    if not len(corners):
+        return np.empty((0, 2), np.int32)
+    world, of_shape = model.particle_world.numpy()[corners], model.shape_world.numpy()
+    found = []
+    for shape in meshes:
+        own = of_shape[shape]
+        meet = np.flatnonzero(((world < 0) | (world == own) | (own < 0)).any(axis=1))
+        found.append(np.column_stack([meet, np.full(len(meet), shape)]))
+    return np.concatenate(found).astype(np.int32) if found else np.empty((0, 2), np.int32)
+
+
+def _grids(
+    count: int, meshes: np.ndarray, tables: list[wp.array], shapes: Shapes
+) -> tuple[np.ndarray, list[np.ndarray]]:
+    """The ``Cells`` of each of ``count`` shapes, and of each row of each table the number of its cell."""
+    grids = np.zeros(count, Cells.numpy_dtype())
+    rows = [table.numpy() for table in tables]
+    cells = [np.zeros(len(own), np.int32) for own in rows]
+    for number, shape in enumerate(meshes):
+        points, faces = shapes.mesh_of(int(shape))
+        corners = points[faces.reshape(-1)].astype(np.float64)
+        if not np.isfinite(corners).all():
+            continue  # never tested, so its mesh is marked whole
+        lower, width = corners.min(axis=0), np.ptp(corners, axis=0)
+        per_unit = np.divide(ALONG, width, out=np.zeros(3), where=width > 0).astype(np.float32)
+        reach, first = np.zeros(3), number * ALONG**3
+        for own, cell in zip(rows, cells, strict=True):
+            here = np.flatnonzero(own[:, 0] == shape)
+            at = own[here, 1:]
+            if own is rows[2]:
+                at = 3 * at + np.arange(3)
+            boxes = corners[at]
+            low, high = boxes.min(axis=1), boxes.max(axis=1)
+            reach = np.maximum(reach, ((high - low) / 2).max(axis=0, initial=0.0))
+            place = np.clip(((low + high) / 2 - lower) * per_unit, 0, ALONG - 1).astype(np.int64)
+            cell[here] = first + (place[:, 0] * ALONG + place[:, 1]) * ALONG + place[:, 2]
+        grids[shape]["lower"], grids[shape]["per_unit"] = lower, per_unit
+        grids[shape]["reach"], grids[shape]["first"] = np.nextafter(reach.astype(np.float32), np.inf), first
+    return grids, cells
