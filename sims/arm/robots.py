@@ -11,7 +11,7 @@ import numpy as np
 import warp_bounding as wb
 from sims.prefitted import FOLDER
 
-__all__ = ["CELLS", "KEPT", "ROBOTS", "Cell", "Robot", "four_joints", "planar", "robots", "six_joints", "ur5"]
+__all__ = ["CELLS", "KEPT", "ROBOTS", "Cell", "Robot", "four_joints", "panda", "planar", "robots", "six_joints", "ur5"]
 
 # Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m
 # (Denavit-Hartenberg a, alpha, d).
@@ -229,16 +229,30 @@ def robots() -> Path:
     return Path(data.locate_file("cmeel.prefix/share/example-robot-data/robots"))
 
 
-@cache
-def ur5() -> Cell:
-    """Four joints of a UR5, the last two held, among a table, a shelf with its back, and a post."""
-    folder, name, box = robots() / "ur_description", "ur5_joint_limited_robot", wb.arms.Body.box
-    files = folder / f"urdf/{name}.urdf", folder / f"srdf/{name}.srdf"
-    arm = wb.arms.load_urdf(files[0], srdf=files[1], held=HELD_WRIST, name="UR5")
-    things = (
+def _workplace() -> tuple[wb.arms.Body, ...]:
+    """A table, a shelf with its back, and a post."""
+    box = wb.arms.Body.box
+    return (
         box([-1, -1, -0.12], [1, 1, -0.04], name="table"),
         box([0.35, -0.6, 0.45], [0.8, 0.6, 0.5], name="shelf"),
         box([0.75, -0.6, 0.0], [0.8, 0.6, 1.0], name="back"),
         box([-0.1, 0.45, 0.0], [0.0, 0.55, 1.0], name="post"),
     )
-    return Cell("ur5", "UR5", arm, things, "ur5", HELD_WRIST)
+
+
+@cache
+def ur5() -> Cell:
+    """Four joints of a UR5, the last two held, at a workplace."""
+    folder, name = robots() / "ur_description", "ur5_joint_limited_robot"
+    files = folder / f"urdf/{name}.urdf", folder / f"srdf/{name}.srdf"
+    arm = wb.arms.load_urdf(files[0], srdf=files[1], held=HELD_WRIST, name="UR5")
+    return Cell("ur5", "UR5", arm, _workplace(), "ur5", HELD_WRIST)
+
+
+@cache
+def panda() -> Cell:
+    """Four joints of a Panda, the last three and its gripper held, at a workplace."""
+    held = {"panda_joint5": 0.0, "panda_joint6": np.pi / 2, "panda_joint7": np.pi / 4, "panda_finger_joint1": 0.02}
+    own = ROBOTS["panda"]
+    arm = wb.arms.load_urdf(robots() / own.urdf, srdf=robots() / own.srdf, held=held, name="Panda")
+    return Cell("panda", "Panda", arm, _workplace(), "panda", held)
