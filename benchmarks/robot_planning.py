@@ -188,9 +188,9 @@ def page(rows: list[dict], sizes: dict[str, str], command: str) -> str:
         [
             "# Robots plan with OMPL",
             "",
-            f"**With a proven network planning takes {_range(share('seconds'))} of the time and {_range(share('checks'))} "
-            f"of the exact checks.** Of {accepted:,.0f} edges that the usual check accepts {missed:,.0f} collide between "
-            "its states.",
+            f"**With a proven network planning takes {_range(share('seconds'))} of the time and "
+            f"{_range(share('checks'))} of the exact checks.** Of {accepted:,.0f} edges that the usual check accepts "
+            f"{missed:,.0f} collide between its states.",
             "",
             f"`{command}`",
             "",
@@ -204,9 +204,9 @@ def page(rows: list[dict], sizes: dict[str, str], command: str) -> str:
             "|---|---|---|--:|--:|--:|--:|--:|--:|--:|--:|",
             *lines,
             "",
-            "[VAMP](https://github.com/KavrakiLab/vamp) checks a robot's balls in vector instructions, far faster than "
-            "Coal, without a proof between states; it was not measured. [Drake](https://drake.mit.edu) certifies regions "
-            "of configurations by optimization, in seconds to minutes each, as its authors report.",
+            "[VAMP](https://github.com/KavrakiLab/vamp) checks a robot's balls in vector instructions, without a proof "
+            "between states; [Drake](https://drake.mit.edu) certifies regions of configurations by optimization. "
+            "Neither was measured.",
             "",
         ]
     )
