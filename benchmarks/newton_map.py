@@ -43,8 +43,8 @@ WAYS = {"boxes": "without bounders", "distance": "with bounders", "cores": "with
 RECORDS = ("particle", "shape", "body_pos", "body_vel", "normal")
 
 
-def scene(particles: int, meshes: int, device: str) -> tuple[newton.Model, dict[int, str]]:
-    """The model, and the names of the meshes by the index of their shape."""
+def scene(particles: int, meshes: int) -> tuple[newton.ModelBuilder, dict[int, str]]:
+    """A builder, and the names of the meshes by the index of their shape."""
     rng, across = np.random.default_rng(0), int(np.ceil(np.sqrt(meshes)))
     builder, named = newton.ModelBuilder(up_axis=newton.Axis.Y), {}
     builder.add_ground_plane()
@@ -60,7 +60,7 @@ def scene(particles: int, meshes: int, device: str) -> tuple[newton.Model, dict[
     lower, upper = [-half, 0.0, -half], [SPACING * across - half, TOP, SPACING * across - half]
     x = rng.uniform(lower, upper, (particles, 3))
     builder.add_particles(x.tolist(), [[0.0] * 3] * particles, [0.01] * particles, [RADIUS] * particles)
-    return builder.finalize(device=device), named
+    return builder, named
 
 
 def records(contacts: newton.Contacts) -> list[np.ndarray]:
@@ -75,7 +75,8 @@ class Cell:
     """A cell of the map: the model, three culls, and the pass without."""
 
     def __init__(self, particles: int, meshes: int, gap: float, device: str):
-        self._model, named = scene(particles, meshes, device)
+        builder, named = scene(particles, meshes)
+        self._model = builder.finalize(device=device)
         files = {name: wb.load(stored("cloth", f"{name}-distance"), device=device) for name in SHAPES}
         self._state, self._rng = self._model.state(), np.random.default_rng(1)
         pipeline = newton.CollisionPipeline(self._model, soft_contact_gap=gap)
