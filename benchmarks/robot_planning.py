@@ -3,7 +3,8 @@
 RRT-Connect, and roadmaps of a fixed number of states (PRM), among a table, a shelf and a post; four joints of each
 robot, the others held. States and edges are checked exactly by Coal on meshes. With a bounder in front of that, a state
 that it denies is not checked, nor the part of an edge of which it proves that no point of it collides: a proven
-network, or a hierarchy of boxes in the same memory. All ways take the same decisions, so with the same seed they find
+network, a hierarchy of boxes in the same memory, or, of states alone and without a fit, the library's own check of
+convex hulls. All ways take the same decisions, so with the same seed they find
 the same path, or roadmap, unless an edge that is proven free collides. Every run is a forked process, as OMPL's seeds
 are. The planner calls Python for every state and edge, which is part of all times.
 
@@ -31,7 +32,13 @@ from sims.arm.robots import Cell, panda, ur5
 CELLS, HIDDEN, SIDE = {"UR5": ur5, "Panda": panda}, (8, 48, 48), 32  # cells a side, of which boxes are made
 RANGE, STEP, FINER, SECONDS = 0.6, 0.05, 100, 60.0  # radians: an edge, and the usual check along it; of a problem
 PROBLEMS, ROADMAPS, STATES = 20, 3, 2000  # of a roadmap: states that are drawn
-WAYS = {"exact": "exact checks alone", "boxes": "hierarchy of boxes", "network": "proven network"}
+WAYS = {
+    "exact": "exact checks alone",
+    "hulls": "our check of convex hulls first",
+    "boxes": "hierarchy of boxes first",
+    "network": "proven network first",
+}
+BOUNDED = ("boxes", "network")
 FIELDS = (
     "robot", "planner", "way", "problem", "seconds", "states", "edges", "checks", "denied", "cleared", "accepted",
     "missed", "found", "versions",
@@ -81,7 +88,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     robot, planner, way, number, kept, effort = run
     util.RNG.setSeed(1000 + number)
     util.setLogLevel(util.LOG_ERROR)
-    model, asked, n, bounded = meshes(robot), bounder(robot, way, kept, effort), shape(robot).ndim, way != "exact"
+    model, asked, n, bounded = meshes(robot), bounder(robot, way, kept, effort), shape(robot).ndim, way in BOUNDED
     count, accepted = dict.fromkeys(("states", "edges", "checks", "denied", "cleared"), 0), []
 
     def numbers(state) -> np.ndarray:
@@ -90,8 +97,8 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     def free(q: np.ndarray) -> bool:
         """Whether all of these are; the first that is not ends the checks."""
         q = q.astype(np.float32)  # whichever way, as bounders take them
-        if bounded and len(q):
-            left = q[asked.query(q).numpy() == 1]
+        if way != "exact" and len(q):
+            left = q[asked.query(q).numpy() == 1] if bounded else q[shape(robot).contains(q.astype(np.float64))]
             count["denied"] += len(q) - len(left)
             q = left
         for row in q.astype(np.float64):
@@ -126,7 +133,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     info.setStateValidityChecker(valid)
     info.setMotionValidator(motion)
     info.setup()
-    free(np.zeros((1, n)))
+    model.hits(np.zeros((1, n))), free(np.zeros((1, n)))
     wb.proof.clear_segments(asked, *np.zeros((2, 1, n)), first=True)
     count.update(dict.fromkeys(count, 0))
     if planner == "PRM":
@@ -229,13 +236,12 @@ def main() -> int:
     for robot in CELLS:  # what processes share is made, and kernels are loaded
         ends = np.array(problems(robot)[0], dtype=np.float32)
         meshes(robot).hits(ends.astype(np.float64)), shape(robot).contains(ends)
-        for way in WAYS:
+        for way in BOUNDED:
             found = bounder(robot, way, options.kept, options.effort)
             found.query(ends)
             wb.proof.clear_segments(found, ends[:1], ends[1:], first=True)
-            if way != "exact":
-                rate = wb.evaluate(found, shape(robot), samples=200_000).fp_rate
-                sizes[f"{robot}, {WAYS[way]}"] = f"{found.nbytes:,} bytes, {rate:.1f} % false positives"
+            rate = wb.evaluate(found, shape(robot), samples=200_000).fp_rate
+            sizes[f"{robot}, {way}"] = f"{found.nbytes:,} bytes, {rate:.1f} % false positives"
     options.out.mkdir(parents=True, exist_ok=True)
     file = options.out / "planning.csv"
     rows = stored(file)
