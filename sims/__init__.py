@@ -5,4 +5,4 @@ runs it with and without bounders (``base`` has what all of them share). ``prefi
 ``report`` what they print, ``drawing`` is what its name says.
 """
 
-DEMOS = ("particles", "cloth", "path", "shadows", "digits", "arm")
+DEMOS = ("particles", "cloth", "path", "shadows", "digits", "arm", "pile")

@@ -18,14 +18,15 @@ from sims.report import CHOSEN
 __all__ = ["page"]
 
 STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch", "arm": "cell"}
-BOXES, NETWORKS = ("moving aabb", "aabb"), ("mlp", "mlp-early")
-CLASSIC = ("kdop", "bvh", "bvh-1500", "voxels", *BOXES)
+STEP["pile"] = "step"
+BOXES, NETWORKS = ("moving aabb", "aabb"), ("mlp", "mlp-early", "pairs")
+CLASSIC = ("kdop", "bvh", "obb", "bvh-1500", "voxels", *BOXES)
 HEAD = """# What the demos measured
 
 A proven bounder changes no result: every run with one ends in the same state, picture or path as the run without,
 to the bit. A network saves most of the time where an exact check is expensive (rain, arms, generated digits), and
-little or nothing where it is cheap (contacts, cloth, paths in a 2D grid). `occupancy`, a network without a proof,
-misses hits in every demo.
+little or nothing where it is cheap (contacts, cloth, paths in a 2D grid). In the pile, `pairs` leaves little but the
+pairs that touch, and these cost most. `occupancy`, a network without a proof, misses hits in every demo that has it.
 
 `python -m sims NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.
 Milliseconds are medians on a machine that had other work too: only compare them within a row. The JSON files have all
@@ -34,10 +35,11 @@ bounders, with false positives, certificates and the times of both phases.
 ## Time of a step
 
 Milliseconds, everything included; in brackets the share of the exact checks that is left. *Box*: refitted in each
-step, where the shape moves. `choose` takes one of the proven bounders, given the queries of a run without a broad
-phase. *Missed*: hits of the run without a broad phase that the run with `occupancy` lacks.
+step, where the shape moves. *Without*, in the pile: bounding spheres. `choose` takes one of the proven bounders, given
+the queries of a run without a broad phase. *Missed*: hits of the run without a broad phase that the run with
+`occupancy` lacks.
 
-| | without | box | best classic | network, proven | `choose` | `occupancy` | missed |
+| | without | box | best classic | network, or `pairs`, proven | `choose` | `occupancy` | missed |
 |---|---:|---:|---:|---:|---:|---:|---:|
 """
 FIELD = """
@@ -87,7 +89,7 @@ def _rows(answer: dict) -> Iterator[list[str]]:
             if not own:
                 return ""
             best = min(own, key=operator.itemgetter("ms_step"))
-            name = f"`{best['bounder']}` " if len(names) > 2 or best["bounder"] == "mlp-early" else ""
+            name = f"`{best['bounder']}` " if names is CLASSIC or best["bounder"] in NETWORKS[1:] else ""
             return f"{name}{best['ms_step']:,.1f} ({100 * best['narrow_calls'] / whole:.0f} %)"
 
         title = ", ".join(filter(None, (answer["demo"], section.removeprefix("Planar arm, ").split(", decoder")[0])))

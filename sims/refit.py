@@ -60,6 +60,11 @@ def main(names: list[str]) -> None:
         kind = bounder.certificate.kind if bounder.certificate else "no certificate"
         seconds, size = time.perf_counter() - begun, path.stat().st_size
         console.print(f"{path.name}: {kind}, FP {rates.fp_rate:.2f} %, FN {rates.fn}, {size:,} bytes, {seconds:.0f} s")
+    for demo in DEMOS:
+        module = import_module(f"sims.{demo}")
+        if hasattr(module, "hold") and (not names or set(module.shapes()) & set(names)):
+            for scene, balls in module.hold(FOLDER / "pairs").items():
+                console.print(f"{scene}: {balls!r}")
 
 
 def _fits(path, shape: Shape, spec: FitSpec) -> bool:

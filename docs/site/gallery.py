@@ -22,6 +22,7 @@ DEMOS = {  # pictures of docs: title, command, and what is seen
     "path.png": ("Paths", "path", "Roadmaps in two maps."),
     "arm.png": ("Arms", "arm", "Plans of arms with three and four joints."),
     "shadows.png": ("Shadows", "shadows", "Shadow rays of a bunny and a chair."),
+    "pile.png": ("Pile", "pile", "Two hundred bunnies and rings in a box."),
 }
 HEAD = """# Gallery
 

@@ -44,7 +44,7 @@ def test_options_reach_the_demo(asked, capsys, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["dancing"], "demo must be one of particles, cloth, path, shadows, digits, arm, got dancing"),
+        (["dancing"], "demo must be one of particles, cloth, path, shadows, digits, arm, pile, got dancing"),
         (["cloth", "--assets", "folder"], "--assets writes meshes and runs no demo, got 'cloth' too"),
         (["particles", "--world", "maze.png"], "demo particles has no option --world"),
     ],
