@@ -109,7 +109,8 @@ def page(known: dict, rows: list[dict], command: str) -> str:
             "",
             f"{known['versions']}. {known['boxes']:,} boxes, {sum(tasks) / 3600:.2f} hours of one core in "
             f"{len(tasks):,} tasks on two processes, {killed} times one of them killed; {wall:.0f} minutes by the wall "
-            f"while other work ran beside it. The statistical threshold left {known['fp_statistical']:.1f} %. A query takes {known['ns']:.0f} ns on one core.",
+            f"while other work ran beside it. The statistical threshold left {known['fp_statistical']:.1f} %. A query "
+            f"takes {known['ns']:.0f} ns on one core.",
             "",
             "Dealt out to more cores the same tasks take "
             + ", ".join(f"{value * 60:.1f} minutes on {cores:,}" for cores, value in hours.items())
