@@ -119,11 +119,11 @@ class Example(base.Example):
 
     def render(self, folder: Path) -> list[Path]:
         """Draw the present state; see ``pictures``."""
-        return draw_with("sims.pile.pictures", folder, pile_data({"": self})).paths
+        return draw_with("sims.pile.pictures", folder, pile_data({"this run": self})).paths
 
 
 def pile_data(examples: dict[str, Example]) -> dict[str, np.ndarray]:
-    """What the picture needs: the bodies, and which pairs each run leaves, with a caption."""
+    """What the picture needs: the bodies, and which pairs each run leaves, by its name."""
     run = next(iter(examples.values()))
     data = {"places": run.places.numpy(), "kinds": run.scene.kinds, "side": np.array(run.scene.bodies.side)}
     for number, shape in enumerate(run.scene.shapes.values()):

@@ -69,10 +69,8 @@ def turned(
     thread, _ = wp.tid()
     i, j = pairs[first + thread][0], pairs[first + thread][1]
     k, m = bodies.kinds[i], bodies.kinds[j]
-    a, b = (
-        wp.quat_to_matrix(wp.transform_get_rotation(places[i])),
-        wp.quat_to_matrix(wp.transform_get_rotation(places[j])),
-    )
+    a = wp.quat_to_matrix(wp.transform_get_rotation(places[i]))
+    b = wp.quat_to_matrix(wp.transform_get_rotation(places[j]))
     way = wp.transform_point(places[j], bodies.middles[m]) - wp.transform_point(places[i], bodies.middles[k])
     own, other = bodies.halves[k], bodies.halves[m]
     world = wp.identity(n=3, dtype=float)

@@ -44,8 +44,7 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
     """Draw the pile, and a panel for each run."""
     import pyvista
 
-    side, kinds, x = float(data["side"]), data["kinds"], data["places"][:, :3]
-    meshes = []
+    side, kinds, meshes = float(data["side"]), data["kinds"], []
     for kind in range(len(COLOURS)):
         faces = np.insert(data[f"faces{kind}"], 0, 3, axis=1).reshape(-1)
         meshes.append(pyvista.PolyData(data[f"vertices{kind}"].astype(float), faces))
@@ -68,13 +67,12 @@ def draw(data: dict[str, np.ndarray], folder: Path) -> None:
         _box(plotter, side, 0.0)
         left, touching = data[f"left{number - 1}"], {tuple(pair) for pair in data["touching"]}
         apart = np.array([pair for pair in left.tolist() if tuple(pair) not in touching]).reshape(-1, 2)
-        above = x + np.array([0.0, 0.0, 8.0])  # nothing hides a line
+        above = data["places"][:, :3] + np.array([0.0, 0.0, 8.0])  # nothing hides a line
         for pairs, colour, width in ((apart, LEFT, 1.6), (data["touching"], TOUCHING, 2.6)):
             if len(pairs):
                 lines = pyvista.line_segments_from_points(above[pairs].reshape(-1, 3))
                 plotter.add_mesh(lines, color=colour, line_width=width)
-        title = f"{names[number - 1]}: {len(left):,} pairs left" if names[number - 1] else f"{len(left):,} pairs left"
-        write(plotter, title, (0.04, 0.93), 13)
+        write(plotter, f"{names[number - 1]}: {len(left):,} pairs left", (0.04, 0.93), 13)
         write(plotter, f"{len(touching):,} touch (blue), {len(apart):,} do not (red)", (0.04, 0.885), 9)
         aim(plotter, (0.0, 0.4, 40.0), (0.0, 0.4, 0.0), 18, lit=(0.0, 0.0, 1.0))
         plotter.camera.up = (0, 1, 0)
