@@ -258,7 +258,7 @@ class Demo(ABC):
 
     def of_shape(self, name: str) -> dict[str, wb.Bounder]:
         """The bounders of one shape, by name of the method."""
-        return {method: found[name] for method, found in self.bounders.items()}
+        return {method: found[name] for method, found in self.bounders.items() if name in found}
 
     @abstractmethod
     def set_up(self) -> dict[str, Shape]:

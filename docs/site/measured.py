@@ -276,11 +276,11 @@ def arms(results: Path) -> str:
     runs = _demo(results, "arm")
     sections = list(dict.fromkeys(section for _, section in runs))
     methods = ("none", "aabb", "bvh", "mlp")
-    ms = [[runs[method, section]["ms_step"] for method in methods] for section in sections]
+    ms = [[runs[m, section]["ms_step"] if (m, section) in runs else None for m in methods] for section in sections]
     names = [section.removeprefix("Planar arm, ") for section in sections]
-    rows = [[f"{n:,.0f}" for n in row] for row in ms]
+    rows = [["–" if n is None else f"{n:,.0f}" for n in row] for row in ms]
     rows = [
-        [f"**{cell}**" if n == min(times) else cell for cell, n in zip(row, times, strict=True)]
+        [f"**{cell}**" if n == min(filter(None, times)) else cell for cell, n in zip(row, times, strict=True)]
         for row, times in zip(rows, ms, strict=True)
     ]
     heads = ["planning time, ms", "no bounder", *(f"`{method}`" for method in methods[1:])]

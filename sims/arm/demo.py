@@ -1,7 +1,10 @@
-"""Running the demo ``arm``: cells, bounders, the planner with each of them, one table, one picture.
+"""Running the demo ``arm``: cells, bounders, the planner with each of them, one table, pictures.
 
-Bounders of the planar arms come with the demo. Of each cell the rounded hulls are the narrow phase; of the one of four
+Bounders come with the demo. Of each cell of a planar arm the rounded hulls are the narrow phase; of the one of four
 joints, where Coal and Pinocchio are installed, triangle meshes too, by the same bounders.
+
+A UR5, where its files are installed, must not touch itself either. Two proven bounders are asked about it: of its cell,
+and of the robot alone, which serves in every cell. What both deny is free.
 """
 
 from dataclasses import dataclass, replace
@@ -9,18 +12,21 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+
 import warp_bounding as wb
 from sims import base
 from sims.arm.exact import STEP, Hulls, Meshes, Stepped
 from sims.arm.pictures import draw, draw_one
-from sims.arm.robots import CELLS
+from sims.arm.robot_pictures import draw_robot
+from sims.arm.robots import CELLS, KEPT, ROBOTS, ur5
 from sims.arm.workplace import Workplace
 from sims.drawing import Drawn
-from sims.planning.broad import BroadPhase, First, Points, Samples, Segments
+from sims.planning.broad import BroadPhase, Elsewhere, Every, First, Points, Samples, Segments
 from sims.planning.demo import PlanningDemo
 from sims.planning.roadmap import Roadmap
 from sims.planning.rrt_connect import RrtConnect
-from sims.prefitted import FitSpec, bounders_of, owner
+from sims.prefitted import FitSpec, bounder_from, bounders_of, owner
 from sims.report import Run
 
 __all__ = [
@@ -29,8 +35,10 @@ __all__ = [
     "Demo",
     "Example",
     "Trees",
+    "of_itself",
     "phases",
     "places",
+    "robot_places",
     "run",
     "shapes",
     "simulate",
@@ -44,13 +52,18 @@ BEHIND_ANGLES, PARTS = (44, 44), 2048
 FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
 PROVEN_JOINTS, OF_MANY = 4, (66, 66)  # up to so many a proof is tight; hidden layers of arms of more
 CELLS_OF_BOXES = (64, 32)  # a side, of the grid that a hierarchy of boxes is made of; of few joints and of more
-BUDGETS = (240.0, 420.0)  # seconds a network, of few joints and of more
+BUDGETS = (240.0, 400.0)  # seconds a network, of few joints and of more
 SPECS: dict[str, FitSpec] = {
     "aabb": FitSpec("aabb", kept=True),
     "bvh": FitSpec("bvh", options={"hidden": HIDDEN}, resolution=CELLS_OF_BOXES[0], kept=True),
     "learned-kdop": FitSpec("learned-kdop", budget=10.0),
     "mlp": FitSpec("mlp", budget=BUDGETS[0], options={"hidden": HIDDEN}),
     "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
+}
+# Of a robot's cell: two processes prove what a third of the time has trained.
+OF_ROBOTS: dict[str, FitSpec] = {
+    "bvh": replace(SPECS["bvh"], resolution=CELLS_OF_BOXES[1]),
+    "mlp": FitSpec("mlp", budget=BUDGETS[1], options={"hidden": (8, 48, 48), "scheduler": 2}),
 }
 SHOWN = ("planar-3", "planar-4")  # cells whose bounders come with the demo
 MESHED = "planar-4"  # the one that is planned with meshes, too
@@ -82,12 +95,25 @@ def places(names: tuple[str, ...] = SHOWN) -> list[Workplace]:
     return [Workplace(CELLS[name]) for name in names]
 
 
+def robot_places() -> tuple[list[Workplace], str]:
+    """The cell of a robot, and why there is none where its files are not installed."""
+    try:
+        return [Workplace(ur5(), itself=True)], ""
+    except wb.BoundingError as error:
+        return [], str(error)
+
+
 def shapes() -> dict[str, wb.arms.ArmConfigurations]:
-    """Their colliding configurations, by the name under which bounders lie."""
-    return {place.scene: place.shape for place in places()}
+    """The configurations that collide with each cell, by the name under which bounders lie."""
+    return {place.scene: place.around for place in (*places(), *robot_places()[0])}
 
 
-SCENE_SPECS = {scene: specs_of(shape) for scene, shape in shapes().items()}
+def specs_in(place: Workplace, specs: dict[str, FitSpec] = SPECS) -> dict[str, FitSpec]:
+    """Specs for one cell."""
+    return OF_ROBOTS if place.itself else specs_of(place.around, specs)
+
+
+SCENE_SPECS = {place.scene: specs_in(place) for place in places()} | {"arm-ur5": OF_ROBOTS}
 
 
 class Example(Roadmap):
@@ -128,9 +154,11 @@ class Demo(PlanningDemo):
     def set_up(self) -> dict[str, wb.arms.ArmConfigurations]:
         self.mesh_states = MESH_STATES[self.quick] if self.states is None else self.states
         self.choose_sizes()
-        self.places = places()
+        self.flat = places()
+        self.robots, self.lacking = robot_places()
+        self.places = [*self.flat, *self.robots]
         self.steps, self.shape = 1, ", ".join(place.name for place in self.places)
-        return {place.scene: place.shape for place in self.places}
+        return {place.scene: place.around for place in self.places}
 
     def fit(self, shapes: dict[str, wb.arms.ArmConfigurations]) -> dict[str, dict[str, wb.Bounder]]:
         """See ``sims.base.Demo``; each arm has specs of its own."""
@@ -140,25 +168,28 @@ class Demo(PlanningDemo):
             else owner(self.bounder_file, shapes, self.specs["mlp"]) or next(iter(shapes))
         )
         found = {
-            scene: bounders_of(
-                scene,
-                shape,
-                specs_of(shape, self.specs),
-                file=self.bounder_file if scene == whose else None,
+            place.scene: bounders_of(
+                place.scene,
+                shapes[place.scene],
+                specs_in(place, self.specs),
+                file=self.bounder_file if place.scene == whose else None,
                 device=self.device,
                 **self.fits,
             )
-            for scene, shape in shapes.items()
+            for place in self.places
         }
-        return {method: {scene: found[scene][method] for scene in shapes} for method in self.specs}
+        return {method: {scene: own[method] for scene, own in found.items() if method in own} for method in self.specs}
 
     def simulate(self) -> tuple[list[Run], str, dict[str, str]]:
         runs, self.examples = [], {}
         for place in self.places:
             bounders = self.of_shape(place.scene)
+            meshes = all(find_spec(name) for name in ("coal", "pinocchio"))
             kinds = [(place.name, Hulls, Example, {"states": self.states})]
+            if place.itself:
+                own = Meshes if meshes else Hulls
+                kinds = [(f"{place.name}{', meshes' * meshes}", own, Example, {"states": self.mesh_states})]
             if place.cell.name == MESHED:
-                meshes = all(find_spec(name) for name in ("coal", "pinocchio"))
                 if meshes:
                     kinds.append((f"{place.name}, meshes", Meshes, Example, {"states": self.mesh_states}))
                 name = f"{place.name}, {'meshes, ' * meshes}RRT-Connect"
@@ -191,6 +222,13 @@ class Demo(PlanningDemo):
                     f"[red]{run.bounder}[/] in {run.section}: {run.extra['collisions']} of its "
                     f"{run.extra['solved']} paths collide."
                 )
+        for place in self.robots:
+            self.console.print(
+                f"{place.name}: a network of the robot's collisions with itself is asked too; it serves in every cell.",
+                markup=False,
+            )
+        if self.lacking:
+            self.console.print(f"No robot is shown: {self.lacking}", markup=False)
         if not any("meshes" in section for section in self.examples):
             self.console.print(
                 "Planning with meshes too needs Coal and Pinocchio: pip install 'warp-bounding[arms]'", markup=False
@@ -198,8 +236,13 @@ class Demo(PlanningDemo):
 
     def draw(self) -> Drawn:
         names = ("mlp", "occupancy")
-        pairs = [tuple(self.examples[place.name][name] for name in names) for place in self.places]
-        return Drawn([draw(self.out, pairs, [self.of_shape(place.scene) for place in self.places], names)])
+        pairs = [tuple(self.examples[place.name][name] for name in names) for place in self.flat]
+        drawn = Drawn([draw(self.out, pairs, [self.of_shape(place.scene) for place in self.flat], names)])
+        for place in self.robots:
+            runs = next(runs for section, runs in self.examples.items() if section.startswith(place.name))
+            paths, problem = draw_robot(runs["mlp"], self.out, runs["none"].checks)
+            drawn = Drawn([*drawn.paths, *paths], problem or drawn.problem)
+        return drawn
 
     def more(self) -> dict[str, Any]:
         """``cells`` and ``bounders``: a row a cell and bounder."""
@@ -243,6 +286,28 @@ def phases(bounders: dict[str, wb.Bounder], *, few: bool = False) -> dict[str, B
     return made
 
 
+def of_itself(place: Workplace) -> BroadPhase:
+    """The broad phase of a robot's collisions with itself, by the bounder that comes with the demo.
+
+    Raises:
+        BounderError: If that is not one of the robot as it is installed.
+    """
+    robot = ROBOTS[place.cell.robot]
+    arm = robot.arm()
+    shape = arm.self_collision(revolved=robot.revolved)
+    bounder = bounder_from(KEPT / f"{place.cell.robot}.safetensors", shape, FitSpec("mlp"), device="cpu")
+    names = [arm.joints[i].name for i in arm.free]
+    standing = np.array([place.cell.held.get(name, 0.0) for name in names])
+    moving = [names.index(joint.name) for joint in place.cell.arm.joints]
+
+    def coordinates(x: np.ndarray) -> np.ndarray:
+        q = np.tile(standing, (len(x), 1))
+        q[:, moving] = place.joint_values(x)
+        return q[:, shape.columns]
+
+    return Elsewhere(Segments(bounder, halvings=0), coordinates)
+
+
 def simulate(
     place: Workplace,
     exact: Stepped,
@@ -255,7 +320,7 @@ def simulate(
     """The same problems without a broad phase and with each; see ``sims.base.simulate``.
 
     Args:
-        place: Where.
+        place: Where; a robot that must not touch itself has a bounder of its own in ``KEPT``.
         exact: The narrow phase.
         bounders: By name.
         planner: What plans.
@@ -267,4 +332,7 @@ def simulate(
         return planner(place, exact, phase, **options | (planner.SMALL if small else {}))
 
     made = phases(bounders, few=planner.FEW)
+    if place.itself:
+        itself = of_itself(place)
+        made = {name: Every(phase, itself) for name, phase in made.items()}
     return base.simulate(f"planning, {place.name}", made, planned, repeats)

@@ -13,7 +13,7 @@ from sims.arm.workplace import Workplace
 from sims.drawing import INK, heading, save_figure
 from sims.planning.roadmap import Roadmap
 
-__all__ = ["draw", "draw_one", "longest_path", "shapes_at", "slice_of"]
+__all__ = ["along", "draw", "draw_one", "longest_path", "shapes_at", "slice_of"]
 
 STONE, LINK = "#c9bfb2", "#b9cbdc"
 PROVEN, UNPROVEN, COLLISION = "#1f6fb4", "#e08a00", "#d1242f"
@@ -99,7 +99,7 @@ def _middle(path: np.ndarray) -> np.ndarray:
     return path[len(path) // 2]
 
 
-def _along(path: np.ndarray, spacing: float) -> np.ndarray:
+def along(path: np.ndarray, spacing: float) -> np.ndarray:
     """Configurations along a path, its ends included."""
     found = [path[:1].astype(np.float64)]
     for a, b in pairwise(path.astype(np.float64)):
@@ -140,7 +140,7 @@ def _path(ax, example: Roadmap, problem: int | None, colour: str) -> None:
     place = example.world
     if problem is None or example.paths[problem] is None:
         return
-    poses = _along(example.paths[problem], APART)
+    poses = along(example.paths[problem], APART)
     for number, pose in enumerate(poses):
         first, last = number == 0, number == len(poses) - 1
         face = "white" if first else INK if last else LINK
@@ -153,9 +153,9 @@ def _path(ax, example: Roadmap, problem: int | None, colour: str) -> None:
             linewidths=0.7,
             **style,
         )
-    tips = np.array([shapes_at(place, pose)[-1].mean(axis=0) for pose in _along(example.paths[problem], APART / 10)])
+    tips = np.array([shapes_at(place, pose)[-1].mean(axis=0) for pose in along(example.paths[problem], APART / 10)])
     ax.plot(*tips.T, color=colour, linewidth=1.6, zorder=5)
-    fine = _along(example.paths[problem], APART / SAMPLES)
+    fine = along(example.paths[problem], APART / SAMPLES)
     hit = fine[place.shape.contains(fine)]
     for pose in hit[:: max(1, len(hit) // 4)]:
         _polygons(ax, shapes_at(place, pose), facecolors=COLLISION, edgecolors=COLLISION, alpha=0.7, zorder=7)

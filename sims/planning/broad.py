@@ -16,6 +16,7 @@ through one, collides, and needs no check either.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 
 import numpy as np
 import warp as wp
@@ -28,6 +29,7 @@ __all__ = [
     "MAYBE",
     "Boxes",
     "BroadPhase",
+    "Elsewhere",
     "Every",
     "First",
     "Marching",
@@ -290,3 +292,19 @@ class Every(BroadPhase):
         for phase in self.phases:
             cleared[cleared] = phase.edges(starts[cleared], ends[cleared])
         return cleared
+
+
+class Elsewhere(BroadPhase):
+    """A broad phase in coordinates that are affine in those of the planner, such as some joints of a robot.
+
+    ``coordinates`` takes ``(N, n)`` states to ``(N, m)`` float64.
+    """
+
+    def __init__(self, phase: BroadPhase, coordinates: Callable[[np.ndarray], np.ndarray]):
+        self.phase, self.coordinates = phase, coordinates
+
+    def states(self, x: np.ndarray) -> np.ndarray:
+        return self.phase.states(self.coordinates(x))
+
+    def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        return self.phase.edges(self.coordinates(starts), self.coordinates(ends))

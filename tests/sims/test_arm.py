@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from sims.arm.demo import SPECS, Example, Trees, phases, simulate
+from sims.arm.demo import SPECS, Example, Trees, phases, robot_places, simulate
 from sims.arm.exact import STEP, Hulls, Meshes
 from sims.arm.meshes import MeshModel
 from sims.arm.pictures import draw
+from sims.arm.robot_pictures import posed
 from sims.arm.robots import CELLS, Cell, planar
 from sims.arm.workplace import Workplace
 from sims.planning.broad import BroadPhase, Every, Points, Samples, Segments
+from sims.prefitted import stored
 
 STATES, PROBLEMS = 150, 6
 PROVEN = ("aabb", "bvh", "learned-kdop", "mlp", "learned-kdop+mlp")
@@ -152,3 +154,35 @@ def test_a_cell_and_the_arm_itself():
     for run in runs:
         run.step()
     runs[1].test_final(runs[0])
+
+
+# --- a robot ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def ur5():
+    found, lacking = robot_places()
+    if lacking:
+        pytest.skip(lacking)
+    return found[0]
+
+
+def test_a_robot_plans_the_same_paths_with_bounders_of_its_cell_and_of_itself(ur5):
+    """Only together they know all that a UR5 may touch."""
+    cell = wb.load(stored(ur5.scene, "mlp"), device="cpu")
+    runs = simulate(ur5, Hulls(ur5), {"mlp": cell}, states=200, problems=4)
+    runs["mlp"].test_final(runs["none"])
+    assert runs["mlp"].checks < runs["none"].checks / 3
+    alone = Example(ur5, Hulls(ur5), Segments(cell), states=200, problems=4)
+    alone.step()
+    assert alone.missed()
+
+
+def test_a_robot_is_drawn_where_its_hulls_are(ur5, rng):
+    x = ur5.draw(5, rng)
+    arm = ur5.cell.arm
+    for vertices, frames in zip(posed(ur5, x)[0], arm.frames(ur5.joint_values(x)), strict=True):
+        hulls = [b.points @ frames[b.link, :3, :3].T + frames[b.link, :3, 3] for b in arm.bodies[:-1] if b.link >= 0]
+        hulls = np.concatenate([*hulls, arm.bodies[0].points])
+        for end in (np.min, np.max):
+            assert end(vertices, axis=0) == pytest.approx(end(hulls, axis=0), abs=2e-3)  # metres

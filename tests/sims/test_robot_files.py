@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from sims.arm.robots import KEPT, ROBOTS, robots
+from sims.arm.demo import robot_places
+from sims.arm.robots import KEPT, ROBOTS, robots, ur5
 
 FILES = sorted(path.stem for path in KEPT.glob("*.safetensors"))
 
@@ -52,3 +53,8 @@ def test_a_missing_package_is_named(monkeypatch):
         wb.BoundingError, match=r"robots need example-robot-data: pip install 'warp-bounding\[robots\]'"
     ):
         robots()
+    ur5.cache_clear()
+    assert robot_places() == (
+        [],
+        "robots need example-robot-data: pip install 'warp-bounding[robots]'",
+    )  # the demo says so
