@@ -308,6 +308,10 @@ def test_files(held, mesh, tmp_path, capsys):
         main(["certify", str(path), str(shape)])
     assert ended.value.code == 0
     assert "balls hold the solid of ring.obj" in capsys.readouterr().out
+    with pytest.raises(SystemExit) as ended:
+        main(["certify", str(path), str(shape), "--jobs", "2", "--margin", "0.1"])
+    assert ended.value.code == 2
+    assert "leave out --margin, --jobs" in capsys.readouterr().err
     tensors, document = read(path)
     write(path, {"centers": tensors["centers"], "radii": -tensors["radii"]}, document)
     with pytest.raises(wb.FileFormatError, match="radii of at least 0"):

@@ -1,8 +1,13 @@
 """A proof by many processes is the same as by one, also when some of them die."""
 
+import json
 import os
 import signal
+import subprocess
+import sys
 import threading
+import time
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -55,6 +60,35 @@ def test_no_scheduler(torus, tmp_path, monkeypatch):
     with pytest.raises(BoundingError, match="no scheduler answers"):
         wb.certify(bounder, torus, scheduler="tcp://127.0.0.1:1", checkpoint=tmp_path / "left")
     assert (tmp_path / "left").exists()  # whatever ends a proof, what is left of it is kept
+    assert wb.certify(bounder, torus, checkpoint=tmp_path / "left").proven
+
+
+@pytest.mark.slow  # a scheduler and its worker take some seconds to begin
+def test_a_scheduler_that_goes_away(torus, tmp_path, monkeypatch):
+    """One line, and what is left of the proof is kept."""
+    monkeypatch.setattr(halving, "FIRST", 1)
+    monkeypatch.setattr(halving, "TASK", 0.02)
+    bounder, file = wb.fit(torus, hidden=(8, 8), steps=200, **OPTIONS), tmp_path / "address"
+    options = ["--scheduler-file", str(file), "--no-dashboard"]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    running: list[subprocess.Popen] = []
+    with ExitStack() as ends:
+        for part in (["dask_scheduler", "--port", "0"], ["dask_worker", "--nthreads", "1"]):
+            words = [sys.executable, "-m", f"distributed.cli.{part[0]}", *part[1:], *options]
+            running.append(ends.enter_context(subprocess.Popen(words, **quiet)))
+            ends.callback(running[-1].kill)
+            while not file.exists():
+                time.sleep(0.1)
+        address = json.loads(file.read_text())["address"]
+
+        def gone(done, total):
+            running[0].kill()
+
+        with pytest.raises(BoundingError) as error:
+            wb.certify(bounder, torus, scheduler=address, checkpoint=tmp_path / "left", progress=gone)
+    assert "\n" not in str(error.value)
+    assert "scheduler" in str(error.value)
+    assert (tmp_path / "left").exists()
     assert wb.certify(bounder, torus, checkpoint=tmp_path / "left").proven
 
 
