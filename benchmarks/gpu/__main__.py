@@ -72,9 +72,10 @@ def dry() -> None:
         kernels[f"{query} {'-'.join(map(str, widths))}"] = batch_kernel(source, False, False, tensor_cores.text(source))
         kernels[f"{query} {'-'.join(map(str, widths))}, float32"] = batch_kernel(source, False, False)
     try:
-        from warp_bounding.newton import lists
+        from warp_bounding.newton import lists, surface
 
         kernels["Newton's pass: hulls, lists and their layout"] = lists.sift
+        kernels["Newton's passes over surfaces: marks and tables"] = surface.mark_cells
     except ImportError as error:
         print(error)
     for name, kernel in kernels.items():
