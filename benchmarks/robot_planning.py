@@ -22,6 +22,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
+import warp as wp
 from robots import store, stored
 
 import warp_bounding as wb
@@ -91,6 +92,19 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     model, asked, n, bounded = meshes(robot), bounder(robot, way, kept, effort), shape(robot).ndim, way in BOUNDED
     count, accepted = dict.fromkeys(("states", "edges", "checks", "denied", "cleared"), 0), []
 
+    one, found = wp.zeros((1, n), dtype=float, device="cpu"), wp.zeros(1, dtype=wp.uint8, device="cpu")
+    row, maybe, query = one.numpy()[0], found.numpy(), asked.prepare(one, out=found).launch  # of one configuration
+
+    def asked_of(q: np.ndarray) -> np.ndarray:
+        """Those of configurations that the bounder, or the check of hulls, does not deny."""
+        if not bounded:
+            return q[shape(robot).contains(q.astype(np.float64))]
+        if len(q) > 1:
+            return q[asked.query(q).numpy() == 1]
+        row[:] = q[0]
+        query()
+        return q[maybe == 1]
+
     def numbers(state) -> np.ndarray:
         return np.array([[state[i] for i in range(n)]], dtype=np.float32).astype(np.float64)
 
@@ -98,7 +112,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
         """Whether all of these are; the first that is not ends the checks."""
         q = q.astype(np.float32)  # whichever way, as bounders take them
         if way != "exact" and len(q):
-            left = q[asked.query(q).numpy() == 1] if bounded else q[shape(robot).contains(q.astype(np.float64))]
+            left = asked_of(q)
             count["denied"] += len(q) - len(left)
             q = left
         for row in q.astype(np.float64):
@@ -116,8 +130,8 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
         def checkMotion(self, a, b):  # noqa: N802
             count["edges"] += 1
             a, b = numbers(a), numbers(b)
-            clear = wb.proof.clear_segments(asked, a, b, first=True)[0] if bounded else 0.0
-            count["cleared"] += clear >= 1
+            clear = wb.proof.clear_segments(asked, a, b, first=True)[1][0] if bounded else 0.0
+            count["cleared"] += int(clear >= 1)
             along = np.linspace(0, 1, int(np.ceil(np.linalg.norm(b - a) / STEP)) + 1)[1:]
             good = free(a + along[along > clear, None] * (b - a))
             accepted.extend([(a[0], b[0])] * good)
@@ -143,7 +157,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
         start = time.perf_counter()
         searcher.growRoadmapPtc(done)
         seconds = time.perf_counter() - start
-        found = f"{searcher.milestoneCount()} states, {searcher.edgeCount()} edges, {accepted}"
+        result = f"{searcher.milestoneCount()} states, {searcher.edgeCount()} edges, {accepted}"
     else:
         task, ends = base.ProblemDefinition(info), []
         for q in problems(robot)[number]:
@@ -158,7 +172,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
         start = time.perf_counter()
         solved = bool(searcher.solve(SECONDS))
         seconds = time.perf_counter() - start
-        found = str([numbers(state)[0].tolist() for state in task.getSolutionPath().getStates()] if solved else [])
+        result = str([numbers(state)[0].tolist() for state in task.getSolutionPath().getStates()] if solved else [])
     missed = 0
     for a, b in accepted:
         t = np.linspace(0, 1, FINER * int(np.ceil(np.linalg.norm(b - a) / STEP)) + 1)[:, None]
@@ -166,7 +180,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
         near = near[shape(robot).contains(near)]  # hulls hold the meshes
         missed += bool(model.hits(near).any()) if len(near) else 0
     own = {"robot": robot, "planner": planner, "way": way, "problem": number, "seconds": seconds, "missed": missed}
-    own |= {"found": hashlib.sha256(found.encode()).hexdigest()[:16], "versions": versions()}
+    own |= {"found": hashlib.sha256(result.encode()).hexdigest()[:16], "versions": versions()}
     return own | {"accepted": len(accepted)} | count
 
 

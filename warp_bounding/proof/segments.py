@@ -37,7 +37,7 @@ from warp_bounding.networks.bounds import NetworkShape, body, double_array, lane
 from warp_bounding.networks.parametrizations import SegmentParametrization
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.rounding import round_down
-from warp_bounding.runtime.launch import launch_blocks
+from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.runtime.native import named, native_text, unique_name
 from warp_bounding.shapes.joints import Joints
 
@@ -257,6 +257,7 @@ class _Walk:
         self._held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
         self.numbers = [double_array(each, bounder.device) for each in self._held]
         self.numbers.append(wp.array(counts, dtype=wp.int32, device=bounder.device))
+        self._alone: dict[tuple, tuple[BlockLaunch, np.ndarray, np.ndarray]] = {}  # of one segment, on a CPU
 
     def __call__(self, bounder: Bounder, a, w, begin, end, depth: int, first: bool) -> np.ndarray:
         """See ``_walked``."""
@@ -265,13 +266,25 @@ class _Walk:
         else:
             base = np.nextafter(-(float(bounder.threshold) + bounder.rounding_bound()), np.inf)
         rows = np.concatenate([a[:, : self.size], w[:, : self.size], begin[:, None], end[:, None]], axis=1)
-        until = wp.empty(len(a), dtype=wp.float64, device=bounder.device)
-        inputs = [double_array(rows, bounder.device), len(a), 0, depth, int(not first), float(base), self.edges]
-        if len(a):
-            launch_blocks(
-                self.kernel, len(a), [*inputs, *self.numbers], [until], bounder.device, first_index=2, block=BLOCK
-            )
+        told = depth, int(not first), float(base)
+        if len(a) == 1 and bounder.device.is_cpu:  # a planner asks about one after another
+            if told not in self._alone:
+                made = self._launch(bounder, wp.array(rows.ravel(), dtype=wp.float64, device=bounder.device), 1, told)
+                self._alone[told] = made[0], *(each.numpy() for each in made[1:])
+            launch, segment, until = self._alone[told]
+            segment[:] = rows.reshape(segment.shape)
+            launch.launch()
+            return until.copy()
+        launch, _, until = self._launch(bounder, double_array(rows, bounder.device), len(a), told)
+        launch.launch_once()
         return until.numpy()
+
+    def _launch(self, bounder: Bounder, segments: wp.array, count: int, told: tuple) -> tuple:
+        """The launch for these segments, and what it reads and writes."""
+        until = wp.empty(count, dtype=wp.float64, device=bounder.device)
+        inputs = [segments, count, 0, *told, self.edges, *self.numbers]
+        options = {"first_index": 2, "block": BLOCK}
+        return BlockLaunch(self.kernel, count, inputs, [until], bounder.device, **options), segments, until
 
 
 @cache
