@@ -231,10 +231,11 @@ def pays(results: Path) -> str:
     field = json.loads((results / "demos/cloth.json").read_text(encoding="utf-8"))["field"][0]
     faster = next(entry["ratio"] for entry in field["bounders"] if entry["bounder"] == "distance")
     lines = {
-        "Expensive checks, many coordinates": "an arm's planner takes "
-        f"{_share(arm, 'mlp', 'Planar arm, 3 joints')} (three joints) and {_share(arm, 'mlp', 'Planar arm, 4 joints')} "
-        f"(four); with a tree of boxes {_share(arm, 'bvh', 'Planar arm, 3 joints')} and "
-        f"{_share(arm, 'bvh', 'Planar arm, 4 joints')}.",
+        "Expensive checks, many coordinates": "planning with checks of meshes takes "
+        f"{_share(arm, 'mlp', 'Planar arm, 4 joints, meshes')} (an arm of four joints) and "
+        f"{_share(arm, 'mlp', 'UR5, meshes')} (a UR5), with a tree of boxes "
+        f"{_share(arm, 'bvh', 'Planar arm, 4 joints, meshes')} and {_share(arm, 'bvh', 'UR5, meshes')}; with our own "
+        f"checks of convex hulls, which are fast, {_share(arm, 'mlp', 'Planar arm, 4 joints')}.",
         "Moving shapes": "rain on a turning bunny takes "
         f"{_share(rain, 'mlp', 'containment')}; with a box refitted every step "
         f"{_share(rain, 'moving aabb', 'containment')}.",
