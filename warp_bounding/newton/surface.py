@@ -4,31 +4,37 @@ With ``enable_rigid_soft_full_surface_contact`` Newton looks, for each corner, e
 and faces of soft bodies come near it; and for each particle, which faces of each mesh do. Here a ball holds each face
 of a soft body (and each edge without a face), and is asked as a particle of that radius is: if the ball is farther
 from the mesh than Newton looks, so are the face, its edges and its corners. What stays marks cells of a grid around the
-mesh, in the mesh's own coordinates: all that the face's box meets, dilated by how far Newton looks and by the half size
-of the mesh's largest face. Corners, edges and faces of the mesh whose middles lie in unmarked cells are told to be of a
-shape that does not collide, so that Newton leaves them at once. Their places in Newton's tables stay, and so do the
-numbers that contacts keep of them.
+mesh, in the mesh's own coordinates: all that its pieces meet, dilated by how far Newton looks and by half the size of
+the mesh's largest face; but for pieces that a bounder of distances denies. Corners, edges and faces of the mesh whose
+middles lie in unmarked cells are told to be of a shape that does not collide, so that Newton leaves them at once. Their
+places in Newton's tables stay, and so do the numbers that contacts keep of them.
 """
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 
 import newton
 import numpy as np
 import warp as wp
 
+from warp_bounding.bounders import Data
+from warp_bounding.kernels.distances import DistanceSource, distance_func
+from warp_bounding.newton.kernels import SUM_ROUNDING
 from warp_bounding.newton.placing import Hull, Placed, coordinates_of
 from warp_bounding.newton.shapes import Shapes
 from warp_bounding.newton.sieve import Sieve
 from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.launch import BlockLaunch, ready
+from warp_bounding.runtime.native import named, unique_name
 
 ALONG = 32  # cells along each axis of a mesh's box
 _ALONG = wp.constant(ALONG)
 _ROUNDING = wp.constant(1.0 + 16.0 * UNIT32)  # of a ball's radius: differences, squares, their sum, its root
 _SLACK = wp.constant(2.0**-7)  # cells: more than float32 rounds in the number of one among ``ALONG``
+NONE = -1  # the number of no bounder
 _FINITE = wp.constant(1.0e30)
+_PIECES = wp.constant(16.0)  # along a side of a face, at most
 
 
 @wp.struct
@@ -64,50 +70,96 @@ def place_faces(
     radii[i] = (farthest + radius) * _ROUNDING
 
 
-@wp.kernel(enable_backward=False)
-def mark_cells(
-    # inputs
-    first: int,
-    pairs: wp.array(dtype=wp.vec2i),
-    keep: wp.array(dtype=wp.uint8),
-    corners: wp.array(dtype=wp.vec3i),
-    particle_q: wp.array(dtype=wp.vec3),
-    particle_radius: wp.array(dtype=float),
-    placed: wp.array(dtype=Placed),
-    hulls: wp.array(dtype=Hull),
-    grids: wp.array(dtype=Cells),
-    # outputs
-    marks: wp.array(dtype=wp.uint8),
-    whole: wp.array(dtype=wp.uint8),
-):
-    """Mark the cells that a face may touch; the ``whole`` mesh where that is not known."""
-    i = first + wp.tid()
-    if keep[i] == wp.uint8(0):
-        return
-    face, shape = corners[pairs[i][0]], pairs[i][1]
-    hull, place, cells = hulls[shape], placed[shape], grids[shape]
-    lower, upper, way, sizes = wp.vec3(_FINITE), wp.vec3(-_FINITE), wp.float32(0.0), wp.float32(0.0)
-    for k in range(3):
-        x = particle_q[face[k]]
-        y = wp.cw_div(wp.transform_point(place.to_shape, x), place.scale)
-        lower, upper = wp.min(lower, y), wp.max(upper, y)
-        own = hull.reach + hull.per_radius * wp.abs(particle_radius[face[k]]) + hull.per_coordinate * coordinates_of(x)
-        way = wp.max(way, own)
-        sizes += coordinates_of(y) + own
-    if not (way <= hull.margin and sizes < _FINITE):
-        whole[shape] = wp.uint8(1)
-        return
+@wp.func
+def _mark_box(cells: Cells, lower: wp.vec3, upper: wp.vec3, marks: wp.array(dtype=wp.uint8)):
     from_, to = wp.vec3i(), wp.vec3i()
     for k in range(3):
-        beyond = way + cells.reach[k]
-        low = (lower[k] - beyond - cells.lower[k]) * cells.per_unit[k] - _SLACK
-        high = (upper[k] + beyond - cells.lower[k]) * cells.per_unit[k] + _SLACK
+        low = (lower[k] - cells.lower[k]) * cells.per_unit[k] - _SLACK
+        high = (upper[k] - cells.lower[k]) * cells.per_unit[k] + _SLACK
         from_[k] = int(wp.clamp(low, 0.0, float(_ALONG - 1)))
         to[k] = int(wp.clamp(high + 1.0, 0.0, float(_ALONG)))
     for a in range(from_[0], to[0]):
         for b in range(from_[1], to[1]):
             for c in range(from_[2], to[2]):
                 marks[cells.first + (a * _ALONG + b) * _ALONG + c] = wp.uint8(1)
+
+
+@cache
+def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
+    """The kernel that marks the cells which faces may touch, of the shapes with a bounder of this source, or of others.
+
+    A face is cut into pieces of about a cell; of pieces that are farther than Newton looks, by the bounder, none is.
+    """
+    distance = None if source is None else distance_func(source)
+
+    if distance is None:
+
+        def near(data: Data, middle: wp.vec3, way: float, dilated: float) -> bool:
+            return True
+    else:
+
+        def near(data: Data, middle: wp.vec3, way: float, dilated: float) -> bool:
+            beyond = wp.max(way - dilated, 0.0) + SUM_ROUNDING * (way + dilated)
+            return not distance(data, middle) > beyond
+
+    called = "wb_newton_{}" if source is None else unique_name(source, "newton_{}")
+    near = named(called.format("near")).func(near)
+
+    @named(called.format("marks")).kernel
+    def mark_cells(
+        # inputs
+        first: int,
+        data: Data,
+        number: int,
+        dilated: float,
+        numbers: wp.array(dtype=wp.int32),
+        pairs: wp.array(dtype=wp.vec2i),
+        keep: wp.array(dtype=wp.uint8),
+        corners: wp.array(dtype=wp.vec3i),
+        particle_q: wp.array(dtype=wp.vec3),
+        particle_radius: wp.array(dtype=float),
+        placed: wp.array(dtype=Placed),
+        hulls: wp.array(dtype=Hull),
+        grids: wp.array(dtype=Cells),
+        # outputs
+        marks: wp.array(dtype=wp.uint8),
+        whole: wp.array(dtype=wp.uint8),
+    ):
+        i = first + wp.tid()
+        if keep[i] == wp.uint8(0) or numbers[pairs[i][1]] != number:
+            return
+        face, shape = corners[pairs[i][0]], pairs[i][1]
+        hull, place, cells = hulls[shape], placed[shape], grids[shape]
+        at, way, sizes = wp.mat33(), wp.float32(0.0), wp.float32(0.0)
+        for k in range(3):
+            x = particle_q[face[k]]
+            y = wp.cw_div(wp.transform_point(place.to_shape, x), place.scale)
+            at[k] = y
+            own = hull.per_radius * wp.abs(particle_radius[face[k]]) + hull.per_coordinate * coordinates_of(x)
+            way = wp.max(way, hull.reach + own)
+            sizes += coordinates_of(y) + own
+        if not (way <= hull.margin and sizes < _FINITE):
+            whole[shape] = wp.uint8(1)  # it is not known which
+            return
+        one_side, other_side = at[1] - at[0], at[2] - at[0]
+        longest = wp.max(wp.abs(wp.cw_mul(one_side, cells.per_unit)))
+        longest = wp.max(longest, wp.max(wp.abs(wp.cw_mul(other_side, cells.per_unit))))
+        pieces = int(wp.clamp(longest + 1.0, 1.0, _PIECES))
+        one, other = one_side / float(pieces), other_side / float(pieces)
+        for p in range(pieces):
+            for q in range(pieces - p):
+                corner = at[0] + float(p) * one + float(q) * other
+                lower = wp.min(corner, wp.min(corner + one, corner + other))
+                upper = wp.max(corner, wp.max(corner + one, corner + other))
+                if p + q + 1 < pieces:
+                    lower = wp.min(lower, corner + one + other)
+                    upper = wp.max(upper, corner + one + other)
+                reach = (way + 0.5 * wp.length(upper - lower)) * _ROUNDING
+                if near(data, 0.5 * (lower + upper), reach, dilated):
+                    beyond = wp.vec3(way) + cells.reach
+                    _mark_box(cells, lower - beyond, upper + beyond, marks)
+
+    return mark_cells
 
 
 @wp.kernel(enable_backward=False)
@@ -162,7 +214,14 @@ class Surface:
             (*(wp.array(each, dtype=int, device=device) for each in (table.numpy()[:, 0].copy(), own)), wp.clone(table))
             for table, own in zip(tables, cells, strict=True)
         ]
-        for kernel in (place_faces, mark_cells, mask_rows):
+        # What marks cells: kernel, numbers, place among the bounders, and margin of each; of shapes without, and of
+        # bounders of points, whatever is left of a face does.
+        self._marking = [
+            (mark_kernel(each.source if each.of_distances else None), each.data, n, each.info.get("margin") or 0.0)
+            for n, each in enumerate(shapes.bounders)
+        ]
+        self._marking.append((mark_kernel(None), Data(), NONE, 0.0))
+        for kernel in (place_faces, mask_rows, *(marking[0] for marking in self._marking)):
             ready(kernel, device)
 
     def launches(self, state: newton.State) -> list[BlockLaunch]:
@@ -173,13 +232,13 @@ class Surface:
         if not len(self.faces):
             return found
         where = [self._shapes.placed, self._shapes.hulls, self._grids]
-        inputs = [0, self.faces.pairs, self.faces.keep, self._corners, q, radius, *where]
+        about = [self._shapes.bounder_of, self.faces.pairs, self.faces.keep, self._corners, q, radius, *where]
         marks = [self._marks, self._whole]
         return [
             *found,
             launch(place_faces, len(self._corners), [0, self._corners, q, radius], [self._middles, self._radii]),
             *self.faces.launches(self._middles, self._radii),
-            launch(mark_cells, len(self.faces), inputs, marks),
+            *(launch(kernel, len(self.faces), [0, *own, *about], marks) for kernel, *own in self._marking),
             *(
                 launch(mask_rows, len(rows), [0, shapes, cells, *marks], [_numbers(rows)])
                 for shapes, cells, rows in self._tables
