@@ -75,7 +75,7 @@ def dry() -> None:
         from warp_bounding.newton import lists, surface
 
         kernels["Newton's pass: hulls, lists and their layout"] = lists.sift
-        kernels["Newton's passes over surfaces: marks and tables"] = surface.mark_cells
+        kernels["Newton's passes over surfaces: marks and tables"] = surface.mark_kernel(None)
     except ImportError as error:
         print(error)
     for name, kernel in kernels.items():
