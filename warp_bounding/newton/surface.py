@@ -34,7 +34,7 @@ _ROUNDING = wp.constant(1.0 + 16.0 * UNIT32)  # of a ball's radius: differences,
 _SLACK = wp.constant(2.0**-7)  # cells: more than float32 rounds in the number of one among ``ALONG``
 NONE = -1  # the number of no bounder
 _FINITE = wp.constant(1.0e30)
-_PIECES = wp.constant(16.0)  # along a side of a face, at most
+PIECES = 16.0  # along a side of a face, at most
 
 
 @wp.struct
@@ -90,13 +90,14 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
 
     A face is cut into pieces of about a cell; of pieces that are farther than Newton looks, by the bounder, none is.
     """
-    distance = None if source is None else distance_func(source)
+    most = wp.constant(PIECES if source else 1.0)
 
-    if distance is None:
+    if source is None:
 
         def near(data: Data, middle: wp.vec3, way: float, dilated: float) -> bool:
             return True
     else:
+        distance = distance_func(source)
 
         def near(data: Data, middle: wp.vec3, way: float, dilated: float) -> bool:
             beyond = wp.max(way - dilated, 0.0) + SUM_ROUNDING * (way + dilated)
@@ -144,7 +145,7 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
         one_side, other_side = at[1] - at[0], at[2] - at[0]
         longest = wp.max(wp.abs(wp.cw_mul(one_side, cells.per_unit)))
         longest = wp.max(longest, wp.max(wp.abs(wp.cw_mul(other_side, cells.per_unit))))
-        pieces = int(wp.clamp(longest + 1.0, 1.0, _PIECES))
+        pieces = int(wp.clamp(longest + 1.0, 1.0, most))
         one, other = one_side / float(pieces), other_side / float(pieces)
         for p in range(pieces):
             for q in range(pieces - p):
@@ -155,7 +156,7 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
                     lower = wp.min(lower, corner + one + other)
                     upper = wp.max(upper, corner + one + other)
                 reach = (way + 0.5 * wp.length(upper - lower)) * _ROUNDING
-                if near(data, 0.5 * (lower + upper), reach, dilated):
+                if pieces == 1 or near(data, 0.5 * (lower + upper), reach, dilated):  # a whole face stays
                     beyond = wp.vec3(way) + cells.reach
                     _mark_box(cells, lower - beyond, upper + beyond, marks)
 
