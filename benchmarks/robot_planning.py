@@ -209,10 +209,11 @@ def page(rows: list[dict], sizes: dict[str, str], command: str) -> str:
         [
             "# Robots plan with OMPL",
             "",
-            f"**Asked from Python, a state and an edge at a time, a proven network leaves {_range(share('checks'))} of the "
-            f"exact checks, and takes {_range(share('seconds'))} of the time.** A call takes as long as Coal takes for an "
-            "edge. Planners that ask about many edges at once [do gain](../demos/README.md). Of "
-            f"{accepted:,.0f} edges that the usual check accepts {missed:,.0f} collide between its states.",
+            "**Asked from Python, a state and an edge at a time, a proven network leaves "
+            f"{_range(share('checks'))} of the exact checks, and takes {_range(share('seconds'))} of the time.** A call "
+            "takes as long as Coal takes for an edge. Planners that ask about many edges at once "
+            f"[do gain](../demos/README.md). Of {accepted:,.0f} edges that the usual check accepts {missed:,.0f} collide "
+            "between its states.",
             "",
             f"`{command}`",
             "",
