@@ -210,10 +210,10 @@ def page(rows: list[dict], sizes: dict[str, str], command: str) -> str:
             "# Robots plan with OMPL",
             "",
             "**Asked from Python, a state and an edge at a time, a proven network leaves "
-            f"{_range(share('checks'))} of the exact checks, and takes {_range(share('seconds'))} of the time.** A call "
-            "takes as long as Coal takes for an edge. Planners that ask about many edges at once "
-            f"[do gain](../demos/README.md). Of {accepted:,.0f} edges that the usual check accepts {missed:,.0f} collide "
-            "between its states.",
+            f"{_range(share('checks'))} of the exact checks, and takes {_range(share('seconds'))} of the time.** A "
+            "call takes as long as Coal takes for an edge. Planners that ask about many edges at once "
+            f"[do gain](../demos/README.md). Of {accepted:,.0f} edges that the usual check accepts {missed:,.0f} "
+            "collide between its states.",
             "",
             f"`{command}`",
             "",
