@@ -36,7 +36,7 @@ GROUPS = (
     Bars("path", "rooms", "Path of a point\n(2D map)"),
     Bars("shadows", "", "Shadows\n(rays, moving mesh)"),
     Bars("digits", "2 latent numbers", "Generated images\n(2 numbers)"),
-    Bars("arm", "Planar arm, 3 joints", "Planner of an arm\n(3 joints)"),
+    Bars("arm", "UR5, meshes", "Planner of a UR5\n(4 joints, meshes)"),
 )
 KINDS = {  # what a bar is of, and its colour
     "without": "#c9ced3",
