@@ -196,7 +196,7 @@ class Cull:
                 _wait_for_pairs(self.pipeline)
                 self._surface.begin()
                 self._run(("surface", gap), state, lambda: self._surface.launches(state))
-                culls.enter_context(self._surface.culled(state, self._reads_back))
+                culls.enter_context(self._surface.culled(state, contacts, self._reads_back))
             if self._rigid is not None:
                 culls.enter_context(self._rigid.culled())
             try:

@@ -7,7 +7,8 @@ from the mesh than Newton looks, so are the face, its edges and its corners. Wha
 mesh, in the mesh's own coordinates: all that its pieces meet, dilated by how far Newton looks and by half the size of
 the mesh's largest face; but for pieces that a bounder of distances denies. Corners, edges and faces of the mesh whose
 middles lie in unmarked cells are told to be of a shape that does not collide, so that Newton leaves them at once. Their
-places in Newton's tables stay, and so do the numbers that contacts keep of them.
+places in Newton's tables stay, and so do the numbers that contacts keep of them. On a CPU, where even that takes time,
+Newton gets tables of the others alone, and the numbers are set right behind it.
 """
 
 from collections.abc import Iterator
@@ -33,6 +34,9 @@ _ALONG = wp.constant(ALONG)
 _ROUNDING = wp.constant(1.0 + 16.0 * UNIT32)  # of a ball's radius: differences, squares, their sum, its root
 _SLACK = wp.constant(2.0**-7)  # cells: more than float32 rounds in the number of one among ``ALONG``
 NONE = -1  # the number of no bounder
+# Newton's: where its adjacency has the slots of edges; the bits of a record's kind, and the kinds whose records name a
+# corner, an edge, and a face of a mesh by its row in a table.
+EDGE_SLOTS, FAMILY, FAMILIES = 3, 7, (1, 2, 3)
 _FINITE = wp.constant(1.0e30)
 PIECES = 16.0  # along a side of a face, at most
 
@@ -194,6 +198,7 @@ class Surface:
     def __init__(self, pipeline: newton.CollisionPipeline, shapes: Shapes):
         self._pipeline, self._model, self._shapes = pipeline, pipeline.model, shapes
         model, device = self._model, pipeline.model.device
+        self._device = device
         self._data = data = pipeline._soft_mesh_contact_data
         self.particles = Sieve(data.vertex_pairs, model.particle_count, shapes)
         corners = _corners_of(model)
@@ -255,22 +260,31 @@ class Surface:
         self._whole.zero_()
 
     @contextmanager
-    def culled(self, state: newton.State, reads_back: bool) -> Iterator[None]:
+    def culled(self, state: newton.State, contacts: newton.Contacts, reads_back: bool) -> Iterator[None]:
         """Newton's passes see what the launches have left, and its own tables again behind them."""
         data, model = self._data, self._model
-        before = data.vertex_pairs, data.rigid_features, data.rigid_faces, model.shape_flags
-        corners, normals, edges, outward = data.rigid_features
+        before = data.vertex_pairs, data.rigid_features, data.rigid_faces, data.adjacency, model.shape_flags
+        alive = None
         if len(self.particles):
             data.vertex_pairs = self.particles.kept(state.particle_q, reads_back)
         if len(self.faces):
-            corners, edges, data.rigid_faces = (rows for _, _, rows in self._tables)
-            data.rigid_features = corners, normals, edges, outward
             wp.copy(self._flags, model.shape_flags)
             model.shape_flags = self._flags
+            tables = [rows for _, _, rows in self._tables]
+            rest = [data.rigid_features[1], data.rigid_features[3], data.adjacency[EDGE_SLOTS]]
+            if reads_back and self._device.is_cpu and not self._device.is_capturing:
+                alive = [_alive(rows, model.shape_count) for rows in tables]
+                tables = [_gathered(rows, own) for rows, own in zip(tables, alive, strict=True)]
+                rest = [_gathered(each, alive[k]) for each, k in zip(rest, (0, 1, 1), strict=True)]
+            data.rigid_features = tables[0], rest[0], tables[1], rest[1]
+            data.rigid_faces = tables[2]
+            data.adjacency = [*data.adjacency[:EDGE_SLOTS], rest[2], *data.adjacency[EDGE_SLOTS + 1 : -2], *rest[:2]]
         try:
             yield
         finally:
-            data.vertex_pairs, data.rigid_features, data.rigid_faces, model.shape_flags = before
+            data.vertex_pairs, data.rigid_features, data.rigid_faces, data.adjacency, model.shape_flags = before
+        if alive is not None:
+            _renumber(contacts, alive)
 
     def rows(self) -> list[tuple[int, int]]:
         """Of corners, edges and faces of meshes: how many there are, and how many are left; waits for the device."""
@@ -289,6 +303,26 @@ def _corners_of(model: newton.Model) -> np.ndarray:
     keys = first.astype(np.int64) * model.particle_count + last
     lone = ~np.isin(keys[: len(edges)], keys[len(edges) :])
     return np.concatenate([faces, edges[lone][:, [0, 1, 1]]]).astype(np.int32)
+
+
+def _alive(rows: wp.array, none: int) -> np.ndarray:
+    """The numbers of rows whose shape collides; at least one, since Newton leaves its passes if there is none."""
+    found = np.flatnonzero(rows.numpy()[:, 0] != none)
+    return found if len(found) else np.zeros(1, np.int64)
+
+
+def _gathered(rows: wp.array, which: np.ndarray) -> wp.array:
+    """Some rows of a table on a CPU; none of an empty one."""
+    return wp.array(rows.numpy()[which], dtype=rows.dtype, device=rows.device) if len(rows) else rows
+
+
+def _renumber(contacts: newton.Contacts, alive: list[np.ndarray]) -> None:
+    """Contacts name rows of Newton's own tables, not of those with the rows that were left."""
+    last = min(int(contacts.soft_contact_count.numpy()[0]), contacts.soft_contact_max)
+    features = contacts._soft_contact_mesh_features.numpy()[int(contacts._soft_contact_mesh_state.numpy()[0]) : last]
+    for family, rows in zip(FAMILIES, alive, strict=True):
+        own = (features[:, 0] & FAMILY) == family
+        features[own, 2] = rows[features[own, 2]]
 
 
 def _numbers(rows: wp.array) -> wp.array:
