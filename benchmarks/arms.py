@@ -13,7 +13,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,10 +29,9 @@ from warp_bounding.proof import stress_test
 
 SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
 STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are queried, and at how many points
-SHOWN = ("planar-3", "planar-4", "four", "six")  # cells that are measured
-MOST_GRID = 4  # coordinates of cells, which a hierarchy of boxes is made of
+SHOWN = ("planar-3", "planar-4", "six")  # cells that are measured
+MOST_CLASSIC = 4  # coordinates: with more, classics cost minutes and leave nearly everything
 SIX = Path("out/six/proven.safetensors")  # what benchmarks/six_joints.py proves
-FEWER_PARTS = {"four": {"hidden": (8, 47, 47), "parts": 1024}}  # of the network: tighter in this cell
 DASH = "–"
 
 
@@ -114,7 +112,8 @@ def tree_of_boxes(shape: wb.arms.ArmConfigurations, nbytes: int) -> Callable[[np
 
 
 BUILT = {"bitmap": bitmap, "tree of boxes": tree_of_boxes}
-FITTED = ("aabb", "learned-kdop", "bvh", "mlp")
+CLASSIC = ("aabb", "learned-kdop", "bvh")
+FITTED = (*CLASSIC, "mlp")
 
 
 # --- measuring
@@ -136,7 +135,6 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
     """One row."""
     shape, name, started = place.shape, place.cell.name, time.perf_counter()
     specs = dict(specs_of(shape))
-    specs["mlp"] = replace(specs["mlp"], options=specs["mlp"].options | FEWER_PARTS.get(name, {}))
     row: dict = {"cell": name, "label": label}
     if label in BUILT:
         memory = nbytes_of(shape.ndim, specs["mlp"].options)  # of the six joints' network, too
@@ -253,7 +251,7 @@ def main() -> int:
         x = np.random.default_rng(11).uniform(shape.lower, shape.upper, (SAMPLES, shape.ndim)).astype(np.float32)
         samples = tuple(Sampled(y, shape.contains(y)) for y in (x, along_edges(place)))
         for label in options.methods.split(","):
-            if kept.have(cell=name, label=label) or (label == "bvh" and shape.ndim > MOST_GRID):
+            if kept.have(cell=name, label=label) or (label in CLASSIC and shape.ndim > MOST_CLASSIC):
                 continue
             row = measure(place, label, samples, options.effort, options.attacked)
             kept.add(row)
@@ -262,7 +260,7 @@ def main() -> int:
                 flush=True,
             )
     if len(kept):
-        kept.write(page(kept, f"python benchmarks/arms.py --out results/arm --attacked {options.attacked}"))
+        kept.write(page(kept, f"python benchmarks/arms.py --attacked {options.attacked}"))
     return int(any(row["missed"] is not None for row in kept.rows))
 
 

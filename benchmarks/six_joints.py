@@ -107,10 +107,12 @@ def page(known: dict, rows: list[dict], command: str) -> str:
             "",
             f"`{command}`",
             "",
-            f"{known['versions']}. {known['boxes']:,} boxes, {sum(tasks) / 3600:.2f} hours of one core in "
-            f"{len(tasks):,} tasks on two processes, {killed} times one of them killed; {wall:.0f} minutes by the wall "
-            f"while other work ran beside it. The statistical threshold left {known['fp_statistical']:.1f} %. A query "
-            f"takes {known['ns']:.0f} ns on one core.",
+            f"{known['versions']}. The proof took {known['boxes']:,} boxes in {len(tasks):,} tasks, and "
+            f"{sum(tasks) / 3600:.2f} hours of one core. Two processes ran it in {wall:.0f} minutes, beside other "
+            f"work; {killed} times one of them was killed.",
+            "",
+            f"The threshold that samples attest left {known['fp_statistical']:.1f} %. A query takes {known['ns']:.0f} "
+            "ns on one core.",
             "",
             "Dealt out to more cores the same tasks take "
             + ", ".join(f"{value * 60:.1f} minutes on {cores:,}" for cores, value in hours.items())

@@ -60,7 +60,7 @@ SPECS: dict[str, FitSpec] = {
     "mlp": FitSpec("mlp", budget=BUDGETS[0], options={"hidden": HIDDEN}),
     "occupancy": FitSpec("occupancy", budget=60.0, options={"hidden": HIDDEN}),
 }
-# Of a robot's cell: two processes prove what a third of the time has trained.
+# A network of a robot's cell is trained in a third of its time; in the rest two processes prove it.
 OF_ROBOTS: dict[str, FitSpec] = {
     "bvh": replace(SPECS["bvh"], resolution=CELLS_OF_BOXES[1]),
     "mlp": FitSpec("mlp", budget=BUDGETS[1], options={"hidden": (8, 48, 48), "scheduler": 2}),

@@ -17,7 +17,7 @@ RECORDS = ("particle", "shape", "body_pos", "body_vel", "normal", "indices", "ba
 
 @pytest.fixture(scope="module")
 def mesh() -> wb.shapes.Mesh:
-    """A ring, of which a hole shows whether the inside is told from the outside."""
+    """A ring. Points in its hole are outside."""
     solid = trimesh.creation.torus(0.4, 0.15, major_sections=24, minor_sections=12)
     return wb.shapes.Mesh(solid.vertices, solid.faces, name="ring")
 

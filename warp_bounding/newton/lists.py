@@ -88,8 +88,8 @@ def sift(
 
 
 @cache
-def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
-    """The kernel that asks a bounder of this source about the pairs of its shapes that ``sift`` has listed.
+def maybe_func(source: Source | DistanceSource) -> wp.Function:
+    """``(data, x, way, dilated)``: whether the mesh may be no farther from ``x`` than ``way``.
 
     A bounder of distances bounds the mesh dilated by ``dilated``, so where its g is above 0 the mesh is farther than
     ``g + dilated``; the difference below and the comparison round by less than is added.
@@ -106,7 +106,13 @@ def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
         def maybe(data: Data, x: wp.vec3, way: float, dilated: float) -> bool:
             return test(data, x)
 
-    maybe = named(unique_name(source, "newton_maybe")).func(maybe)
+    return named(unique_name(source, "newton_maybe")).func(maybe)
+
+
+@cache
+def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
+    """The kernel that asks a bounder of this source about the pairs of its shapes that ``sift`` has listed."""
+    maybe = maybe_func(source)
 
     @named(unique_name(source, "newton_listed")).kernel
     def ask(

@@ -14,10 +14,10 @@ from warp_bounding.newton.shapes import Shapes
 from warp_bounding.runtime.arrays import Compaction
 from warp_bounding.runtime.launch import BlockLaunch, ready
 
-# Of a GPU: warps of Newton's pass that run on a multiprocessor at a time, among which survivors are shared out; pairs
-# from which on they are sorted by place.
-WARPS, SORTED = 16, 100_000
-THREADS = 2048  # of a multiprocessor at a time
+# On a GPU
+WARPS = 16  # per multiprocessor: Newton's pass runs so many at a time, and the surviving pairs are shared among them
+SORTED = 100_000  # a list of so many pairs or more is sorted by place
+THREADS = 2048  # per multiprocessor
 
 
 class Sieve:

@@ -1,14 +1,18 @@
-"""Whole faces and edges of soft bodies against meshes: what Newton's passes over them need not look at.
+"""Newton's passes over whole faces and edges of soft bodies against meshes: what they need not look at.
 
 With ``enable_rigid_soft_full_surface_contact`` Newton looks, for each corner, edge and face of each mesh, which edges
-and faces of soft bodies come near it; and for each particle, which faces of each mesh do. Here a ball holds each face
-of a soft body (and each edge without a face), and is asked as a particle of that radius is: if the ball is farther
-from the mesh than Newton looks, so are the face, its edges and its corners. What stays marks cells of a grid around the
-mesh, in the mesh's own coordinates: all that its pieces meet, dilated by how far Newton looks and by half the size of
-the mesh's largest face; but for pieces that a bounder of distances denies. Corners, edges and faces of the mesh whose
-middles lie in unmarked cells are told to be of a shape that does not collide, so that Newton leaves them at once. Their
-places in Newton's tables stay, and so do the numbers that contacts keep of them. On a CPU, where even that takes time,
-Newton gets tables of the others alone, and the numbers are set right behind it.
+and faces of soft bodies come near it. For each particle it looks which faces of each mesh do.
+
+Here a ball holds each soft face, and each soft edge without a face. It is tested as a particle of that radius. If the
+ball is farther from the mesh than Newton looks, so are the face, its edges and its corners.
+
+The other soft faces mark cells of a grid around the mesh, in the mesh's own coordinates. A bounder of distances first
+denies pieces of them. A piece marks all cells that it meets, dilated by how far Newton looks and by half the size of
+the mesh's largest face. A corner, edge or face of the mesh whose middle lies in an unmarked cell is far from all soft
+faces. In Newton's tables its shape is replaced by one that does not collide, so Newton's thread returns at once.
+
+On a CPU even these threads take time. There Newton gets shorter tables, of the rows that are left, and the numbers of
+rows in the contacts are mapped back.
 """
 
 from collections.abc import Iterator
@@ -20,8 +24,8 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Data
-from warp_bounding.kernels.distances import DistanceSource, distance_func
-from warp_bounding.newton.kernels import SUM_ROUNDING
+from warp_bounding.kernels.distances import DistanceSource
+from warp_bounding.newton.lists import maybe_func
 from warp_bounding.newton.placing import Hull, Placed, coordinates_of
 from warp_bounding.newton.shapes import Shapes
 from warp_bounding.newton.sieve import Sieve
@@ -88,29 +92,23 @@ def _mark_box(cells: Cells, lower: wp.vec3, upper: wp.vec3, marks: wp.array(dtyp
                 marks[cells.first + (a * _ALONG + b) * _ALONG + c] = wp.uint8(1)
 
 
+@wp.func
+def _anywhere(data: Data, x: wp.vec3, way: float, dilated: float) -> bool:
+    return True
+
+
 @cache
 def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
     """The kernel that marks the cells which faces may touch, of the shapes with a bounder of this source, or of others.
 
-    A face is cut into pieces of about a cell; of pieces that are farther than Newton looks, by the bounder, none is.
+    With a bounder a face is cut into pieces of about a cell; a piece that the bounder denies marks nothing.
     """
     most = wp.constant(PIECES if source else 1.0)
+    near, called = _anywhere, "wb_newton_marks"
+    if source is not None:
+        near, called = maybe_func(source), unique_name(source, "newton_marks")
 
-    if source is None:
-
-        def near(data: Data, middle: wp.vec3, way: float, dilated: float) -> bool:
-            return True
-    else:
-        distance = distance_func(source)
-
-        def near(data: Data, middle: wp.vec3, way: float, dilated: float) -> bool:
-            beyond = wp.max(way - dilated, 0.0) + SUM_ROUNDING * (way + dilated)
-            return not distance(data, middle) > beyond
-
-    called = "wb_newton_{}" if source is None else unique_name(source, "newton_{}")
-    near = named(called.format("near")).func(near)
-
-    @named(called.format("marks")).kernel
+    @named(called).kernel
     def mark_cells(
         # inputs
         first: int,
@@ -215,7 +213,7 @@ class Surface:
         self._whole = wp.zeros(model.shape_count, dtype=wp.uint8, device=device)
         flags = model.shape_flags
         self._flags = wp.zeros(len(flags) + 1, dtype=flags.dtype, device=device)  # the last shape does not collide
-        # Of each table: shapes and cells of its rows, and the rows as Newton is to see them.
+        # For each table: the shapes and the cells of its rows, and a copy of it, in which shapes are replaced.
         self._tables = [
             (*(wp.array(each, dtype=int, device=device) for each in (table.numpy()[:, 0].copy(), own)), wp.clone(table))
             for table, own in zip(tables, cells, strict=True)
