@@ -33,6 +33,7 @@ from sims.arm.robots import Cell, panda, ur5
 CELLS, HIDDEN, SIDE = {"UR5": ur5, "Panda": panda}, (8, 48, 48), 32  # cells a side, of which boxes are made
 RANGE, STEP, FINER, SECONDS = 0.6, 0.05, 100, 60.0  # radians: an edge, and the usual check along it; of a problem
 PROBLEMS, ROADMAPS, STATES = 20, 3, 2000  # of a roadmap: states that are drawn
+MANY = 64  # configurations that a bounder is asked about at once
 WAYS = {
     "exact": "exact checks alone",
     "hulls": "our check of convex hulls first",
@@ -92,18 +93,21 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     model, asked, n, bounded = meshes(robot), bounder(robot, way, kept, effort), shape(robot).ndim, way in BOUNDED
     count, accepted = dict.fromkeys(("states", "edges", "checks", "denied", "cleared"), 0), []
 
-    one, found = wp.zeros((1, n), dtype=float, device="cpu"), wp.zeros(1, dtype=wp.uint8, device="cpu")
-    row, maybe, query = one.numpy()[0], found.numpy(), asked.prepare(one, out=found).launch  # of one configuration
+    some, found = wp.zeros((MANY, n), dtype=float, device="cpu"), wp.zeros(MANY, dtype=wp.uint8, device="cpu")
+    rows, maybe, query = some.numpy(), found.numpy(), asked.prepare(some, out=found).launch
+    edge = wb.proof.Segments(asked, depth=3)  # lanes of a network share an edge, so that more clears hardly more
 
     def asked_of(q: np.ndarray) -> np.ndarray:
         """Those of configurations that the bounder, or the check of hulls, does not deny."""
         if not bounded:
             return q[shape(robot).contains(q.astype(np.float64))]
-        if len(q) > 1:
-            return q[asked.query(q).numpy() == 1]
-        row[:] = q[0]
-        query()
-        return q[maybe == 1]
+        left = []
+        for at in range(0, len(q), MANY):
+            count = len(q[at : at + MANY])
+            rows[:count] = q[at : at + MANY]
+            query()
+            left.append(q[at : at + MANY][maybe[:count] == 1])
+        return np.concatenate(left)
 
     def numbers(state) -> np.ndarray:
         return np.array([[state[i] for i in range(n)]], dtype=np.float32).astype(np.float64)
@@ -130,7 +134,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
         def checkMotion(self, a, b):  # noqa: N802
             count["edges"] += 1
             a, b = numbers(a), numbers(b)
-            clear = wb.proof.clear_segments(asked, a, b, first=True)[1][0] if bounded else 0.0
+            clear = edge(a, b)[1][0] if bounded else 0.0
             count["cleared"] += int(clear >= 1)
             along = np.linspace(0, 1, int(np.ceil(np.linalg.norm(b - a) / STEP)) + 1)[1:]
             good = free(a + along[along > clear, None] * (b - a))
@@ -148,7 +152,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     info.setMotionValidator(motion)
     info.setup()
     model.hits(np.zeros((1, n))), free(np.zeros((1, n)))
-    wb.proof.clear_segments(asked, *np.zeros((2, 1, n)), first=True)
+    edge(*np.zeros((2, 1, n)))
     count.update(dict.fromkeys(count, 0))
     if planner == "PRM":
         searcher, done = geometric.PRM(info), base.PlannerTerminationCondition(lambda: count["states"] >= STATES)
@@ -258,7 +262,7 @@ def main() -> int:
         for way in BOUNDED:
             found = bounder(robot, way, options.kept, options.effort)
             found.query(ends)
-            wb.proof.clear_segments(found, ends[:1], ends[1:], first=True)
+            wb.proof.Segments(found)(ends[:1], ends[1:])
             rate = wb.evaluate(found, shape(robot), samples=200_000).fp_rate
             sizes[f"{robot}, {way}"] = f"{found.nbytes:,} bytes, {rate:.1f} % false positives"
     options.out.mkdir(parents=True, exist_ok=True)

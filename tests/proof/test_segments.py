@@ -57,6 +57,26 @@ def test_cleared_segments_meet_no_point_of_the_object(method, name, rng):
     assert (quick != clear).mean() < 1e-2  # an end so near to the object that float32 does not deny it
 
 
+@pytest.mark.parametrize(("method", "name"), [("mlp", "c"), *((m, "blob") for m in ("local", "mlp-early|mlp&local"))])
+def test_one_segment_at_a_time_is_cleared_as_in_a_batch_or_farther(method, name, rng):
+    """A network's lanes share a segment, of which they take shorter pieces."""
+    bounder, grid = fitted(method, name), shape(name)
+    starts, ends = segments(grid, 400, rng)
+    starts[0, 0], ends[1] = np.nan, np.inf
+    edge, quick = wb.proof.Segments(bounder), wb.proof.Segments(bounder, first=False)
+    found = [edge(starts[i : i + 1], ends[i : i + 1]) for i in range(len(starts))]
+    clear, until = (np.concatenate(each) for each in zip(*found, strict=True))
+    batch = wb.proof.clear_segments(bounder, starts, ends, first=True)
+    assert clear[batch[0]].mean() > 0.99
+    assert (until >= batch[1] - 0.01).mean() > 0.99
+    assert not clear[:2].any()
+    assert ([quick(starts[i : i + 1], ends[i : i + 1])[0][0] for i in range(50)] == clear[:50]).mean() > 0.9
+    starts, ends = starts[2:].astype(np.float64), ends[2:]
+    for t in np.linspace(0, 1, 101):
+        at = starts + t * until[2:, None] * (ends - starts)
+        assert not grid.contains(at[(until[2:] > 0) & ((t < 1) | clear[2:])]).any()
+
+
 def test_segments_that_end_in_the_object_are_never_cleared(rng):
     bounder, grid = fitted("mlp", "blob"), shape("blob")
     cells = grid.occupied[rng.integers(len(grid.occupied), size=5000)]

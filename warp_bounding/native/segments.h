@@ -1,20 +1,25 @@
 // Walks along segments a + t w of a network's inputs, for proof/segments.py: a segment a lane.
 
 /// WALK:
-/// Each lane takes one segment after another and goes along it, piece by piece from first to last. A piece is clear
-/// where the bound of -f lies above what is needed there: base, less the least of the values of the lattice's parts
-/// that the piece may meet. The next one is then twice as long. Of a piece that is not clear the walk goes as far as
-/// the linear bound level + slope zeta tells, and goes on with a shorter one; it ends at one of 2^-depth of the way, and
-/// in a quick walk at every point that cannot be clear. A row is a, w, first and last.
-const double* rows = segments.data; const double* values = lattice.data + edges;
-auto least_value = [&](const double* row, double begin, double end) {
+/// Each lane takes one segment after another, or a window of one. A segment is given by its ends; a + t w is what it is
+/// in the network's inputs, and the walk goes along the part of it that may lie within reach. The arrays map holds
+/// centre and scale of that map, reach, and the limits of ends beyond which nothing is known. A lane goes piece by piece
+/// from first to last. A piece is clear where the bound of -f lies above what is needed there: base, less the least of
+/// the values of the lattice's parts that the piece may meet. The next one is then twice as long. Of a piece that is not
+/// clear the walk goes as far as the linear bound level + slope zeta tells, and goes on with a shorter one; it ends at
+/// one of 2^-depth of the way, and in a quick walk at every point that cannot be clear. until is then the least place at
+/// which a walk along the segment has ended. Where begin is infinite nothing is asked.
+const double* values = lattice.data + edges; const double* map_ = map.data;
+V low[BOX], high[BOX]; int own[L]; long long next = (long long)BEGIN * windows;
+double at[L], step[L], last[L], shortest[L];
+auto least_value = [&](int l, double begin, double end) {
     int from[K], to[K], now[K]; const double* edge = lattice.data;
     for (int k = 0; k < K; ++k) {
-        const double x = row[k] + begin * row[K + k], y = row[k] + end * row[K + k];
-        const double low = (x < y ? x : y) - AROUND, high = (x < y ? y : x) + AROUND; int at = 0;
-        while (at < counts.data[k] - 1 && edge[at] <= low) ++at;
+        const double x = LANE(low[k]) + begin * LANE(low[K + k]), y = LANE(low[k]) + end * LANE(low[K + k]);
+        const double left = (x < y ? x : y) - AROUND, right = (x < y ? y : x) + AROUND; int at = 0;
+        while (at < counts.data[k] - 1 && edge[at] <= left) ++at;
         from[k] = now[k] = at;
-        while (at < counts.data[k] - 1 && edge[at] < high) ++at;
+        while (at < counts.data[k] - 1 && edge[at] < right) ++at;
         to[k] = at; edge += counts.data[k] - 1;
     }
     double least = INFINITY;
@@ -30,42 +35,66 @@ auto needed = [&](double least) {  // rounded up; nothing where all is denied
     const double exact = base - least;
     return least == INFINITY ? -INFINITY : exact + absolute_of(exact) * 0x1p-51 + 0x1p-1000;
 };
-V low[BOX], high[BOX]; int next = BEGIN, own[L]; double at[L], step[L];
+for (int i = BEGIN; i < END; ++i) until.data[i] = INFINITY;
+auto found = [&](int i, double t) { until.data[i] = t < until.data[i] ? t : until.data[i]; };
 auto take = [&](int l) {
-    own[l] = next < END ? next++ : -1;
-    const double* row = rows + (long long)(own[l] < 0 ? BEGIN : own[l]) * (BOX + 1);
-    for (int k = 0; k < 2 * K; ++k) LANE(low[k]) = LANE(high[k]) = row[k];
-    at[l] = row[2 * K]; step[l] = row[2 * K + 1] - at[l];
+    for (own[l] = -1; own[l] < 0 && next < (long long)END * windows; ++next) {
+        const int i = (int)(next / windows), window = (int)(next % windows);
+        if (begin.data[i] == INFINITY) continue;
+        double from = begin.data[i], to = 1.0;
+        bool known = true, inside = true;
+        for (int k = 0; k < K; ++k) {
+            const double x = starts.data[(long long)i * K + k], y = ends.data[(long long)i * K + k];
+            const double scale = map_[K + k], reach = map_[2 * K + k], least = map_[3 * K + k], most = map_[4 * K + k];
+            const double a = (x - map_[k]) * scale, w = (y - map_[k]) * scale - a;
+            known = known && x >= least && x <= most && y >= least && y <= most;  // NaN is not
+            known = known && absolute_of(a) <= LARGEST && absolute_of(w) <= LARGEST;
+            const double p = (-reach - a) / w, q = (reach - a) / w, enters = p < q ? p : q, leaves = p < q ? q : p;
+            inside = inside && (w != 0.0 || absolute_of(a) <= reach);
+            if (w != 0.0) { from = enters > from ? enters : from; to = leaves < to ? leaves : to; }
+            LANE(low[k]) = LANE(high[k]) = a; LANE(low[K + k]) = LANE(high[K + k]) = w;
+        }
+        if (!known) found(i, begin.data[i]);
+        shortest[l] = to > from ? (to - from) / (double)(1u << depth) : 0.0;
+        from = window > from * windows ? (double)window / windows : from;
+        to = window + 1 < to * windows ? (window + 1.0) / windows : to;
+        if (!known || !inside || from > to + INSIDE) continue;
+        from = from < 1.0 ? from : 1.0;
+        own[l] = i; at[l] = from; last[l] = to > from ? to : from; step[l] = last[l] - from;
+    }
 };
-for (int l = 0; l < L; ++l) take(l);
+for (int l = 0; l < L; ++l) {
+    for (int k = 0; k < BOX; ++k) LANE(low[k]) = LANE(high[k]) = 0.0;
+    take(l);
+}
 for (;;) {
     int busy = 0;
     for (int l = 0; l < L; ++l) {
+        while (own[l] >= 0 && (quick ? until.data[own[l]] < INFINITY : until.data[own[l]] <= at[l])) take(l);
         busy += own[l] >= 0;
-        const double last = rows[(long long)(own[l] < 0 ? BEGIN : own[l]) * (BOX + 1) + 2 * K + 1], end = at[l] + step[l];
-        LANE(low[2 * K]) = at[l]; LANE(high[2 * K]) = end < last ? end : last;
+        const double end = at[l] + step[l];
+        LANE(low[2 * K]) = own[l] < 0 ? 0.0 : at[l];
+        LANE(high[2 * K]) = own[l] < 0 ? 0.0 : end < last[l] ? end : last[l];
     }
     if (!busy) break;
     BODY
     for (int l = 0; l < L; ++l) {
         if (own[l] < 0) continue;
-        const double* row = rows + (long long)own[l] * (BOX + 1);
-        const double first = row[2 * K], last = row[2 * K + 1], end = LANE(high[2 * K]);
-        const double shortest = (last - first) / (double)(1u << depth), need = needed(least_value(row, at[l], end));
+        const double end = LANE(high[2 * K]), need = needed(least_value(l, at[l], end));
         const bool clear = need == -INFINITY || LANE(least) > need;  // NaN is not
-        if (clear && end < last) { at[l] = end; step[l] *= 2.0; continue; }
+        if (clear && end < last[l]) { at[l] = end; step[l] *= 2.0; continue; }
         if (!clear) {
             const double where = LANE(z[2 * K]);
-            const bool blocked = !(LANE(value) > needed(least_value(row, where, where)));
+            const bool blocked = !(LANE(value) > needed(least_value(l, where, where)));
             const double rise = LANE(level) - (need + absolute_of(LANE(level)) * 0x1p-51), fall = -LANE(slope[0]);
             const double share = rise > -fall && fall > 0.0 ? (rise < fall ? rise / fall * 0.5 + 0.5 : 1.0) - 0x1p-40 : 0.0;
-            const bool over = (blocked && (quick || where == at[l])) || step[l] <= shortest;
+            const bool over = (blocked && (quick || where == at[l])) || step[l] <= shortest[l];
             if (share > 0.0) at[l] += share * (end - at[l]);
             step[l] *= blocked ? 0.125 : 0.25;
-            step[l] = step[l] < shortest ? shortest : step[l];
+            step[l] = step[l] < shortest[l] ? shortest[l] : step[l];
             if (!over) continue;
+            found(own[l], at[l]);
         }
-        until.data[own[l]] = clear ? INFINITY : at[l];
         take(l);
     }
 }

@@ -5,7 +5,7 @@ from warp_bounding.proof.check import certify, make_proven
 from warp_bounding.proof.covers import positive_boxes
 from warp_bounding.proof.prove import least_value, parametrized, prove, prove_or_test, settle
 from warp_bounding.proof.search import Search, minimum
-from warp_bounding.proof.segments import clear_segments
+from warp_bounding.proof.segments import Segments, clear_segments
 from warp_bounding.proof.stress import (
     StressResult,
     attempt_confidence,
@@ -18,6 +18,7 @@ from warp_bounding.proof.stress import (
 
 __all__ = [
     "Search",
+    "Segments",
     "StressResult",
     "attempt_confidence",
     "certify",

@@ -18,7 +18,7 @@ one (``joints.WIDER``), so that it does not matter what the place of a cut round
 cleared.
 """
 
-from functools import cache
+from functools import cache, partial
 from typing import ClassVar
 from weakref import WeakKeyDictionary
 
@@ -41,7 +41,7 @@ from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.runtime.native import named, native_text, unique_name
 from warp_bounding.shapes.joints import Joints
 
-__all__ = ["clear_segments"]
+__all__ = ["Segments", "clear_segments"]
 
 MOST_DEPTH = 30  # of a march: its steps are 2^30 at most
 DEPTH = 8  # a piece is halved at most this often
@@ -53,6 +53,8 @@ MOST_PIECES = 64  # of a segment, by turns of joints; one that has more is not c
 LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only if no coordinate of a or w is larger
 EARLIER = 1.0 - 2.0**-48  # makes a time that was computed no later than it is
 BLOCK = 128  # segments of a thread
+MOST_KEPT = 8  # launches, each for another number of segments
+WINDOWS = 8  # of each segment, a lane each, where there are fewer segments than lanes
 ROUNDS = 16  # of several networks: how often each may go on where the others have stopped
 
 
@@ -88,35 +90,100 @@ def clear_segments(
         >>> wb.proof.clear_segments(network, starts, np.array([[9.0, 9.0, 0.0], [1.0, 1.0, 1.0]]))
         array([ True, False])
     """
-    if isinstance(bounder, Bounder):
-        bounder.expect_local("clear_segments")
-    far = _with_distance(bounder)
-    if far is None and not (
-        isinstance(bounder, Bounder)
-        and _of_networks(bounder)
-        and bounder.domain is bounder.domain.base
-        and not (bounder.domain.time or bounder.domain.unbounded)
-    ):
-        raise BounderError(f"segments need a network or a volume of points at rest, or a distance, got {bounder!r}")
-    starts, ends = _checked(bounder.ndim, starts, ends, depth)
-    joints = getattr(bounder.domain, "joints", None)
-    if joints is None:
-        until = _until(bounder, far, starts, ends, depth, first)
-    else:
-        inside, owner, begin, end, low, high = _in_one_turn(joints, starts, ends)
-        until, found = np.where(inside, np.inf, 0.0), _until(bounder, far, low, high, depth, first)
+    cleared, until = Segments(bounder, depth=depth, first=first)(starts, ends)
+    return (cleared, until) if first else cleared
+
+
+class Segments:
+    """Segments asked about again and again: ``clear_segments`` with memory and launches that are made once.
+
+    A planner that asks about one edge after another keeps one of these. It is about the bounder as it is now: after
+    another threshold is set, make another.
+
+    Args:
+        bounder: As ``clear_segments`` takes it.
+        depth: As ``clear_segments`` takes it.
+        first: Whether a call tells how far a segment is clear; without it that may be too short.
+
+    Raises:
+        BounderError: As in ``clear_segments``.
+        QueryError: For a negative depth.
+
+    Example:
+        >>> network = wb.fit(ball, method="mlp", hidden=(8,), steps=3, device="cpu")
+        >>> edge = wb.proof.Segments(network)
+        >>> cleared, until = edge([[9.0, 9.0, 9.0]], [[9.0, 9.0, 0.0]])
+        >>> bool(cleared[0]), float(until[0])
+        (True, 1.0)
+    """
+
+    def __init__(self, bounder: Bounder, *, depth: int = DEPTH, first: bool = True):
+        if isinstance(bounder, Bounder):
+            bounder.expect_local("clear_segments")
+        far = _with_distance(bounder)
+        if far is None and not (
+            isinstance(bounder, Bounder)
+            and _of_networks(bounder)
+            and bounder.domain is bounder.domain.base
+            and not (bounder.domain.time or bounder.domain.unbounded)
+        ):
+            raise BounderError(f"segments need a network or a volume of points at rest, or a distance, got {bounder!r}")
+        if depth < 0:
+            raise QueryError(f"depth must be at least 0, got {depth}")
+        self._bounder, self._joints = bounder, getattr(bounder.domain, "joints", None)
+        self._turns = self._joints is not None and any(self._joints.period)
+        marched, self._made = far is not None and not far.domain.time, {}
+        self._make = partial(_March, far, self._joints) if marched else partial(_walks, bounder)
+        self._options, self._ends_first = (min(depth, MOST_DEPTH), first), far is None and not first
+
+    def __call__(self, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Which segments are clear, and how far.
+
+        Args:
+            starts: ``(N, n)``, as ``clear_segments`` takes them.
+            ends: ``(N, n)``.
+
+        Returns:
+            ``(N,)`` bool and ``(N,)`` float64, as of ``clear_segments``.
+
+        Raises:
+            QueryError: For arrays of another shape.
+        """
+        starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
+        ndim = self._bounder.ndim
+        if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != ndim:
+            raise QueryError(f"starts and ends must both be (N, {ndim}), got {starts.shape} and {ends.shape}")
+        if self._ends_first and len(starts) > BLOCK:  # where an end is not denied, no walk is needed
+            with np.errstate(over="ignore", invalid="ignore"):
+                maybe = [self._bounder.query(x.astype(np.float32)).numpy() for x in (starts, ends)]
+            rows, until = np.flatnonzero((maybe[0] | maybe[1]) == 0), np.zeros(len(starts))
+            until[rows] = self._in_turns(starts[rows], ends[rows])
+        else:
+            until = self._in_turns(starts, ends)
+        return until == np.inf, np.minimum(until, 1.0)
+
+    def _in_turns(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """Up to which share each segment is clear, infinity where all of it is."""
+        if not self._turns:
+            return self._until(starts, ends)
+        inside, owner, begin, end, low, high = _in_one_turn(self._joints, starts, ends)
+        until, found = np.where(inside, np.inf, 0.0), self._until(low, high)
         np.minimum.at(until, owner, np.where(found < np.inf, (begin + found * (end - begin)) * EARLIER, np.inf))
-    cleared = until == np.inf
-    return (cleared, np.minimum(until, 1.0)) if first else cleared
+        return until
+
+    def _until(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        """The same of segments within one turn of each joint."""
+        if (made := self._made.get(len(starts))) is None:
+            if len(self._made) >= MOST_KEPT:
+                self._made.clear()
+            made = self._made[len(starts)] = self._make(len(starts), *self._options), np.zeros(len(starts))
+        return made[0](starts, ends, made[1])
 
 
 def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, ...]:
     """Which segments ``(N,)`` lie within the limits, and of their pieces the segment, times, and ends, turned back."""
     period = np.array(joints.period)
     inside = joints.within(starts) & joints.within(ends)
-    if not period.any():
-        owner = np.flatnonzero(inside)
-        return inside, owner, np.zeros(len(owner)), np.ones(len(owner)), starts[owner], ends[owner]
     with np.errstate(divide="ignore", invalid="ignore"):
         seams = [
             np.where(period > 0, np.floor(end / period + 0.5), 0.0) for end in (starts, ends)
@@ -140,45 +207,6 @@ def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[
     return inside, owner, times[row, number], times[row, number + 1], low + by, high + by
 
 
-def _until(
-    bounder: Bounder, far: DistanceBounder | None, starts: np.ndarray, ends: np.ndarray, depth: int, first: bool
-) -> np.ndarray:
-    """Up to which share of each segment it is clear; infinity where all of it is. Of joints, within one turn."""
-    if far is not None and not far.domain.time:
-        joints, off = bounder.domain.joints, 0.0
-        if joints is not None and any(joints.period):
-            off = PIECE * max(map(abs, (*joints.lower, *joints.upper))) * np.sqrt(far.ndim) * (1 + INSIDE)
-        with np.errstate(over="ignore", invalid="ignore"):
-            maybe, time = (each.numpy() for each in far.segments(starts, ends, off, 2 ** min(depth, MOST_DEPTH)))
-        return np.where(maybe == 0, np.inf, time)
-    with np.errstate(over="ignore", invalid="ignore"):
-        a = bounder.domain.to_local(starts)
-        w = bounder.domain.to_local(ends) - a
-        known = ((np.abs(a) <= LARGEST_LOCAL) & (np.abs(w) <= LARGEST_LOCAL)).all(axis=1)  # False for NaN
-    if bounder.domain.time:  # beyond its range nothing is known
-        within = [bounder.domain.lower[0], bounder.domain.upper[0]]
-        known &= np.logical_and.reduce([(x[:, 0] >= within[0]) & (x[:, 0] <= within[1]) for x in (starts, ends)])
-    if far is None and not first and len(starts) > BLOCK:  # where an end is not denied, no walk is needed
-        for x in (starts, ends):
-            known[known] = bounder.query(x[known].astype(np.float32)).numpy() == 0
-    until, limit = np.where(known, np.inf, 0.0), bounder.domain.limit.astype(np.float64)
-    rows = np.flatnonzero(known)
-    # a distance's domain has no delta
-    begin, end, inside = _within(a[rows], w[rows], limit if far is None else limit + 2 * AROUND)
-    rows = rows[inside]
-    until[rows] = _walked(bounder, a[rows], w[rows], begin[inside], end[inside], min(depth, MOST_DEPTH), first)
-    return until
-
-
-def _checked(ndim: int, starts: np.ndarray, ends: np.ndarray, depth: int) -> tuple[np.ndarray, np.ndarray]:
-    starts, ends = np.asarray(starts, dtype=np.float64), np.asarray(ends, dtype=np.float64)
-    if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != ndim:
-        raise QueryError(f"starts and ends must both be (N, {ndim}), got {starts.shape} and {ends.shape}")
-    if depth < 0:
-        raise QueryError(f"depth must be at least 0, got {depth}")
-    return starts, ends
-
-
 def _with_distance(bounder) -> DistanceBounder | None:
     """A distance bounder: the one that is given, or that of a volume of points at rest; ``None`` for others."""
     if isinstance(bounder, DistanceBounder):
@@ -200,91 +228,130 @@ def _of_networks(bounder: Bounder) -> bool:
     return isinstance(bounder, Mlp | Local)
 
 
-def _walked(
-    bounder: Bounder, a: np.ndarray, w: np.ndarray, begin: np.ndarray, end: np.ndarray, depth: int, first: bool
-) -> np.ndarray:
-    """Up to which t from ``begin`` to ``end`` each segment ``a + t w`` is clear; infinity where all of it is."""
-    if isinstance(bounder, Union):  # each of them must clear it
-        until = np.full(len(a), np.inf)
-        for part in bounder.members:
-            rows = np.flatnonzero(until == np.inf) if not first else np.arange(len(a))
-            found = _walked(part, a[rows], w[rows], begin[rows], end[rows], depth, first)
-            until[rows] = np.minimum(until[rows], found)
+class _March:
+    """A distance along segments (``DistanceBounder.segments``)."""
+
+    def __init__(self, far: DistanceBounder, joints: Joints | None, count: int, depth: int, first: bool):
+        self._far, self._steps, self._off = far, 2**depth, 0.0
+        if joints is not None and any(joints.period):
+            self._off = PIECE * max(map(abs, (*joints.lower, *joints.upper))) * np.sqrt(far.ndim) * (1 + INSIDE)
+        self._joints = joints
+
+    def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        with np.errstate(over="ignore", invalid="ignore"):
+            maybe, time = (each.numpy() for each in self._far.segments(starts, ends, self._off, self._steps))
+        until = np.where(maybe == 0, np.inf, time)
+        if self._joints is not None:
+            until[~(self._joints.within(starts) & self._joints.within(ends))] = 0.0
         return until
+
+
+def _walks(bounder: Bounder, count: int, depth: int, first: bool) -> "_Walk | _All | _Any":
+    """What asks a network, or several, about so many segments."""
+    if isinstance(bounder, Union):
+        return _All([_walks(part, count, depth, first) for part in bounder.members], first)
     if isinstance(bounder, Local | MlpDistance) or len(bounder.parts) == 1:
-        return _Walk.of(bounder)(bounder, a, w, begin, end, depth, first)
-    until, rows = begin.copy(), np.arange(len(a))
-    for _ in range(ROUNDS):  # each of them goes on where the one before has stopped
-        before = until.copy()
-        for part in bounder.parts:
-            until[rows] = _walked(part, a[rows], w[rows], until[rows], end[rows], depth, True)
-            rows = rows[until[rows] < np.inf]
-        rows = rows[until[rows] > before[rows]]
-    return until
+        return _Walk(bounder, count, depth, first)
+    return _Any([_walks(part, count, depth, True) for part in bounder.parts])
+
+
+class _All:
+    """Several networks, of which each must clear a segment."""
+
+    def __init__(self, walks: list, first: bool):
+        self._walks, self._first = walks, first
+
+    def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        until = np.full(len(starts), np.inf)
+        for walk in self._walks:
+            until = np.minimum(until, walk(starts, ends, begin))
+            if not self._first:  # the others need not ask about what this one has not cleared
+                begin = np.where(until < np.inf, np.inf, begin)
+        return until
+
+
+class _Any:
+    """Several networks, of which any may clear a piece: each goes on where the one before has stopped."""
+
+    def __init__(self, walks: list):
+        self._walks = walks
+
+    def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        until, stopped = begin, np.zeros(len(starts), bool)
+        for _ in range(ROUNDS):
+            before = until
+            for walk in self._walks:
+                until = np.where(stopped, until, walk(starts, ends, np.where(stopped, np.inf, until)))
+            stopped = stopped | (until == before)
+            if (stopped | (until == np.inf)).all():
+                break
+        return until
 
 
 class _Walk:
-    """One network along segments: the native walk (``native/segments.h``) with its numbers.
+    """One network along segments: the native walk (``native/segments.h``) with its numbers, and its launch.
 
     Of points it bounds -f, which must lie above -(threshold + E); of thresholds of parts that of the parts counts. Of a
     distance to a shape that moves it bounds F, which must lie above 0 all along. It is not enough that no face touches
     the point on its way, which a march would tell: a hole may close around it.
     """
 
-    _known: ClassVar[WeakKeyDictionary] = WeakKeyDictionary()
+    _numbers: ClassVar[WeakKeyDictionary] = WeakKeyDictionary()  # of a bounder, kept as long as it is
 
-    @classmethod
-    def of(cls, bounder: Bounder) -> "_Walk":
-        """That of a bounder, kept as long as it is."""
-        if bounder not in cls._known:
-            cls._known[bounder] = cls(bounder)
-        return cls._known[bounder]
-
-    def __init__(self, bounder: Bounder):
-        member = bounder.member if isinstance(bounder, Local) else bounder
-        network, moving, self.size = member.network, isinstance(bounder, MlpDistance), member.ndim
-        self.kernel = _kernel(network.kernel_shape(SegmentParametrization(member.ndim)))
-        weights = network.packed.copy()
-        if not moving:  # the output layer's, so that -f is bounded
-            weights[-1 - network.output.weight.shape[1] :] *= -1.0
-        limit = member.domain.limit.astype(np.float64) + (4 * AROUND if moving else 0.0)
-        lattice = getattr(bounder, "lattice", None)
-        edges = [] if lattice is None else lattice.edges
-        values = np.zeros(1) if lattice is None else (bounder.relief if moving else bounder.thresholds)
-        self.edges = sum(map(len, edges))
-        counts = np.ones(member.ndim, np.int32) if lattice is None else np.array(lattice.shape, np.int32)
-        held = [weights, network.padding_for(limit * (1 + 2 * INSIDE)), np.concatenate([*edges, values])]
-        self._held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
-        self.numbers = [double_array(each, bounder.device) for each in self._held]
-        self.numbers.append(wp.array(counts, dtype=wp.int32, device=bounder.device))
-        self._alone: dict[tuple, tuple[BlockLaunch, np.ndarray, np.ndarray]] = {}  # of one segment, on a CPU
-
-    def __call__(self, bounder: Bounder, a, w, begin, end, depth: int, first: bool) -> np.ndarray:
-        """See ``_walked``."""
-        if isinstance(bounder, MlpDistance):  # for what a point of a piece may be off
+    def __init__(self, bounder: Bounder, count: int, depth: int, first: bool):
+        device, moving = bounder.device, isinstance(bounder, MlpDistance)
+        if bounder not in self._numbers:
+            self._numbers[bounder] = _walk_numbers(bounder)
+        kernel, edges, arrays, _ = self._numbers[bounder]
+        if moving:  # for what a point of a piece may be off
             base = -float(bounder.threshold) + bounder.steepness * AROUND
         else:
-            base = np.nextafter(-(float(bounder.threshold) + bounder.rounding_bound()), np.inf)
-        rows = np.concatenate([a[:, : self.size], w[:, : self.size], begin[:, None], end[:, None]], axis=1)
-        told = depth, int(not first), float(base)
-        if len(a) == 1 and bounder.device.is_cpu:  # a planner asks about one after another
-            if told not in self._alone:
-                made = self._launch(bounder, wp.array(rows.ravel(), dtype=wp.float64, device=bounder.device), 1, told)
-                self._alone[told] = made[0], *(each.numpy() for each in made[1:])
-            launch, segment, until = self._alone[told]
-            segment[:] = rows.reshape(segment.shape)
-            launch.launch()
-            return until.copy()
-        launch, _, until = self._launch(bounder, double_array(rows, bounder.device), len(a), told)
-        launch.launch_once()
-        return until.numpy()
+            base = float(np.nextafter(-(float(bounder.threshold) + bounder.rounding_bound()), np.inf))
+        shapes = (count, bounder.ndim), (count, bounder.ndim), count, count
+        self._arrays = [wp.zeros(shape, dtype=wp.float64, device=device) for shape in shapes]
+        self._views = [each.numpy() for each in self._arrays] if device.is_cpu else None
+        *given, until = self._arrays
+        windows = WINDOWS if device.is_cpu and count < WINDOWS else 1
+        inputs = [*given, count, 0, windows, depth, int(not first), base, edges, *arrays]
+        self._launch = BlockLaunch(kernel, count, inputs, [until], device, first_index=4, block=BLOCK)
 
-    def _launch(self, bounder: Bounder, segments: wp.array, count: int, told: tuple) -> tuple:
-        """The launch for these segments, and what it reads and writes."""
-        until = wp.empty(count, dtype=wp.float64, device=bounder.device)
-        inputs = [segments, count, 0, *told, self.edges, *self.numbers]
-        options = {"first_index": 2, "block": BLOCK}
-        return BlockLaunch(self.kernel, count, inputs, [until], bounder.device, **options), segments, until
+    def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
+        """Up to which share each segment is clear from ``begin`` on, infinity where all of it is or ``begin`` is."""
+        for number, values in enumerate((starts, ends, begin)):
+            if self._views is None:
+                self._arrays[number].assign(values)
+            else:  # a call of Warp takes longer than a small copy
+                self._views[number][...] = values
+        self._launch.launch()
+        return self._arrays[3].numpy() if self._views is None else self._views[3].copy()
+
+
+def _walk_numbers(bounder: Bounder) -> tuple[wp.Kernel, int, list[wp.array], list[np.ndarray]]:
+    """The kernel of a network, how many edges its lattice has, and arrays, with what these share."""
+    member = bounder.member if isinstance(bounder, Local) else bounder
+    network, moving, domain = member.network, isinstance(bounder, MlpDistance), bounder.domain
+    weights = network.packed.copy()
+    if not moving:  # the output layer's, so that -f is bounded
+        weights[-1 - network.output.weight.shape[1] :] *= -1.0
+    limit = domain.limit.astype(np.float64)
+    least, most = np.full((2, member.ndim), [[-np.inf], [np.inf]])
+    if domain.joints is not None:
+        least, most = (np.array(each, dtype=np.float64) for each in (domain.joints.lower, domain.joints.upper))
+    if domain.time:  # beyond its range nothing is known
+        least[0], most[0] = domain.lower[0], domain.upper[0]
+    reach = (limit + 2 * AROUND * moving) * (1 + INSIDE)  # a distance's domain has no delta
+    lattice = getattr(bounder, "lattice", None)
+    edges = [] if lattice is None else lattice.edges
+    values = np.zeros(1) if lattice is None else (bounder.relief if moving else bounder.thresholds)
+    padding = network.padding_for((limit + 4 * AROUND * moving) * (1 + 2 * INSIDE))
+    place = np.concatenate([domain.center, domain.scale, reach, least, most])
+    held = [weights, padding, np.concatenate([*edges, values]), place]
+    held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
+    counts = np.ones(member.ndim, np.int32) if lattice is None else np.array(lattice.shape, np.int32)
+    arrays = [double_array(each, bounder.device) for each in held]
+    arrays.append(wp.array(counts, dtype=wp.int32, device=bounder.device))
+    kernel = _kernel(network.kernel_shape(SegmentParametrization(member.ndim)))
+    return kernel, sum(map(len, edges)), arrays, held
 
 
 @cache
@@ -292,7 +359,8 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
     names = "const double* w = weights.data; const double* padding = paddings.data;\n"
     names += (
         constants(K=shape.ndim, BOX=shape.parametrization.size, BLOCK=BLOCK)
-        + f" constexpr double AROUND = {constant(AROUND)};"
+        + f" constexpr double AROUND = {constant(AROUND)}, INSIDE = {constant(INSIDE)};"
+        + f" constexpr double LARGEST = {constant(LARGEST_LOCAL)};"
     )
     names += " auto absolute_of = [](double x) { return x < 0.0 ? -x : x; };"
     walk = native_text("segments.h").WALK.replace("BODY", body(shape))
@@ -305,9 +373,12 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
 
     @named(unique_name(shape, "walk")).block_kernel(text)
     def walk_all(
-        segments: wp.array(dtype=wp.float64),
+        starts: wp.array2d(dtype=wp.float64),
+        ends: wp.array2d(dtype=wp.float64),
+        begin: wp.array(dtype=wp.float64),
         count: int,
         block: int,
+        windows: int,
         depth: int,
         quick: int,
         base: wp.float64,
@@ -315,20 +386,9 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
         lattice: wp.array(dtype=wp.float64),
+        map: wp.array(dtype=wp.float64),
         counts: wp.array(dtype=wp.int32),
         until: wp.array(dtype=wp.float64),
     ): ...
 
     return walk_all
-
-
-def _within(a: np.ndarray, w: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The least and the largest t in [0, 1] at which ``a + t w`` may be in the domain, and whether there is any."""
-    reach = limit * (1 + INSIDE)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.sort(np.stack([(-reach - a) / w, (reach - a) / w]), axis=0)
-    rests = np.abs(a) <= reach
-    first = np.where(w != 0, ends[0], np.where(rests, -np.inf, np.inf)).max(axis=1).clip(0.0)
-    last = np.where(w != 0, ends[1], np.where(rests, np.inf, -np.inf)).min(axis=1).clip(max=1.0)
-    inside = first <= last + INSIDE
-    return first.clip(0.0, 1.0), np.maximum(last, first).clip(0.0, 1.0), inside
