@@ -1,4 +1,4 @@
-"""A UR5 and a Panda plan with OMPL: `python benchmarks/robot_planning.py --out results/robot-planning`.
+"""A UR5, a Panda and an xArm7 plan with OMPL: `python benchmarks/robot_planning.py --out results/robot-planning`.
 
 RRT-Connect, and roadmaps of a fixed number of states (PRM), among a table, a shelf and a post; four joints of each
 robot, the others held. States and edges are checked exactly by Coal on meshes. With a bounder in front of that, a state
@@ -28,9 +28,13 @@ from robots import store, stored
 import warp_bounding as wb
 from paper.results import versions
 from sims.arm.meshes import MeshModel
-from sims.arm.robots import Cell, panda, ur5
+from sims.arm.robots import Cell, panda, ur5, xarm7
 
-CELLS, HIDDEN, SIDE = {"UR5": ur5, "Panda": panda}, (8, 48, 48), 32  # cells a side, of which boxes are made
+CELLS, HIDDEN, SIDE = (
+    {"UR5": ur5, "Panda": panda, "xArm7": xarm7},
+    (8, 48, 48),
+    32,
+)  # cells a side, of which boxes are made
 RANGE, STEP, FINER, SECONDS = 0.6, 0.05, 100, 60.0  # radians: an edge, and the usual check along it; of a problem
 PROBLEMS, ROADMAPS, STATES = 20, 3, 2000  # of a roadmap: states that are drawn
 MANY = 64  # configurations that a bounder is asked about at once
@@ -58,7 +62,7 @@ def shape(robot: str) -> wb.arms.ArmConfigurations:
 def problems(robot: str) -> list[tuple[np.ndarray, np.ndarray]]:
     """Starts and goals, free."""
     held = shape(robot)
-    x = np.random.default_rng(3).uniform(held.lower, held.upper, (40 * PROBLEMS, held.ndim))
+    x = np.random.default_rng(3).uniform(held.arm.lower, held.arm.upper, (40 * PROBLEMS, held.ndim))
     free = x[~held.contains(x)]
     return list(zip(free[::2], free[1::2], strict=False))[:PROBLEMS]
 

@@ -11,7 +11,20 @@ import numpy as np
 import warp_bounding as wb
 from sims.prefitted import FOLDER
 
-__all__ = ["CELLS", "KEPT", "ROBOTS", "Cell", "Robot", "four_joints", "panda", "planar", "robots", "six_joints", "ur5"]
+__all__ = [
+    "CELLS",
+    "KEPT",
+    "ROBOTS",
+    "Cell",
+    "Robot",
+    "four_joints",
+    "panda",
+    "planar",
+    "robots",
+    "six_joints",
+    "ur5",
+    "xarm7",
+]
 
 # Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m
 # (Denavit-Hartenberg a, alpha, d).
@@ -249,10 +262,21 @@ def ur5() -> Cell:
     return Cell("ur5", "UR5", arm, _workplace(), "ur5", HELD_WRIST)
 
 
+def _held(name: str, held: dict[str, float]) -> Cell:
+    """A robot of ``ROBOTS`` at a workplace, these joints held; of the others those that can turn without end."""
+    own = ROBOTS[name]
+    arm = wb.arms.load_urdf(robots() / own.urdf, srdf=robots() / own.srdf, held=held, name=own.title)
+    return Cell(name, own.title, arm.endless(), _workplace(), name, held)
+
+
 @cache
 def panda() -> Cell:
     """Four joints of a Panda, the last three and its gripper held, at a workplace."""
     held = {"panda_joint5": 0.0, "panda_joint6": np.pi / 2, "panda_joint7": np.pi / 4, "panda_finger_joint1": 0.02}
-    own = ROBOTS["panda"]
-    arm = wb.arms.load_urdf(robots() / own.urdf, srdf=robots() / own.srdf, held=held, name="Panda")
-    return Cell("panda", "Panda", arm, _workplace(), "panda", held)
+    return _held("panda", held)
+
+
+@cache
+def xarm7() -> Cell:
+    """Four joints of an xArm7, the last three held, at a workplace."""
+    return _held("xarm7", {"joint5": 0.0, "joint6": np.pi / 2, "joint7": 0.0})

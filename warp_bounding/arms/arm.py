@@ -378,8 +378,18 @@ class Arm:
         mimics = {number[i]: replace(m, leader=number[m.leader]) for i, m in self.mimics.items() if i not in numbers}
         return Arm(joints, bodies, parents=parents, mimics=mimics, name=self.name, note=self.note)
 
-    def _endless(self) -> "Arm":
-        """The arm whose joints that turn by a whole turn or more, and lead none and follow none, turn without end."""
+    def endless(self) -> "Arm":
+        """The arm whose joints that turn by a whole turn or more, and lead none and follow none, turn without end.
+
+        Bounders of its configurations then know one turn of such a joint instead of two or more, and answer beyond its
+        limits, too: whoever plans keeps these.
+
+        Example:
+            >>> joint = wb.arms.Joint(lower=-2 * np.pi, upper=2 * np.pi)
+            >>> arm = wb.arms.Arm([joint], [wb.arms.Body.sphere([1, 0, 0], 0.1, link=0)])
+            >>> bool(arm.endless().joints[0].continuous), arm.endless().upper
+            (True, array([3.14159265]))
+        """
         bound = {*self.mimics, *(mimic.leader for mimic in self.mimics.values())}
         whole = [
             i

@@ -319,7 +319,7 @@ class ArmConfigurations(Formula):
     @classmethod
     def of_itself(cls, arm: Arm, *, safety: float, revolved: Sequence[str], samples: int) -> "ArmConfigurations":
         """See ``Arm.self_collision``."""
-        arm = arm._endless()
+        arm = arm.endless()
         whole, notes = cls(arm, self_collision=True, safety=safety), [arm.note] * bool(arm.note)
         rng, pairs = np.random.default_rng(0), whole.pairs
         for count in (64, samples):  # most pairs are apart in one of the first

@@ -166,6 +166,12 @@ class Segments:
         """Up to which share each segment is clear, infinity where all of it is."""
         if not self._turns:
             return self._until(starts, ends)
+        period = np.array(self._joints.period)
+        with np.errstate(invalid="ignore"):
+            turns = [np.floor(x / np.where(period > 0, period, np.inf) + 0.5) for x in (starts, ends)]
+            if (turns[0] == turns[1]).all():  # no joint passes half a turn
+                inside = self._joints.within(starts) & self._joints.within(ends)
+                return np.where(inside, self._until(*(x - turns[0] * period for x in (starts, ends))), 0.0)
         inside, owner, begin, end, low, high = _in_one_turn(self._joints, starts, ends)
         until, found = np.where(inside, np.inf, 0.0), self._until(low, high)
         np.minimum.at(until, owner, np.where(found < np.inf, (begin + found * (end - begin)) * EARLIER, np.inf))
