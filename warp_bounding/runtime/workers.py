@@ -113,7 +113,8 @@ class Workers:
                 reason = f"{type(error).__name__}: {error}" if error else "the scheduler has gone away"
                 raise BoundingError(" ".join(reason.split())[:300])
             done.append((key, future.result()))
-            del self._running[key]  # else Dask would repeat it if the worker that holds its result died
+            del self._running[key]
+            future.release()  # else Dask repeats it if the worker that holds its result dies: others refer to it, too
         return done
 
 
