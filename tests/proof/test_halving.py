@@ -54,6 +54,22 @@ def test_many_processes_find_the_same(client, torus, query, own, tmp_path, monke
     assert not (tmp_path / "left").exists()
 
 
+def test_a_task_whose_result_was_taken_is_forgotten(client):
+    """Else Dask does it again when the worker that holds its result dies, as long as anything refers to its future."""
+    with workers.Workers(client.scheduler.address) as some:
+        key, held = some.submit(abs, -1), [*some._running.values()]
+        while not (done := some.ended(0.1)):
+            pass
+        assert done == [(key, 1)]
+        for _ in range(100):
+            if key not in client.run_on_scheduler(lambda dask_scheduler: list(dask_scheduler.tasks)):
+                break
+            time.sleep(0.1)
+        else:
+            pytest.fail("the scheduler still knows the task")
+        assert held
+
+
 def test_no_scheduler(torus, tmp_path, monkeypatch):
     monkeypatch.setattr(workers, "CONNECT_SECONDS", 1)
     bounder = wb.fit(torus, hidden=(8, 8), steps=20, **OPTIONS)
