@@ -186,7 +186,7 @@ def nbytes_of(joints: int, options: dict) -> int:
 
 CONCLUSION = (
     "A proven network leaves a seventh of what the tightest grid or tree of its memory leaves with three joints, a "
-    "quarter with four, and two fifths with six."
+    "quarter with four, and a third with six."
 )
 
 
