@@ -97,8 +97,8 @@ def clear_segments(
 class Segments:
     """Segments asked about again and again: ``clear_segments`` with memory and launches that are made once.
 
-    A planner that asks about one edge after another keeps one of these. It is about the bounder as it is now: after
-    another threshold is set, make another.
+    A planner that asks about one edge after another keeps one of these; of several threads each needs its own. It is
+    about the bounder as it is now: after another threshold is set, make another.
 
     Args:
         bounder: As ``clear_segments`` takes it.
