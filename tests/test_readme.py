@@ -35,6 +35,7 @@ SHORTER = {  # in turns
     "hidden=(24, 24), budget=20.0": SMALL_FIT,
     "hidden=(16, 16), budget=10.0": SMALL_FIT,
     '"distance-grid", nodes=24': '"distance-grid", nodes=8',
+    "make_proven(loose, colliding, budget=60.0)": "make_proven(loose, colliding, budget=59.0)",
     "budget=60.0": SMALL_FIT,
     "budget=8.0": "budget=1.0",
     "--hidden 50,50 --budget 60 ": "--hidden 8 --budget 30 --steps 20 --samples 20000 ",
