@@ -172,7 +172,7 @@ class Segments:
             if (turns[0] == turns[1]).all():  # no joint passes half a turn
                 inside = self._joints.within(starts) & self._joints.within(ends)
                 return np.where(inside, self._until(*(x - turns[0] * period for x in (starts, ends))), 0.0)
-        inside, owner, begin, end, low, high = _in_one_turn(self._joints, starts, ends)
+        inside, owner, begin, end, low, high = _in_one_turn(self._joints, starts, ends, turns)
         until, found = np.where(inside, np.inf, 0.0), self._until(low, high)
         np.minimum.at(until, owner, np.where(found < np.inf, (begin + found * (end - begin)) * EARLIER, np.inf))
         return until
@@ -186,15 +186,15 @@ class Segments:
         return made[0](starts, ends, made[1])
 
 
-def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Which segments ``(N,)`` lie within the limits, and of their pieces the segment, times, and ends, turned back."""
+def _in_one_turn(joints: Joints, starts: np.ndarray, ends: np.ndarray, turns: list) -> tuple[np.ndarray, ...]:
+    """Which segments ``(N,)`` lie within the limits, and of their pieces the segment, times, and ends, turned back.
+
+    ``turns`` are the numbers of the turns in which the ends lie.
+    """
     period = np.array(joints.period)
     inside = joints.within(starts) & joints.within(ends)
     with np.errstate(divide="ignore", invalid="ignore"):
-        seams = [
-            np.where(period > 0, np.floor(end / period + 0.5), 0.0) for end in (starts, ends)
-        ]  # how many lie before an end
-        first, last = np.minimum(*seams), np.maximum(*seams)
+        first, last = np.minimum(*turns), np.maximum(*turns)
         inside &= (last - first).sum(axis=1) < MOST_PIECES
         cuts = [np.zeros((len(starts), 1)), np.ones((len(starts), 1))]
         for axis in np.flatnonzero(period):
