@@ -30,11 +30,8 @@ from paper.results import versions
 from sims.arm.meshes import MeshModel
 from sims.arm.robots import Cell, panda, ur5, xarm7
 
-CELLS, HIDDEN, SIDE = (
-    {"UR5": ur5, "Panda": panda, "xArm7": xarm7},
-    (8, 48, 48),
-    32,
-)  # cells a side, of which boxes are made
+CELLS = {"UR5": ur5, "Panda": panda, "xArm7": xarm7}
+HIDDEN, SIDE = (8, 48, 48), 32  # cells a side, of which boxes are made
 RANGE, STEP, FINER, SECONDS = 0.6, 0.05, 100, 60.0  # radians: an edge, and the usual check along it; of a problem
 PROBLEMS, ROADMAPS, STATES = 20, 3, 2000  # of a roadmap: states that are drawn
 MANY = 64  # configurations that a bounder is asked about at once

@@ -107,9 +107,9 @@ def page(known: dict, rows: list[dict], command: str) -> str:
             "",
             f"`{command}`",
             "",
-            f"{known['versions']}. The proof took {known['boxes']:,} boxes in {len(tasks):,} tasks, and "
-            f"{sum(tasks) / 3600:.2f} hours of one core. Two processes ran it in {wall:.0f} minutes, beside other "
-            f"work; {killed} times one of them was killed.",
+            f"{known['versions']}. The proof looked at {known['boxes']:,} boxes, in {len(tasks):,} tasks that take "
+            f"{sum(tasks) / 3600:.2f} hours of one core. Two processes did them in {wall:.0f} minutes; one of the two "
+            f"was killed {killed} times.",
             "",
             f"The threshold that samples attest left {known['fp_statistical']:.1f} %. A query takes {known['ns']:.0f} "
             "ns on one core.",
