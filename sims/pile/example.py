@@ -10,7 +10,7 @@ import warp as wp
 import warp_bounding as wb
 from sims import base
 from sims.drawing import draw_with
-from sims.pile.kernels import GAP, meet, move, spheres, turned
+from sims.pile.kernels import apart_kernel, meet, move, spheres, turned
 from sims.pile.scene import Scene
 
 __all__ = ["Boxes", "Example", "Pairs", "pile_data"]
@@ -40,18 +40,16 @@ class Pairs:
 
     def __init__(self, scene: Scene, far: dict[str, wb.Bounder], balls: dict[str, wb.pairs.Balls]):
         """Take a bounder and balls of each scene's mesh."""
-        self.kinds, far, balls = scene.kinds, list(far.values()), list(balls.values())
-        self.pairs = {(k, m): wb.pairs.Pair(far[k], balls[m]) for k, m in ((0, 0), (0, 1), (1, 1))}
+        self.scene, (bunny, ring), (held_bunny, held_ring) = scene, far.values(), balls.values()
+        asked = [wb.pairs.Pair(bunny, held_bunny), wb.pairs.Pair(bunny, held_ring), wb.pairs.Pair(ring, held_ring)]
+        self.kernel, self.data = apart_kernel(asked[0].func, asked[2].func), [pair.data for pair in asked]
 
     def __call__(self, places: wp.array, pairs: np.ndarray) -> np.ndarray:
         """Which pairs ``(P, 2)`` are left, ``(P,)`` uint8."""
-        x, near = places.numpy(), np.empty(len(pairs), dtype=np.uint8)
-        pairs = np.take_along_axis(pairs, self.kinds[pairs].argsort(axis=1, kind="stable"), axis=1)
-        for kinds, pair in self.pairs.items():
-            own = np.flatnonzero((self.kinds[pairs] == kinds).all(axis=1))
-            if len(own):
-                near[own] = pair.query(x[pairs[own, 0]], x[pairs[own, 1]], GAP).numpy()
-        return near
+        near, device = wp.empty(len(pairs), dtype=wp.uint8, device=self.scene.device), self.scene.device
+        pairs = wp.array(pairs, dtype=wp.vec2i, device=device)
+        wb.launch_on_cores(self.kernel, len(pairs), [*self.data, self.scene.bodies, places, pairs], [near], device)
+        return near.numpy()
 
 
 class Example(base.Example):

@@ -7,9 +7,13 @@ order of its partners. A pair without contacts adds nothing, not even a zero. So
 changes no bit of the result.
 """
 
+from functools import cache
+
 import warp as wp
 
-__all__ = ["CONTACT", "DT", "GAP", "Bodies", "meet", "move", "spheres", "turned"]
+import warp_bounding as wb
+
+__all__ = ["CONTACT", "DT", "GAP", "Bodies", "apart_kernel", "meet", "move", "spheres", "turned"]
 
 DT = wp.constant(1.0 / 240.0)  # seconds
 CONTACT = wp.constant(0.01)  # how near surfaces touch; a bunny is 1 wide
@@ -87,6 +91,43 @@ def turned(
                 if wp.length_sq(axis) > PARALLEL:
                     apart = apart or _apart(axis, way, a, own, b, other)
     near[first + thread] = wp.uint8(not apart)
+
+
+@cache
+def apart_kernel(bunny: wp.Function, ring: wp.Function) -> wp.Kernel:
+    """Which pairs may be within ``GAP``, all in one launch.
+
+    Args:
+        bunny: ``wb.pairs.Pair.func`` where the first mesh is a bunny.
+        ring: The same of a ring.
+    """
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def apart(
+        # inputs
+        first: int,
+        bunnies: wb.pairs.PairData,
+        mixed: wb.pairs.PairData,
+        rings: wb.pairs.PairData,
+        bodies: Bodies,
+        places: wp.array(dtype=wp.transform),
+        pairs: wp.array(dtype=wp.vec2i),
+        # outputs
+        near: wp.array(dtype=wp.uint8),
+    ):
+        thread, _ = wp.tid()
+        i, j = pairs[first + thread][0], pairs[first + thread][1]
+        if bodies.kinds[i] > bodies.kinds[j]:
+            i, j = j, i
+        a, b, gap = places[i], places[j], float(wp.static(GAP))
+        if bodies.kinds[i] == 1:
+            near[first + thread] = wp.uint8(ring(rings, a, b, gap))
+        elif bodies.kinds[j] == 1:
+            near[first + thread] = wp.uint8(bunny(mixed, a, b, gap))
+        else:
+            near[first + thread] = wp.uint8(bunny(bunnies, a, b, gap))
+
+    return apart
 
 
 @wp.func
