@@ -15,8 +15,9 @@ K is the number of the network's inputs, Z that of a box's numbers, C that of th
 (``Parametrization``).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from typing import ClassVar, NamedTuple
 
@@ -171,7 +172,7 @@ FIRST_LAYER = 1e-9
 ROWS = 4  # neurons that share each input as it is loaded
 # The largest middle of a quadratic form around which the sine is taken (``NEURON``, ``SINE_LIMIT``).
 ROOM = 1.0
-REGISTERS = 28  # sums that are kept at a time, of the 32 vector registers of AVX-512
+MANY, FEW = 28, 12  # sums that are kept at a time, of the 32 vector registers of AVX-512, and of 16
 
 
 @dataclass(frozen=True)
@@ -326,7 +327,7 @@ def _forwards(shape: NetworkShape, index: int, at: int) -> str:
         bent = _bent(shape, index)
         neurons_text = f"const auto& below = layer{index - 1};"
         if bent:
-            neurons_text += "\n".join(_in_blocks(each, neurons) for each in _tiles(parametrization.columns))
+            neurons_text += _by_registers(partial(_forms, neurons, parametrization.columns))
         neurons_text += _in_blocks(text.LATER, neurons, parametrization.columns + 2 + bent)
     bends = activation_of(activation).bends
     neurons_text = neurons_text.replace("NEURON\n", text.NEURON.replace("RELAX", CURVES if bends else LINES))
@@ -361,17 +362,30 @@ const V* x = y; V* y = y{index}; const double* b = w + AT; auto& act = act_{acti
 y = y{index};"""
 
 
-def _tiles(columns: int) -> list[str]:
-    """Texts that sum the entries of quadratic forms, as many at a time as fit the registers."""
+def _by_registers(text_for: Callable[[int], str]) -> str:
+    """A text that is made for so many sums, as the registers hold."""
+    many, few = text_for(MANY), text_for(FEW)
+    if many == few:
+        return many
+    return f"\n#if defined(__AVX512F__) || defined(__CUDA_ARCH__)\n{many}\n#else\n{few}\n#endif\n"
+
+
+def _forms(neurons: int, columns: int, registers: int) -> str:
+    """A text that sums the entries of the neurons' quadratic forms, as many at a time as fit the registers."""
     entries = columns * (columns + 1) // 2 + 1
-    tiles = -(-entries // (REGISTERS // ROWS - 1))
+    tiles = -(-entries // (registers // ROWS - 1))
     ends = [entries * tile // tiles for tile in range(tiles + 1)]
-    return [f"{constants(ENTRY=a, ENTRIES=b - a)} {text.SQUARES_OF_ARGUMENTS}" for a, b in pairwise(ends)]
+    texts = (f"{constants(ENTRY=a, ENTRIES=b - a)} {text.SQUARES_OF_ARGUMENTS}" for a, b in pairwise(ends))
+    return "\n".join(_blocks(each, neurons, 1, registers) for each in texts)
 
 
 def _in_blocks(body: str, neurons: int, sums: int = 1) -> str:
     """A text for blocks of R neurons that fit the registers, each with so many ``sums``; and for the rest."""
-    rows = max(min(ROWS, REGISTERS // sums), 1)
+    return _by_registers(partial(_blocks, body, neurons, sums))
+
+
+def _blocks(body: str, neurons: int, sums: int, registers: int) -> str:
+    rows = max(min(ROWS, registers // sums), 1)
     blocks = [(0, rows, neurons // rows), (neurons // rows * rows, neurons % rows, 1)]
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 

@@ -54,7 +54,7 @@ LARGEST_LOCAL = 2.0**20  # half-widths of the domain: a segment is bounded only 
 EARLIER = 1.0 - 2.0**-48  # makes a time that was computed no later than it is
 BLOCK = 64  # segments of a thread
 MOST_KEPT = 8  # launches, each for another number of segments
-WINDOWS = 8  # of each segment, a lane each, where there are fewer segments than lanes
+SHARED = 8  # where there are fewer segments, all lanes share each of them
 ROUNDS = 16  # of several networks: how often each may go on where the others have stopped
 
 
@@ -134,7 +134,8 @@ class Segments:
         self._turns = self._joints is not None and any(self._joints.period)
         marched, self._made = far is not None and not far.domain.time, {}
         self._make = partial(_March, far, self._joints) if marched else partial(_walks, bounder)
-        self._options, self._ends_first = (min(depth, MOST_DEPTH), first), far is None and not first
+        self._options = min(depth, MOST_DEPTH), first
+        self._asked = 0 if far is not None else 1 if first else 2  # ends of a segment
 
     def __call__(self, starts: np.ndarray, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Which segments are clear, and how far.
@@ -153,10 +154,10 @@ class Segments:
         ndim = self._bounder.ndim
         if starts.shape != ends.shape or starts.ndim != 2 or starts.shape[1] != ndim:
             raise QueryError(f"starts and ends must both be (N, {ndim}), got {starts.shape} and {ends.shape}")
-        if self._ends_first and len(starts) > BLOCK:  # where an end is not denied, no walk is needed
+        if self._asked and len(starts) > BLOCK:  # where one of them is not denied, no walk is needed
             with np.errstate(over="ignore", invalid="ignore"):
-                maybe = [self._bounder.query(x.astype(np.float32)).numpy() for x in (starts, ends)]
-            rows, until = np.flatnonzero((maybe[0] | maybe[1]) == 0), np.zeros(len(starts))
+                maybe = [self._bounder.query(x.astype(np.float32)).numpy() for x in (starts, ends)[: self._asked]]
+            rows, until = np.flatnonzero(~np.any(maybe, axis=0)), np.zeros(len(starts))
             until[rows] = self._in_turns(starts[rows], ends[rows])
         else:
             until = self._in_turns(starts, ends)
@@ -317,8 +318,8 @@ class _Walk:
         self._arrays = [wp.zeros(shape, dtype=wp.float64, device=device) for shape in shapes]
         self._views = [each.numpy() for each in self._arrays] if device.is_cpu else None
         *given, until = self._arrays
-        windows = WINDOWS if device.is_cpu and count < WINDOWS else 1
-        inputs = [*given, count, 0, windows, depth, int(not first), base, edges, *arrays]
+        shared = int(device.is_cpu and count < SHARED)
+        inputs = [*given, count, 0, shared, depth, int(not first), base, edges, *arrays]
         self._launch = BlockLaunch(kernel, count, inputs, [until], device, first_index=4, block=BLOCK)
 
     def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
@@ -384,7 +385,7 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         begin: wp.array(dtype=wp.float64),
         count: int,
         block: int,
-        windows: int,
+        shared: int,
         depth: int,
         quick: int,
         base: wp.float64,
