@@ -43,7 +43,7 @@ def _kernel(name: str) -> wp.Kernel:
     rows = "\n".join(f"y.data[(i + l) * {len(Curve._fields)} + {k}] = LANE({f});" for k, f in enumerate(Curve._fields))
 
     snippet = f"""
-{text.CPU}
+{text.CPU}{text.LANES}{text.VECTORS}
 {ACTIVATIONS[name].relaxation()}
 for (int i = 0; i < count; i += L) {{
     V z = zero, near = zero, radius = zero, noise = zero + 1.0;

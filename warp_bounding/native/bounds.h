@@ -9,11 +9,16 @@
 /// CPU
 #pragma clang fp contract(fast)
 #define LANE(x) x[l]
+
+/// LANES:
+/// How many boxes are bounded at a time: with 16 registers of half the width, fewer are faster.
 #if defined(__AVX512F__)
 constexpr int L = 8;
 #else
 constexpr int L = 4;
 #endif
+
+/// VECTORS
 typedef double V __attribute__((vector_size(8 * L))); typedef long long I __attribute__((vector_size(8 * L)));
 const V zero = {};
 auto root = [](V x) { return __builtin_elementwise_sqrt(x); };

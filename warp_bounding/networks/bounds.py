@@ -194,7 +194,7 @@ def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
     names = sorted({layer[2] for layer in shape.layers})
     tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
     tools += "".join(activation_of(name).relaxation() for name in names)
-    return tuple(f"{types}{inputs}\n{tools}" for types in (text.CPU, text.CUDA))
+    return tuple(f"{types}{inputs}\n{tools}" for types in (text.CPU + text.LANES + text.VECTORS, text.CUDA))
 
 
 def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False) -> str:

@@ -269,7 +269,8 @@ def _snippet(shape: NetworkShape) -> str:
     body = _body(shape)
     return f"""
 #if !defined(__CUDA_ARCH__)
-{lanes.CPU}{names}{tools}
+{lanes.CPU}
+{constants(L=8)}{lanes.VECTORS}{names}{tools}
 const int begin = block * BLOCK; const int end = begin + BLOCK < count ? begin + BLOCK : count;
 for (int i = begin; i < end; i += L) {{
     V low[BOX], high[BOX];
