@@ -96,11 +96,11 @@ def launch_of(bounder, queries: wp.array, count: int, out: wp.array, cores: bool
     source, data = bounder.source, bounder.data
     if not cores:
         inputs = [queries, count, 0, data.parameters, data.words, data.parameters]
-        kernel, threads = batch_kernel(source, False, values), count
+        kernel, threads = batch_kernel(source, False, values), source.threads(count)
     else:
         inputs = [queries, count, 0, data.parameters, data.words, data.parameters, bounder.tensor_numbers]
         kernel, threads = batch_kernel(source, False, values, tensor_cores.text(source)), tensor_cores.threads(count)
-    block = tensor_cores.BLOCK if cores else 256
+    block = tensor_cores.BLOCK if cores or source.several > 1 else 256
     return wp.launch(kernel, threads, inputs, [out], device=bounder.device, block_dim=block, record_cmd=True).launch
 
 
@@ -228,7 +228,7 @@ def distances(arguments) -> dict:
         data, source = bounder.data, bounder.source
         inputs = [flat, count, 0, data.parameters, data.words, radius]
         for name, kernel, threads, more in (
-            ("float32", batch_kernel(source, False, True), count, []),
+            ("float32", batch_kernel(source, False, True), source.threads(count), []),
             (
                 "tensor",
                 batch_kernel(source, False, True, bounder.tensor_text),

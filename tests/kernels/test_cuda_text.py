@@ -1,23 +1,28 @@
 """The CUDA branches of all native texts compile, also where there is no CUDA device to run them on."""
 
+import re
 import sys
 
+import numpy as np
 import pytest
 import warp as wp
-from asking import asking_kernel, check_compiles
-from bounding_shapes import random_bounder, random_mlp, random_network, random_supports, shape
-from distances import far
+from asking import ARCHITECTURE, asking_kernel, check_compiles
+from bounding_shapes import domain_points, random_bounder, random_mlp, random_network, random_supports, shape
+from distances import far, points_around, thing
 
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kernel
-from warp_bounding.kernels.functions import batch_kernel
+from warp_bounding.kernels.functions import batch_kernel, batch_snippet
+from warp_bounding.kernels.source import LABEL
 from warp_bounding.networks.bounds import NetworkShape, PlainParametrization
 from warp_bounding.networks.bounds import _kernel as bound_kernel
+from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization, SegmentParametrization
 from warp_bounding.proof.search import depth_first_kernel
 from warp_bounding.proof.segments import _kernel as walk_kernel
 from warp_bounding.proof.taylor import _kernel as checked_kernel
 from warp_bounding.queries import QUERIES, registry
+from warp_bounding.runtime.native import Numbers, named, unique_name
 
 pytestmark = [
     pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),
@@ -69,3 +74,74 @@ def test_distances(method, tmp_path):
         kernels += [box_kernel(source), lines_kernel(source, True)]
     for number, kernel in enumerate(kernels):
         check_compiles(kernel, tmp_path / str(number))
+
+
+def on_cpu(source, parameters: wp.array, x: np.ndarray) -> np.ndarray:
+    """The values that the CUDA text of a batch computes, thread by thread and without fused operations."""
+    snippet = batch_snippet(source, placed=False, values=True).replace("!defined(__CUDA_ARCH__)", "0", 1)
+
+    @named(unique_name(source, f"cuda_{source.several}")).block_kernel(
+        f"#pragma clang fp contract(off)\n#define __device__\n{snippet}"
+    )
+    def kernel(
+        x: Numbers,
+        count: int,
+        block: int,
+        parameters: Numbers,
+        words: wp.array(dtype=wp.uint32),
+        placement: Numbers,
+        out: Numbers,
+    ): ...
+
+    out, words = wp.full(len(x), 7.0, dtype=float, device="cpu"), wp.zeros(1, dtype=wp.uint32, device="cpu")
+    inputs = [wp.array(x.reshape(-1), dtype=float, device="cpu"), len(x), 0, parameters, words, parameters]
+    wp.launch(kernel, source.threads(len(x)), inputs, [out], device="cpu")
+    return out.numpy()
+
+
+@pytest.mark.parametrize("kind", ["point", "ray", "distance"])
+def test_threads_with_several_queries_compute_what_those_with_one_do(kind, monkeypatch, rng):
+    if kind == "distance":
+        bounder, x = far("mlp", "blob"), points_around(thing("blob"), 1000, rng)
+    else:
+        bounder = random_network(kind, shape("blob"), hidden=(24, 24))
+        x = domain_points(shape("blob"), 2000, rng).reshape(1000, -1)[:, : bounder.domain.columns]
+    x = np.ascontiguousarray(x, np.float32)
+    x[::50], x[7] = 1e3, np.nan
+    parameters = wp.clone(bounder.data.parameters)
+    if kind == "distance":
+        parameters.numpy()[LABEL + 8] = 1.0  # the threshold: the few neurons' own leaves nothing of f
+    for count in (1, 95, 1000):
+        assert bounder.source.several == 3
+        several = on_cpu(bounder.source, parameters, x[:count])
+        with monkeypatch.context() as patched:
+            patched.setattr(MlpSource, "several", 1)
+            one = on_cpu(bounder.source, parameters, x[:count])
+        assert np.array_equal(several, one)
+        assert count == 1 or len(np.unique(one)) > count // 4
+
+
+@pytest.mark.parametrize(
+    ("query", "hidden", "blocks", "most"),
+    [
+        ("point", (24, 24), 3, 250),
+        ("point", (32, 32), 4, 415),
+        ("point", (50, 50), 5, 1420),
+        ("ray", (50, 50), 5, 1500),
+    ],
+)
+def test_numbers_that_a_query_loads(query, hidden, blocks, most, tmp_path):
+    source = MlpSource(3, False, hidden, "sin", query=query)
+    wp.compile_aot_module(
+        batch_kernel(source, False, False).module, arch=[ARCHITECTURE], module_dir=tmp_path, use_ptx=True
+    )
+    text = next(tmp_path.glob("*.ptx")).read_text()
+    assert ".local" not in text
+    # Two loops are left: Warp's over threads, and in it that over blocks of neurons of the last layer.
+    starts = {label[1]: label.end() for label in re.finditer(r"^(\$\w+):", text, re.MULTILINE)}
+    jumps = re.finditer(r"bra(?:\.uni)?\s+(\$\w+);", text)
+    loops = [text[starts[jump[1]] : jump.start()] for jump in jumps if starts[jump[1]] < jump.start()]
+    assert len(loops) == 2
+    inner = min(loops, key=len)
+    loads = (text.count("ld.global") + (blocks - 1) * inner.count("ld.global")) / source.several
+    assert loads <= most

@@ -16,7 +16,7 @@ import warp as wp
 
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
-from warp_bounding.kernels.source import LABEL, Source
+from warp_bounding.kernels.source import LABEL, SEVERAL_DIM, Source
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.placement import Placement
 from warp_bounding.queries.region_domain import AnyDomain
@@ -414,13 +414,27 @@ class Queryable(ABC):
         place_or_any = data.parameters if place is None else place  # kernels may not be given null pointers
         inputs = [queries, count, 0, data.parameters, data.words, place_or_any]
         kernel_of = partial(batch_kernel, self.source, place is not None, values)
-        return self._launch_of(kernel_of, count, inputs, [out], exact=values and not self.of_distances)
+        exact, several = values and not self.of_distances, self.source.several > 1
+        return self._launch_of(kernel_of, count, inputs, [out], exact=exact, several=several)
 
     def _launch_of(
-        self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact: bool = False
+        self,
+        kernel_of: Callable[..., wp.Kernel],
+        count: int,
+        inputs: list,
+        outputs: list,
+        *,
+        exact: bool = False,
+        several: bool = False,
     ) -> BlockLaunch:
-        """A launch of ``kernel_of()``; its third input is the first block's number. ``exact``: f as ``func`` has it."""
-        return BlockLaunch(kernel_of(), count, inputs, outputs, self.device, first_index=2, block=self.source.block)
+        """A launch of ``kernel_of()``; its third input is the first block's number. ``exact``: f as ``func`` has it.
+
+        ``several``: a thread of CUDA takes several queries.
+        """
+        if not (several and self.device.is_cuda):
+            return BlockLaunch(kernel_of(), count, inputs, outputs, self.device, first_index=2, block=self.source.block)
+        threads = self.source.threads(count)
+        return BlockLaunch(kernel_of(), threads, inputs, outputs, self.device, first_index=2, block_dim=SEVERAL_DIM)
 
 
 def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info, frame):

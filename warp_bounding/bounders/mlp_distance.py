@@ -45,6 +45,10 @@ class MlpDistanceSource(DistanceSource, MlpSource):
 
     whole = False
 
+    @property
+    def several(self) -> int:
+        return 1 if self.shape else super().several
+
     def _relief(self, vector: bool) -> str:
         """C statements that add the relief to ``f``."""
         step_at = self.count + sum(self.shape) - len(self.shape)

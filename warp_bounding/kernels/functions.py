@@ -89,7 +89,12 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         loop = fill(text.GATHERED, **texts, unasked=_UNASKED[values], ask=early + ask)
     else:
         loop = fill(text.ALL, **texts, body=source.body(Lanes(vector=True)))
-    return fill(text.BATCH, **texts, loop=loop)
+    if source.several == 1:
+        return fill(text.BATCH, **texts, loop=loop, on_cuda=fill(text.ONE, **texts))
+    texts |= {"several": source.several, "several_body": source.body(Lanes(vector=False, several=True))}
+    texts |= {"query": fill(text.QUERY, **texts)}
+    texts |= {"several_answer": texts["own_answer"].replace("out.data[i]", "answers[l]")}
+    return fill(text.BATCH, **texts, loop=loop, on_cuda=fill(text.SEVERAL, **texts))
 
 
 def function_snippet(source: Source) -> str:

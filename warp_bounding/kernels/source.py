@@ -6,7 +6,8 @@ world-to-object map, the domain test and the comparison ``not (f < threshold)``.
 
 * CPU batch: ``V`` is a vector of queries, one per SIMD lane; a Warp thread works on a block of ``BLOCK`` queries.
   Costly bodies first gather the queries that lie inside the domain, so that no lane works on one that does not.
-* CUDA batch: ``V`` is ``float``, one query per thread.
+* CUDA batch: ``V`` is ``float``, one query per thread; or L floats, so that each number that a thread loads serves as
+  many queries (``several``).
 * Function for other kernels: ``V`` is ``float``; a method may give a CPU body of its own that uses the lanes for
   something else (a network: for its neurons).
 
@@ -32,6 +33,7 @@ GRANTED = -DENIED / 2  # f where an early test has said maybe; halved, so that G
 ALIGN = 16  # floats: the numbers of a bounder, or of one of its members, begin at a multiple of this
 LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
 FINITE = 0xBFFFFFFF  # a mask: float32 bits under it are never infinity or NaN, whose bits a copy might change
+SEVERAL_DIM = 128  # threads of a block that take several queries each: blocks of so many registers fit more closely
 TOOLS = text.TOOLS
 
 _ANSWERS = {True: ("INFINITY", "-INFINITY", "f"), False: ("1", "0", "!(f < threshold)")}  # maybe without f, no, by f
@@ -46,6 +48,7 @@ class Lanes:
     """Whether ``V`` is a vector of lanes or a single float: the few things that a body writes differently."""
 
     vector: bool
+    several: bool = False  # on CUDA: whether ``V`` is ``Floats``, L of them (``batch.h``)
 
 
 class Early(NamedTuple):
@@ -76,12 +79,17 @@ class Source:
 
     block: ClassVar[int] = BLOCK  # queries of a block of the CPU batch path
     packed: ClassVar[bool] = False  # gather the queries inside the domain first: pays for costly bodies
+    several: ClassVar[int] = 1  # queries of a thread of the CUDA batch path
     width: ClassVar[dict[str, int]] = {"avx512": 16, "other": 8}  # float lanes of the batch path
 
     @property
     def name(self) -> str:
         """Prefix of generated function names."""
         return type(self).__name__.removesuffix("Source").lower()
+
+    def threads(self, count: int) -> int:
+        """How many threads answer so many queries on CUDA; whole warps where each answers several."""
+        return count if self.several == 1 else -(-count // (32 * self.several)) * 32
 
     @property
     def start(self) -> int:

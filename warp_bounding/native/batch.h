@@ -45,7 +45,12 @@ $place
 $tools
 const int begin = block * $block, end = begin + $block < count ? begin + $block : count;
 $loop
-#else  // one query
+#else
+$on_cuda
+#endif
+
+/// ONE:
+/// One query, on CUDA.
 typedef float V;
 constexpr int N = $columns, M = $coordinates;
 const float zero = 0.0f;
@@ -62,7 +67,60 @@ $outside
 V f;
 $scalar_body
 $answer
-#endif
+
+/// SEVERAL:
+/// L queries of a thread, on CUDA: each number that the body loads serves all of them. Neighbouring threads take
+/// neighbouring queries, and each its next one 32 queries on; whole warps.
+constexpr int N = $columns, M = $coordinates, L = $several;
+const float zero = 0.0f;
+$parts
+$place
+$tools
+struct Floats {
+    float lane[L];
+    __device__ float& operator[](int l) { return lane[l]; }
+    __device__ void operator+=(Floats x) { for (int l = 0; l < L; ++l) lane[l] += x[l]; }
+    __device__ Floats operator+(float x) const { Floats y; for (int l = 0; l < L; ++l) y[l] = lane[l] + x; return y; }
+    __device__ Floats operator*(float x) const { Floats y; for (int l = 0; l < L; ++l) y[l] = lane[l] * x; return y; }
+};
+const int first = block / 32 * 32 * L + block % 32;
+Floats together[M], found;
+bool any = false;
+#pragma unroll
+for (int l = 0; l < L; ++l) {
+    $query
+    any |= $asked;
+#pragma unroll
+    for (int k = 0; k < M; ++k) together[k][l] = v[k];
+}
+if (any) {
+    typedef Floats V;
+    V* v = together;
+    V f;
+#define SEVERAL  // to network.h
+    $several_body
+#undef SEVERAL
+    found = f;
+}
+const float* tensor = &threshold;
+decltype(+out.data[0]) answers[L];  // stored behind the loop, so that nothing need be loaded again in it
+#pragma unroll
+for (int l = 0; l < L; ++l) {
+    $query
+    const V f = found[l];
+    $several_answer
+}
+#pragma unroll
+for (int l = 0; l < L; ++l) if (first + 32 * l < count) out.data[first + 32 * l] = answers[l];
+
+/// QUERY
+const int i = first + 32 * l;
+const bool own = i < count;
+typedef float V;
+V q[N], v[M];
+#pragma unroll
+for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
+$locate
 
 /// WARP:
 /// 32 queries and again 32, by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA, whole blocks of

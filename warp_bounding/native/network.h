@@ -5,11 +5,17 @@
 /// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
 /// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
 /// at OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
+#if defined(SEVERAL)
+#pragma unroll (KEEP ? BLOCKS : 1)
+#endif
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
     V s[J];
 #pragma unroll
     for (int r = 0; r < J; ++r) s[r] = x[0] * p[J + r] + p[r];
+#if defined(SEVERAL)
+#pragma unroll
+#endif
     for (int k = 1; k < K; ++k) {
         const V input = x[k]; const float* c = p + J + k * J;
 #pragma unroll

@@ -7,6 +7,7 @@ text.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -19,6 +20,7 @@ from warp_bounding.runtime.native import native_text
 text = native_text("network.h")
 
 EIGHT = 8  # floats of one AVX vector: activations and an output's weights are padded to a multiple of it
+KEPT, MOST = 128, 3  # activations that a thread of CUDA keeps in registers, and queries that it takes, at most
 ALIGN = 16  # floats of one AVX-512 vector, a line of cache: where rows of the copy for neurons in lanes begin
 
 
@@ -37,6 +39,13 @@ class MlpSource(Source):
     exits: ClassVar[tuple[int, ...]] = ()
     # Lanes of a block, two registers: each weight that is loaded serves both.
     width: ClassVar[dict[str, int]] = {"avx512": 32, "other": 16}
+
+    @property
+    def several(self) -> int:
+        """As many as have room in registers; one where f is not sums and activations alone."""
+        kept = self.hidden[:-1]
+        largest = max([self.inputs, *kept, *map(sum, pairwise(kept))])
+        return max(1, min(MOST, KEPT // largest)) if self.head.outputs == 1 and not self.exits else 1
 
     @property
     def head(self) -> Head:
@@ -156,6 +165,9 @@ class MlpSource(Source):
 
 def _function(name: str, activation, lanes: Lanes) -> str:
     """A C lambda of an activation."""
+    if lanes.several:
+        one = f"{{ typedef float V; V z = sums[l], h; {activation.statement(lanes, 'h', 'z')} sums[l] = h; }}"
+        return f"auto {name} = [&](V sums) {{ for (int l = 0; l < L; ++l) {{ {one} }} return sums; }};"
     return f"auto {name} = [&](V z) {{ V h; {activation.statement(lanes, 'h', 'z')} return h; }};"
 
 

@@ -207,15 +207,18 @@ os.register_at_fork(after_in_child=_forget_threads)
 _ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
 
 
-def ready(kernel: wp.Kernel, device: wp.Device) -> None:
-    """Compile and load a kernel's module, once; reports on standard error what takes more than a second."""
+def ready(kernel: wp.Kernel, device: wp.Device, block_dim: int | None = None) -> None:
+    """Compile and load a kernel's module, once; reports on standard error what takes more than a second.
+
+    ``block_dim`` is what it is launched with on CUDA, if not Warp's own: Warp compiles it for that.
+    """
     if (kernel, device.alias) not in _ready:
         slow = Timer(REPORT_AFTER, _report, [kernel.module.name])
         slow.daemon = True
         slow.start()
         started = time.perf_counter()
         try:
-            wp.load_module(kernel.module, device)
+            wp.load_module(kernel.module, device, block_dim=block_dim)
         finally:
             slow.cancel()
         compiled_for(time.perf_counter() - started)
@@ -297,7 +300,7 @@ class BlockLaunch:
             self._warp_launch(0, self._blocks)
 
     def _warp_launch(self, begin: int, end: int, **options) -> "wp.Launch | None":
-        ready(self._kernel, self._device)
+        ready(self._kernel, self._device, None if self._device.is_cpu else self._block_dim)
         inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
         return wp.launch(
             self._kernel, end - begin, inputs, self._outputs, device=self._device, block_dim=self._block_dim, **options
