@@ -1,8 +1,8 @@
 """What a GPU says: `python benchmarks/gpu --data FOLDER --out results/gpu/NAME`, on a machine with a card.
 
 `--prepare` makes FOLDER before, on any machine: bounders and meshes, so that the machine with the card fits nothing and
-reads no mesh files. `--dry` compiles the kernels of tensor cores for sm_90 and counts their instructions; it needs
-neither.
+reads no mesh files. `--dry` compiles kernels for sm_90 and counts their instructions; it needs neither, but
+`nvdisasm` and `cuobjdump` on the path, and writes `counted.json` if there is an `--out`.
 
 The parts: Newton's pass with the cull in a graph; rivals of distances; queries in graphs; `choose`; what proofs take
 from the hardware; answers against float64; times; and points and distances that are asked for mistakes. Each part
@@ -13,6 +13,7 @@ takes some of them. All parts take about four minutes, half of them compiling wh
 import argparse
 import json
 import platform
+import re
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,7 @@ import warp as wp
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
+from warp_bounding.networks.inference import _block as block_of
 
 sys.path.insert(0, str(Path(__file__).parent))
 import closest
@@ -64,26 +66,77 @@ def about(device: str) -> dict:
     }
 
 
-def dry() -> None:
-    """Compile for sm_90, and count what a thread asks for, on tensor cores of a group of 32 queries; needs no card."""
+# Instructions by the pipe that takes them; a load is of 32 bits, of 64 or of 128, and takes as many clocks as it has
+# times 32. All others go to *other*.
+PIPES = {
+    "FP32": ("FFMA", "FMUL", "FADD", "FSETP", "FMNMX", "FSEL"),
+    "loads": ("LDG", "LDL", "LDS"),
+    "local": ("LDL", "STL"),
+    "MUFU": ("MUFU",),
+    "HMMA": ("HMMA",),
+}
+H100 = 132 * 1.755  # multiprocessors, clocks a ns
+
+
+def counted(kernel: wp.Kernel, queries: int = 1, turns: int = 1) -> dict:
+    """What a query costs in machine code for sm_90, by ``cuobjdump`` and ``nvdisasm`` on the path.
+
+    A thread answers ``queries``, and takes each innermost loop ``turns`` times. The times are those of an H100 on which
+    each scheduler issues an instruction a clock, and each multiprocessor loads 32 bits of all lanes of a warp.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=False)
+        cubin = next(Path(folder).glob("*.cubin"))
+        listing, usage = (
+            subprocess.run([*tool, cubin], capture_output=True, text=True, check=True).stdout
+            for tool in (("nvdisasm", "-c"), ("cuobjdump", "--dump-resource-usage"))
+        )
+    code, labels = [], {}
+    for line in listing[listing.index("\n.text.") :].splitlines():
+        if found := re.match(r"(\.L_x_\d+):", line):
+            labels[found[1]] = len(code)
+        elif found := re.match(r"\s+/\*\w{4,}\*/\s+(.*);", line):
+            code.append(re.sub(r"^@!?U?P\w+ +", "", found[1].strip()))
+    code = code[: max(i for i, each in enumerate(code) if each == "EXIT")]  # behind it there are divisions of integers
+    jumps = [(labels[found[1]], i) for i, each in enumerate(code) if (found := re.search(r"BRA `\((.*)\)", each))]
+    loops = [jump for jump in jumps if jump[0] <= jump[1]]
+    inner = [(a, b) for a, b in loops if not any(a <= c and d <= b and (a, b) != (c, d) for c, d in loops)]
+    issued, clocks = dict.fromkeys([*PIPES, "other"], 0.0), 0.0
+    for i, each in enumerate(code):
+        name, *kinds = each.split()[0].split(".")
+        times = (turns if any(a <= i <= b for a, b in inner) else 1) / queries
+        for pipe in [pipe for pipe, names in PIPES.items() if name in names] or ["other"]:
+            issued[pipe] += times
+        if name in PIPES["loads"]:
+            clocks += times * (4 if "128" in kinds else 2 if "64" in kinds else 1)
+    total = sum(count for pipe, count in issued.items() if pipe != "local")
+    return {
+        "queries a thread": queries,
+        "registers": max(map(int, re.findall(r"REG:(\d+)", usage))),
+        "stack": max(map(int, re.findall(r"STACK:(\d+)", usage))),
+        "issued": round(total),
+        **{pipe: round(count) for pipe, count in issued.items()},
+        "ns to issue": round(total / 4 / 32 / H100, 4),
+        "ns to load": round(clocks / 32 / H100, 4),
+    }
+
+
+def dry() -> dict:
+    """Compile for sm_90, and count what a query costs; needs no card."""
     kernels = {}
-    for query, widths in (("point", (24, 24)), ("point", (50, 50)), ("ray", (50, 50))):
+    for query, widths in (("point", (24, 24)), ("point", (32, 32)), ("point", (50, 50)), ("ray", (50, 50))):
         source = MlpSource(3, False, widths, "sin", query=query)
-        kernels[f"{query} {'-'.join(map(str, widths))}"] = batch_kernel(source, False, False, tensor_cores.text(source))
-        kernels[f"{query} {'-'.join(map(str, widths))}, float32"] = batch_kernel(source, False, False)
+        name, turns = f"{query} {'-'.join(map(str, widths))}", widths[-1] // block_of(widths[-1])
+        kernels[name] = batch_kernel(source, False, False, tensor_cores.text(source)), 1, 1
+        kernels[f"{name}, float32"] = batch_kernel(source, False, False), source.several, turns
     try:
         from warp_bounding.newton import lists, surface
 
-        kernels["Newton's pass: hulls, lists and their layout"] = lists.sift
-        kernels["Newton's passes over surfaces: marks and tables"] = surface.mark_kernel(None)
+        kernels["Newton's pass: hulls, lists and their layout"] = lists.sift, 1, 1
+        kernels["Newton's passes over surfaces: marks and tables"] = surface.mark_kernel(None), 1, 1
     except ImportError as error:
         print(error)
-    for name, kernel in kernels.items():
-        with tempfile.TemporaryDirectory() as folder:
-            wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=True)
-            text = next(Path(folder).glob("*.ptx")).read_text()
-        sought = ("m16n8k16", "m16n8k8", "sin.approx", "fma.rn.f32", "ld.global", ".local", "atom.")
-        print(f"{name}:", ", ".join(f"{word} {text.count(word)}" for word in sought))
+    return {name: counted(*about) for name, about in kernels.items()}
 
 
 def main() -> None:
@@ -101,7 +154,10 @@ def main() -> None:
     parser.add_argument("--prepare", action="store_true")
     arguments = parser.parse_args()
     if arguments.dry:
-        dry()
+        found = dry()
+        print(*(f"{name}: {costs}" for name, costs in found.items()), sep="\n")
+        if arguments.out:
+            (arguments.out / "counted.json").write_text(json.dumps(found, indent=1) + "\n")
         return
     if arguments.data is None or not (arguments.prepare or arguments.out):
         parser.error("expected --dry, or --data with --prepare or with --out")

@@ -181,6 +181,21 @@ def gpu_closest(results: Path) -> str:
     return table(["H100", "ns a point", "size", "too large", "by at most", "too small, on average"], lines)
 
 
+def gpu_counted(results: Path) -> str:
+    """What a query of a network costs in float32: measured with one a thread, and counted in machine code of today."""
+    counted, lines = json.loads((results / "gpu/counted.json").read_text(encoding="utf-8")), []
+    for name, found in counted.items():
+        if name.endswith(", float32"):
+            query, widths = name.removesuffix(", float32").split()
+            part = json.loads((results / f"gpu/h100/{query}s.json").read_text(encoding="utf-8"))["found"]
+            before = part[f"{widths[:2]} float32"][0]
+            costs = [str(found[each]) for each in ("queries a thread", "loads", "issued")]
+            times = [f"{found[f'ns to {each}']:.3g}" for each in ("load", "issue")]
+            lines.append([f"{query}s, `mlp` {widths}", f"{before:.3g}", *costs, *times])
+    head = ["H100, float32", "measured, one query a thread: ns", "queries a thread now", "loads", "instructions"]
+    return table([*head, "ns to load", "ns to issue"], lines)
+
+
 def gpu_cull(results: Path) -> str:
     """Milliseconds of Newton's pass in a graph on an H100, with the layout that the library takes."""
     from warp_bounding.newton.sieve import SORTED
@@ -302,6 +317,7 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "table1": table1,
     "gpu": gpu,
     "gpu-closest": gpu_closest,
+    "gpu-counted": gpu_counted,
     "gpu-cull": gpu_cull,
     "pays": pays,
     "pays-not": pays_not,
