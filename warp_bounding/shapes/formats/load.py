@@ -1,7 +1,7 @@
 """``load_shape``: one door for files, arrays and meshes; and the readers of the formats that hold arrays.
 
 Which reader a file gets depends on its extension alone (``READERS``); what it holds must then be what the extension
-says. Meshes come from their own readers and usd-core (``usd.py``), pixels from ``images.py``, maps from ``maps.py``.
+says. Meshes come from their own readers and usd-core (``usd.py``), pixels and maps from ``images.py``.
 What an array's values mean and where its cells lie is in ``arrays.py``, meshes and arrays of other libraries below.
 Shapes of other kinds are objects with a ``to_grid`` (``ShapeLike``), as ours are, or files whose reader makes one.
 """
@@ -21,8 +21,7 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.whole_file import BOUNDER
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, grid_of, level_of
-from warp_bounding.shapes.formats.images import WHICH, image_from, read_png
-from warp_bounding.shapes.formats.maps import read_pgm, read_ros_map
+from warp_bounding.shapes.formats.images import WHICH, image_from, read_pgm, read_png, read_ros_map
 from warp_bounding.shapes.formats.meshes import MESH_READERS, parts_of, read_mesh
 from warp_bounding.shapes.formats.reading import joined, reading
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
