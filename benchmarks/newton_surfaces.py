@@ -33,7 +33,7 @@ RECORDS = ("particle", "shape", "body_pos", "normal", "indices", "barycentric", 
 WAYS = ("none", "boxes", "distance")
 
 
-def cloth(side: int, meshes: int) -> tuple[newton.Model, dict[int, str], list[np.ndarray]]:
+def cloth(side: int, meshes: int, device: str = "cpu") -> tuple[newton.Model, dict[int, str], list[np.ndarray]]:
     """The model, the names of the meshes by their shapes, and the cloth's particles in each state."""
     builder, named = scene(0, meshes)
     width = SPACING * int(np.ceil(np.sqrt(meshes)))
@@ -42,7 +42,7 @@ def cloth(side: int, meshes: int) -> tuple[newton.Model, dict[int, str], list[np
         vel=wp.vec3(0.0), dim_x=side, dim_y=side, cell_x=width / side, cell_y=width / side, mass=0.01,
         particle_radius=RADIUS,
     )  # fmt: skip
-    model = builder.finalize(device="cpu")
+    model = builder.finalize(device=device)
     flat, heights = model.particle_q.numpy(), np.full((side + 1, side + 1), -np.inf)
     state = model.state()
     for shape in named:

@@ -4,7 +4,7 @@
 reads no mesh files. `--dry` compiles kernels for sm_90 and counts their instructions; it needs neither, but
 `nvdisasm` and `cuobjdump` on the path, and writes `counted.json` if there is an `--out`.
 
-The parts: Newton's pass with the cull in a graph; rivals of distances; queries in graphs; `choose`; what proofs take
+The parts: Newton's passes with the cull in a graph; rivals of distances; queries in graphs; `choose`; what proofs take
 from the hardware; answers against float64; times; and points and distances that are asked for mistakes. Each part
 writes `PART.json` when it is done, and is left out where that is there, so a run that was stopped goes on; `--parts`
 takes some of them. All parts take about four minutes, half of them compiling where nothing is compiled yet.
@@ -22,6 +22,7 @@ from pathlib import Path
 
 import warp as wp
 
+import warp_bounding as wb
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
@@ -34,8 +35,10 @@ import hardware
 
 PARTS = {
     "cull": contest.cull,
+    "surfaces": contest.surfaces,
     "closest": closest.closest,
     "graphs": contest.graphs,
+    "pairs": contest.pairs,
     "choose": contest.choose,
     "grids": closest.grids,
     "sine": lambda a: hardware.sine_errors(a.device),
@@ -78,11 +81,12 @@ PIPES = {
 H100 = 132 * 1.755  # multiprocessors, clocks a ns
 
 
-def counted(kernel: wp.Kernel, queries: int = 1, turns: int = 1) -> dict:
+def counted(kernel: wp.Kernel, queries: int | None = None, turns: int = 1) -> dict:
     """What a query costs in machine code for sm_90, by ``cuobjdump`` and ``nvdisasm`` on the path.
 
-    A thread answers ``queries``, and takes each innermost loop ``turns`` times. The times are those of an H100 on which
-    each scheduler issues an instruction a clock, and each multiprocessor loads 32 bits of all lanes of a warp.
+    A thread answers ``queries``, and takes each innermost loop ``turns`` times; without, registers and stack are all
+    that is told. The times are those of an H100 on which each scheduler issues an instruction a clock, and each
+    multiprocessor loads 32 bits of all lanes of a warp.
     """
     with tempfile.TemporaryDirectory() as folder:
         wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=False)
@@ -91,29 +95,31 @@ def counted(kernel: wp.Kernel, queries: int = 1, turns: int = 1) -> dict:
             subprocess.run([*tool, cubin], capture_output=True, text=True, check=True).stdout
             for tool in (("nvdisasm", "-c"), ("cuobjdump", "--dump-resource-usage"))
         )
+    found = {what: max(map(int, re.findall(rf"{what}:(\d+)", usage))) for what in ("REG", "STACK")}
+    if queries is None:
+        return found
     code, labels = [], {}
     for line in listing[listing.index("\n.text.") :].splitlines():
-        if found := re.match(r"(\.L_x_\d+):", line):
-            labels[found[1]] = len(code)
-        elif found := re.match(r"\s+/\*\w{4,}\*/\s+(.*);", line):
-            code.append(re.sub(r"^@!?U?P\w+ +", "", found[1].strip()))
+        if own := re.match(r"(\.L_x_\d+):", line):
+            labels[own[1]] = len(code)
+        elif own := re.match(r"\s+/\*\w{4,}\*/\s+(.*);", line):
+            code.append(re.sub(r"^@!?U?P\w+ +", "", own[1].strip()))
     code = code[: max(i for i, each in enumerate(code) if each == "EXIT")]  # behind it there are divisions of integers
-    jumps = [(labels[found[1]], i) for i, each in enumerate(code) if (found := re.search(r"BRA `\((.*)\)", each))]
+    jumps = [(labels[to[1]], i) for i, each in enumerate(code) if (to := re.search(r"BRA `\((.*)\)", each))]
     loops = [jump for jump in jumps if jump[0] <= jump[1]]
     inner = [(a, b) for a, b in loops if not any(a <= c and d <= b and (a, b) != (c, d) for c, d in loops)]
-    issued, clocks = dict.fromkeys([*PIPES, "other"], 0.0), 0.0
+    issued, total, clocks = dict.fromkeys([*PIPES, "other"], 0.0), 0.0, 0.0
     for i, each in enumerate(code):
         name, *kinds = each.split()[0].split(".")
         times = (turns if any(a <= i <= b for a, b in inner) else 1) / queries
         for pipe in [pipe for pipe, names in PIPES.items() if name in names] or ["other"]:
             issued[pipe] += times
+        total += times
         if name in PIPES["loads"]:
             clocks += times * (4 if "128" in kinds else 2 if "64" in kinds else 1)
-    total = sum(count for pipe, count in issued.items() if pipe != "local")
     return {
+        **found,
         "queries a thread": queries,
-        "registers": max(map(int, re.findall(r"REG:(\d+)", usage))),
-        "stack": max(map(int, re.findall(r"STACK:(\d+)", usage))),
         "issued": round(total),
         **{pipe: round(count) for pipe, count in issued.items()},
         "ns to issue": round(total / 4 / 32 / H100, 4),
@@ -130,10 +136,14 @@ def dry() -> dict:
         kernels[name] = batch_kernel(source, False, False, tensor_cores.text(source)), 1, 1
         kernels[f"{name}, float32"] = batch_kernel(source, False, False), source.several, turns
     try:
+        from sims.prefitted import stored
         from warp_bounding.newton import lists, surface
 
-        kernels["Newton's pass: hulls, lists and their layout"] = lists.sift, 1, 1
-        kernels["Newton's passes over surfaces: marks and tables"] = surface.mark_kernel(None), 1, 1
+        kernels["Newton's pass: hulls, lists and their layout"] = (lists.sift,)
+        far = wb.load(stored("cloth", "bunny-distance"), device="cpu")
+        kernels["Newton's passes over surfaces: balls and tables"] = (surface.place_faces,)
+        kernels["Newton's passes over surfaces: marks"] = (surface.mark_kernel(None),)
+        kernels["Newton's passes over surfaces: marks of a bounder"] = (surface.mark_kernel(far.source),)
     except ImportError as error:
         print(error)
     return {name: counted(*about) for name, about in kernels.items()}

@@ -4,6 +4,7 @@ Networks on tensor cores and in float32, boxes, half-spaces, Warp's exact querie
 """
 
 import time
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -62,6 +63,7 @@ def prepare(folder: Path) -> None:
         bounder.save(folder / f"points-{widths[0]}.safetensors")
     for method, options in (("bvh", {"leaves": 64}), ("kdop", {})):
         wb.fit(bunny, method=method, margin=MARGIN, **options).save(folder / f"points-{method}.safetensors")
+    wb.pairs.Balls.of(bunny, 256).save(folder / "bunny-balls.safetensors")
     for name in SHAPES:
         np.savez(folder / f"newton-{name}.npz", vertices=shape(name).vertices, faces=shape(name).faces)
     wb.fit(bunny, "ray", "mlp", length=3.0, resolution=32, hidden=(50, 50), steps=20, progress=False).save(
@@ -477,6 +479,25 @@ def graphs(arguments) -> dict:
     return found
 
 
+def _newton_mesh(folder: Path, name: str):
+    """One of Newton's meshes, without a reader of meshes."""
+    import newton
+
+    kept = np.load(folder / f"newton-{name}.npz")
+    return newton.Mesh(kept["vertices"], kept["faces"].reshape(-1))
+
+
+def _captured(device: str, call):
+    """A call as a graph that has been replayed once, to be called; on a CPU, to try the script, itself."""
+    if wp.get_device(device).is_cpu:
+        call()
+        return call
+    with wp.ScopedCapture(device=device) as capture:
+        call()
+    wp.capture_launch(capture.graph)
+    return partial(wp.capture_launch, capture.graph)
+
+
 CELLS = ((10_000, 1), (1_000_000, 1), (100_000, 1), (10_000, 16))  # particles and meshes
 # Ways to run the cull in a graph: warps of a multiprocessor among which survivors are shared out (0: 32 in each), by
 # place or not, and on a stream of its own or not.
@@ -495,23 +516,13 @@ LAYOUTS = {
 def cull(arguments) -> dict:
     """Ms of Newton's particle-shape pass in a captured graph, without and with a cull."""
     sys_path()
-    import newton
     import newton_map
 
     from warp_bounding.newton import cull as newton_cull
     from warp_bounding.newton import sieve
 
-    def mesh_of(name: str) -> newton.Mesh:  # without a reader of meshes
-        kept = np.load(arguments.data / f"newton-{name}.npz")
-        return newton.Mesh(kept["vertices"], kept["faces"].reshape(-1))
-
-    def captured(call):
-        with wp.ScopedCapture(device=arguments.device) as capture:
-            call()
-        wp.capture_launch(capture.graph)
-        return capture.graph
-
-    newton_map.newton_mesh, records, found = mesh_of, newton_map.records, {}
+    captured = partial(_captured, arguments.device)
+    newton_map.newton_mesh, records, found = partial(_newton_mesh, arguments.data), newton_map.records, {}
     usual = sieve.WARPS, sieve.SORTED, newton_cull.BESIDE
     for particles, meshes in CELLS[: 1 if arguments.quick else None]:
         sieve.SORTED = 0  # so that there is memory for it
@@ -539,12 +550,110 @@ def cull(arguments) -> dict:
         sieve.WARPS, sieve.SORTED, newton_cull.BESIDE = usual
         for turn in range(2):
             for name, graph in graphs.items():
-                row[f"{name}, ms, turn {turn}"] = ns(lambda g=graph: wp.capture_launch(g), 1_000_000, 5, 20)
+                row[f"{name}, ms, turn {turn}"] = ns(graph, 1_000_000, 5, 20)
         for way in ("none", "boxes", "distance"):  # as a host calls them, which reads the number back
             seconds = [cell._timed(way) for _ in range(12)]
             row[f"{way}, ms, no graph"] = [1e3 * float(np.median(seconds)), 1e3 * min(seconds)]
         found[f"{particles} particles, {meshes} meshes"] = row
         print(particles, meshes, row, flush=True)
+    return found
+
+
+CLOTHS = ((36, 4), (71, 4), (142, 16))  # squares along a side, and meshes
+
+
+def surfaces(arguments) -> dict:
+    """Ms of Newton's passes over whole soft surfaces in a captured graph, in each state, without and with a cull."""
+    sys_path()
+    import newton_map
+    import newton_surfaces
+
+    from sims.prefitted import stored
+    from warp_bounding.newton import Cull
+
+    def records(contacts) -> np.ndarray:  # on CUDA their order is by chance
+        rows = [row.reshape(len(row), row[:1].size or 1) for row in newton_surfaces.records(contacts)]
+        whole = np.concatenate(rows, axis=1, dtype=np.float64)
+        return whole[np.lexsort(whole.T[::-1])]
+
+    device, found = arguments.device, {}
+    newton_map.newton_mesh = partial(_newton_mesh, arguments.data)
+    for side, meshes in CLOTHS[: 1 if arguments.quick else None]:
+        model, named, states = newton_surfaces.cloth(side, meshes, device)
+        bounders = {name: wb.load(stored("cloth", f"{name}-distance"), device=device) for name in named.values()}
+        state, roomy, most = model.state(), newton_surfaces.pipeline_of(model), 0
+        contacts = roomy.contacts()
+        for q in states:
+            state.particle_q.assign(q)
+            roomy.collide(state, contacts)
+            most = max(most, int(contacts.soft_contact_count.numpy()[0]))
+        pipelines = [newton_surfaces.pipeline_of(model, soft_contact_max=2 * most + 1000) for _ in range(3)]
+        contacts = pipelines[0].contacts()
+        own = {shape: bounders[name] for shape, name in named.items()}
+        culls = [Cull(pipe, each, reads_back=False) for pipe, each in zip(pipelines[1:], (None, own), strict=True)]
+        graphs, row = {}, {"same contacts": []}
+        for name, by in zip(("none", "boxes", "distance"), (pipelines[0], *culls), strict=True):
+            call = partial(by.collide, state, contacts)
+            call()  # loads kernels
+            graphs[name] = _captured(device, call)
+        for q in states:
+            state.particle_q.assign(q)
+            there = []
+            for graph in graphs.values():
+                graph()
+                there.append(records(contacts))
+            same = all(np.array_equal(there[0], rows) for rows in there[1:])
+            row["same contacts"].append([same, len(there[0])])
+            for name, graph in graphs.items():
+                row.setdefault(f"{name}, ms", []).append(ns(graph, 1_000_000, 5, 20))
+        row["tally"] = {name: str(tally) for name, tally in culls[1].tally().items()}
+        found[f"{2 * side**2} triangles, {meshes} meshes"] = row
+        print(side, meshes, row, flush=True)
+    return found
+
+
+def pairs(arguments) -> dict:
+    """Ns a pair of placed bunnies, as a batch and as a function in a kernel, and ns a segment that a network clears.
+
+    Answers are compared with those of a CPU, where sums may round differently.
+    """
+    found, device, count = {}, arguments.device, min(arguments.count, 1_000_000)
+    rng, frame = np.random.default_rng(5), np.load(arguments.data / "bunny.npz")
+    low, high = (frame[name] for name in ("low", "high"))
+    balls = wb.pairs.Balls.load(arguments.data / "bunny-balls.safetensors")
+    turns = rng.normal(size=(count, 4))
+    places = np.column_stack([rng.uniform(low - high, high - low, (count, 3)), turns]).astype(np.float32)
+    places[:, 3:] /= np.linalg.norm(places[:, 3:], axis=1)[:, None]
+    places[0] = [0, 0, 0, 0, 0, 0, 1]
+    x, out = wp.array(places, dtype=wp.transform, device=device), wp.zeros(count, dtype=wp.uint8, device=device)
+    for name in ("bunny-distance-24", "bunny-distance-grid-32"):
+        pair, some = wb.pairs.Pair(loaded(arguments, name), balls), min(count, 20_000)
+        test = pair.func
+
+        @wp.kernel(module="unique", enable_backward=False)
+        def ask(data: wb.pairs.PairData, x: wp.array(dtype=wp.transform), out: wp.array(dtype=wp.uint8)):
+            i = wp.tid()
+            out[i] = wp.uint8(wp.static(test)(data, x[0], x[i], 0.0))  # noqa: B023  built at once
+
+        there = wb.pairs.Pair(wb.load(arguments.data / f"{name}.safetensors", device="cpu"), balls)
+        expected = there.query(places[:1], places[:some]).numpy()
+        for way, call in {
+            "batch": lambda p=pair: p.query(x[:1], x, out=out),
+            "function": wp.launch(ask, count, [pair.data, x], [out], device=device, record_cmd=True).launch,
+        }.items():
+            found[f"{name}, {way}"] = ns(call, count, 5, 2)
+            found[f"{name}, {way}, maybe"] = float(out.numpy().mean())
+            found[f"{name}, {way}, as on a CPU"] = float((out.numpy()[:some] == expected).mean())
+    starts, ends = (rng.uniform(low, high, (100_000, 3)) for _ in range(2))
+    edge, there = (
+        wb.proof.Segments(wb.load(arguments.data / "bunny-24.safetensors", device=d)) for d in (device, "cpu")
+    )
+    clear, _ = edge(starts, ends)
+    begin = time.perf_counter()  # a call ends on the host
+    edge(starts, ends)
+    found["segments, ns"] = (time.perf_counter() - begin) * 1e9 / len(starts)
+    expected, _ = there(starts[:2000], ends[:2000])
+    found["segments, clear"], found["as on a CPU"] = float(clear.mean()), float((clear[:2000] == expected).mean())
     return found
 
 
