@@ -72,17 +72,23 @@ class Scene:
 
     Attributes:
         shapes: By scene.
-        kinds: ``(N,)``: 0 a bunny, 1 a ring.
+        kinds: ``(N,)``: 0 a bunny, 1 a ring; or of other meshes the number.
         start: ``(N, 7)`` float32, places before they fall.
         bodies: For kernels.
     """
 
-    def __init__(self, count: int, seed: int = 0, device: str | None = None):
-        """Hang bodies above the box, bunnies and rings in turns."""
+    def __init__(
+        self,
+        count: int,
+        seed: int = 0,
+        device: str | None = None,
+        given: dict[str, wb.shapes.Mesh] | None = None,
+    ):
+        """Hang bodies above the box, bunnies and rings in turns, or other meshes, centres of mass in the origin."""
         import trimesh
 
-        self.device, self.shapes, rng = wp.get_device(device), shapes(), np.random.default_rng(seed)
-        self.kinds = np.arange(count) % 2
+        self.device, self.shapes, rng = wp.get_device(device), given or shapes(), np.random.default_rng(seed)
+        self.kinds = np.arange(count) % len(self.shapes)
         place = np.stack(np.unravel_index(np.arange(count), (count // COLUMNS**2 + 1, COLUMNS, COLUMNS)), axis=1)
         x = SPACING * place[:, ::-1]
         x += rng.uniform(-0.08, 0.08, x.shape)
