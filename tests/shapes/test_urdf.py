@@ -6,7 +6,6 @@ from format_cases import BINARY_STL, CENTIMETRES, GLB, V, dae
 from format_cases import written as stored
 
 import warp_bounding as wb
-from warp_bounding.arms.urdf import hull_of
 from warp_bounding.errors import ShapeError
 
 pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
@@ -78,7 +77,7 @@ def test_bodies_hold_their_geometry(tmp_path, rng):
 
 def test_a_hull_of_too_many_points_is_held_by_fewer():
     points = trimesh.creation.icosphere(subdivisions=4).vertices * [0.3, 0.1, 0.05]
-    body = hull_of(points)
+    body = wb.arms.Body.hull(points)
     assert len(body.points) == 512 < len(points)
     assert 0 < body.radius < 0.01
     hull = trimesh.PointCloud(body.points).convex_hull

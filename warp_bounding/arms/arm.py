@@ -90,6 +90,34 @@ class Body(Picklable):
         index = np.indices((2, 2, 2)).reshape(3, -1).T
         return cls(corners[index, np.arange(3)], radius, link, name, part).moved(pose)
 
+    @classmethod
+    def hull(cls, points: np.ndarray, *, link: int = WORLD, name: str = "hull", part: str = "") -> "Body":
+        """A body that holds the convex hull of points ``(N, 3)``, as a mesh's: the hull, or a simpler one, grown.
+
+        Example:
+            >>> around = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.1, 0.1, 0.1]])
+            >>> len(wb.arms.Body.hull(around, name="wedge").points)
+            4
+        """
+        from scipy.spatial import ConvexHull, QhullError
+        from trimesh.triangles import closest_point
+
+        points = np.asarray(points, dtype=np.float64)
+        try:
+            corners = points[ConvexHull(points).vertices]
+            if len(corners) <= MOST_POINTS:
+                return cls(corners, link=link, name=name, part=part)
+            chosen = corners[_spread(corners)]
+            hull = ConvexHull(chosen)
+        except (QhullError, ValueError) as error:
+            raise ShapeError(f"{name}: its points have no convex hull of a volume") from error
+        outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
+        triangles, off = chosen[hull.simplices], 0.0
+        for x in outside:  # any point of the hull is no nearer than its nearest one
+            nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
+            off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
+        return cls(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name, part)
+
     def moved(self, pose) -> "Body":
         """This body at a pose ``(4, 4)``; itself for ``None``."""
         if pose is None:
@@ -106,28 +134,6 @@ def ball_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre ``(3,)`` and radius of a ball that holds points ``(P, 3)``, up to rounding."""
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     return center, float(np.linalg.norm(points - center, axis=1).max())
-
-
-def hull_of(points: np.ndarray, *, link: int = WORLD, name: str = "hull", part: str = "") -> Body:
-    """A body that holds the convex hull of points ``(N, 3)``: the hull itself, or a simpler one, grown to hold all."""
-    from scipy.spatial import ConvexHull, QhullError
-    from trimesh.triangles import closest_point
-
-    points = np.asarray(points, dtype=np.float64)
-    try:
-        corners = points[ConvexHull(points).vertices]
-        if len(corners) <= MOST_POINTS:
-            return Body(corners, link=link, name=name, part=part)
-        chosen = corners[_spread(corners)]
-        hull = ConvexHull(chosen)
-    except (QhullError, ValueError) as error:
-        raise ShapeError(f"{name}: its points have no convex hull of a volume") from error
-    outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
-    triangles, off = chosen[hull.simplices], 0.0
-    for x in outside:  # any point of the hull is no nearer than its nearest one
-        nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
-        off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
-    return Body(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name, part)
 
 
 def _spread(points: np.ndarray) -> np.ndarray:

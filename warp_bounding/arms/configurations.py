@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, ball_of, hull_of
+from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, ball_of
 from warp_bounding.arms.kernels import ALLOWANCE, BLUR, FREE, FULL, HALVES, Bodies, Chain, Collisions, kernels_of
 from warp_bounding.errors import ShapeError
 from warp_bounding.rounding import round_down, round_up
@@ -411,5 +411,5 @@ def _revolved(body: Body, joint: Joint, behind: bool) -> Body:
     turn = 2 * np.pi * np.arange(ROUND) / ROUND
     ring = np.stack(np.broadcast_arrays(np.cos(turn), np.sin(turn), 0.0), axis=1)
     x = (around[:, None, None] * ring + x[:, None, 2:] * [0, 0, 1]).reshape(-1, 3) @ frame[:3, :3].T + frame[:3, 3]
-    hull = hull_of(x, link=body.link, name=body.name)
+    hull = Body.hull(x, link=body.link, name=body.name)
     return replace(hull, radius=hull.radius + body.radius, part=body.part)

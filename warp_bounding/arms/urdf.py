@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic, hull_of
+from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.formats.meshes import read_mesh_data
 
@@ -337,7 +337,7 @@ def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> 
                 radius, length = map(float, rounded[2].split())
                 body = Body.capsule([0, 0, -length / 2], [0, 0, length / 2], radius, **reported)
             else:
-                body = hull_of(_points(shape.mesh, path, notes), **reported)
+                body = Body.hull(_points(shape.mesh, path, notes), **reported)
         else:
             raise ShapeError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
         found.append(body.moved(pose))

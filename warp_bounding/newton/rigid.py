@@ -36,7 +36,7 @@ from warp_bounding.runtime.native import named, unique_name
 from warp_bounding.shapes import Mesh
 
 ROUNDING = wp.constant(256.0 * UNIT32)
-NONE = -1
+NONE = wp.constant(-1)
 
 
 @wp.func
@@ -94,21 +94,31 @@ def _counted(found: wp.array(dtype=wp.int32), count: wp.array(dtype=wp.int32)):
 
 @cache
 def deny_kernel(source: DistanceSource) -> wp.Kernel:
-    """``(first, data, a, b, scene, pairs, keep)``: pairs of shapes with bounder ``a`` and balls ``b``, either way."""
+    """``(first, data, rows, scene, pairs, keep)``: pairs of shapes with a bounder of this source and balls, either way.
+
+    ``data`` has a row for each such bounder, with all balls; ``rows`` tells which, or ``NONE``.
+    """
     closest = closest_func(source)
 
     @named(unique_name(source, "newton_apart")).func
-    def apart(data: PairData, scene: Scene, i: int, j: int, a: int, b: int, gap: float) -> bool:
-        if scene.bounder_of[i] != a or scene.balls_of[j] != b:
+    def apart(data: wp.array2d(dtype=PairData), rows: wp.array(dtype=int), scene: Scene, i: int, j: int, gap: float):
+        if scene.bounder_of[i] == NONE or scene.balls_of[j] == NONE:
             return False
-        return closest(data, scene.places[i], scene.places[j], scene.scales[i], scene.scales[j], gap, False) > gap
+        row = rows[scene.bounder_of[i]]
+        if row == NONE:
+            return False
+        own, scale_i, scale_j = data[row, scene.balls_of[j]], scene.scales[i], scene.scales[j]
+        world = coordinates_of(wp.transform_get_translation(scene.places[i])) + gap
+        world += coordinates_of(wp.transform_get_translation(scene.places[j]))
+        largest = wp.max(wp.abs(scale_i[0]), wp.abs(scale_j[0]))
+        gap += ROUNDING * (world + largest * (own.reach_a + own.reach_b))
+        return closest(own, scene.places[i], scene.places[j], scale_i, scale_j, gap, False) > gap
 
     def deny(
         first: int,
         # inputs
-        data: PairData,
-        a: int,
-        b: int,
+        data: wp.array2d(dtype=PairData),
+        rows: wp.array(dtype=int),
         scene: Scene,
         pairs: wp.array(dtype=wp.vec2i),
         # outputs
@@ -119,15 +129,10 @@ def deny_kernel(source: DistanceSource) -> wp.Kernel:
         i, j = pairs[p][0], pairs[p][1]
         if keep[p] == wp.uint8(0) or scene.meshes[i] != scene.now[i] or scene.meshes[j] != scene.now[j]:
             return
-        scale_i, scale_j = scene.scales[i], scene.scales[j]
-        if not (_even(scale_i) and _even(scale_j)):
+        if not (_even(scene.scales[i]) and _even(scene.scales[j])):
             return
         gap = wp.abs(scene.gaps[i]) + wp.abs(scene.gaps[j]) + wp.abs(scene.margins[i]) + wp.abs(scene.margins[j])
-        world = coordinates_of(wp.transform_get_translation(scene.places[i])) + gap
-        world += coordinates_of(wp.transform_get_translation(scene.places[j]))
-        largest = wp.max(wp.abs(scale_i[0]), wp.abs(scale_j[0]))
-        gap += ROUNDING * (world + largest * (data.reach_a + data.reach_b))
-        if apart(data, scene, i, j, a, b, gap) or apart(data, scene, j, i, a, b, gap):
+        if apart(data, rows, scene, i, j, gap) or apart(data, rows, scene, j, i, gap):
             keep[p] = wp.uint8(0)
 
     return named(unique_name(source, "newton_pairs")).kernel(deny)
@@ -167,11 +172,15 @@ class PairFilter:
                     if not any(each is other for other in held):
                         held.append(each)
                     numbers[row, shape] = next(n for n, other in enumerate(held) if other is each)
-        self._tests = [
-            (deny_kernel(bounder.source), Pair(bounder, each).data, a, b)
-            for a, bounder in enumerate(lists[0])
-            for b, each in enumerate(lists[1])
-        ]
+        self._tests, self._data = [], []
+        for source in dict.fromkeys(bounder.source for bounder in lists[0]) if lists[1] else ():
+            own = [n for n, bounder in enumerate(lists[0]) if bounder.source == source]
+            data = [Pair(lists[0][n], each).data for n in own for each in lists[1]]
+            rows = np.full(len(lists[0]), NONE, np.int32)
+            rows[own] = np.arange(len(own))
+            table = wp.array(data, dtype=PairData, device=device).reshape((len(own), len(lists[1])))
+            self._tests.append((deny_kernel(source), table, wp.array(rows, dtype=int, device=device)))
+            self._data += data  # the table has their arrays' addresses
         self._scene = Scene()
         self._scene.bounder_of, self._scene.balls_of = (wp.array(row, dtype=int, device=device) for row in numbers)
         self._scene.meshes = wp.array(meshes, dtype=wp.uint64, device=device)
@@ -214,8 +223,8 @@ class PairFilter:
             return
         self._keep.zero_()
         wp.launch(_begin, asked, [self._pairs, count, self._keep], device=device)
-        for kernel, data, a, b in self._tests:
-            inputs = [0, data, a, b, scene, self._pairs]
+        for kernel, data, rows in self._tests:
+            inputs = [0, data, rows, scene, self._pairs]
             if capturing:
                 wp.launch(kernel, (asked, 1), [*inputs, self._keep], device=device)
             else:
