@@ -292,6 +292,16 @@ def test_other_meshes_are_held_too(mesh, kind):
     assert len(found.radii) <= 32
 
 
+def test_balls_of_a_thin_part_stay_near_it():
+    block, plate = trimesh.creation.box((1, 0.3, 0.3)), trimesh.creation.box((0.6, 0.6, 5e-5))
+    both = trimesh.util.concatenate([block, plate.apply_translation((0, 0, 0.4))])
+    mesh = wb.shapes.Mesh(both.vertices.astype(np.float32), both.faces)
+    balls = Balls.of(mesh, 64)
+    assert mesh.distances(balls.centers.astype(float)).max() < 0.01
+    assert balls.radii.max() < 0.3
+    assert balls.certify(mesh).kind == "proven"
+
+
 def test_files(held, mesh, tmp_path, capsys):
     path = tmp_path / "ring.safetensors"
     held.save(path)

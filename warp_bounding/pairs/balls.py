@@ -219,6 +219,8 @@ def _found(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray
     if mesh.watertight:
         sign = np.where(mesh.contains(seeds - 1e-4 * size * normals), 1.0, -1.0)[:, None]  # faces may be turned inwards
         centers, radii = _medial(seeds, normals * sign, np.concatenate(points), size)
+        outside = ~mesh.contains(centers)  # of thin parts, and where faces overlap
+        centers[outside], radii[outside] = seeds[outside], 0.0
         inner = rng.uniform(mesh.lower, mesh.upper, (FEWEST, 3))
         points.append(inner[mesh.contains(inner)])
     own, high = np.arange(number) % (POINTS // CANDIDATES) == 0, 0.3 * size * count**-0.5
