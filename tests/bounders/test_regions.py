@@ -4,14 +4,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-import warp as wp
-from asking import ask
+from asking import ask, run_text
 from bounding_shapes import crossed, shape
 from region_cases import REGIONS, VOLUMES, cases, fitted_region
 
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import TOOLS, Lanes
-from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.runtime.native import unique_name
 
 KINDS = ("obb", "kdop", "oriented-ellipsoid", "bvh")  # of them the others are special cases, with the same text
 NAMES = ("c", "blob", "single", "anisotropic", "animated")
@@ -47,36 +46,20 @@ def test_no_false_negative(method, query, name, device):
         assert (alone != batch).sum() <= 20  # regions that graze the volume
 
 
-@cache
-def body_kernel(source) -> wp.Kernel:
-    """A kernel that computes f from coordinates v as they are."""
-    name = named(unique_name(source, "body"))
-    text = source.body(Lanes(vector=False))
-
-    @name.func_native(
-        "#if !defined(__CUDA_ARCH__)\n#pragma clang fp contract(fast)\n#endif\n"
-        f"{TOOLS}"
-        f"typedef float V; V f; const float* v = x.data + (long long)i * {source.coordinates}; const float* w = "
-        "numbers.data;"
-        f"\n{text}\nout.data[i] = f;"
-    )
-    def native(
-        x: wp.array(dtype=wp.float32), numbers: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32), i: int
-    ): ...
-
-    @name.kernel
-    def compute(x: wp.array(dtype=wp.float32), numbers: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)):
-        native(x, numbers, out, wp.tid())
-
-    return compute
-
-
 def device_values(bounder, v: np.ndarray) -> np.ndarray:
-    """f of float32 coordinates ``(N, ndim)`` as the bounder's device computes it."""
-    arrays = [wp.array(a.reshape(-1), dtype=wp.float32, device=bounder.device) for a in (v, bounder.weights())]
-    out = wp.zeros(len(v), dtype=wp.float32, device=bounder.device)
-    wp.launch(body_kernel(bounder.source), dim=len(v), inputs=[*arrays, out], device=bounder.device)
-    return out.numpy().astype(np.float64)
+    """f of float32 coordinates ``(N, ndim)``, as they are, as the bounder's device computes it."""
+    source = bounder.source
+    text = f"""
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(fast)
+#endif
+{TOOLS}
+typedef float V; V f; const float* v = x.data + (long long)block * {source.coordinates}; const float* w = numbers.data;
+{source.body(Lanes(vector=False))}
+out.data[block] = f;
+"""
+    f = run_text(unique_name(source, "body"), text, len(v), v, bounder.weights(), len(v), bounder.device)
+    return f.astype(np.float64)
 
 
 def random_coordinates(domain, rng: np.random.Generator, count: int) -> tuple[np.ndarray, list[np.ndarray]]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import warp as wp
+from asking import run_text
 from bounding_shapes import domain_points, random_network, shape
 from distances import far, points_around, thing
 
@@ -10,7 +11,6 @@ from warp_bounding.activations import SINE
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
-from warp_bounding.runtime.native import named
 
 # What ``tensor_cores.TOOLS`` says on CUDA, said of 32 lanes at a time: fragments as the PTX manual lays them out, sums
 # that are cut as the module's second claim allows, at the worst.
@@ -103,19 +103,7 @@ for (int l = 0; l < 32; ++l) for (int k = 0; k < {m}; ++k) v[k][l] = x.data[(8 *
 for (int l = 0; l < 32; ++l) out.data[8 * (l % 4) + l / 4] = f[l];
 #endif
 """
-    sizes = "_".join(map(str, (m, *source.hidden)))
-
-    @named(f"lockstep_{sizes}").block_kernel(snippet)
-    def kernel(
-        x: wp.array(dtype=wp.float32), block: int, numbers: wp.array(dtype=wp.float32), out: wp.array(dtype=wp.float32)
-    ): ...
-
-    out = wp.zeros(32, dtype=wp.float32, device="cpu")
-    given = [
-        wp.array(np.ascontiguousarray(x, np.float32).reshape(-1), dtype=wp.float32, device="cpu") for x in (v, numbers)
-    ]
-    wp.launch(kernel, 1, [given[0], 0, given[1]], [out], device="cpu")
-    return out.numpy()
+    return run_text("_".join(map(str, ("lockstep", m, *source.hidden))), snippet, 1, v, numbers, 32)
 
 
 def random_layers(inputs: int, hidden: tuple[int, ...], rng) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -5,8 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-import warp as wp
-from asking import ask
+from asking import ask, run_text
 from bounding_shapes import random_mlp, shape
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
@@ -16,7 +15,6 @@ from warp_bounding.queries import QUERIES, sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
 from warp_bounding.queries.registry import locate
-from warp_bounding.runtime.native import named
 from warp_bounding.shapes import Grid
 
 NAMES = ("c", "blob", "anisotropic", "mesh", "animated", pytest.param("five", marks=pytest.mark.slow))
@@ -33,82 +31,54 @@ class Located(NamedTuple):
     inside: np.ndarray
 
 
-@cache
-def _kernel(query: str, n: int, time: bool, coordinates: int, lanes: bool) -> wp.Kernel:
+def _text(query: str, n: int, time: bool, coordinates: int, lanes: bool) -> str:
+    """The text that maps queries, and what writes ``v`` and both answers."""
     text = locate(query, n, time)
     head = f"""
-const float* center = domain.data; const float* scale = center + {n}; const float* limit = center + {2 * n};
+const float* center = numbers.data; const float* scale = center + {n}; const float* limit = center + {2 * n};
 const float* extra = center + {3 * n};
 """
-    write = f"for (int k = 0; k < {coordinates}; ++k) v_out.data[(long long)j * {coordinates} + k] = v[k]{{at}};"
-    write += " answers.data[2 * j] = testable{at} != 0; answers.data[2 * j + 1] = inside{at} != 0;"
+    write = f"float* to = out.data + (long long)j * {coordinates + 2}; to[{coordinates}] = testable{{at}} != 0;"
+    write += f" to[{coordinates + 1}] = inside{{at}} != 0; for (int k = 0; k < {coordinates}; ++k) to[k] = v[k]{{at}};"
     if lanes:
-        body = f"""
+        return f"""
 #pragma clang fp contract(fast)
 {head}
+const int count = x.shape[0] / {2 * n};
 constexpr int L = {LANES}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 {TOOLS}
 const V zero = {{}};
 V q[{2 * n}], v[{coordinates}];
 for (int l = 0; l < L; ++l) for (int k = 0; k < {2 * n}; ++k) {{
-    const int j = i * L + l < count ? i * L + l : count - 1; q[k][l] = x.data[(long long)j * {2 * n} + k];
+    const int j = block * L + l < count ? block * L + l : count - 1; q[k][l] = x.data[(long long)j * {2 * n} + k];
 }}
 {text}
-for (int l = 0; l < L && i * L + l < count; ++l) {{ const int j = i * L + l; {write.format(at="[l]")} }}
+for (int l = 0; l < L && block * L + l < count; ++l) {{ const int j = block * L + l; {write.format(at="[l]")} }}
 """
-    else:
-        body = f"""
+    return f"""
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)
 #endif
 {TOOLS}
 {head}
-typedef float V; const float zero = 0.0f; V q[{2 * n}], v[{coordinates}]; const int j = i;
+typedef float V; const float zero = 0.0f; V q[{2 * n}], v[{coordinates}]; const int j = block;
 for (int k = 0; k < {2 * n}; ++k) q[k] = x.data[(long long)j * {2 * n} + k];
 {text}
 {write.format(at="")}
 """
-    name = named(f"wb_test_locate_{query}_geometric_{n}d_{time:d}_{lanes:d}")
-
-    @name.func_native(body)
-    def native(
-        x: wp.array(dtype=wp.float32),
-        domain: wp.array(dtype=wp.float32),
-        count: int,
-        i: int,
-        v_out: wp.array(dtype=wp.float32),
-        answers: wp.array(dtype=wp.uint8),
-    ): ...
-
-    @name.kernel
-    def write_out(
-        # inputs
-        x: wp.array(dtype=wp.float32),
-        domain: wp.array(dtype=wp.float32),
-        count: int,
-        # outputs
-        v_out: wp.array(dtype=wp.float32),
-        answers: wp.array(dtype=wp.uint8),
-    ):
-        native(x, domain, count, wp.tid(), v_out, answers)
-
-    return write_out
 
 
 def located(domain: RegionDomain, q: np.ndarray, device: str = "cpu", lanes: bool = True) -> Located:
     """What a device makes of queries ``(N, 2 n)``: a vector of them at a time, or one (all that CUDA does)."""
     lanes = lanes and device == "cpu"
     with np.errstate(over="ignore"):
-        flat = np.ascontiguousarray(q, dtype=np.float32).reshape(-1)
-    values = np.concatenate([domain.header, domain.extra, [0.0]]).astype(np.float32)
-    x, numbers = (wp.array(a, dtype=wp.float32, device=device) for a in (flat, values))
-    v = wp.zeros(len(q) * domain.ndim, dtype=wp.float32, device=device)
-    answers = wp.zeros(2 * len(q), dtype=wp.uint8, device=device)
-    kernel = _kernel(domain.query, domain.space_ndim, domain.time, domain.ndim, lanes)
-    dim = -(-len(q) // LANES) if lanes else len(q)
-    wp.launch(kernel, dim=dim, inputs=[x, numbers, len(q)], outputs=[v, answers], device=device)
-    answers = answers.numpy().reshape(-1, 2).astype(bool)
-    return Located(v.numpy().reshape(len(q), domain.ndim).astype(np.float64), answers[:, 0], answers[:, 1])
+        flat = np.asarray(q, dtype=np.float32)
+    n, width = domain.space_ndim, domain.ndim + 2
+    name = f"wb_test_locate_{domain.query}_geometric_{n}d_{domain.time:d}_{lanes:d}"
+    text, count = _text(domain.query, n, domain.time, domain.ndim, lanes), -(-len(q) // LANES) if lanes else len(q)
+    numbers = np.concatenate([domain.header, domain.extra, [0.0]])
+    found = run_text(name, text, count, flat, numbers, (len(q), width), device)
+    return Located(found[:, :-2].astype(np.float64), *(found[:, -2:].T == 1))
 
 
 def to_local(domain: RegionDomain, x: np.ndarray) -> np.ndarray:

@@ -5,13 +5,12 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import warp as wp
-from asking import ask
+from asking import ask, run_text
 from shape_kinds import around
 
 import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
 from warp_bounding.errors import BoundingError
-from warp_bounding.runtime.native import named
 from warp_bounding.shapes.joints import NUMBERS, TEXT, TURNS, TWO_PI, WIDER, Joints
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 
@@ -46,32 +45,12 @@ TURN = f"""
 typedef float V;
 constexpr int AXES = 1;
 const float* extra = numbers.data;
-const float q[1] = {{x.data[i]}};
+const float q[1] = {{x.data[block]}};
 bool testable = true;
 {TEXT}
-turned_out.data[i] = turned[0];
-asked.data[i] = testable;
+out.data[2 * block] = turned[0];
+out.data[2 * block + 1] = testable;
 """
-
-
-@named("wb_test_turned_back").func_native(TURN)
-def turn_native(
-    numbers: wp.array(dtype=wp.float32),
-    x: wp.array(dtype=wp.float32),
-    i: int,
-    turned_out: wp.array(dtype=wp.float32),
-    asked: wp.array(dtype=wp.int32),
-): ...
-
-
-@wp.kernel(enable_backward=False, module="unique")
-def turn_kernel(
-    numbers: wp.array(dtype=wp.float32),
-    x: wp.array(dtype=wp.float32),
-    turned: wp.array(dtype=wp.float32),
-    asked: wp.array(dtype=wp.int32),
-):
-    turn_native(numbers, x, wp.tid(), turned, asked)
 
 
 def test_what_turning_back_rounds_is_in_the_proof(device, rng):
@@ -86,16 +65,12 @@ def test_what_turning_back_rounds_is_in_the_proof(device, rng):
             [joints.upper[0], np.nextafter(np.float32(joints.upper[0]), np.float32(np.inf)), np.nan, np.inf, 3e38]
         )
         x = np.concatenate([x, ends, -ends]).astype(np.float32)
-        given, turned, asked = (
-            wp.array(each, device=device) for each in (x, np.zeros_like(x), np.zeros(len(x), np.int32))
-        )
-        numbers = wp.array(joints.numbers, device=device)
-        assert len(numbers) == NUMBERS
-        wp.launch(turn_kernel, len(x), [numbers, given, turned, asked], device=device)
+        assert len(joints.numbers) == NUMBERS
+        turned, asked = run_text("wb_test_turned_back", TURN, len(x), x, joints.numbers, (len(x), 2), device).T
         inside = np.abs(x) <= np.float32(joints.upper[0])
-        assert (asked.numpy().astype(bool) == inside).all()
+        assert (asked.astype(bool) == inside).all()
         allowed = Fraction(5, 2**24) * period  # what ``Joints.reach`` has beside the rounding of a float64 query
-        for q, found in zip(x[inside].tolist(), turned.numpy()[inside].tolist(), strict=True):
+        for q, found in zip(x[inside].tolist(), turned[inside].tolist(), strict=True):
             by = Fraction(q) - Fraction(found)
             assert abs(by - round(by / period) * period) <= allowed
             assert abs(Fraction(found)) <= period / 2 * Fraction(WIDER)

@@ -1,4 +1,4 @@
-"""A bounder's function in a kernel as a user would write it, and its compilation for a CUDA device."""
+"""A bounder's function in a kernel as a user would write it, its compilation for CUDA, and native texts run alone."""
 
 from functools import cache
 
@@ -6,9 +6,10 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.kernels.functions import Data
-from warp_bounding.runtime.native import vector_type
+from warp_bounding.runtime.native import named, vector_type
 
 ARCHITECTURE = 86
+Floats = wp.array(dtype=wp.float32)
 
 
 @cache
@@ -46,3 +47,19 @@ def ask(bounder, x: np.ndarray) -> np.ndarray:
 def check_compiles(kernel, folder):
     wp.compile_aot_module(kernel.module, device=None, arch=ARCHITECTURE, module_dir=folder)
     assert [*folder.rglob("*.ptx"), *folder.rglob("*.cubin")]
+
+
+@cache
+def _text_kernel(name: str, text: str) -> wp.Kernel:
+    @named(name).block_kernel(text)
+    def compute(x: Floats, numbers: Floats, block: int, out: Floats): ...
+
+    return compute
+
+
+def run_text(name: str, text: str, count: int, x: np.ndarray, numbers, shape, device="cpu") -> np.ndarray:
+    """What a text writes to ``out`` when it is run for each ``block`` of ``count``; arrays are of float32."""
+    given = [wp.array(np.ravel(a).astype(np.float32), dtype=wp.float32, device=device) for a in (x, numbers)]
+    out = wp.zeros(int(np.prod(shape)), dtype=wp.float32, device=device)
+    wp.launch(_text_kernel(name, text), (count, 1), [*given, 0], [out], device=device)
+    return out.numpy().reshape(shape)
