@@ -10,7 +10,7 @@ import pytest
 import trimesh
 from bounding_shapes import CONSERVATIVE, SHAPES, crossed, fitted, random_bounder, random_mlp, shape
 from plain_shapes import ball_at, box_of
-from rewriting import rewrite
+from rewriting import changed, check_refuted, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
@@ -27,29 +27,11 @@ from warp_bounding.shapes.shape import IN
 MESH = wb.shapes.Mesh(*(lambda m: (m.vertices, m.faces))(trimesh.creation.box(extents=(1, 1, 2))), name="brick.obj")
 
 
-def copy_of(bounder, tensors=None, domain=None):
-    """A bounder that may be spoilt."""
-    copied = type(bounder)(domain or bounder.domain, tensors or bounder.tensors, bounder.sizes, "cpu")
-    copied.info = dict(bounder.info)
-    return copied.freeze(float(bounder.threshold), bounder.certificate)
-
-
 def edited(bounder, path, change):
     """The path of its file, in which the description was changed, and its digest made right again."""
     bounder.save(path)
     rewrite(path, change)
     return path
-
-
-def check_refuted(bounder, grid, kinds=("refuted",)):
-    """Not proven; and a counterexample, where one is given, is one."""
-    proof = wb.certify(bounder, grid)
-    assert proof.kind in kinds, proof.message
-    if proof.kind == "refuted":
-        x = np.float32([proof.counterexample])
-        assert grid.contains(x)[0]
-        assert bounder.query(x).numpy()[0] == 0
-    return proof
 
 
 # --- planted false negatives -----------------------------------------------------------------------------------------
@@ -90,11 +72,11 @@ def test_what_is_spoilt_is_refuted(method):
     """A raised threshold, a changed weight, one more voxel, another object."""
     bounder, grid = fitted(method, "blob"), shape("blob")
     raised = np.float32(bounder.threshold + max(0.05, 0.05 * abs(bounder.threshold)))
-    check_refuted(copy_of(bounder).freeze(raised, bounder.certificate), grid)
+    check_refuted(bounder.to("cpu").freeze(raised, bounder.certificate), grid)
     name, index, change = CHANGES[method]
     tensor = bounder.tensors[name].copy()
     tensor.flat[int(np.argmax(tensor)) if index is None else index] += np.float32(change)
-    check_refuted(copy_of(bounder, bounder.tensors | {name: tensor}), grid)
+    check_refuted(changed(bounder, {name: tensor}, bounder.certificate), grid)
     denied = grid.position(np.argwhere(~grid.occupancy))
     denied = np.argwhere(~grid.occupancy)[bounder.query(denied).numpy() == 0]
     if len(denied):  # a network that is hardly trained may deny no cell
@@ -114,15 +96,13 @@ def test_one_more_voxel_is_found_by_regions(method, query):
     options = {"steps": 20} if method == "learned-kdop" else {}
     bounder = wb.fit(grid, method=method, query=query, device="cpu", **options)
     assert wb.certify(bounder, grid).proven
-    proof = wb.certify(bounder, more)
-    assert proof.kind == "refuted", proof.message
-    assert bounder.query(np.float32([proof.counterexample])).numpy()[0] == 0
+    check_refuted(bounder, more)
 
 
 @pytest.mark.parametrize("method", ["kdop", "oriented-ellipsoid", "mlp"])
 def test_a_threshold_raised_by_its_last_bits_is_not_proven(method):
     """Two rounding bounds more than what holds: the deployed answers may all be right, but there is no proof."""
-    bounder = copy_of(fitted(method, "blob"))
+    bounder = fitted(method, "blob").to("cpu")
     if method == "mlp":
         prove(bounder, shape("blob"), eps=1e-7)
     bounder.freeze(np.float32(float(bounder.threshold) + 2 * bounder.rounding_bound()), None)
@@ -160,7 +140,7 @@ def test_another_shape_does_not_apply_or_is_refuted():
     assert "domain" in check_refuted(bounder, moved).message
     for shape_, words in ((moved, "domain"), (shape("c"), "2D")):
         with pytest.raises(BounderError, match=words):
-            prove(copy_of(bounder), shape_)
+            prove(bounder.to("cpu"), shape_)
     for wrong in ("nowhere.npy", None, 3, np.zeros((2, 2))):
         assert wb.certify(bounder, wrong).kind == "inapplicable"
     assert wb.certify(fitted("aabb", "star"), shape("star").occupancy).proven
@@ -168,7 +148,7 @@ def test_another_shape_does_not_apply_or_is_refuted():
 
 def test_a_domain_that_is_false_does_not_apply():
     """Others are in the lies below, and in the files that are refused."""
-    spoilt, domain = copy_of(fitted("aabb", "blob")), fitted("aabb", "animated").domain
+    spoilt, domain = fitted("aabb", "blob").to("cpu"), fitted("aabb", "animated").domain
     spoilt.domain = replace(spoilt.domain, delta=spoilt.domain.delta * 1e-6)
     assert wb.certify(spoilt, shape("blob")).kind == "inapplicable"
     with pytest.raises(BounderError, match="domain"):

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bounding_shapes import device_coordinates, object_points, random_bounder, random_mlp, shape
+from rewriting import changed
 from shape_kinds import network as network_of_sines
 
 import warp_bounding as wb
@@ -184,9 +185,7 @@ def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
     own = network_of_sines(2, -0.332)
     fitted = wb.fit(own, hidden=(8,), steps=100, device="cpu", progress=False)
     higher = fitted.tensors["layers.1.bias"] + np.float32(5)  # thresholds above 0 are what the slopes would leave out
-    network = type(fitted)(fitted.domain, fitted.tensors | {"layers.1.bias": higher}, fitted.sizes, "cpu")
-    network.info = dict(fitted.info)
-    network.freeze(float(fitted.threshold) + 4.999, None)
+    network = changed(fitted, {"layers.1.bias": higher}).freeze(float(fitted.threshold) + 4.999, None)
     x = np.random.default_rng(1).uniform(own.lower, own.upper, (20_000, 2)).astype(np.float32)
     x = x[own.contains(x)]
     limit = network.domain.limit.astype(np.float64)

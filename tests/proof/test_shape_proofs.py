@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from bounding_shapes import random_network, reloaded
 from plain_shapes import TETRAHEDRON, ball_at, balls_at, box_of, torus_at
+from rewriting import check_refuted
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
@@ -89,12 +90,7 @@ def test_certify_refutes_what_is_too_tight():
     shape = three(2)
     bounder = fit(shape, method="sphere")
     assert wb.certify(bounder, ball_at([0.9, 0.0], 0.6)).kind in ("refuted", "undecided")
-    bounder.freeze(float(bounder.threshold) + 0.02, bounder.certificate)
-    certificate = wb.certify(bounder, shape)
-    assert certificate.kind == "refuted"
-    point = np.array([certificate.counterexample], np.float32)
-    assert shape.contains(point)[0]
-    assert not bounder.query(point).numpy()[0]
+    check_refuted(bounder.freeze(float(bounder.threshold) + 0.02, bounder.certificate), shape)
 
 
 def test_a_mesh_is_bounded_itself(tmp_path):
@@ -215,9 +211,7 @@ def test_the_hull_decides_what_a_search_brackets(method, margin, monkeypatch):
     assert bounder.query(x).numpy().all()
     if method in ("sphere", "ellipsoid", "oriented-ellipsoid"):  # they touch the dilated hull
         assert -1.001 < float(bounder.threshold) <= -0.99
-    raised = wb.certify(bounder.to("cpu").freeze(float(bounder.threshold) + 0.05, None), mesh(), budget=60)
-    assert raised.kind == "refuted"
-    assert shape.contains(np.float32(raised.counterexample)[None])[0]
+    check_refuted(bounder.to("cpu").freeze(float(bounder.threshold) + 0.05, None), mesh(), budget=60)
 
     def refuse(*_):
         raise AssertionError("a box was asked about")
@@ -264,13 +258,7 @@ def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are
     x = positives_of(query)
     assert bounder.query(x).numpy().all()
     assert wb.certify(reloaded(bounder, tmp_path), mesh()).proven
-    least = float(bounder.values(x).numpy().min())
-    raised = bounder.freeze(least + 0.5, None)
-    proof = wb.certify(raised, mesh())
-    assert proof.kind == "refuted"
-    found = np.array([proof.counterexample], np.float32)
-    assert raised.query(found).numpy()[0] == 0
-    assert QUERIES[query].decide(mesh(MARGIN), found)[0] == IN
+    check_refuted(bounder.freeze(float(bounder.values(x).numpy().min()) + 0.5, None), mesh())
 
 
 @pytest.mark.slow
