@@ -8,6 +8,7 @@ import warp as wp
 from bounding_shapes import crossed, reloaded
 from distances import THINGS, TOLD, far, points_around, squared_distance_to_cells, thing
 from plain_shapes import box_of
+from rewriting import changed, check_refuted
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
@@ -257,11 +258,7 @@ def test_saved_loaded_certified(method, tmp_path, rng):
 def test_another_shape_is_refuted(method):
     cells, scale = np.pad(np.ones((15, 15, 15), bool), 1), thing("blob").cells_per_unit
     larger = wb.shapes.Grid(cells, cells_per_unit=scale, offset=[-4.0] * 3)
-    proof = wb.certify(far(method, "blob"), larger)
-    assert proof.kind == "refuted"
-    x = np.array([proof.counterexample], np.float32)
-    assert larger.contains(x)[0]
-    assert far(method, "blob").distance(x).numpy()[0] > 0
+    check_refuted(far(method, "blob"), larger)
 
 
 def test_a_threshold_that_does_not_cover_rounding_is_not_proven():
@@ -274,16 +271,9 @@ def test_a_threshold_that_does_not_cover_rounding_is_not_proven():
         bounder.freeze(0.5, None)
 
 
-def smaller_than(bounder: wb.DistanceBounder) -> wb.DistanceBounder:
-    """With faces moved inwards, which cuts off a part of the object."""
-    tensors = bounder.tensors | {"high": bounder.tensors["high"] - np.float32(0.5)}
-    smaller = type(bounder)(bounder.domain, tensors, bounder.sizes, "cpu").freeze(float(bounder.threshold), None)
-    smaller.info = bounder.info
-    return smaller
-
-
 def test_edited_files(tmp_path):
-    bounder, smaller = far("kdop", "blob"), smaller_than(far("kdop", "blob"))
+    bounder = far("kdop", "blob")
+    smaller = changed(bounder, {"high": bounder.tensors["high"] - np.float32(0.5)})  # cuts off a part of the object
     assert wb.certify(smaller, thing("blob")).kind == "refuted"
     assert stress_test(bounder, thing("blob"), 100_000, seed=1).missed is None
     assert stress_test(smaller, thing("blob"), 1_000_000, seed=1).missed is not None
@@ -472,9 +462,7 @@ def test_storages(storage, name, rng, tmp_path):
 def test_raised_values_are_not_proven():
     bounder, shape = far("distance-grid", "tetrahedron"), thing("tetrahedron")
     assert wb.certify(bounder, shape).proven
-    tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.2).astype(np.float16)}
-    raised = DistanceGrid(bounder.domain, tensors, bounder.sizes, "cpu").freeze(float(bounder.threshold), None)
-    raised.info = bounder.info
+    raised = changed(bounder, {"values": (bounder.tensors["values"].astype(np.float32) + 0.2).astype(np.float16)})
     proof = wb.certify(raised, shape)
     assert proof.kind == "refuted"
     point = np.array([proof.counterexample], np.float32)

@@ -37,15 +37,12 @@ def far(method: str, name: str, margin: float = 0.0) -> wb.DistanceBounder:
     """A proven distance bounder on the CPU, through the public door; never change it."""
     if not DISTANCES[method].supports("distance", thing(name).ndim):
         pytest.skip(f"{method} has no distance of {thing(name).ndim}D objects")
-    if method == "distance-grid" and (thing(name).ndim > 3 or name == "torus"):
-        return wb.fit(thing(name), "distance", method, margin=margin, nodes=4, device="cpu", progress=False)
-    if method == "bvh" and name == "torus":
-        return wb.fit(thing(name), "distance", method, margin=margin, resolution=24, device="cpu", **TOLD[method])
-    reported = dict(TOLD.get(method, {}))
-    # seconds enough for the finest search on a slow machine; it ends when it is done
-    if "budget" in reported and thing(name).ndim <= 3:
-        reported["budget"] = 100.0
-    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **reported)
+    own, flat = dict(TOLD.get(method, {})), thing(name).ndim <= 3
+    if method == "distance-grid" and (not flat or name == "torus"):
+        own = {"nodes": 4}
+    own |= {"resolution": 24} if (method, name) == ("bvh", "torus") else {}
+    own |= {"budget": 100.0} if "budget" in own and flat else {}  # enough on a slow machine; it ends when it is done
+    return wb.fit(thing(name), "distance", method, margin=margin, device="cpu", progress=False, **own)
 
 
 def points_around(thing, count: int, rng: np.random.Generator, reach: float = 1.0) -> np.ndarray:
