@@ -9,6 +9,8 @@ import trimesh
 from exact_mesh import (
     NAMES,
     box_is_near,
+    check_boxes,
+    check_decided,
     hard_points,
     in_tetrahedron,
     mesh_case,
@@ -43,21 +45,9 @@ def test_points_and_boxes(rng, name, margin):
         points = hard_points(plain, margin, rng, 10)
         truth = _truth(plain, enclosed, margin, points)
         answer = mesh.decide(points)
-        assert not (truth & (answer == OUT)).any()
-        assert not (~truth & (answer == IN)).any()
+        check_decided(answer, truth)
         unsure.append((answer == UNDECIDED)[:10])
-        # A box with a point of the object on its border is not empty, one with a point outside lies not inside.
-        below, above = (rng.uniform(0, 1, points.shape) * 10.0 ** rng.uniform(-9, 0, (len(points), 1)) for _ in "ab")
-        below[rng.random(points.shape) < 0.4] = 0
-        above[rng.random(points.shape) < 0.4] = 0
-        empty, inside = (f(points - below, points + above) for f in (mesh.empty, mesh.inside))
-        assert not (empty & truth).any()
-        assert not (inside & ~truth).any()
-        # Points are boxes too.
-        empty, inside = (f(points, points) for f in (mesh.empty, mesh.inside))
-        assert not (empty & (answer != OUT)).any()
-        assert not (inside & (answer == OUT)).any()
-        assert (empty | (answer != OUT)).all()
+        check_boxes(mesh, points, answer, truth, ~truth, rng)
     assert np.mean(unsure) < 0.02
 
 
@@ -77,9 +67,7 @@ def test_rounding_never_decides(rng, margin, shift):
     x += np.spacing(x) * rng.integers(-2, 3, x.shape)
     squared = [squared_distance(corners, [[0, 1, 2]], p) for p in x]
     truth = np.array([d <= Fraction(margin) ** 2 for d in squared])
-    answer = mesh.decide(x)
-    assert not (truth & (answer == OUT)).any()
-    assert not (~truth & (answer == IN)).any()
+    check_decided(mesh.decide(x), truth)
     assert not (truth & mesh.empty(x, x)).any()
     assert all(
         (Fraction(d) + Fraction(margin)) ** 2 <= s or d == 0 for d, s in zip(mesh.distance(x), squared, strict=True)
@@ -111,12 +99,6 @@ def test_distances_are_lower_bounds_and_good_ones(rng, name, margin):
     assert mesh.distances(far).tolist() == [[pytest.approx(1e300), np.inf], [0, np.inf], [np.inf, np.inf]]
 
 
-def _checked(answer: np.ndarray, truth: list[bool]) -> None:
-    truth = np.array(truth)
-    assert not (truth & (answer == OUT)).any()
-    assert not (~truth & (answer == IN)).any()
-
-
 def _ends(points: np.ndarray, size: float, rng) -> np.ndarray:
     """Beside the points, at all distances, along an axis now and then."""
     away = rng.uniform(-1, 1, points.shape) * size * 10.0 ** rng.uniform(-3, 0.3, (len(points), 1))
@@ -142,7 +124,7 @@ def test_boxes_and_segments(rng, name, margin):
             for a, b in zip(first, last, strict=True)
         ]
         answer = decide(first, last)
-        _checked(answer, truth)
+        check_decided(answer, np.array(truth))
         assert (answer[:2] == UNDECIDED).mean() <= 0.05
     assert (mesh.empty(low, high) <= (answer == OUT)).all()
 
@@ -158,7 +140,7 @@ def test_planes(rng, name, margin):
         normal[~normal.any(axis=1)] = 1
         answer = plain.dilated(margin).decide_planes(normal, x)
         truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, x, strict=True)]
-        _checked(answer, truth)
+        check_decided(answer, np.array(truth))
         assert (answer[:10] != UNDECIDED).all()
 
 
@@ -196,7 +178,7 @@ def test_planes_that_touch(rng, margin):
     normal[1::2] *= -1
     truth = [plane_meets(plain.vertices, plain.faces, margin, *q) for q in zip(normal, point, strict=True)]
     assert 0.1 < np.mean(truth) < 0.9
-    _checked(plain.dilated(margin).decide_planes(normal, point), truth)
+    check_decided(plain.dilated(margin).decide_planes(normal, point), np.array(truth))
 
 
 def test_resolutions_and_margins_that_are_none():

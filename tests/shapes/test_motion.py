@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import trimesh
-from exact_mesh import NAMES, hard_points, in_tetrahedron, mesh_case, squared_distance
+from exact_mesh import NAMES, check_boxes, check_decided, hard_points, in_tetrahedron, mesh_case, squared_distance
 from hypothesis import example, given
 from hypothesis import strategies as st
 from plain_shapes import LEANING, TETRAHEDRON
@@ -95,25 +95,15 @@ def test_points_and_boxes(rng, name, margin, wild):
     points = _moments(plain, margin, rng, 2)
     exact, rounded = _truths(plain, enclosed, margin, points)
     answer = motion.decide(points)
-    assert not ((exact | rounded) & (answer == OUT)).any()
-    assert not (~(exact & rounded) & (answer == IN)).any()
+    held, free = exact | rounded, ~(exact & rounded)
+    check_decided(answer, held, free)
     sure = np.resize(np.arange(14) < 2, len(points))  # those at random
     assert (answer == UNDECIDED)[sure].mean() <= 0.1
-    # A box with a point of the object on its border is not empty, one with a point outside lies not inside.
     for _ in range(3):
-        below, above = (rng.uniform(0, 1, points.shape) * 10.0 ** rng.uniform(-9, 0, (len(points), 1)) for _ in "ab")
-        below[rng.random(points.shape) < 0.4] = 0
-        above[rng.random(points.shape) < 0.4] = 0
-        empty, inside = (f(points - below, points + above) for f in (motion.empty, motion.inside))
-        assert not (empty & (exact | rounded)).any()
-        assert not (inside & ~(exact & rounded)).any()
-        known = motion.half_spaces(points - below, points + above)
+        lower, upper, empty = check_boxes(motion, points, answer, held, free, rng)
+        known = motion.half_spaces(lower, upper)
         assert (known.empty == empty).all()
-        assert all(_linear(known, i, points[i]) >= 0 for i in np.flatnonzero(exact | rounded))
-    empty, inside = (f(points, points) for f in (motion.empty, motion.inside))
-    assert not (empty & (answer != OUT)).any()
-    assert not (inside & (answer == OUT)).any()
-    assert (empty | (answer != OUT)).all()
+        assert all(_linear(known, i, points[i]) >= 0 for i in np.flatnonzero(held))
 
 
 def test_a_hollow_is_part_of_the_object_while_it_is_shut():

@@ -1,10 +1,11 @@
-"""Small meshes of which it is known what they enclose, and the truth about them in rational arithmetic."""
+"""Small meshes of which it is known what they enclose, the truth about them in rational arithmetic, and checks."""
 
 from fractions import Fraction
 
 import numpy as np
 
 from warp_bounding.shapes import Mesh
+from warp_bounding.shapes.shape import IN, OUT
 
 
 def _fractions(x) -> list[Fraction]:
@@ -224,3 +225,27 @@ def hard_points(mesh: Mesh, margin: float, rng, count: int) -> np.ndarray:
     found += [rng.uniform(low, high, (count, 3)).astype(np.float32).astype(np.float64)]
     found += [np.rint(rng.uniform(low, high, (count, 3)) * 2) / 2]
     return np.concatenate([*found, corners[1, :, 0], (corners[2, :, 0] + corners[2, :, 1]) / 2])
+
+
+def check_decided(answer: np.ndarray, held: np.ndarray, free: np.ndarray | None = None) -> None:
+    """No point of the object is called outside, no other one inside; what is neither held nor free may be either."""
+    assert not (held & (answer == OUT)).any()
+    assert not ((~held if free is None else free) & (answer == IN)).any()
+
+
+def check_boxes(shape, points, answer, held, free, rng) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Boxes with these points, many on their borders: one with a point of the object is not empty, one with another
+    point lies not inside. So are the points themselves. Returns the boxes' corners and which are empty.
+    """
+    below, above = (rng.uniform(0, 1, points.shape) * 10.0 ** rng.uniform(-9, 0, (len(points), 1)) for _ in "ab")
+    below[rng.random(points.shape) < 0.4] = 0
+    above[rng.random(points.shape) < 0.4] = 0
+    lower, upper = points - below, points + above
+    found = shape.empty(lower, upper)
+    assert not (found & held).any()
+    assert not (shape.inside(lower, upper) & free).any()
+    empty, inside = shape.empty(points, points), shape.inside(points, points)
+    assert not (empty & (answer != OUT)).any()
+    assert not (inside & (answer == OUT)).any()
+    assert (empty | (answer != OUT)).all()
+    return lower, upper, found
