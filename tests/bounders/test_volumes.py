@@ -89,7 +89,8 @@ def test_boxes_that_lose_a_cell_prove_nothing():
 LEARNED = [("c", "point"), ("c", "plane"), ("c", "box"), ("blob", "ray")]
 
 
-def frozen(bounder: LearnedKdop, name: str) -> LearnedKdop:
+def frozen(bounder, name: str):
+    """At the threshold that its closed form proves."""
     least, count = bounder.least(shape(name))
     assert count > 0
     return bounder.freeze(round_down(least - bounder.rounding_bound()), None)
@@ -139,9 +140,7 @@ def field(name: str, query: str) -> ReluField:
     problem = Problem(grid, domain_of(grid, query), query, 1, "cpu")
     bounder, record = train_relu_field(ReluField, problem, {"steps": 12}, 30.0, None)
     assert record["steps"] <= 12
-    least, boxes = bounder.least(grid)
-    assert boxes > 0
-    return bounder.freeze(round_down(least - bounder.rounding_bound()), None)
+    return frozen(bounder, name)
 
 
 def random_field(name: str, query: str, seed: int = 0) -> ReluField:

@@ -13,6 +13,7 @@ from bounding_shapes import (
     crossed,
     object_points,
     random_bounder,
+    random_layers,
     random_mlp,
     reloaded,
     report_of,
@@ -176,24 +177,10 @@ def test_weights_that_are_subnormal_are_paid_for():
 VALUES = {"sin": np.sin, "relu": lambda z: np.maximum(z, 0)}
 
 
-def lower_bounds(network, lower, upper):
-    return network.bound(lower, upper)[0]
-
-
 def boxes(rng, count, limit, width):
     center = rng.uniform(-limit, limit, (count, len(limit)))
     radius = width / 2 * rng.uniform(0.5, 1.0, center.shape)
     return np.maximum(center - radius, -limit), np.minimum(center + radius, limit)
-
-
-def one_input(rng, hidden, gain):
-    """Layers of a random network of one number."""
-    sizes = (1, *hidden, 1)
-    scale = [gain, *[2.0 / np.sqrt(k) for k in sizes[1:-1]]]
-    return [
-        ((rng.normal(size=(h, k)) * s).astype(F32), rng.normal(size=h).astype(F32))
-        for k, h, s in zip(sizes, sizes[1:], scale, strict=False)
-    ]
 
 
 def value(layers, activation, v):
@@ -252,7 +239,7 @@ def test_one_neuron_is_bounded_under_its_exact_minimum(activation, sign, scale, 
     d = scale * rng.uniform(0.1, 1, 400)
     lower, upper = np.maximum(z - d, -200.0), np.minimum(z + d, 200.0)
     least, most = extremes(activation, lower.astype(REAL), upper.astype(REAL))
-    exact, ours = least if sign > 0 else -most, lower_bounds(network, lower[:, None], upper[:, None])
+    exact, ours = least if sign > 0 else -most, network.bound(lower[:, None], upper[:, None]).lower
     assert (ours <= exact).all()
     if scale < 1e-9:
         assert (exact - ours).max() < 1e-9
@@ -261,12 +248,12 @@ def test_one_neuron_is_bounded_under_its_exact_minimum(activation, sign, scale, 
 def test_bounds_are_under_exact_minima_of_relu_networks(rng):
     """Rational arithmetic, neurons that are always off among the others."""
     for seed in range(2):
-        layers = one_input(np.random.default_rng(seed), (6, 5), 3.0)
+        layers = random_layers((1, 6, 5, 1), np.random.default_rng(seed), first=3.0)
         layers[0][1][:2], layers[1][1][0] = -50.0, -50.0
         network = Network(layers, "relu", np.full(1, 4.0))
         for width in (0.0, 1e-12, 0.1, 1.0, 8.0):
             lower, upper = boxes(rng, 3, np.full(1, 4.0), width)
-            ours = lower_bounds(network, lower, upper)
+            ours = network.bound(lower, upper).lower
             for bound, low, high in zip(ours, lower[:, 0], upper[:, 0], strict=True):
                 least = least_of_piecewise_linear(layers, low, high)
                 assert Fraction(float(bound)) <= least
@@ -277,7 +264,7 @@ def test_bounds_are_under_exact_minima_of_relu_networks(rng):
 @pytest.mark.parametrize("width", [0.0, 1e-12, 1e-3, 0.5])
 def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     """Arguments up to almost 4096, of both signs and in both layers."""
-    layers = one_input(rng, (6, 5), 1.0)
+    layers = random_layers((1, 6, 5, 1), rng, first=1.0)
     layers[0][0][:, 0] = np.array([4040.0, -4040.0, 3000.0, -3.0, 1.0, 4000.0], F32)
     layers[0][1][:] = np.array([50.0, -50.0, -1000.0, 4090.0, -4090.0, 0.0], F32)
     layers[1][1][:] = np.array([4080.0, -4080.0, 1.0, 0.0, 2000.0], F32)
@@ -286,7 +273,7 @@ def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
     lower, upper = boxes(rng, 40, np.ones(1), width)
     lower[0], upper[0] = 1.0 - width, 1.0
     lower[1], upper[1] = -1.0, -1.0 + width
-    ours = lower_bounds(network, lower, upper)
+    ours = network.bound(lower, upper).lower
     points = np.clip(lower + np.linspace(0, 1, 2001)[:, None, None] * (upper - lower), lower, upper)
     least = value(layers, "sin", points).min(axis=0)
     assert (ours <= least).all()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import run_text
-from bounding_shapes import domain_points, random_network, shape
+from bounding_shapes import domain_points, random_layers, random_network, shape
 from distances import far, points_around, thing
 
 from warp_bounding.activations import SINE
@@ -106,19 +106,10 @@ for (int l = 0; l < 32; ++l) out.data[8 * (l % 4) + l / 4] = f[l];
     return run_text("_".join(map(str, ("lockstep", m, *source.hidden))), snippet, 1, v, numbers, 32)
 
 
-def random_layers(inputs: int, hidden: tuple[int, ...], rng) -> list[tuple[np.ndarray, np.ndarray]]:
-    sizes = (inputs, *hidden, 1)
-    shapes = zip(sizes[1:], sizes[:-1], strict=True)
-    return [
-        (rng.normal(0, 2 / np.sqrt(k), (h, k)).astype(np.float32), rng.normal(size=h).astype(np.float32))
-        for h, k in shapes
-    ]
-
-
 @pytest.mark.parametrize(("query", "hidden"), [("point", (24, 9)), ("ray", (9, 5))])
 def test_emulated_lanes_stay_within_the_rounding_bound(query, hidden):
     source, rng = MlpSource(3, False, hidden, "sin", query=query), np.random.default_rng(1)
-    layers = random_layers(source.inputs, hidden, rng)
+    layers = random_layers((source.inputs, *hidden, 1), rng)
     network = Network(layers, SINE.name, np.ones(source.inputs))
     v = rng.uniform(-1, 1, (32, source.inputs)).astype(np.float32)
     numbers = tensor_cores.numbers(source, layers, np.float32(0.5))

@@ -6,7 +6,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bounding_shapes import random_mlp, random_network, random_supports, shape
+from bounding_shapes import random_mlp, random_network, random_supports, reader, shape
+from rewriting import check_refuted
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.proof import certify, check, minimum, parametrized, prove
@@ -82,16 +83,6 @@ def reaching_out(domain) -> np.ndarray:
 
 def network_of(domain, activation: str, seed: int = 0) -> Mlp:
     return random_mlp(None, HIDDEN, activation, seed, gain=1.5, domain=domain)
-
-
-def first_input_of(domain) -> Mlp:
-    """``f = v_0 + 1``, as a network of ReLUs: least where a box's lower corner is as low as it gets."""
-    tensors = {}
-    for i, (k, h) in enumerate(zip((domain.ndim, *HIDDEN), (*HIDDEN, 1), strict=True)):
-        weight, bias = np.zeros((h, k), np.float32), np.zeros(h, np.float32)
-        weight[0, 0], bias[0] = 1.0, (4.0, 0.0, -3.0)[i]
-        tensors |= {f"layers.{i}.weight": weight, f"layers.{i}.bias": bias}
-    return Mlp(domain, tensors, {"hidden": list(HIDDEN), "activation": "relu"}, "cpu")
 
 
 @pytest.mark.parametrize(("query", "name", "activation"), NETWORKS)
@@ -170,7 +161,7 @@ def test_every_box_that_a_device_makes_of_a_positive_lies_in_the_chart(name):
 @pytest.mark.parametrize("name", OBJECTS)
 def test_a_box_that_reaches_out_of_the_domain_is_not_denied_nor_is_a_threshold_that_denies_it_proven(name):
     domain, grid = OBJECTS[name]()
-    bounder, x = first_input_of(domain), reaching_out(domain)
+    bounder, x = reader(domain, 0, "cpu"), reaching_out(domain)  # f = v_0, least at the lowest corner
     prove(bounder, grid, eps=1e-6)
     assert oracle("box", grid, "cpu", 1.0)(x).all()
     assert bounder.query(x).numpy().all()
@@ -245,11 +236,7 @@ def test_the_minimum_is_proven_certified_and_refuted_where_it_is_raised(query, n
     assert states.shape[1] >= 0.9 * len(search.numbers)
     assert bounder.reference(samples.coordinates(states).T.double().numpy()).min() <= search.upper_bound + 0.1
     bounder.freeze(float(np.quantile(bounder.reference(bounder.domain.to_local(x)), 0.3)), None)
-    proof = certify(bounder, grid)
-    assert proof.kind == "refuted"
-    found = np.float32(proof.counterexample)[None]
-    assert bounder.query(found).numpy()[0] == 0
-    assert oracle(query, grid, "cpu", bounder.domain.oracle_length)(found)[0]
+    check_refuted(bounder, grid)
 
 
 # --- planes ----------------------------------------------------------------------------------------------------------
@@ -275,10 +262,7 @@ def test_bounds_hold_on_boxes_of_normals_and_what_is_proven_denies_no_plane(name
     assert cut.lower_bound <= search.upper_bound
     assert bounder.query(positives(bounder, grid, 100_000, 2)).numpy().all()
     assert certify(bounder, grid).proven
-    raised = bounder.freeze(search.upper_bound + 0.3, None)
-    proof = certify(raised, grid)
-    assert proof.kind == "refuted"
-    assert raised.query(np.array([proof.counterexample], np.float32)).numpy()[0] == 0
+    check_refuted(bounder.freeze(search.upper_bound + 0.3, None), grid)
 
 
 @pytest.mark.parametrize(("query", "name"), CASES)

@@ -12,8 +12,9 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from asking import ask
-from bounding_shapes import random_mlp, random_network, random_supports, shape
+from bounding_shapes import random_mlp, random_network, random_supports, reader, shape
 from fused_activations import FUSED, PLAIN
+from region_cases import placed
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
@@ -31,7 +32,6 @@ CASES = {  # shape, and a network with random weights
     "box": ("c", partial(random_network, "box", activation="relu")),
     "plane": ("blob", random_supports),
 }
-PARTS = {"point": "p", "ray": "pd", "plane": "np", "box": "pp"}  # place, direction, normal: how they move
 ORDERS = ("forwards", "backwards", "sorted", "pairs", "fused", "fused backwards")
 
 
@@ -54,18 +54,6 @@ def upright(bounder, q: np.ndarray) -> np.ndarray:
     """Boxes with their corners in order; other queries as they are."""
     low, high = q[:, : bounder.ndim], q[:, bounder.ndim :]
     return np.hstack([np.minimum(low, high), np.maximum(low, high)]) if bounder.query_kind == "box" else q
-
-
-@cache
-def reader(domain, coordinate: int, device: str) -> Mlp:
-    """``f = v_k`` to the last bit: 1 relu(v_k) - 1 relu(-v_k), all else 0; of planes, ``f = -c``."""
-    plane = domain.query == "plane"
-    first, last = np.zeros((2, domain.space_ndim if plane else domain.ndim), F32), np.zeros((1 + plane, 2), F32)
-    if not plane:
-        first[:, coordinate] = last[0] = 1, -1
-    parts = {"0.weight": first, "0.bias": np.zeros(2, F32), "1.weight": last, "1.bias": F32([0, 2**20])[: 1 + plane]}
-    sizes = {"hidden": [2], "activation": "relu"}
-    return Mlp(domain, {f"layers.{name}": tensor for name, tensor in parts.items()}, sizes, device)
 
 
 def coordinates(bounder, q: np.ndarray) -> np.ndarray:
@@ -111,12 +99,7 @@ def float32_affine(h: np.ndarray, weight: np.ndarray, bias: np.ndarray, how: str
 
 def moved(bounder, q: np.ndarray, rotated, shift, factors, back: bool = False) -> np.ndarray:
     """Queries from object space to the world, or back, in extended precision; boxes for permutations."""
-    parts = []
-    for k, kind in enumerate(PARTS[bounder.query_kind]):
-        x = q[:, k * bounder.ndim : (k + 1) * bounder.ndim].astype(EXACT)
-        stretch, by = 1 / factors if kind == "n" else factors, shift if kind == "p" else 0.0
-        parts.append((x - by) @ rotated / stretch if back else (x * stretch) @ rotated.T + by)
-    return upright(bounder, np.concatenate(parts, axis=1))
+    return upright(bounder, placed(bounder.query_kind, q, bounder.ndim, rotated, shift, factors, back, dtype=EXACT))
 
 
 def placement(n: int, seed: int, turned: bool):

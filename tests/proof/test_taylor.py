@@ -2,11 +2,10 @@
 
 import re
 from fractions import Fraction
-from itertools import pairwise
 
 import numpy as np
 import pytest
-from bounding_shapes import random_mlp, shape
+from bounding_shapes import random_layers, random_mlp, shape
 from plain_shapes import ball_at
 
 import warp_bounding as wb
@@ -24,10 +23,8 @@ WIDTHS = (0.0, 1e-6, 1e-3, 0.02, 0.1, 0.5, 2.0)
 
 def random_network(rng, inputs, hidden, activation):
     """Of random float32 weights, steep enough to bend in boxes of all ``WIDTHS``."""
-    widths = [inputs, *hidden, 1]
-    layers = [(1.5 * rng.normal(size=(h, k)) / np.sqrt(k), rng.normal(size=h)) for k, h in pairwise(widths)]
-    single = [tuple(np.float32(each) for each in layer) for layer in layers]
-    return network.Network(single, activation, np.full(inputs, 1.0))
+    layers = random_layers((inputs, *hidden, 1), rng, 1.5)
+    return network.Network(layers, activation, np.full(inputs, 1.0))
 
 
 def samples(lower, upper, rng, count=64):
@@ -171,17 +168,9 @@ FAULTS = {
     "a wrong slope": wrong_curve(r"slope = flat \? zero : a;", "slope = flat ? zero : a * 0.5;"),
     "a wrong intercept": wrong_curve(r"mean = flat \? zero : m;", "mean = flat ? zero : m + 0.5;"),
     "no band around a curve": wrong_curve(r"spread = flat \? zero \+ 1.0 : e;", "spread = zero;"),
-    "a band that is counted with one sign only": swapped(
-        "BACKWARDS",
-        "const V loss = absolute(c) * own.spread[j];",
-        "const V loss = c > zero ? c * own.spread[j] : zero;",
-    ),
-    "a form that is counted as if it were at its best": swapped(
-        "CLOSE", "least -= q; score[k]", "least += q; score[k]"
-    ),
-    "slopes that are halved": swapped(
-        "CLOSE", "steep[k] = absolute(slope[k]);", "steep[k] = absolute(slope[k]) * 0.5;"
-    ),
+    "a band of one sign": swapped("BACKWARDS", "absolute(c) * own.spread[j]", "(c > zero ? c : zero) * own.spread[j]"),
+    "a form that is counted at its best": swapped("CLOSE", "least -= q; score[k]", "least += q; score[k]"),
+    "slopes that are halved": swapped("CLOSE", "steep[k] = absolute(slope[k])", "steep[k] = 0.5 * absolute(slope[k])"),
     "a half that is dropped": dropped_halves,
     "boxes that are closed too early": closed_early,
     "boxes of half their size": half_boxes,

@@ -7,7 +7,7 @@ import pytest
 import torch
 import warp as wp
 from bounding_shapes import crossed, fitted, random_mlp, shape
-from region_cases import REGIONS, fitted_region, ray_length
+from region_cases import REGIONS, fitted_region, placed, ray_length
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import QueryError
@@ -37,13 +37,6 @@ def inner_points(grid, rng) -> np.ndarray:
     return grid.position(cells + np.where(rng.random(cells.shape) < 0.6, np.copysign(0.5, offset), offset))
 
 
-def points_to_world(grid, x, q, t, factors) -> np.ndarray:
-    first = int(grid.time)
-    world = x.copy()
-    world[:, first:] = (x[:, first:] * factors) @ q.T + t
-    return world
-
-
 @pytest.mark.parametrize(
     ("method", "name"),
     crossed(("kdop", "voxels", "mlp"), ["c", "blob", "animated"], kinds=("kdop", "mlp")),  # one map for all
@@ -53,14 +46,11 @@ def test_placed_points_are_never_denied(method, name, device, rng):
     s = grid.ndim - grid.time
     for _ in range(4):
         q, t, factors = rotation(s, rng), rng.normal(size=s), rng.uniform(0.5, 2, s)
-        world = points_to_world(grid, inner_points(grid, rng), q, t, factors)
+        world = placed("point", inner_points(grid, rng), grid.ndim, q, t, factors, time=int(grid.time))
         xform = homogeneous(q, t)
         assert bounder.query(world, xform=xform, scale=factors).numpy().all()  # float64: rounded in world space
         near = world.astype(np.float32)  # float32: exact, so the truth is where they are
-        back = near.astype(np.float64)
-        first = int(grid.time)
-        back[:, first:] = (back[:, first:] - t) @ q / factors
-        sure = certainly_inside(grid, back)
+        sure = certainly_inside(grid, placed("point", near, grid.ndim, q, t, factors, back=True, time=int(grid.time)))
         assert sure.any()
         assert bounder.query(near[sure], xform=xform, scale=factors).numpy().all()
 
@@ -70,7 +60,7 @@ def test_reflections_and_nearly_orthogonal_matrices_are_placed_as_they_are(skew,
     grid, bounder = shape("c"), fitted("aabb", "c").to(device)
     q, t = rotation(grid.ndim, rng) @ np.diag([-1.0, *[1.0] * (grid.ndim - 1)]), rng.normal(size=grid.ndim)
     q = q @ (np.eye(grid.ndim) + skew * rng.uniform(-1, 1, (grid.ndim,) * 2))
-    world = points_to_world(grid, inner_points(grid, rng), q, t, 1.0)
+    world = placed("point", inner_points(grid, rng), grid.ndim, q, t, 1.0)
     assert bounder.query(world, xform=homogeneous(q, t)).numpy().all()
 
 
@@ -81,9 +71,8 @@ def test_transforms_come_in_several_forms(rng):
     seven = np.array(xform, dtype=np.float64)
     k = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
     q = np.eye(3) + np.sin(0.7) * k + (1 - np.cos(0.7)) * k @ k
-    x = np.concatenate(
-        [points_to_world(grid, inner_points(grid, rng), q, seven[:3], 1.0), rng.normal(size=(4000, 3))]
-    ).astype(np.float32)
+    inner = placed("point", inner_points(grid, rng), 3, q, seven[:3], 1.0)
+    x = np.concatenate([inner, rng.normal(size=(4000, 3))]).astype(np.float32)
     answers = [
         bounder.values(x, xform=form).numpy()
         for form in (xform, seven, list(seven), torch.tensor(seven, requires_grad=True))
@@ -129,27 +118,6 @@ def points_and_directions(query: str, n: int) -> tuple[slice, slice]:
     return (last, first) if query == "plane" else (first, last)
 
 
-def to_world(grid, query: str, q: np.ndarray, rotated, shift, factors) -> np.ndarray:
-    """Rays and planes in the world, float64; boxes have no such map."""
-    first, (point, direction) = int(grid.time), points_and_directions(query, grid.ndim)
-    world = q.astype(np.float64)
-    factors = np.broadcast_to(np.asarray(factors, dtype=np.float64), len(shift))
-    turned = 1 / factors if query == "plane" else factors
-    world[:, point][:, first:] = (world[:, point][:, first:] * factors) @ rotated.T + shift
-    world[:, direction][:, first:] = (world[:, direction][:, first:] * turned) @ rotated.T
-    return world
-
-
-def to_object(grid, query: str, world: np.ndarray, rotated, shift, factors) -> np.ndarray:
-    """The inverse, in float64."""
-    first, (point, direction) = int(grid.time), points_and_directions(query, grid.ndim)
-    q = world.astype(np.float64)
-    turned = 1 / np.asarray(factors) if query == "plane" else factors
-    q[:, point][:, first:] = (q[:, point][:, first:] - shift) @ rotated / factors
-    q[:, direction][:, first:] = q[:, direction][:, first:] @ rotated / turned
-    return q
-
-
 def clear_points(grid, rng, count: int) -> np.ndarray:
     """Points in the object, most of them within a millionth of a cell's faces."""
     cells = grid.occupied[rng.integers(len(grid.occupied), size=count)]
@@ -171,14 +139,11 @@ def witnessed(grid, query: str, length: float, rotated, shift, factors, rng, dty
     d = rng.normal(size=x.shape) * np.where(rng.random(x.shape) < 0.2, 1e-4, 1.0)
     d = np.where((rng.random(count) < 0.2)[:, None], np.eye(n)[rng.integers(n, size=count)], d)
     if query == "box":
-        y = x.copy()
-        y[:, first:] = (x[:, first:] * factors) @ rotated.T + shift
+        y = placed("point", x, n, rotated, shift, factors, time=first)
         reach = rng.random((2, *y.shape)) * rng.choice([0.0, 1e-5, 0.1, 10.0, 1e4, 1e7], size=(2, count, n))
         world = np.concatenate([y - reach[0], y + reach[1]], axis=1).astype(dtype)
         y = np.clip(y, world[:, :n], world[:, n:])  # of the rounded box, the point nearest to y
-        x = y.astype(np.float64)
-        x[:, first:] = (y[:, first:] - shift) @ rotated / factors
-        return world[certainly_inside(grid, x)]
+        return world[certainly_inside(grid, placed("point", y, n, rotated, shift, factors, back=True, time=first))]
     unit = d / np.linalg.norm(d, axis=1, keepdims=True)
     if query == "plane":
         along = rng.normal(size=x.shape)
@@ -187,11 +152,11 @@ def witnessed(grid, query: str, length: float, rotated, shift, factors, rng, dty
     else:
         t = length * rng.choice([0.0, 1e-6, 0.3, 1 - 1e-6, 1.0], size=(count, 1))
         q = np.concatenate([x - t * unit, unit], axis=1)
-    world = to_world(grid, query, q, rotated, shift, factors)
+    world = placed(query, q, n, rotated, shift, factors, time=first)
     _, direction = points_and_directions(query, n)
     world[:, direction] *= 10.0 ** rng.uniform(-6, 6, (count, 1))
     world = world.astype(dtype)
-    q = to_object(grid, query, world, rotated, shift, factors)  # 1e-13 off
+    q = placed(query, world, n, rotated, shift, factors, back=True, time=first)  # 1e-13 off
     a, b = q[:, :n], q[:, n:]
     if query == "plane":
         x = x - a * (((x - b) * a).sum(axis=1, keepdims=True) / (a * a).sum(axis=1, keepdims=True))
@@ -322,8 +287,8 @@ def test_rounding_stays_within_its_bound(query, name, dtype, rng):
         q = np.concatenate(
             [unit, x + away] if query == "plane" else [x - rng.random((4000, 1)) * length * unit, unit], 1
         )
-        world = to_world(grid, query, q, rotated, shift, factors).astype(dtype)
-        q = to_object(grid, query, world, rotated, shift, factors)
+        world = placed(query, q, n, rotated, shift, factors, time=n - s).astype(dtype)
+        q = placed(query, world, n, rotated, shift, factors, back=True, time=n - s)
         single = world.astype(np.float32)
         turn = matrix if query == "ray" else placement.values[2 * n + n * n :].reshape(n, n)
         moved, turned = (

@@ -110,20 +110,40 @@ def report_of(method: str, query: str = "point", **options) -> dict:
 
 def few(name="blob", method="mlp", query="point", **options):
     """A fit of few steps; what a test does not name itself is told to the methods that take it."""
-    small = report_of(method, query, hidden=HIDDEN, steps=3) if method in tuple(wb.METHODS) else {}
+    known = isinstance(method, str) and {*method.split("+")} <= {*wb.METHODS}
+    small = report_of(method, query, hidden=HIDDEN, steps=3) if known else {}
     return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
+
+
+def random_layers(sizes, rng, gain=2.0, first=None) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Weights and biases, float32; ``gain`` is that of a layer, which is another one in the first."""
+    gains = [gain if first is None else first] + [gain] * len(sizes)
+    return [
+        ((rng.normal(size=(h, k)) * (g / np.sqrt(k))).astype(np.float32), rng.normal(size=h).astype(np.float32))
+        for k, h, g in zip(sizes, sizes[1:], gains, strict=False)
+    ]
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
     """Of random weights, hard to bound, not proven; of points without a ``domain``, with two outputs for planes."""
-    rng, domain = np.random.default_rng(seed), domain or Domain.of(grid)
+    rng, domain, tensors = np.random.default_rng(seed), domain or Domain.of(grid), {}
     plane = domain.query == "plane"
-    inputs, tensors = domain.space_ndim if plane else domain.ndim, {}
-    for index, (k, h) in enumerate(zip((inputs, *hidden), (*hidden, 1 + plane), strict=True)):
-        scale = (gain if index == 0 else 1.5) / np.sqrt(k)
-        tensors[f"layers.{index}.weight"] = (rng.normal(size=(h, k)) * scale).astype(np.float32)
-        tensors[f"layers.{index}.bias"] = rng.normal(size=h).astype(np.float32)
+    sizes = (domain.space_ndim if plane else domain.ndim, *hidden, 1 + plane)
+    for index, (weight, bias) in enumerate(random_layers(sizes, rng, 1.5, gain)):
+        tensors |= {f"layers.{index}.weight": weight, f"layers.{index}.bias": bias}
     return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation}, device)
+
+
+@cache
+def reader(domain, coordinate: int, device: str) -> Mlp:
+    """``f = v_k`` to the last bit: 1 relu(v_k) - 1 relu(-v_k), all else 0; of planes, ``f = -c``."""
+    plane = domain.query == "plane"
+    first, last = np.zeros((2, domain.space_ndim if plane else domain.ndim)), np.zeros((1 + plane, 2))
+    if not plane:
+        first[:, coordinate] = last[0] = 1, -1
+    parts = {"0.weight": first, "0.bias": np.zeros(2), "1.weight": last, "1.bias": np.array([0, 2**20])[: 1 + plane]}
+    sizes = {"hidden": [2], "activation": "relu"}
+    return Mlp(domain, {f"layers.{name}": tensor.astype(np.float32) for name, tensor in parts.items()}, sizes, device)
 
 
 CONSERVATIVE = tuple(name for name, kind in METHODS.items() if kind.conservative)
@@ -202,11 +222,6 @@ def without_proof(monkeypatch) -> Mlp:
     bounder = random_mlp(shape("c"), seed=3, domain=domain_of(shape("c"), "ray"))
     bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
     return bounder
-
-
-def fitted_ball(ball: wb.shapes.Function) -> wb.Bounder:
-    """The box of a ball."""
-    return wb.fit(ball, method="aabb", device="cpu", progress=False)
 
 
 def random_network(query: str, grid: Grid, seed=0, activation="sin", hidden=(9, 7), gain=2.0) -> Mlp:

@@ -15,18 +15,15 @@ def fused_sine(z: np.ndarray) -> np.ndarray:
     """
 
     def fma(a, b, c):
-        return (a.astype(np.float64) * np.float64(b) + np.asarray(c, dtype=np.float64)).astype(F32)
-
-    def fma_array(a, b, c):
-        return (a.astype(np.float64) * b.astype(np.float64) + np.asarray(c, dtype=np.float64)).astype(F32)
+        return (a.astype(np.float64) * np.asarray(b, dtype=np.float64) + np.asarray(c, dtype=np.float64)).astype(F32)
 
     q = fma(z, F32(sine_file.INVERSE_PI), sine_file.MAGIC)
     n = q - F32(sine_file.MAGIC)
     r = fma(n, -F32(sine_file.PI_LOW), fma(n, -F32(sine_file.PI_HIGH), z))
     r2 = r * r
     s1, s2, s3 = (F32(c) for c in sine_file.COEFFICIENTS)
-    inner = fma_array(r2, fma(r2, s3, s2), s1)
-    p = fma_array(r * r2, inner, r)
+    inner = fma(r2, fma(r2, s3, s2), s1)
+    p = fma(r * r2, inner, r)
     return np.where(q.view(np.int32) & 1, -p, p)
 
 

@@ -95,3 +95,18 @@ def cases(query: str, grid, rng: np.random.Generator) -> tuple[np.ndarray, np.nd
     length = ray_length(grid)
     q = np.concatenate([sample(query, grid, 6000, rng), hard_regions(query, grid, rng, length)])
     return q, oracle(query, grid, "cpu", length)(q)
+
+
+PARTS = {"point": "p", "ray": "pd", "plane": "np", "box": "pp"}  # place, direction, normal: how they move
+
+
+def placed(query: str, q, ndim: int, rotated, shift, factors, back=False, time=0, dtype=np.float64) -> np.ndarray:
+    """Queries from object space to the world, or back, in this precision; boxes by permutations only."""
+    parts = []
+    for k, kind in enumerate(PARTS[query]):
+        x = q[:, k * ndim : (k + 1) * ndim].astype(dtype)
+        stretch, by = 1 / np.asarray(factors) if kind == "n" else factors, shift if kind == "p" else 0.0
+        y = x[:, time:]
+        x[:, time:] = (y - by) @ rotated / stretch if back else (y * stretch) @ rotated.T + by
+        parts.append(x)
+    return np.concatenate(parts, axis=1)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 import trimesh
-from bounding_shapes import HIDDEN, few, object_points, report_of, shape
+from bounding_shapes import few, object_points, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders.bvh import Bvh, build
@@ -80,16 +80,10 @@ def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(rng):
     assert bounder.query(object_points(grid, rng, 1000)).numpy().all()
 
 
-def parts_of(name, method, query="point", **options):
-    known = all(part in wb.METHODS for part in method.split("+"))
-    small = report_of(method, query, hidden=HIDDEN, steps=20) if known else {}
-    return wb.fit(shape(name), query, method, **({"device": "cpu"} | small | options))
-
-
 @pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
 @pytest.mark.parametrize("method", ["learned-kdop+mlp", pytest.param("kdop+mlp-early", marks=pytest.mark.slow)])
 def test_a_cascade_is_fitted_and_says_what_its_parts_say(query, method, tmp_path):
-    bounder, grid = parts_of("blob", method, query=query), shape("blob")
+    bounder, grid = few("blob", method, query), shape("blob")
     assert bounder.method == "cascade"
     assert [entry["method"] for entry in bounder.sizes["parts"]] == method.split("+")
     assert bounder.certificate.kind in ("proven", "statistical")
@@ -114,13 +108,13 @@ def test_a_cascade_is_fitted_and_says_what_its_parts_say(query, method, tmp_path
 def test_what_is_no_cascade_is_refused_before_anything_is_fitted(method, message, monkeypatch):
     monkeypatch.setattr(networks, "_Fit", None)
     with pytest.raises(BounderError, match=message):
-        parts_of("c", method)
+        few("c", method)
 
 
 def test_a_last_part_that_is_fitted_already_is_taken_as_it_is_where_it_belongs(monkeypatch):
-    network, grid = parts_of("star", "mlp", query="ray"), shape("star")
+    network, grid = few("star", "mlp", "ray", steps=20), shape("star")
     monkeypatch.setattr(networks, "_Fit", None)
-    whole = parts_of("star", "learned-kdop+mlp", query="ray", last=network)
+    whole = few("star", "learned-kdop+mlp", "ray", steps=20, last=network)
     assert whole.threshold == network.threshold
     assert len(whole.tensors["0.offsets"]) == 40
     assert whole.certificate.kind == network.certificate.kind
@@ -132,7 +126,7 @@ def test_a_last_part_that_is_fitted_already_is_taken_as_it_is_where_it_belongs(m
         ("star", "kdop+mlp", "box", "same queries and domain"),
     ):
         with pytest.raises(BounderError, match=words):
-            parts_of(name, method, query=query, last=network)
+            few(name, method, query, last=network)
 
 
 # --- what trains: gradients, and weights that are copied --------------------------------------------------------------
