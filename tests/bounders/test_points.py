@@ -77,12 +77,14 @@ def bounded(method: str, query: str) -> wb.Bounder:
 
 
 def beyond(rng: np.random.Generator) -> np.ndarray:
-    """float32 times before the first and after the last keyframe: the next ones, and up to many ranges away."""
-    away, times = (SPAN[1] - SPAN[0]) * 10.0 ** rng.uniform(-9, 3, 200), []
-    for keyframe, sign in ((np.float32(SPAN[0]), -1), (np.float32(SPAN[1]), 1)):
-        times += [np.nextafter(keyframe, np.float32(sign * np.inf)), *(keyframe + np.float32(sign) * np.float32(away))]
-    times = np.array(times, dtype=np.float32)
-    return times[(times < np.float32(SPAN[0])) | (times > np.float32(SPAN[1]))]
+    """float32 times before the first and after the last cell of time: the next ones, and up to many ranges away."""
+    grid = moving_box().to_grid(resolution=5)
+    (start, *_), (end, *_) = grid.lower, grid.upper
+    away, times = (end - start) * np.concatenate([[0.0], 10.0 ** rng.uniform(-9, 6, 200)]), []
+    for border, sign in ((start, -1), (end, 1)):
+        times.append(np.nextafter((border + sign * away).astype(np.float32), np.float32(sign * np.inf)))
+    times = np.concatenate(times)
+    return times[(times < start) | (times > end)]
 
 
 def places(count: int, rng: np.random.Generator) -> np.ndarray:
@@ -107,7 +109,7 @@ def test_regions_beyond_the_keyframes(method, query, rng):
     """A region that holds no time of the motion; one that reaches into it counts by its part inside."""
     bounder, times = bounded(method, query), beyond(rng)
     at = np.column_stack([times, places(len(times), rng)])
-    away = np.where(times > SPAN[1], 1.0, -1.0)  # out of the range of time
+    away = np.where(times > sum(SPAN) / 2, 1.0, -1.0)  # out of the range of time
     if query == "box":
         further = at + np.column_stack([away * rng.choice([0.0, 0.1, 9.0], len(at)), rng.random((len(at), 3))])
         x = np.concatenate([np.minimum(at, further), np.maximum(at, further)], axis=1)
@@ -118,6 +120,7 @@ def test_regions_beyond_the_keyframes(method, query, rng):
     else:  # the planes that hold no time of the motion are those of one time
         x = np.concatenate([np.tile([1.0, 0.0, 0.0, 0.0], (len(at), 1)), at], axis=1)
     assert not (bounder.values(x.astype(np.float32)).numpy() < bounder.threshold).any()
+    assert ask(bounder, x.astype(np.float32)).all()
 
 
 @pytest.mark.parametrize("query", ["point", "box"])

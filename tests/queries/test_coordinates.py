@@ -11,7 +11,7 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import TOOLS
-from warp_bounding.queries import QUERIES, sample
+from warp_bounding.queries import sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
 from warp_bounding.queries.registry import locate
@@ -333,36 +333,6 @@ def test_every_count_and_the_function(query, name, device, rng):
 
 
 # --- time ------------------------------------------------------------------------------------------------------------
-
-
-def timed(query: str, first: np.ndarray, last: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Regions of times ``first`` to ``last`` at a place that no object comes near; planes: of time ``first``."""
-    count = len(first)
-    at = np.tile(place, (count, 1))
-    if query == "box":
-        return np.column_stack([first, at, last, at]).astype(np.float32)
-    zero = np.zeros((count, len(place)))
-    if query == "plane":
-        return np.column_stack([np.ones(count), zero, first, at]).astype(np.float32)
-    return np.column_stack([first, at, np.zeros(count), np.ones(count), zero[:, 1:]]).astype(np.float32)
-
-
-@pytest.mark.parametrize("query", REGIONS)
-def test_outside_the_range_of_time_the_answer_is_maybe(query, device, rng):
-    """By however little; the object may be anywhere then."""
-    grid = shape("animated")
-    domain = domain_of(grid, query, 0.5)
-    assert len(domain.extra) == QUERIES[query].extra_count(4, True)
-    start, end = grid.lower[0], grid.upper[0]
-    away = np.concatenate([[0.0], 10.0 ** rng.uniform(-9, 6, 2000)])
-    for sign, border in ((1, end), (-1, start)):
-        time = np.nextafter(np.float32(border + sign * away), np.float32(sign * np.inf))
-        early, late = (time, time + away) if sign > 0 else (time - away, time)
-        q = timed(query, time if query != "box" else early, late, grid.lower[1:] + 0.01)
-        for lanes in (True, False):
-            assert not located(domain, q, device, lanes).testable.any()
-    inside = timed(query, *np.sort(rng.uniform(start + 1e-4, end - 1e-4, (2, 2000)), axis=0), grid.lower[1:] + 0.01)
-    assert located(domain, inside, device).testable.all()
 
 
 def test_rays_through_time(device, rng):
