@@ -54,11 +54,7 @@ class Ticking:
         self.tick, self.seconds = tick, 0.0
 
     def __call__(self) -> float:
-        return self.wait(self.tick)
-
-    def wait(self, seconds: float) -> float:
-        """Let so much time pass."""
-        self.seconds += seconds
+        self.seconds += self.tick
         return self.seconds
 
 

@@ -39,14 +39,8 @@ def jobs(folder: Path, **arguments) -> dict[str, Job]:
     return {job.record.name: job for job in jobs_of(folder, folder.parent / "out", settings)[0]}
 
 
-def in_this_process(monkeypatch) -> None:
-    """Let bakes have no workers but this process."""
-
-    monkeypatch.setattr(module, "_ended", lambda open_, *_: map(bake_shape, open_))
-
-
 def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder, monkeypatch):
-    in_this_process(monkeypatch)
+    monkeypatch.setattr(module, "_ended", lambda open_, *_: map(bake_shape, open_))  # no workers but this process
     out = folder.parent / "out"
     done = bake(folder, out, samples=1000, **KDOP)
     assert (done.baked, done.kept, done.failed, done.foreign) == (2, 0, 1, 1)

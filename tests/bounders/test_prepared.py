@@ -178,16 +178,12 @@ def test_several_threads_launch_at_once(rng, monkeypatch):
     assert not wrong
 
 
-def fitted_to_ball(method: str) -> wb.Bounder:
-    ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
-    options = {"budget": 10, "hidden": (24, 24), "progress": False} if method == "mlp" else {}
-    return wb.fit(ball, method=method, device="cuda:0", **options)
-
-
 @pytest.mark.skipif(not wp.get_cuda_device_count(), reason="there is no CUDA device")
 @pytest.mark.parametrize("method", ["aabb", "bvh", "mlp"])
 def test_a_graph_answers_as_a_call(method):
-    bounder, rng = fitted_to_ball(method), np.random.default_rng(0)
+    ball, rng = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6, np.random.default_rng(0)
+    options = {"budget": 10, "hidden": (24, 24), "progress": False} if method == "mlp" else {}
+    bounder = wb.fit(ball, method=method, device="cuda:0", **options)
     first, other = (
         wp.array(rng.uniform(-2, 18, (5000, 3)).astype(np.float32), dtype=wp.vec3, device="cuda:0") for _ in range(2)
     )

@@ -3,6 +3,7 @@
 import math
 from contextlib import suppress
 from fractions import Fraction
+from itertools import count
 
 import numpy as np
 import pytest
@@ -63,17 +64,7 @@ def raising(x):
     raise KeyError("no such\nthing")
 
 
-def growing():
-    calls = []
-
-    def contains(x):
-        calls.append(0)
-        return x[:, 0] > 0.1 * len(calls)
-
-    return contains
-
-
-F, POSITIVE = wb.shapes.Function, lambda x: x[:, 0] > 0
+F, POSITIVE, CALLS = wb.shapes.Function, lambda x: x[:, 0] > 0, count()
 BAD = (
     (lambda: F(None, [0], [1]), "function: expected contains, or a distance"),
     (lambda: F(3, [0], [1]), "function: contains must be a function of arrays, got 3"),
@@ -83,7 +74,7 @@ BAD = (
     (lambda: F(None, [0], [1], distance=lambda x: x[:, 0] * np.nan), "distance must return numbers, got NaN at"),
     (lambda: F(None, [0], [1], distance=ball_distance, lipschitz=0), "lipschitz must be finite and above 0"),
     (lambda: F(POSITIVE, [0], [1], lipschitz=1), "lipschitz is that of a distance"),
-    (lambda: F(growing(), [-1], [1]), "contains must answer each point on its own and always the same"),
+    (lambda: F(lambda x: x[:, 0] > 0.1 * next(CALLS), [-1], [1]), "each point on its own and always the same"),
     (lambda: F(None, [0], [1], distance=lambda x: x[:, 0] - x[0, 0]), "each point on its own"),
     (lambda: F(POSITIVE, [0], [1], empty=lambda a: a > 0), "empty raised TypeError for 64 points"),
 )
@@ -129,18 +120,6 @@ def claiming(empty):
     return lambda n: wb.shapes.Function(in_ball, [-1] * n, [1] * n, empty=empty)
 
 
-def too_full(lower, upper):
-    return (np.maximum(np.maximum(lower, -upper), 0.0) ** 2).sum(axis=1) > 0.99
-
-
-def only_corners(lower, upper):
-    return (ball_distance(lower) > 0) & (ball_distance(upper) > 0)
-
-
-def too_steep_in_a_corner(x):
-    return ball_distance(x) + 0.5 * np.maximum(x.min(axis=1) - 0.9, 0)
-
-
 SAID = {
     "bounds": "the point .* not between lower and upper",
     "empty": "the point .* called empty",
@@ -149,14 +128,17 @@ SAID = {
 }
 CLAIMS = {
     "bounds": (lambda n: ball(n, distance=lambda x: np.linalg.norm(x, axis=1) - 1.05), {"bounds"}),
-    "empty": (claiming(too_full), {"empty"}),
-    "large boxes": (claiming(only_corners), {"empty"}),
+    "empty": (claiming(lambda a, b: (np.maximum(np.maximum(a, -b), 0.0) ** 2).sum(axis=1) > 0.99), {"empty"}),
+    "large boxes": (claiming(lambda a, b: (ball_distance(a) > 0) & (ball_distance(b) > 0)), {"empty"}),
     "constant": (lambda n: ball(n, distance=lambda x: 1.05 * ball_distance(x)), {"empty", "lipschitz"}),
     "sign": (
         lambda n: wb.shapes.Function(in_ball, [-1] * n, [1] * n, distance=lambda x: ball_distance(x) + 0.01),
         {"empty", "sign"},
     ),
-    "corner": (lambda n: ball(n, distance=too_steep_in_a_corner), {"empty", "lipschitz"}),
+    "corner": (  # too steep in one
+        lambda n: ball(n, distance=lambda x: ball_distance(x) + 0.5 * np.maximum(x.min(axis=1) - 0.9, 0)),
+        {"empty", "lipschitz"},
+    ),
 }
 
 

@@ -94,7 +94,8 @@ def test_unit_grid_of_the_paper():
     assert (single.lower[0], single.upper[0], single.sample_lower[0], single.sample_upper[0]) == (0, 1, 0, 1)
 
 
-def test_the_digest_knows_every_voxel_and_the_map(blob):
+def test_the_digest_knows_every_voxel_and_the_map():
+    blob = shape("blob").occupancy[:4, :5, :6]
     grid = Grid(blob)
     made = [
         grid,
