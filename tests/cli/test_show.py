@@ -18,11 +18,9 @@ PAGE = "--html {dir}/p.html"
 BAD = [
     "{out} {c} --html {dir}/p.txt",
     "{out} {c} --html {dir}/folder.html",
-    f"{{out}} {{c}} {PAGE} --radius 0.1",
     f"{{far}} {{blob}} {PAGE} --radius wide",
     f"{{out}} {{c}} {PAGE} --slice x=0",
     f"{{far}} {{blob}} {PAGE} --slice 7=0.5",
-    f"{{rays}} {{c}} {PAGE}",
 ]
 
 
@@ -38,7 +36,6 @@ def bounders(tmp_path_factory):
         np.save(names[name], occupancy)
     for name, source, query in (
         ("out", "c", "point"),
-        ("rays", "c", "ray"),
         ("far", "blob", "distance"),
         ("of five", "five", "point"),
     ):

@@ -2,12 +2,10 @@
 
 import errno
 import os
-import subprocess
-import sys
 
 import numpy as np
 import pytest
-from commands import ROOT, check_bad, command, run
+from commands import check_bad, command, run
 
 import warp_bounding as wb
 from warp_bounding import cli
@@ -37,6 +35,10 @@ BAD = {
     "query {out} {q} -o {notes}": "notes.txt",
     "choose {c} --narrow-ns 1 --memory much " + NEW: "expected a whole number from 1",
     "choose {c} --narrow-ns 1 --checkpoint {c} --methods aabb " + NEW: "c.npy",
+    "bake {dir} --output {dir}/baked --memory 16000": "takes no option 'memory'",
+    "bake {dir} --output {dir}/baked --narrow-ns 5 --method kdop": "unexpected keyword argument 'method'",
+    "bake {dir}/none --output {dir}/baked": "no such folder",
+    "bake {dir} --output {dir}": "another folder",
 }
 
 
@@ -55,22 +57,9 @@ def test_bad_input_is_one_line_and_changes_nothing(files, capsys, bad):
     assert {path.name: path.read_bytes() for path in files.iterdir()} == before
 
 
-def test_help_is_quick_and_imports_no_library():
-    code = "import sys; from warp_bounding.cli import main\ntry: main(['info', '--help'])\nexcept SystemExit: pass\n"
-    code += "print([name for name in ('warp', 'torch', 'scipy', 'numpy') if name in sys.modules])"
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
-    assert "Usage: warp-bounding info" in done.stdout
-    assert done.stdout.splitlines()[-1] == "[]"
-
-
 def test_methods_are_completed():
     asked = {"COMP_WORDS": "warp-bounding fit --method k", "COMP_CWORD": "3"}
-    asked |= {"_WARP_BOUNDING_COMPLETE": "complete_bash", "PYTHONPATH": str(ROOT)}
-    environment = os.environ | asked
-    words = [sys.executable, "-m", "warp_bounding"]
-    done = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
-    assert done.stdout.split() == ["kdop"]
+    assert command(**asked, _WARP_BOUNDING_COMPLETE="complete_bash").stdout.split() == ["kdop"]
 
 
 def test_verbose_shows_warps_messages_on_standard_error(files):
@@ -102,9 +91,8 @@ def test_paths_are_no_markup(files, capsys):
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")
 def test_a_full_disk_behind_standard_output_is_one_line():
-    line, environment = [sys.executable, "-m", "warp_bounding", "--version"], os.environ | {"PYTHONPATH": str(ROOT)}
     with open("/dev/full", "w") as full:
-        done = subprocess.run(line, stdout=full, stderr=subprocess.PIPE, text=True, env=environment, check=False)
+        done = command("--version", stdout=full)
     assert (done.returncode, done.stderr) == (2, f"warp-bounding: {os.strerror(errno.ENOSPC)}\n")
 
 

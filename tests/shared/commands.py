@@ -39,11 +39,11 @@ def check_bad(status, out, err):
     assert "Traceback" not in err
 
 
-def command(*arguments):
-    """A command in a process of its own."""
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"}
+def command(*arguments, stdout=subprocess.PIPE, **variables):
+    """A command in a process of its own, with these variables of the environment."""
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "COLUMNS": "200"} | variables
     line = [sys.executable, "-m", "warp_bounding", *map(str, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, env=environment, check=False)
+    return subprocess.run(line, stdout=stdout, stderr=subprocess.PIPE, text=True, env=environment, check=False)
 
 
 def fit(capsys, files, *options, name="b", source="c.npy", method="aabb"):
