@@ -1,4 +1,4 @@
-"""Bounders and shapes come back from pickles and ``copy.deepcopy`` as they were, and share no memory."""
+"""Bounders and shapes come back from pickles and ``copy.deepcopy`` as they were, and read-only where they were."""
 
 import copy
 import pickle
@@ -23,25 +23,8 @@ def copied(request):
     return COPIES[request.param]
 
 
-def arrays_in(value, found: dict[int, np.ndarray], seen: set[int]) -> dict[int, np.ndarray]:
-    """All arrays that an object of the library holds, however deep."""
-    if id(value) not in seen:
-        seen.add(id(value))
-        if isinstance(value, np.ndarray):
-            found[id(value)] = value
-        elif isinstance(value, dict):
-            _ = [arrays_in(each, found, seen) for each in value.values()]
-        elif isinstance(value, (list, tuple)):
-            _ = [arrays_in(each, found, seen) for each in value]
-        elif type(value).__module__.startswith("warp_bounding") and hasattr(value, "__dict__"):
-            arrays_in(vars(value), found, seen)
-    return found
-
-
-def check_apart(made, original) -> None:
-    """No array of a copy shares memory with the original's; what the original keeps read-only stays so."""
-    own, other = (arrays_in(each, {}, set()).values() for each in (made, original))
-    assert not any(np.may_share_memory(a, b) for a in own for b in other if a.size and b.size)
+def check_read_only(made, original) -> None:
+    """What the original keeps read-only stays so in a copy: else a proof would say nothing of it."""
     for name, value in vars(original).items():
         if isinstance(value, np.ndarray) and not value.flags.writeable and name in vars(made):
             assert not vars(made)[name].flags.writeable
@@ -55,7 +38,7 @@ def check_bounder(copied, bounder, ask) -> None:
                 bounder.prepare(np.zeros((4, bounder.domain.columns), np.float32)).launch()
             _ = bounder.data, bounder.distance_func if bounder.of_distances else bounder.func
         made = copied(bounder)
-        check_apart(made, bounder)
+        check_read_only(made, bounder)
         assert all(not tensor.flags.writeable for tensor in made.tensors.values())
         assert type(made) is type(bounder)
         assert (made.threshold, made.certificate) == (bounder.threshold, bounder.certificate)
@@ -122,7 +105,7 @@ def test_every_shape(copied, name):
     original = SHAPES[name]()
     for _ in range(2):  # before and after use
         made = copied(original)
-        check_apart(made, original)
+        check_read_only(made, original)
         assert (type(made), made.digest, repr(made)[:20]) == (type(original), original.digest, repr(original)[:20])
         assert answers(name, made) == answers(name) == answers(name, original)
 

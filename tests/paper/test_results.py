@@ -1,18 +1,14 @@
 """Results on disk: rows come back, torn ends are dropped, settings are never mixed, nothing foreign is overwritten."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from paper import proofs, results, speed, table1
+from paper import results
 from paper.parametric import SAMPLES, fit, rates
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.queries import oracle, sample
 
-ROOT = Path(__file__).parents[2]
-MODULES = (table1, proofs, speed)
 COLUMNS = ("object", "samples", "fp_rate", "certificate", "fit_seconds")
 DEFAULTS = {"samples": 100, "budget": 60.0, "seed": 0}
 ROW = {"object": 'a,"b"', "samples": 100, "fp_rate": 12.5, "certificate": "", "fit_seconds": None}
@@ -64,21 +60,6 @@ def test_failures_are_told_and_an_interruption_is_no_result(place, capsys):
     err = capsys.readouterr().err
     assert "failed: BAD: IndexError: out of bounds" in err
     assert "interrupted: 2 of 4" in err
-
-
-def test_other_settings_are_told_and_left_alone(place):
-    before = {p.name: p.read_bytes() for p in place.iterdir()}
-    with pytest.raises(BoundingError, match=r"made with other settings: budget .* there, 30\.0 now"):
-        opened(place, budget=30.0)
-    assert {p.name: p.read_bytes() for p in place.iterdir()} == before
-
-
-@pytest.mark.parametrize("place", ["table1", "proofs", "speed", "speed/cuda"])
-def test_what_is_committed_is_read(place):
-    name, module = next((m.__name__.rpartition(".")[2], m) for m in MODULES if m.__name__.rpartition(".")[2] in place)
-    _, commands = results.read_settings(ROOT / "results" / place)
-    assert results.read_rows(ROOT / "results" / place / f"{name}.csv", module.CSV)
-    assert commands[0].startswith(f"python -m paper {name} ")
 
 
 # --- volumes around the numbers of regions enclose their samples, and miss hardly any others --------------------------

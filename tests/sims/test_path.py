@@ -315,31 +315,6 @@ def test_segments_and_states(name):
         np.testing.assert_array_equal(found[:300], grid.contains(starts))
 
 
-def test_touching_counts_and_integers_decide_it():
-    occupied = np.zeros((9, 9), dtype=bool)
-    occupied[4, 4] = True
-    grid = wb.shapes.Grid(occupied)  # the cell spans 3.5 / 8 to 4.5 / 8 along both axes
-    low, high = 3.5 / 8, 4.5 / 8
-    touching = [  # along a face, through a corner, ending in a corner, ending on a face, a point on a corner
-        ((low, 0.0), (low, 1.0)),
-        ((high - 0.25, high + 0.25), (high + 0.25, high - 0.25)),
-        ((0.0, 0.0), (low, low)),
-        ((0.5, 0.0), (0.5, low)),
-        ((high, high), (high, high)),
-    ]
-    starts, ends = (np.array([pair[k] for pair in touching], dtype=np.float32) for k in (0, 1))
-    world, found = agree(grid, starts, ends)
-    assert found.all()
-    assert world.doubts > 0
-    away = np.float32([[-1, 0], [1, 1], [-1, -1], [0, -1], [1, 1]])
-    moved = [
-        np.where(away == 0, x, np.nextafter(x, np.float32(np.inf) * np.where(away == 0, 1, away)))
-        for x in (starts, ends)
-    ]
-    _, found = agree(grid, *moved)
-    assert not found.any()  # one float away
-
-
 def test_lines_through_a_corner_that_float64_cannot_tell():
     """Coordinates of 48 bits, products of 96: rounding alone would call one half of these free."""
     occupied = np.zeros((8, 8), dtype=bool)
