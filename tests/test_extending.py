@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import object_points, reloaded, shape
-from enclosures import enclosure
 from region_cases import hard_regions
 
 import warp_bounding as wb
@@ -234,22 +233,6 @@ def test_an_activation_of_ones_own(query, tmp_path, rng, leaky):
     assert rates.fp_rate + rates.positives < 99.95  # it denies something
     truth = oracle(query, grid, "cpu")(q.astype(np.float32))
     assert loaded.query(q.astype(np.float32)).numpy().astype(bool)[truth].all()
-
-
-def test_its_relaxation_holds_and_its_kernel_does_the_same(leaky, rng):
-    z = rng.normal(size=(500, 9)) * 3
-    near, noise = (10 ** rng.uniform(-6, 1, z.shape) for _ in range(2))
-    chord = enclosure("leaky", z, near, np.zeros_like(z), noise)
-    for _ in range(200):
-        x = rng.uniform(-1, 1, z.shape) * near + rng.uniform(-1, 1, z.shape) * noise
-        away, rounding = np.abs(leaky.value(z + x) - chord.mean - chord.slope * x), 1 + np.abs(z) + near + noise
-        assert (away <= chord.spread + 1e-12 * rounding).all()
-    part = network("point").network
-    center, radius = rng.uniform(-0.9, 0.9, (200, 2)), 10 ** rng.uniform(-4, -1, (200, 1))
-    least = part.bound(center - radius, center + radius).lower
-    for share in rng.choice([-1.0, 0.0, 1.0, 0.5], (100, 200, 2)):
-        assert (part(center + share * radius) >= least).all()
-    assert (part(center) - part.bound(center, center).lower < 1e-9).all()
 
 
 def test_names_of_activations_that_are_refused(leaky):

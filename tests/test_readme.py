@@ -3,8 +3,8 @@ folder and one namespace.
 
 What would take minutes is shortened: a mesh of few triangles stands in for the bunny, fits are small by ``SHORTER``
 (words of the text that are replaced) and commands by ``SMALL`` (options that are added). Commands that set up an
-environment, run a whole demo or the paper's tables (tests of their own run small ones) are not run but read, by what
-would run them: ``make -n``, the parser of the command line.
+environment or run a whole demo (tests of their own run small ones) are not run but read, by what would run them:
+the Makefile, the parser of the command line.
 """
 
 import importlib.metadata
@@ -21,7 +21,6 @@ import typer
 from reading_order import PAGES, ROOT
 from snippets import FENCED, commands
 
-import paper.__main__
 import sims.__main__
 from warp_bounding import cli
 
@@ -61,11 +60,7 @@ def shortened(text: str) -> str:
 def read(words: list[str]) -> None:
     """Let what would run a command read it; ``DIR``, ``FILE`` and the like stand for anything."""
     program, *arguments = words
-    if program == "warp-bounding":
-        typer.main.get_command(cli._app(["fit"])).commands[arguments[0]].make_context(arguments[0], arguments[1:])
-    elif arguments[:2] == ["-m", "paper"]:
-        paper.__main__.parser().parse_args(arguments[2:])
-    elif arguments[:2] == ["-m", "sims"]:
+    if arguments[:2] == ["-m", "sims"]:
         typer.main.get_command(sims.__main__._app()).make_context("sims", arguments[2:])
     elif program == "make":
         text = (ROOT / "Makefile").read_text()
@@ -74,13 +69,10 @@ def read(words: list[str]) -> None:
         assert arguments[-1].startswith(".venv")
     elif arguments[0] == "-m":  # an example, with Newton's own options
         assert (ROOT / f"{arguments[1].replace('.', '/')}.py").is_file()
-    elif program == "pip":
-        extras = {name for names in re.findall(r"\[(.*?)\]", " ".join(arguments)) for name in names.split(",")}
-        assert arguments[0] == "install"
-        assert extras <= set(importlib.metadata.metadata("warp-bounding").get_all("Provides-Extra"))
     else:
-        source = (ROOT / arguments[0]).read_text()
-        assert all(f'"{word}"' in source for word in arguments if word.startswith("--"))
+        extras = {name for names in re.findall(r"\[(.*?)\]", " ".join(arguments)) for name in names.split(",")}
+        assert (program, arguments[0]) == ("pip", "install")
+        assert extras <= set(importlib.metadata.metadata("warp-bounding").get_all("Provides-Extra"))
 
 
 def run_command(words: list[str]) -> None:

@@ -107,9 +107,8 @@ def test_a_margin_holds_what_is_near(name, rng):
     cells = shape.to_grid(margin=MARGIN, **options)
     assert (cells.margin, cells.time) == (MARGIN, shape.time)
     x = np.float32(np.concatenate([near, around(wide, rng, 1000)]))
-    x = x[
-        ((x >= cells.lower) & (x <= cells.upper)).all(axis=1)
-    ]  # a motion's last moments may lie beyond the last cell of time
+    # a motion's last moments may lie beyond the last cell of time
+    x = x[((x >= cells.lower) & (x <= cells.upper)).all(axis=1)]
     assert cells.contains(x[wide.decide(x) == IN]).all()
     assert wide.to_grid(**options).digest == cells.digest
 

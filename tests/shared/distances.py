@@ -10,6 +10,7 @@ from plain_shapes import LEANING, TETRAHEDRON, torus_at
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES
+from warp_bounding.proof.stress import DISTANCE_FORMS, DistancePositives
 
 TOLD = {
     "bvh": {"leaves": 6},
@@ -66,3 +67,12 @@ def squared_distance_to_cells(grid: wb.shapes.Grid, x: np.ndarray) -> Fraction:
             total += max(low - v, v - high, Fraction(0)) ** 2
         best = total if best is None or total < best else best
     return best
+
+
+def check_hard_positives(bounder: wb.DistanceBounder, shape, least: int) -> None:
+    """None of what a stress test asks is missed, of each form at least so many."""
+    positives = DistancePositives(bounder, shape)
+    for chunk in range(2 * len(DISTANCE_FORMS)):
+        form, queried, missed = positives.ask(3, chunk, 3000)
+        assert missed is None, (form, missed)
+        assert queried > least

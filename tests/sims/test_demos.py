@@ -27,9 +27,8 @@ def test_the_small_form_keeps_its_promise(name, tmp_path, capsys):
     assert {"shape", "steps", "runs", "pictures"} <= answer.keys()
     assert all(run.keys() >= KEYS for run in answer["runs"])
     of_cells = [run for run in answer["runs"] if run["fp_rate_cells"] is not None]
-    assert bool(of_cells) == (
-        name not in ("path", "digits", "pile")
-    )  # there the grid, or the decoder, is the shape itself
+    # there the grid, or the decoder, is the shape itself
+    assert bool(of_cells) == (name not in ("path", "digits", "pile"))
     for run in answer["runs"]:
         if run["bounder"] != "occupancy":
             assert run["missed"] == 0
