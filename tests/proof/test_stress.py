@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from bounding_shapes import CONSERVATIVE, random_network, random_supports, reloaded, report_of, shape, without_proof
+from region_cases import placed
 from scipy.stats import beta
 
 import warp_bounding as wb
@@ -51,16 +52,11 @@ def test_hard_positives_are_positives_in_every_form(query, name, device):
 @pytest.mark.parametrize("query", QUERY_KINDS)
 def test_placed_positives_meet_the_placed_object(query, name):
     """Moved back in float64, which is exact for regions."""
-    grid, n, kind = shape(name), shape(name).ndim, QUERIES[query]
+    grid, kind, first = shape(name), QUERIES[query], int(shape(name).time)
     world, options = random_world(grid, np.random.default_rng(4), exact=kind.is_region)
-    back = HardPositives(query, grid, LENGTH).draw(3, 0, 5000, "placed", world).astype(np.float64)
-    first = int(grid.time)
-    assert np.allclose(world.forward[first:, first:], options["xform"][:-1, :-1] * options["scale"])
-    for k in range(0, back.shape[1], n):
-        if query == "plane" and k == 0:  # m . (forward x) = (forward^T m) . x
-            back[:, :n] = back[:, :n] @ world.forward
-        else:
-            back[:, k : k + n] = (back[:, k : k + n] - world.translation) @ world.inverse.T
+    x, n, xform = HardPositives(query, grid, LENGTH).draw(3, 0, 5000, "placed", world), grid.ndim, options["xform"]
+    assert np.allclose(world.forward[first:, first:], xform[:-1, :-1] * options["scale"])
+    back = placed(query, x, n, xform[:-1, :-1], xform[:-1, -1], options["scale"], back=True, time=first)
     if query == "box":
         back = np.hstack([np.minimum(back[:, :n], back[:, n:]), np.maximum(back[:, :n], back[:, n:])])
     assert len(back) > 1000
