@@ -10,7 +10,7 @@ from distances import far, thing
 import warp_bounding as wb
 from warp_bounding import evaluation
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import SampledOracle, oracle, sample
 
 
 def test_progress_and_chunks(monkeypatch):
@@ -99,6 +99,8 @@ def test_sampled_positives_are_fewer(query):
     assert exact.positives > sampled.positives > 0
     passed = [rates.fp_rate + rates.positives for rates in (exact, sampled)]  # all that it lets through
     assert passed[0] == pytest.approx(passed[1])
+    x = sample(query, grid, SAMPLES, np.random.default_rng(2))
+    assert not (SampledOracle(query, grid, "cpu", length=0.6)(x) & ~oracle(query, grid, "cpu", 0.6)(x)).any()
 
 
 ASKED = {

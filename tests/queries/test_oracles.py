@@ -67,8 +67,7 @@ def usual(names) -> list:
 
 
 def hard_points(grid, rng):
-    t = np.round(rng.uniform(-2, np.array(grid.shape) + 1, (3000, grid.ndim)) * 2) / 2
-    x = grid.position(t).astype(np.float32)
+    x = lattice_points(grid, 3000, rng)
     special = rng.choice(np.float32([np.nan, np.inf, -np.inf, 0.0, -0.0, 1e-45, 3e38, -3e38]), (200, grid.ndim))
     mixed = np.where(rng.random(special.shape) < 0.5, special, x[:200])
     nudged = [np.nextafter(x, np.float32(s * np.inf)) for s in (-1, 1)]
@@ -224,25 +223,7 @@ def test_the_length_of_a_direction_does_not_matter(device, rng):
         assert PLANE.oracle(grid, device)(planes * np.repeat([scale, 1], 3)).all()
 
 
-# --- the paper's labels, and a kind of one's own ----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("query", ["ray", "plane", "box"])
-@pytest.mark.parametrize("name", ["c", "blob", "mesh", "animated"])
-def test_sampled_hits_are_hits(query, name, device, rng):
-    grid = shape(name)
-    n = grid.ndim
-    ends = np.sort(np.stack([lattice_points(grid, 1000, rng), lattice_points(grid, 1000, rng)]), axis=0)
-    snapped = {
-        "ray": np.concatenate([lattice_points(grid, 1000, rng), small_vectors(n, 1000, rng)], axis=1),
-        "plane": np.concatenate([small_vectors(n, 1000, rng), lattice_points(grid, 1000, rng)], axis=1),
-        "box": np.concatenate([*ends], axis=1),
-    }[query]
-    q = np.concatenate([sample(query, grid, 2000, rng), snapped])
-    exact, labels = oracle(query, grid, device)(q), SampledOracle(query, grid, device)(q)
-    assert not (labels & ~exact).any()
-    assert labels.any()
-    assert (labels[:2000] != exact[:2000]).mean() < {"ray": 0.1, "plane": 0.7, "box": 0.05}[query]
+# --- a kind of one's own ---------------------------------------------------------------------------------------------
 
 
 class Cuboid(type(QUERIES["box"])):
