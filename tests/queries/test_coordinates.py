@@ -32,39 +32,29 @@ class Located(NamedTuple):
 
 
 def _text(query: str, n: int, time: bool, coordinates: int, lanes: bool) -> str:
-    """The text that maps queries, and what writes ``v`` and both answers."""
-    text = locate(query, n, time)
-    head = f"""
-const float* center = numbers.data; const float* scale = center + {n}; const float* limit = center + {2 * n};
-const float* extra = center + {3 * n};
-"""
-    write = f"float* to = out.data + (long long)j * {coordinates + 2}; to[{coordinates}] = testable{{at}} != 0;"
-    write += f" to[{coordinates + 1}] = inside{{at}} != 0; for (int k = 0; k < {coordinates}; ++k) to[k] = v[k]{{at}};"
-    if lanes:
-        return f"""
-#pragma clang fp contract(fast)
-{head}
-const int count = x.shape[0] / {2 * n};
-constexpr int L = {LANES}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
-{TOOLS}
-const V zero = {{}};
-V q[{2 * n}], v[{coordinates}];
-for (int l = 0; l < L; ++l) for (int k = 0; k < {2 * n}; ++k) {{
-    const int j = block * L + l < count ? block * L + l : count - 1; q[k][l] = x.data[(long long)j * {2 * n} + k];
-}}
-{text}
-for (int l = 0; l < L && block * L + l < count; ++l) {{ const int j = block * L + l; {write.format(at="[l]")} }}
-"""
+    """The text that maps queries, one at a time or a vector of them, and what writes ``v`` and both answers."""
+    vector = f"constexpr int L = {LANES}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"
+    kind, zero, at = (vector, "{}", "[l]") if lanes else ("constexpr int L = 1; typedef float V;", "0.0f", "")
     return f"""
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)
 #endif
+const float* center = numbers.data; const float* scale = center + {n}; const float* limit = center + {2 * n};
+const float* extra = center + {3 * n};
+{kind}
+const int first = block * L, count = x.shape[0] / {2 * n};
 {TOOLS}
-{head}
-typedef float V; const float zero = 0.0f; V q[{2 * n}], v[{coordinates}]; const int j = block;
-for (int k = 0; k < {2 * n}; ++k) q[k] = x.data[(long long)j * {2 * n} + k];
-{text}
-{write.format(at="")}
+const V zero = {zero};
+V q[{2 * n}], v[{coordinates}];
+for (int l = 0; l < L; ++l) for (int k = 0; k < {2 * n}; ++k) {{
+    const int j = first + l < count ? first + l : count - 1; q[k]{at} = x.data[(long long)j * {2 * n} + k];
+}}
+{locate(query, n, time)}
+for (int l = 0; l < L && first + l < count; ++l) {{
+    float* to = out.data + (long long)(first + l) * {coordinates + 2};
+    for (int k = 0; k < {coordinates}; ++k) to[k] = v[k]{at};
+    to[{coordinates}] = testable{at} != 0; to[{coordinates + 1}] = inside{at} != 0;
+}}
 """
 
 
