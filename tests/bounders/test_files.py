@@ -7,7 +7,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import safetensors.numpy
-from bounding_shapes import domain_points, fitted, random_mlp, report_of, shape
+from bounding_shapes import domain_points, fitted, fitted_query, random_mlp, shape
 from region_cases import REGIONS, hard_regions
 from rewriting import check_refused, rewrite
 
@@ -178,12 +178,6 @@ LENGTH = 0.75
 
 
 @cache
-def classic(method: str, query: str, name: str):
-    reported = report_of(method, query, length=LENGTH, steps=3)
-    return wb.fit(shape(name), query=query, method=method, device="cpu", **reported)
-
-
-@cache
 def network(query: str, name: str) -> Mlp:
     """Random weights and an honest certificate."""
     grid = shape(name)
@@ -206,7 +200,7 @@ def test_round_trip(method, name, query, device, tmp_path, rng):
     if query == "point":
         bounder, x = fitted(method, name), domain_points(shape(name), 5000, rng)
     else:
-        bounder = network(query, name) if method == "mlp" else classic(method, query, name)
+        bounder = network(query, name) if method == "mlp" else fitted_query(name, method, query, LENGTH)
         x = hard_regions(query, shape(name), rng, LENGTH, 1000)
     bounder.save(path)
     reference = wb.load(path, device=device)
@@ -338,7 +332,7 @@ def test_edits_that_do_not_add_up_are_refused(kind, where, field, values, tmp_pa
                 if value is ...:
                     del held[field]
 
-        (fitted("aabb", "c") if kind == "points" else classic("aabb", "ray", "c")).save(path)
+        (fitted("aabb", "c") if kind == "points" else fitted_query("c", "aabb", "ray", LENGTH)).save(path)
         rewrite(path, edit)
         check_refused(path)
 

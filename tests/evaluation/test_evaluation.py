@@ -1,10 +1,8 @@
 """Rates are counts of what oracle and bounder say, by both protocols, of points, regions and distances."""
 
-from functools import cache
-
 import numpy as np
 import pytest
-from bounding_shapes import fitted, report_of, shape
+from bounding_shapes import fitted, fitted_query, shape
 from distances import far, thing
 
 import warp_bounding as wb
@@ -67,16 +65,9 @@ COUNTED = [*((method, "point") for method in ("aabb", "bvh", "mlp"))]
 COUNTED += [("kdop", "ray"), ("aabb", "plane"), ("bvh", "box")]
 
 
-@cache
-def fitted_region(method: str, query: str, length: float = 0.6):
-    """On the CPU; never change it."""
-    told = report_of(method, query, length=length)
-    return wb.fit(shape("star"), query=query, method=method, device="cpu", **told)
-
-
 @pytest.mark.parametrize(("method", "query"), COUNTED)
 def test_rates_are_what_a_count_gives(method, query, device):
-    bounder = fitted(method, "star") if query == "point" else fitted_region(method, query)
+    bounder = fitted(method, "star") if query == "point" else fitted_query("star", method, query, 0.6)
     bounder, grid = bounder.to(device), shape("star")
     x = sample(query, grid, SAMPLES, np.random.default_rng(5))
     truth = oracle(query, grid, "cpu", 0.6)(x)
@@ -93,7 +84,7 @@ def test_rates_are_what_a_count_gives(method, query, device):
 @pytest.mark.parametrize("query", REGIONS)
 def test_sampled_positives_are_fewer(query):
     """Random points of a region miss thin hits and invent none: no false negatives under either protocol."""
-    bounder, grid = fitted_region("aabb", query), shape("star")
+    bounder, grid = fitted_query("star", "aabb", query, 0.6), shape("star")
     exact, sampled = (wb.evaluate(bounder, grid, samples=SAMPLES, seed=2, protocol=p) for p in ("exact", "sampled"))
     assert exact.fn == sampled.fn == 0
     assert exact.positives > sampled.positives > 0

@@ -1,11 +1,10 @@
 """What positives show: the statistical test, the adversarial search, the stress test."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import CONSERVATIVE, random_network, random_supports, reloaded, report_of, shape, without_proof
+from bounding_shapes import CONSERVATIVE, fitted_query, random_network, random_supports, reloaded, shape, without_proof
 from region_cases import placed
 from scipy.stats import beta
 
@@ -96,18 +95,8 @@ def test_the_bound_is_clopper_and_pearsons_and_restarts_spend_no_more_than_the_r
     assert all(0 <= seed < 2**63 for seed in seeds)
 
 
-@cache
-def _fitted(query):
-    return wb.fit(shape("c"), query=query, hidden=(8,), steps=60, device="cpu")
-
-
-def fitted(query):
-    """A copy, which may be changed."""
-    return _fitted(query).to("cpu")
-
-
 def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be_proven(ticking):
-    bounder, grid = fitted("box"), shape("c")
+    bounder, grid = made("mlp", "box", "c"), shape("c")
     proven = float(bounder.threshold)
     high = proven + 0.5 * abs(proven) + 1.0
     certificate = statistical_test(bounder, grid, least=high, room=0.0, count=100_000, seed=4)
@@ -146,7 +135,7 @@ def test_networks_without_a_proof_say_so(tmp_path, monkeypatch):
 
 def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
     """It is denied whatever the threshold is, so lowering that would only hide it."""
-    bounder = fitted("box")
+    bounder = made("mlp", "box", "c")
     narrow = replace(bounder.domain.base, limit=bounder.domain.base.limit / 4)
     wrong = Mlp(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
     with pytest.raises(BounderError, match="limit does not fit its corners"):
@@ -177,14 +166,8 @@ def test_a_walk_goes_down_over_positives(query):
 # --- the stress test -------------------------------------------------------------------------------------------------
 
 
-@cache
-def _made(method, query, name):
-    reported = report_of(method, query, hidden=(8,), steps=20, length=LENGTH)
-    return wb.fit(shape(name), query=query, method=method, device="cpu", **reported)
-
-
 def made(method, query, name="blob", raised=0.0):
-    bounder = _made(method, query, name).to("cpu")
+    bounder = fitted_query(name, method, query, LENGTH, 20).to("cpu")
     return bounder.freeze(float(bounder.threshold) + raised, None if raised else bounder.certificate)
 
 

@@ -108,6 +108,13 @@ def report_of(method: str, query: str = "point", **options) -> dict:
     return {name: value for name, value in options.items() if name in known}
 
 
+@cache
+def fitted_query(name: str, method: str, query: str, length: float, steps: int = 3) -> wb.Bounder:
+    """A bounder of any kind of query, of few steps, on the CPU; never change it."""
+    told = report_of(method, query, hidden=HIDDEN, steps=steps, length=length)
+    return wb.fit(shape(name), query, method, device="cpu", **told)
+
+
 def few(name="blob", method="mlp", query="point", **options):
     """A fit of few steps; what a test does not name itself is told to the methods that take it."""
     known = isinstance(method, str) and {*method.split("+")} <= {*wb.METHODS}
