@@ -3,6 +3,8 @@
 These need ``pip install 'warp-bounding[arms]'``.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import trimesh
 
@@ -25,6 +27,10 @@ def mesh_of(body: wb.arms.Body) -> trimesh.Trimesh:
 class MeshModel:
     """A Pinocchio model of an arm, with a Coal mesh of each body.
 
+    Args:
+        shape: The arm, its obstacles, and which pairs of them are checked.
+        meshes: Of the arm's bodies, then of the obstacles, in the frames of the bodies; made of these if ``None``.
+
     Attributes:
         triangles: How many there are.
 
@@ -32,7 +38,7 @@ class MeshModel:
         BoundingError: If Coal or Pinocchio is not installed.
     """
 
-    def __init__(self, shape: wb.arms.ArmConfigurations):
+    def __init__(self, shape: wb.arms.ArmConfigurations, meshes: Sequence[trimesh.Trimesh] | None = None):
         try:
             import coal
             import pinocchio as pin
@@ -44,7 +50,7 @@ class MeshModel:
             kind = pin.JointModelPrismaticUnaligned if joint.slides else pin.JointModelRevoluteUnaligned
             numbers.append(self.model.addJoint(numbers[-1], kind(joint.axis), pin.SE3(joint.origin), joint.name))
         for i, body in enumerate((*shape.arm.bodies, *shape.obstacles)):
-            mesh = mesh_of(body)
+            mesh = mesh_of(body) if meshes is None else meshes[i]
             self.triangles += len(mesh.faces)
             geometry = pin.GeometryObject(
                 f"{i}: {body.name}", numbers[body.link + 1], pin.SE3.Identity(), _hierarchy(mesh, coal)
