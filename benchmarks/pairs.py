@@ -186,40 +186,6 @@ def held(mesh: Mesh, name: str, count: int) -> Balls:
     return Balls.load(file)
 
 
-def in_newton(mesh: Mesh, far: wb.DistanceBounder, balls: Balls, count: int, apart: float) -> list[dict]:
-    """Bunnies at random in Newton's rigid pass, without and with the filter: time of ``collide``, in turns.
-
-    ``apart`` is the spread of their places in sizes.
-    """
-    import newton
-
-    from warp_bounding.newton import Cull
-
-    rng, builder, shapes = np.random.default_rng(3), newton.ModelBuilder(), []
-    given, size = newton.Mesh(mesh.vertices, mesh.faces.reshape(-1)), float((mesh.upper - mesh.lower).max())
-    config = newton.ModelBuilder.ShapeConfig(gap=GAP * size / 2)
-    for _ in range(count):
-        turn = rng.normal(size=4)
-        place = wp.transform(wp.vec3(*(rng.normal(size=3) * apart * size)), wp.quat(*(turn / np.linalg.norm(turn))))
-        shapes.append(builder.add_shape_mesh(body=builder.add_body(xform=place, mass=1.0), mesh=given, cfg=config))
-    model = builder.finalize(device="cpu")
-    pipelines = [newton.CollisionPipeline(model, deterministic=True) for _ in range(2)]
-    cull = Cull(pipelines[1], dict.fromkeys(shapes, far), balls=dict.fromkeys(shapes, balls))
-    ways = [pipelines[0].collide, cull.collide]
-    state, contacts = model.state(), [pipeline.contacts() for pipeline in pipelines]
-    times: list[list[float]] = [[], []]
-    for _ in range(ROUNDS):
-        for way, found, took in zip(ways, contacts, times, strict=True):
-            took.append(clock(lambda: way(state, found))[1])  # noqa: B023
-    records = [found.rigid_contact_point0.numpy()[: int(found.rigid_contact_count.numpy()[0])] for found in contacts]
-    tally = cull.tally()["pairs of meshes"]
-    told = {"pair": f"Newton, {count} bunnies, spread {apart:g}", "placements": tally.pairs}
-    told |= {"missed": 0 if np.array_equal(*records) else "other contacts"}
-    rows = [told | {"way": "without", "left": 100.0}, told | {"way": "filter", "left": 0.0}]
-    rows[1]["left"] = round(100 * (1 - tally.culled / max(tally.pairs, 1)), 2)
-    return [row | {"microseconds": f"{1e6 * min(took):.4g}"} for row, took in zip(rows, times, strict=True)]
-
-
 def main() -> None:
     """Measure what is not in the file yet."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -287,11 +253,6 @@ def main() -> None:
         for way, seconds in (("Coal, collide", collide), ("Coal, distance", distance)):
             if way not in done:
                 row(way, within, seconds, f"over {triangles}")
-
-    for count, spread in ((30, 1.2), (30, 2.5)):
-        if not any(row["pair"].startswith(f"Newton, {count} bunnies, spread {spread:g}") for row in rows):
-            for found in in_newton(a, made, held(a, "bunny", BALLS[1]), count, spread):
-                write(found)
 
 
 if __name__ == "__main__":
