@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ import warp as wp
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError
+from warp_bounding.networks.tensor_cores import MOST_THREADS
 from warp_bounding.runtime import launch
+from warp_bounding.runtime.arrays import MOST_NUMBERS
 from warp_bounding.runtime.launch import BLOCK, BlockLaunch, OutOfTimeError, launch_blocks, limited, run_shares
 from warp_bounding.runtime.progress import reported
 
@@ -144,6 +147,22 @@ def test_limits_end_what_takes_too_long_and_nothing_else():
 
 
 # --- compaction ------------------------------------------------------------------------------------------------------
+
+
+def test_a_kernel_is_loaded_for_each_size_of_blocks(monkeypatch):
+    """A graph that is being captured may load nothing."""
+    loaded = []
+    monkeypatch.setattr(wp, "load_module", lambda module, device, block_dim: loaded.append(block_dim))
+    monkeypatch.setattr(launch, "_ready", set())
+    cuda = SimpleNamespace(alias="cuda:0", is_cpu=False)
+    for device, block_dim in [(cuda, 128), (cuda, 256), (wp.get_device("cpu"), 256), (cuda, 128), (cuda, 256)]:
+        launch.ready(_visit, device, block_dim)
+    assert loaded == [128, 256, None]
+
+
+def test_no_count_of_queries_overflows():
+    """On tensor cores a thread's next query is as many as there are threads behind its last one."""
+    assert MOST_NUMBERS + MOST_THREADS + 32 <= 2**31
 
 
 @pytest.mark.parametrize("count", [0, 1, 65, 16383, 16384, 16385, 100_003])

@@ -84,7 +84,7 @@ struct Floats {
     __device__ Floats operator*(float x) const { Floats y; for (int l = 0; l < L; ++l) y[l] = lane[l] * x; return y; }
 };
 const int first = block / 32 * 32 * L + block % 32;
-Floats together[M], found;
+Floats together[M], found = {};  // read below even where nothing is asked
 bool any = false;
 #pragma unroll
 for (int l = 0; l < L; ++l) {

@@ -1,14 +1,14 @@
 // Walks along segments a + t w of a network's inputs, for proof/segments.py: a segment a lane.
 
 /// WALK:
-/// Each lane takes one segment after another, or a window of one where they are shared. A segment is given by its ends; a + t w is what it is
-/// in the network's inputs, and the walk goes along the part of it that may lie within reach. The arrays map holds
-/// centre and scale of that map, reach, and the limits of ends beyond which nothing is known. A lane goes piece by piece
-/// from first to last. A piece is clear where the bound of -f lies above what is needed there: base, less the least of
-/// the values of the lattice's parts that the piece may meet. The next one is then twice as long. Of a piece that is not
-/// clear the walk goes as far as the linear bound level + slope zeta tells, and goes on with a shorter one; it ends at
-/// one of 2^-depth of the way, and in a quick walk at every point that cannot be clear. until is then the least place at
-/// which a walk along the segment has ended. Where begin is infinite nothing is asked.
+/// Each lane takes one segment after another, or a window of one where they are shared. A segment is given by its ends;
+/// a + t w is what it is in the network's inputs, and the walk goes along the part of it that may lie within reach. The
+/// arrays map holds centre and scale of that map, reach, and the limits of ends beyond which nothing is known. A lane
+/// goes piece by piece from first to last. A piece is clear where the bound of -f lies above what is needed there:
+/// base, less the least of the values of the lattice's parts that the piece may meet. The next one is then twice as
+/// long. Of a piece that is not clear the walk goes as far as the linear bound level + slope zeta tells, and goes on
+/// with a shorter one; it ends at one of 2^-depth of the way, and in a quick walk at every point that cannot be clear.
+/// until is then the least place at which a walk along the segment has ended. Where begin is infinite nothing is asked.
 const double* values = lattice.data + edges; const double* map_ = map.data;
 V low[BOX], high[BOX]; int own[L]; const int windows = shared ? L : 1; long long next = (long long)BEGIN * windows;
 double at[L], step[L], last[L], shortest[L];

@@ -16,7 +16,7 @@ from warp_bounding.runtime.native import named
 
 WHOLE = "iu"  # kinds of NumPy's types of whole numbers
 ROUNDED = "queries must be float32, float64 or whole numbers that float32 holds, as all up to 16,777,216, got others"
-MOST_NUMBERS = 2**31 - 2**16  # kernels count in 32 bits, in blocks
+MOST_NUMBERS = 2**31 - 2**21  # kernels count in 32 bits, in blocks or as many at a time as there are threads
 
 
 def flat_queries(x, columns: int, device: wp.Device, shift: np.ndarray | None = None) -> tuple[wp.array, int, bool]:

@@ -99,6 +99,7 @@ def limited(seconds: float) -> Iterator[None]:
 
 
 BLOCK = 512  # queries of a block of a batch kernel; on CUDA one
+BLOCK_DIM = 256  # threads of a block on CUDA, as Warp launches them
 SMALLEST_SHARE = 16  # blocks: with fewer of them per thread, waking a thread costs more than it saves
 WORTH_WAKING = 30e-6  # seconds: with less work per thread no thread is woken, because that takes 10 to 30 us
 
@@ -204,25 +205,26 @@ def _forget_threads() -> None:
 os.register_at_fork(after_in_child=_forget_threads)
 
 
-_ready: set[tuple[wp.Kernel, str]] = set()  # kernels that are loaded, by device
+_ready: set[tuple[wp.Kernel, str, int | None]] = set()  # kernels that are loaded, by device and ``block_dim``
 
 
-def ready(kernel: wp.Kernel, device: wp.Device, block_dim: int | None = None) -> None:
+def ready(kernel: wp.Kernel, device: wp.Device, block_dim: int = BLOCK_DIM) -> None:
     """Compile and load a kernel's module, once; reports on standard error what takes more than a second.
 
-    ``block_dim`` is what it is launched with on CUDA, if not Warp's own: Warp compiles it for that.
+    ``block_dim`` is what it is launched with on CUDA: Warp compiles it for each.
     """
-    if (kernel, device.alias) not in _ready:
+    dim = None if device.is_cpu else block_dim
+    if (kernel, device.alias, dim) not in _ready:
         slow = Timer(REPORT_AFTER, _report, [kernel.module.name])
         slow.daemon = True
         slow.start()
         started = time.perf_counter()
         try:
-            wp.load_module(kernel.module, device, block_dim=block_dim)
+            wp.load_module(kernel.module, device, block_dim=dim)
         finally:
             slow.cancel()
         compiled_for(time.perf_counter() - started)
-        _ready.add((kernel, device.alias))
+        _ready.add((kernel, device.alias, dim))
 
 
 def _report(module: str) -> None:
@@ -247,7 +249,7 @@ class BlockLaunch:
         device,
         first_index: int,
         block: int = BLOCK,
-        block_dim: int = 256,
+        block_dim: int = BLOCK_DIM,
     ):
         """Define a launch; nothing runs yet.
 
@@ -300,7 +302,7 @@ class BlockLaunch:
             self._warp_launch(0, self._blocks)
 
     def _warp_launch(self, begin: int, end: int, **options) -> "wp.Launch | None":
-        ready(self._kernel, self._device, None if self._device.is_cpu else self._block_dim)
+        ready(self._kernel, self._device, self._block_dim)
         inputs = [*self._inputs[: self._first_index], begin, *self._inputs[self._first_index + 1 :]]
         return wp.launch(
             self._kernel, end - begin, inputs, self._outputs, device=self._device, block_dim=self._block_dim, **options
