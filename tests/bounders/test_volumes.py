@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import domain_points, fitted, object_points, shape
+from bounding_shapes import domain_points, fitted, fitted_query, object_points, shape
 from region_cases import fitted_region
 
 import warp_bounding as wb
@@ -20,9 +20,6 @@ from warp_bounding.queries.hard import draw_positives
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import round_down
 from warp_bounding.training import fit
-from warp_bounding.training.learned_kdop import train_learned_kdop
-from warp_bounding.training.relu_field import train_relu_field
-from warp_bounding.training.samples import Problem
 
 
 def leaf_cells(tree, shape_of_grid) -> np.ndarray:
@@ -96,12 +93,8 @@ def frozen(bounder, name: str):
     return bounder.freeze(round_down(least - bounder.rounding_bound()), None)
 
 
-@cache
 def learned(name: str, query: str) -> LearnedKdop:
-    problem = Problem(shape(name), domain_of(shape(name), query), query, 2, "cpu")
-    bounder, record = train_learned_kdop(LearnedKdop, problem, {"k": None, "steps": 60}, 20.0, None)
-    assert record["fp_rate"] <= record["fp_rate_kdop"]
-    return frozen(bounder, name)
+    return fitted_query(name, "learned-kdop", query, 1.0, 60)
 
 
 @pytest.mark.parametrize(("name", "query"), LEARNED)
@@ -134,13 +127,8 @@ SLOW = ("c", "ray")  # 10 s
 TRAINED = [pytest.param(*case, marks=pytest.mark.slow) if case == SLOW else case for case in FIELDS]
 
 
-@cache
 def field(name: str, query: str) -> ReluField:
-    grid = shape(name)
-    problem = Problem(grid, domain_of(grid, query), query, 1, "cpu")
-    bounder, record = train_relu_field(ReluField, problem, {"steps": 12}, 30.0, None)
-    assert record["steps"] <= 12
-    return frozen(bounder, name)
+    return fitted_query(name, "relu-field", query, 1.0, 12)
 
 
 def random_field(name: str, query: str, seed: int = 0) -> ReluField:
