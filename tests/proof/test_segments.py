@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from bounding_shapes import EARLY, HIDDEN, random_mlp, shape
+from bounding_shapes import HIDDEN, fitted_query, random_mlp, shape
 from bounding_shapes import fitted as hardly_fitted
 
 import warp_bounding as wb
@@ -20,12 +20,9 @@ def fitted(method: str, name: str) -> wb.Bounder:
     for sign, joined in (("|", wb.union), ("&", wb.cascade)):
         if sign in method:
             return joined(*[fitted(part, name) for part in method.split(sign)])
-    hidden = EARLY if method == "mlp-early" else HIDDEN
     if method == "local":
-        return wb.fit(shape(name), hidden=hidden, steps=100, parts=20, device="cpu")
-    if not method.startswith("mlp"):
-        return hardly_fitted(method, name)
-    return wb.fit(shape(name), method=method, hidden=hidden, steps=100, device="cpu")
+        return wb.fit(shape(name), hidden=HIDDEN, steps=100, parts=20, device="cpu")
+    return fitted_query(name, method, "point", 1.0, 100) if method.startswith("mlp") else hardly_fitted(method, name)
 
 
 def segments(grid: Grid, count: int, rng) -> tuple[np.ndarray, np.ndarray]:

@@ -86,8 +86,7 @@ def fitted(method: str, name: str) -> wb.Bounder:
 
 @cache
 def _fitted(method: str, name: str) -> wb.Bounder:
-    reported = report_of(method, hidden=EARLY if method == "mlp-early" else HIDDEN, steps=3)
-    return without_grants(wb.fit(shape(name), method=method, device="cpu", **reported), shape(name))
+    return without_grants(fitted_query(name, method, "point", 1.0), shape(name))
 
 
 def without_grants(bounder: wb.Bounder, grid: Grid) -> wb.Bounder:
@@ -111,7 +110,8 @@ def report_of(method: str, query: str = "point", **options) -> dict:
 @cache
 def fitted_query(name: str, method: str, query: str, length: float, steps: int = 3) -> wb.Bounder:
     """A bounder of any kind of query, of few steps, on the CPU; never change it."""
-    told = report_of(method, query, hidden=HIDDEN, steps=steps, length=length)
+    hidden = EARLY if method == "mlp-early" else HIDDEN
+    told = report_of(method, query, hidden=hidden, steps=steps, length=length)
     return wb.fit(shape(name), query, method, device="cpu", **told)
 
 
