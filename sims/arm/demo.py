@@ -287,25 +287,28 @@ def phases(bounders: dict[str, wb.Bounder], *, few: bool = False) -> dict[str, B
 
 
 def of_itself(place: Workplace) -> BroadPhase:
-    """The broad phase of a robot's collisions with itself, by the bounder that comes with the demo.
+    """The broad phase of a robot's collisions with itself, by the bounders that come with the demo.
 
     Raises:
-        BounderError: If that is not one of the robot as it is installed.
+        BounderError: If these are not of the robot as it is installed.
     """
     robot = ROBOTS[place.cell.robot]
     arm = robot.arm()
-    shape = arm.self_collision(revolved=robot.revolved)
-    bounder = bounder_from(KEPT / f"{place.cell.robot}.safetensors", shape, FitSpec("mlp"), device="cpu")
     names = [arm.joints[i].name for i in arm.free]
     standing = np.array([place.cell.held.get(name, 0.0) for name in names])
     moving = [names.index(joint.name) for joint in place.cell.arm.joints]
 
-    def coordinates(x: np.ndarray) -> np.ndarray:
-        q = np.tile(standing, (len(x), 1))
-        q[:, moving] = place.joint_values(x)
-        return q[:, shape.columns]
+    def phase(name: str, shape: wb.arms.ArmConfigurations) -> BroadPhase:
+        bounder = bounder_from(KEPT / f"{name}.safetensors", shape, FitSpec("mlp"), device="cpu")
 
-    return Elsewhere(Segments(bounder, halvings=0), coordinates)
+        def coordinates(x: np.ndarray) -> np.ndarray:
+            q = np.tile(standing, (len(x), 1))
+            q[:, moving] = place.joint_values(x)
+            return q[:, shape.columns]
+
+        return Elsewhere(Segments(bounder, halvings=0), coordinates)
+
+    return Every(*(phase(name, shape) for name, shape in robot.shapes().items()))
 
 
 def simulate(

@@ -291,6 +291,28 @@ def test_self_collision_has_the_joints_that_matter(rng):
         arm.self_collision(revolved=["link 9"])
 
 
+def test_self_collision_of_some_pairs_and_of_the_others_are_all(rng):
+    step = np.eye(4)
+    step[0, 3] = 1.0
+    links = [Body.box([0, -0.1, -0.1], [0.9, 0.1, 0.1], link=i, name=f"link {i}") for i in range(4)]
+    arm = Arm([Joint(step if i else np.eye(4), [0, i % 2, 1]) for i in range(4)], links)
+    some = [("link 3", "link 1")]
+    whole, own, others = (arm.self_collision(**pairs) for pairs in ({}, {"only": some}, {"without": some}))
+    assert (len(whole.pairs), len(own.pairs), len(others.pairs)) == (3, 1, 2)
+    assert own.columns.tolist() == [2, 3]  # fewer joints move these two against each other
+    q = rng.uniform(arm.lower, arm.upper, (5000, 4))
+    found, rest = own.contains(q[:, own.columns]), others.contains(q[:, others.columns])
+    assert found.any()
+    assert (rest & ~found).any()
+    assert np.array_equal(found | rest, whole.contains(q[:, whole.columns]))
+    assert own.note == "pairs of parts: only link 3 and link 1"
+    assert others.note == "pairs of parts: not link 3 and link 1"
+    with pytest.raises(wb.ShapeError, match="expected pairs of parts that are checked, got link 0 and link 1"):
+        arm.self_collision(without=[("link 0", "link 1")])
+    with pytest.raises(wb.ShapeError, match="no two parts could touch"):
+        arm.self_collision(only=[])
+
+
 def test_joints_of_a_whole_turn_turn_without_end_for_self_collision(rng):
     arm = straight()
     limits = ((-1.0, 1.0), (-2 * np.pi, 2 * np.pi), (-3.0, 3.0))

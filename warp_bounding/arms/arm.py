@@ -540,7 +540,13 @@ class Arm:
         return found
 
     def self_collision(
-        self, *, safety: float = 0.0, revolved: Sequence[str] = (), samples: int = 2000
+        self,
+        *,
+        safety: float = 0.0,
+        revolved: Sequence[str] = (),
+        only: Sequence[tuple[str, str]] | None = None,
+        without: Sequence[tuple[str, str]] = (),
+        samples: int = 2000,
     ) -> "ArmConfigurations":  # noqa: F821
         """The configurations in which the arm touches itself, in the joints that matter: a shape for all cells.
 
@@ -554,10 +560,13 @@ class Arm:
             revolved: Names of parts that may be replaced by solids of revolution, such as a round base and a round
                 flange. A joint is left out where it is the first or the last that moves each pair, and the bodies next
                 to it are replaced; more configurations count as touching then.
+            only: Pairs of parts, by their names: no others are checked; all for ``None``.
+            without: Pairs of parts that are not checked. Where a few pairs need a joint that the others can spare, a
+                bounder of these pairs (``only``) and one of the others (``without``) are often tighter than one of all.
             samples: Random configurations, of a fixed seed.
 
         Raises:
-            ShapeError: If no two bodies could touch.
+            ShapeError: If no two bodies could touch, or for names or pairs that the arm does not have.
 
         Example:
             >>> links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=i) for i in range(3)]
@@ -570,4 +579,5 @@ class Arm:
         """
         from warp_bounding.arms.configurations import ArmConfigurations
 
-        return ArmConfigurations.of_itself(self, safety=safety, revolved=revolved, samples=samples)
+        pairs = {"only": only, "without": without}
+        return ArmConfigurations.of_itself(self, safety=safety, revolved=revolved, samples=samples, **pairs)

@@ -317,11 +317,24 @@ class ArmConfigurations(Formula):
     # --- what can be made of it --------------------------------------------------------------------------------------
 
     @classmethod
-    def of_itself(cls, arm: Arm, *, safety: float, revolved: Sequence[str], samples: int) -> "ArmConfigurations":
+    def of_itself(
+        cls,
+        arm: Arm,
+        *,
+        safety: float,
+        revolved: Sequence[str],
+        only: Sequence[tuple[str, str]] | None,
+        without: Sequence[tuple[str, str]],
+        samples: int,
+    ) -> "ArmConfigurations":
         """See ``Arm.self_collision``."""
         arm = arm.endless()
         whole, notes = cls(arm, self_collision=True, safety=safety), [arm.note] * bool(arm.note)
-        rng, pairs = np.random.default_rng(0), whole.pairs
+        chosen = _chosen(whole, only, without)
+        for word, given in (("only", only), ("not", without)):
+            if given:
+                notes.append(f"pairs of parts: {word} {', '.join(' and '.join(pair) for pair in given)}")
+        rng, pairs = np.random.default_rng(0), chosen
         for count in (64, samples):  # most pairs are apart in one of the first
             q = rng.uniform(arm.lower, arm.upper, (count, whole.ndim))
             each = [whole._with(arm, [pair]) for pair in pairs]
@@ -332,7 +345,7 @@ class ArmConfigurations(Formula):
             names = dict.fromkeys(" and ".join(arm.bodies[k].part for k in pair) for pair in pairs[always])
             notes.append(f"not checked, as they touch in all of {samples:,} random configurations: {', '.join(names)}")
         touching = {tuple(pair) for pair in pairs[always]} if len(always) else set()
-        pairs = np.array([pair for pair in whole.pairs if tuple(pair) not in touching]).reshape(-1, 2)
+        pairs = np.array([pair for pair in chosen if tuple(pair) not in touching]).reshape(-1, 2)
         if not len(pairs):
             raise ShapeError(f"{arm.name}: no two parts could touch; {'; '.join(notes)}")
         bodies, paths, rounded = list(arm.bodies), [arm.path(arm.bodies[a].link, b) for a, b in pairs], {}
@@ -379,6 +392,19 @@ class ArmConfigurations(Formula):
                 "in metres, to ArmConfigurations"
             )
         return self
+
+
+def _chosen(
+    whole: ArmConfigurations, only: Sequence[tuple[str, str]] | None, without: Sequence[tuple[str, str]]
+) -> np.ndarray:
+    """The pairs ``(P, 2)`` of an arm that are to be checked; arguments as in ``Arm.self_collision``."""
+    of_parts = [frozenset(whole.arm.bodies[k].part for k in pair) for pair in whole.pairs]
+    wanted, unwanted = ({frozenset(pair) for pair in given or ()} for given in (only, without))
+    if strange := (wanted | unwanted).difference(of_parts):
+        pairs = ", ".join(sorted(" and ".join(sorted(pair)) for pair in strange))
+        raise ShapeError(f"{whole.arm.name}: expected pairs of parts that are checked, got {pairs}")
+    kept = [(only is None or parts in wanted) and parts not in unwanted for parts in of_parts]
+    return whole.pairs[np.array(kept, dtype=bool)]
 
 
 def _in_lanes(points: np.ndarray) -> np.ndarray:

@@ -513,8 +513,7 @@ def _regions(bounder: Bounder, shape: Shape) -> Cover:
 
 
 # The shares of queries that lower thresholds answer with maybe, where the bounder's own threshold answers no.
-LOWER = np.array([0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 10.0, 12.0, 16.0])
-LOWER /= 100
+LOWER = np.concatenate([np.arange(0, 2, 1 / 8), np.arange(2, 4, 1 / 4), np.arange(4, 8), [8, 10, 12, 16]]) / 100
 DRAWN = 1 << 16  # random queries that these shares are measured on
 FOLLOWED = 8192  # boxes of each generation that an estimate follows
 PLANNED = 0.8  # of the budget: what a proof may be expected to take
