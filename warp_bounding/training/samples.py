@@ -498,6 +498,9 @@ POINTS = 1 << 20  # random points of the domain that are labelled in the end
 FEWEST_HELD = 4096  # points of the object, at least
 FEW = 1024  # points of the border that stand for landmarks where a shape has none
 STEP = 2 / 64  # local units: what ``move`` calls a cell
+# Of joints: the share of the positives that lie at some joints' limits, and of their coordinates that do. Random points
+# seldom come near several limits at once, where f is often least.
+LIMITS_SHARE, AT_LIMITS = 1 / 8, 0.4
 
 
 class ShapePointSamples(Samples):
@@ -510,7 +513,7 @@ class ShapePointSamples(Samples):
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
         self._limit = torch.from_numpy(np.array(domain.limit))[:, None]
         self._truth, nothing = torch.empty(0, dtype=torch.bool), torch.empty(self.ndim, 0)
-        self._labelled = self._held = self._free = self._border = nothing
+        self._labelled = self._held = self._free = self._border = self._at_limits = nothing
         self.grow()
         size = torch.from_numpy((shape.upper - shape.lower).astype(np.float32))[:, None]
         if shape.time:
@@ -532,11 +535,21 @@ class ShapePointSamples(Samples):
         self._truth = torch.cat([self._truth, torch.from_numpy(truth)])
         self._held = torch.cat([self._held, columns(local(held))], 1)
         self._border = torch.cat([self._border, columns(local(border))], 1)
+        if shape.joints is not None:
+            self._at_limits = torch.cat([self._at_limits, columns(local(self._held_at_limits(len(points))))], 1)
         self._free = self._labelled[:, ~self._truth]
         if not self._free.shape[
             1
         ]:  # the object fills its box: another point stands for negatives, which the loss needs
             self._free = columns(local(shape.sample_lower)[None])
+
+    def _held_at_limits(self, count: int) -> np.ndarray:
+        """``(K, n)``: those of some random points with coordinates at the ends of the shape that lie in it."""
+        shape, size = self.shape, (count, self.ndim)
+        end = np.where(self._rng.random(size) < 0.5, shape.lower, shape.upper)
+        x = self._rng.uniform(shape.lower, shape.upper, size)
+        x = np.where(self._rng.random(size) < AT_LIMITS, end, x)
+        return x[shape.contains(x)]
 
     def _pick(self, points: torch.Tensor, count: int) -> torch.Tensor:
         return points.index_select(1, torch.randint(points.shape[1], (count,), generator=self.generator))
@@ -550,8 +563,10 @@ class ShapePointSamples(Samples):
         return self._pick(self._free, max(round(count * self._free.shape[1] / len(self._truth)), 1))
 
     def positives(self, count: int) -> torch.Tensor:
-        near = int(count * BORDER_SHARE)
-        return torch.cat([self._pick(self._border, near), self._pick(self._held, count - near)], 1)
+        at_limits = int(count * LIMITS_SHARE) if self._at_limits.shape[1] else 0
+        near = int((count - at_limits) * BORDER_SHARE)
+        parts = [self._pick(self._border, near), self._pick(self._held, count - at_limits - near)]
+        return torch.cat([*parts, self._pick(self._at_limits, at_limits)] if at_limits else parts, 1)
 
     def coordinates(self, state: torch.Tensor) -> torch.Tensor:
         return state
