@@ -11,6 +11,7 @@ from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import GRANTED
 from warp_bounding.queries import oracle, sample
 from warp_bounding.training.recipes.early import COST
+from warp_bounding.training.samples import samples_of
 
 STEPS = {"point": 200, "plane": 300}
 
@@ -39,6 +40,17 @@ def test_a_network_of_waves_is_proven():
     assert bounder.certificate.proven
     assert wb.certify(bounder, shape).proven
     assert wb.evaluate(bounder, shape, samples=20_000).fn == 0
+
+
+def test_some_positives_of_joints_lie_at_limits():
+    shape = CELLS["planar-3"].shape()
+    bounder = wb.fit(shape, method="aabb", device="cpu")
+    positives = samples_of(shape, bounder.domain).positives(4096)
+    x = bounder.domain.to_object(positives.numpy().T.astype(np.float64)).clip(shape.lower, shape.upper)
+    ends = np.isclose(x, shape.lower, rtol=1e-6) | np.isclose(x, shape.upper, rtol=1e-6)
+    assert len(x) == 4096
+    assert (ends.sum(axis=1) >= 2).mean() > 0.02  # of random points next to none
+    assert shape.contains(x).mean() > 0.999  # but for what float32 rounds
 
 
 BALL = ball_at([0.0, 0.0, 0.0], 1.0)
