@@ -49,7 +49,7 @@ def test_some_positives_of_joints_lie_at_limits():
     x = bounder.domain.to_object(positives.numpy().T.astype(np.float64)).clip(shape.lower, shape.upper)
     ends = np.isclose(x, shape.lower, rtol=1e-6) | np.isclose(x, shape.upper, rtol=1e-6)
     assert len(x) == 4096
-    assert (ends.sum(axis=1) >= 2).mean() > 0.02  # of random points next to none
+    assert ends.any(axis=1).mean() > 0.03  # of random points next to none
     assert shape.contains(x).mean() > 0.999  # but for what float32 rounds
 
 
