@@ -190,7 +190,9 @@ def conclusion(rows: list[dict]) -> str:
     cells = [name for name in SHOWN if all((name, label) in rate for label in ("mlp", *BUILT))]
     shares = [100 * rate[name, "mlp"] / min(rate[name, label] for label in BUILT) for name in cells]
     told = ", ".join(f"{share:.0f} % ({CELLS[name].title})" for name, share in zip(cells, shares, strict=True))
-    return f"Of what the tightest grid or tree of its memory leaves, a proven network leaves {told}."
+    return (
+        f"False positives of a proven network, as a share of those of the tightest grid or tree in its memory: {told}."
+    )
 
 
 def page(kept: StoredRows, command: str) -> str:

@@ -47,7 +47,7 @@ def centred(mesh: wb.shapes.Mesh, name: str) -> wb.shapes.Mesh:
 
 
 def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Of the hills, metres: a meter up and down, and rough."""
+    """Height of the hills at x and y, metres: waves about a metre high, with small bumps."""
     rough = 0.03 * np.sin(5.1 * x + 2 * np.sin(1.7 * y)) * np.sin(4.3 * y + np.sin(2.9 * x))
     return 0.9 * np.sin(0.55 * x) * np.cos(0.45 * y + 0.3) + 0.3 * np.sin(1.3 * x + 0.8 * y) + rough
 

@@ -1,8 +1,9 @@
 """What a GPU says: `python benchmarks/gpu --data FOLDER --out results/gpu/NAME`, on a machine with a card.
 
 `--prepare` makes FOLDER before, on any machine: bounders and meshes, so that the machine with the card fits nothing and
-reads no mesh files. `--dry` compiles kernels for sm_90 and counts their instructions; it needs neither, but
-`nvdisasm` and `cuobjdump` on the path, and writes `counted.json` if there is an `--out`.
+reads no mesh files. `--dry` compiles kernels for sm_90 and counts their instructions; it needs neither. It counts in
+machine code, and writes `counted.json` if there is an `--out`, where the packages nvidia-cuda-nvdisasm and
+nvidia-cuda-cuobjdump are installed, or their tools are on the path; else it counts words of PTX.
 
 The parts: Newton's passes with the cull in a graph; rivals of distances; queries in graphs; `choose`; what proofs take
 from the hardware; answers against float64; times; and points and distances that are asked for mistakes. Each part
@@ -12,10 +13,13 @@ takes some of them. All parts take about four minutes, half of them compiling wh
 
 import argparse
 import json
+import os
 import platform
 import re
+import shutil
 import subprocess
 import sys
+import sysconfig
 import tempfile
 import time
 from pathlib import Path
@@ -78,22 +82,34 @@ PIPES = {
     "MUFU": ("MUFU",),
     "HMMA": ("HMMA",),
 }
+TOOLS = ("nvdisasm", "cuobjdump")
+IN_PTX = ("mma.sync", "sin.approx", "fma.rn.f32", "ld.global", ".local", "atom.")
 H100 = 132 * 1.755  # multiprocessors, clocks a ns
 
 
-def counted(kernel: wp.Kernel, queries: int | None = None, turns: int = 1) -> dict:
-    """What a query costs in machine code for sm_90, by ``cuobjdump`` and ``nvdisasm`` on the path.
+def _tool(name: str) -> str | None:
+    """Where a tool is, on the path or in a package of NVIDIA's."""
+    folders = Path(sysconfig.get_path("purelib")).glob("nvidia/*/bin")
+    return shutil.which(name) or shutil.which(name, path=os.pathsep.join(map(str, folders)))
 
-    A thread answers ``queries``, and takes each innermost loop ``turns`` times; without, registers and stack are all
-    that is told. The times are those of an H100 on which each scheduler issues an instruction a clock, and each
-    multiprocessor loads 32 bits of all lanes of a warp.
+
+def counted(kernel: wp.Kernel, queries: int | None = None, turns: int = 1) -> dict:
+    """What a query costs in machine code for sm_90; without the tools that read it, how often words stand in PTX.
+
+    A thread answers ``queries`` and runs each innermost loop ``turns`` times. Without ``queries`` only registers and
+    stack are counted. Times are lower bounds for an H100. They assume that each scheduler issues one instruction a
+    clock, and that each multiprocessor loads 32 bits for each lane of a warp in a clock.
     """
+    tools = list(map(_tool, TOOLS))
     with tempfile.TemporaryDirectory() as folder:
-        wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=False)
+        wp.compile_aot_module(kernel.module, arch=[90], module_dir=folder, use_ptx=not all(tools))
+        if not all(tools):
+            text = next(Path(folder).glob("*.ptx")).read_text()
+            return {word: text.count(word) for word in IN_PTX}
         cubin = next(Path(folder).glob("*.cubin"))
         listing, usage = (
-            subprocess.run([*tool, cubin], capture_output=True, text=True, check=True).stdout
-            for tool in (("nvdisasm", "-c"), ("cuobjdump", "--dump-resource-usage"))
+            subprocess.run([tool, option, cubin], capture_output=True, text=True, check=True).stdout
+            for tool, option in zip(tools, ("-c", "--dump-resource-usage"), strict=True)
         )
     found = {what: max(map(int, re.findall(rf"{what}:(\d+)", usage))) for what in ("REG", "STACK")}
     if queries is None:
@@ -164,6 +180,8 @@ def main() -> None:
     parser.add_argument("--prepare", action="store_true")
     arguments = parser.parse_args()
     if arguments.dry:
+        if arguments.out and not all(map(_tool, TOOLS)):
+            parser.error("--out needs machine code: pip install nvidia-cuda-nvdisasm nvidia-cuda-cuobjdump")
         found = dry()
         print(*(f"{name}: {costs}" for name, costs in found.items()), sep="\n")
         if arguments.out:

@@ -220,9 +220,9 @@ class Robot(NamedTuple):
         return {name: arm.self_collision(revolved=own.revolved, **own.pairs) for name, own in self.networks.items()}
 
 
-# The flange turns the fingers beside the forearm: these pairs need its joint, and only one more. All other pairs can
-# spare it. With solids of revolution in place of the fingers, 1.3 % more of the Panda's free configurations would count
-# as touching, for these pairs alone.
+# Pairs that have a network of their own. Whether a finger touches link 5 depends on two joints, one of them the last.
+# All other pairs can do without the last joint. If solids of revolution replaced the fingers in these pairs, 1.3 % more
+# of the Panda's free configurations would count as touching.
 FINGERS = (("panda_link5", "panda_leftfinger"), ("panda_link5", "panda_rightfinger"))
 ROBOTS = {
     "ur5": Robot(

@@ -33,7 +33,7 @@ def check_refused(path, *words):
 
 
 def changed(bounder, tensors, certificate=None):
-    """A copy with other tensors beside its own."""
+    """A copy of a bounder in which some tensors are replaced."""
     made = type(bounder)(bounder.domain, bounder.tensors | tensors, bounder.sizes, "cpu")
     made.info = dict(bounder.info)
     return made.freeze(float(bounder.threshold), certificate)

@@ -69,18 +69,11 @@ class TensorCores:
         return text(self.source)
 
     def _launch_of(
-        self,
-        kernel_of: Callable[..., wp.Kernel],
-        count: int,
-        inputs: list,
-        outputs: list,
-        *,
-        exact: bool = False,
-        several: bool = False,
+        self, kernel_of: Callable[..., wp.Kernel], count: int, inputs: list, outputs: list, *, exact=False, **more
     ) -> BlockLaunch:
         numbers = None if exact else self.tensor_numbers
         if numbers is None:
-            return super()._launch_of(kernel_of, count, inputs, outputs, several=several)
+            return super()._launch_of(kernel_of, count, inputs, outputs, **more)
         kernel, inputs = kernel_of(body=self.tensor_text), [*inputs, numbers]
         return BlockLaunch(kernel, threads(count), inputs, outputs, self.device, first_index=2, block_dim=BLOCK)
 
