@@ -15,7 +15,7 @@ from warp_bounding.networks.tensor_cores import MOST_THREADS
 from warp_bounding.runtime import launch
 from warp_bounding.runtime.arrays import MOST_NUMBERS
 from warp_bounding.runtime.launch import BLOCK, BlockLaunch, OutOfTimeError, launch_blocks, limited, run_shares
-from warp_bounding.runtime.progress import reported
+from warp_bounding.runtime.progress import reported, slow
 
 
 @wp.kernel(enable_backward=False)
@@ -197,3 +197,29 @@ def test_a_function_is_called_as_it_is_and_anything_else_is_refused():
     for wrong in (5, True, "bar"):
         with pytest.raises(BounderError, match="progress must be a function, None or False, got"), reported(wrong, ""):
             pass
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_slow_work_is_reported_while_it_runs_on_a_terminal_only(monkeypatch, terminal):
+    written, lines = threading.Event(), []
+
+    class Screen:
+        """Standard error that wakes the work as soon as a line comes."""
+
+        def isatty(self):
+            written.set()
+            return terminal
+
+        def write(self, text):
+            lines.append(text)
+
+        def flush(self): ...
+
+    monkeypatch.setattr("sys.stderr", Screen())
+    with slow("reading a.obj", after=0.0):
+        assert written.wait(60)
+    with slow("reading b.obj", after=600.0):
+        pass
+    for timer in [thread for thread in threading.enumerate() if isinstance(thread, threading.Timer)]:
+        timer.join()
+    assert "".join(lines) == "warp-bounding: reading a.obj\n" * terminal

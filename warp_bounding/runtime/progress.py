@@ -1,9 +1,10 @@
-"""Progress of long work: a bar on standard error if that is a terminal, or a function that the caller gives."""
+"""Progress of long work: a bar or line on standard error if that is a terminal, or a function that the caller gives."""
 
 import contextlib
 import os
 import sys
 from collections.abc import Callable, Iterator
+from threading import Timer
 from types import SimpleNamespace
 from typing import Any
 
@@ -49,6 +50,29 @@ def reported(progress: Progress | bool | None, description: str) -> Iterator[Pro
         yield None
     else:
         raise BounderError(f"progress must be a function, None or False, got {progress!r}")
+
+
+SLOW = 2.0  # seconds after which work that has no bar is reported
+
+
+@contextlib.contextmanager
+def slow(what: str, after: float = SLOW) -> Iterator[None]:
+    """Report work that takes more than so many seconds, while it runs: a line on standard error, if that is a terminal.
+
+    ``what`` names the work, as in "reading room.yaml".
+    """
+
+    def report() -> None:
+        if sys.stderr is not None and sys.stderr.isatty():
+            print(f"warp-bounding: {what}", file=sys.stderr, flush=True)
+
+    timer = Timer(after, report)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 # Warp without its own messages: they would stand between a command's own, or in what a program reads.

@@ -19,6 +19,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from warp_bounding.errors import ShapeError
+from warp_bounding.runtime.progress import slow
 from warp_bounding.runtime.whole_file import BOUNDER
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, grid_of, level_of
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_pgm, read_png, read_ros_map
@@ -221,7 +222,7 @@ def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
 
 def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
     suffix = path.suffix.lower()
-    with reading(path, f"a {suffix} file"):
+    with slow(f"reading {path.name}"), reading(path, f"a {suffix} file"):
         if not path.exists():
             raise ShapeError(f"{path}: no such file")
         if not path.is_file():
