@@ -8,6 +8,7 @@ import pytest
 import trimesh
 from bounding_shapes import reloaded
 from distances import check_hard_positives
+from edges import COUNT, check_until
 from plain_shapes import LEANING, TETRAHEDRON
 
 import warp_bounding as wb
@@ -250,6 +251,25 @@ def test_points_that_a_hole_closes_around_are_in_the_object(rng):
     assert not (free & enclosed(motion, low, high)).any()
     assert free.mean() > 0.2
     assert not bounder.segments(a[1:2], b[1:2])[0].numpy().any()  # which promises contact, and there is none
+
+
+@pytest.mark.parametrize("parts", [1, 20])
+def test_no_place_of_a_moving_distance_is_behind_the_object(parts, rng):
+    """Random networks, whose F is often under the slack: there the object may be, and a segment is not clear."""
+    domain, sizes = far("solid").domain, [(12, 4), (12, 12), (1, 12)]
+    tensors = {f"layers.{i}.weight": rng.normal(0, 0.7, size).astype(np.float32) for i, size in enumerate(sizes)}
+    tensors |= {f"layers.{i}.bias": rng.normal(0, 1, size[0]).astype(np.float32) for i, size in enumerate(sizes)}
+    bounder = MlpDistance(domain, tensors, {"hidden": [12, 12], "activation": "sin"}, "cpu").cut_in(parts)
+    bounder.relieve(rng.uniform(0, 0.5, bounder.part_count))
+    v = rng.uniform(-1, 1, (1000, 4)) * domain.limit
+    bounder.freeze(min(-float(np.float32(np.quantile(bounder.reference(v), 0.3))), 0.0), None)
+
+    def contains(x: np.ndarray) -> np.ndarray:
+        v = domain.to_local(x)
+        return (np.abs(v) <= domain.limit).all(axis=1) & (bounder.reference(v) + float(bounder.threshold) <= 0)
+
+    for _ in range(3):
+        check_until(bounder, contains, *(moments(moving("solid"), COUNT, rng) for _ in "ab"))
 
 
 @pytest.mark.parametrize("activation", ["sin", "relu"])

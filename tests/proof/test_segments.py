@@ -1,13 +1,19 @@
 """Segments: what is cleared meets the object nowhere, and most of what is free is cleared."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
-from bounding_shapes import HIDDEN, fitted_query, random_mlp, shape
+from bounding_shapes import CONSERVATIVE, EARLY, HIDDEN, fitted_query, random_mlp, shape
 from bounding_shapes import fitted as hardly_fitted
+from distances import far
+from edges import COUNT, check_until, met
 
 import warp_bounding as wb
+from warp_bounding.bounders import DISTANCES, METHODS
+from warp_bounding.bounders.cascade import Lattice, Local
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof import prove
 from warp_bounding.shapes import Grid
@@ -72,6 +78,77 @@ def test_one_segment_at_a_time_is_cleared_as_in_a_batch_or_farther(method, name,
     for t in np.linspace(0, 1, 101):
         at = starts + t * until[2:, None] * (ends - starts)
         assert not grid.contains(at[(until[2:] > 0) & ((t < 1) | clear[2:])]).any()
+
+
+@pytest.mark.parametrize("method", [m for m in CONSERVATIVE if not issubclass(METHODS[m], Mlp)])
+def test_no_place_is_behind_a_volume(method, rng):
+    if method in DISTANCES:
+        for bounder in (hardly_fitted(method, "blob"), far(method, "blob")):
+            check_until(bounder, shape("blob").contains, *segments(shape("blob"), COUNT, rng))
+    else:
+        with pytest.raises(BounderError, match="segments need"):
+            wb.proof.Segments(hardly_fitted(method, "blob"))
+
+
+@pytest.mark.parametrize("method", [m for m in DISTANCES if m not in METHODS or issubclass(METHODS[m], Mlp)])
+def test_no_place_of_a_distance_is_behind_the_object(method, rng):
+    check_until(far(method, "blob"), shape("blob").contains, *segments(shape("blob"), COUNT, rng))
+
+
+def network(share: float, activation: str, seed: int) -> Mlp:
+    """A random one, of small bends, that denies about this share of all points."""
+    made = random_mlp(shape("c"), EARLY, activation, seed, gain=8.0)
+    return denying(made, share, seed)
+
+
+def denying(made: Mlp, share: float, seed: int) -> Mlp:
+    """With a threshold for that; a little lower, as f of ``relu`` may be the same at many points."""
+    f = made.reference(np.random.default_rng(seed).uniform(-1, 1, (1000, 2)) * made.domain.limit)
+    return made.freeze(float(np.float32(np.quantile(f, share) - 0.05 * np.ptp(f))), None)
+
+
+def exits(share: float, activation: str, seed: int) -> MlpEarly:
+    """The same behind an exit, that of another one's output."""
+    last, other = (network(share, activation, seed + more) for more in (0, 100))
+    first = {f"layers.0.{name}": last.tensors[f"layers.0.{name}"] for name in ("weight", "bias")}
+    first |= {"layers.1.weight": other.tensors["layers.1.weight"][:1], "layers.1.bias": np.zeros(1, np.float32)}
+    early = Mlp(last.domain, first, last.sizes | {"hidden": [EARLY[0]]}, "cpu")
+    return MlpEarly.of([denying(early, share, seed), last])
+
+
+def parted(share: float, activation: str, seed: int) -> Local:
+    """The same with thresholds of parts, at random around its own, and a part of which it denies nothing."""
+    whole, rng = network(share, activation, seed), np.random.default_rng(seed)
+    limit = whole.domain.limit.astype(np.float64)
+    lattice = Lattice.of(-limit, limit, (5, 5))
+    thresholds = float(whole.threshold) + rng.normal(size=lattice.count) * 0.2
+    thresholds[0] = -np.inf
+    return Local.of(whole, lattice, thresholds, 2.0**-8).freeze(0.0, None)
+
+
+def several(join, share: float, *kinds):
+    """Some of them, put together."""
+    return lambda activation, seed: join(*[k(share, activation, 10 * seed + i) for i, k in enumerate(kinds)])
+
+
+OF_NETWORKS = {
+    "one": partial(network, 0.8),
+    "exits": partial(exits, 0.5),
+    "parts": partial(parted, 0.8),
+    "all": several(wb.cascade, 0.4, network, network, exits),
+    "all, with parts": several(wb.cascade, 0.5, network, parted),
+    "any": several(wb.union, 0.9, network, network, parted),
+    "any of all": several(wb.union, 0.8, lambda *own: wb.cascade(network(*own), network(0.3, *own[1:])), exits),
+}
+
+
+@pytest.mark.parametrize("activation", ["relu", "sin"])
+@pytest.mark.parametrize("kind", OF_NETWORKS)
+def test_no_place_is_behind_what_networks_do_not_deny(kind, activation, rng):
+    for seed in range(2):
+        bounder = OF_NETWORKS[kind](activation, seed)
+        ends = segments(shape("c"), COUNT, rng)
+        check_until(bounder, lambda x, b=bounder: met(b, b.domain.to_local(x)), *ends)
 
 
 def test_segments_that_end_in_the_object_are_never_cleared(rng):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import ask, run_text
+from edges import COUNT, check_until
 from shape_kinds import around
 
 import warp_bounding as wb
@@ -172,6 +173,8 @@ def test_segments_across_turns_and_limits(shape, bounders, rng):
             for p, q in zip(a[cleared], b[cleared], strict=True):
                 assert not shape.contains(p + s * (q - p)).any()
             clear += cleared.sum()
+            if span == 6.0:
+                check_until(bounders[name], shape.contains, a[:COUNT], b[:COUNT])
     assert clear
     top, folded = float(shape.upper[1]), 0.9  # a folded elbow passes the wall in a whole turn, and in many
     beyond, folded = np.nextafter(np.float32(top), np.float32(9)), folded * top

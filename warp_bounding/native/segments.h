@@ -7,8 +7,9 @@
 /// goes piece by piece from first to last. A piece is clear where the bound of -f lies above what is needed there:
 /// base, less the least of the values of the lattice's parts that the piece may meet. The next one is then twice as
 /// long. Of a piece that is not clear the walk goes as far as the linear bound level + slope zeta tells, and goes on
-/// with a shorter one; it ends at one of 2^-depth of the way, and in a quick walk at every point that cannot be clear.
-/// until is then the least place at which a walk along the segment has ended. Where begin is infinite nothing is asked.
+/// with a shorter one; it ends at one of 2^-depth of the way, and in a quick walk at every point that cannot be clear,
+/// in all windows of the segment at once. until is then the least place at which a walk along the segment has ended.
+/// Where begin is infinite nothing is asked.
 const double* values = lattice.data + edges; const double* map_ = map.data;
 V low[BOX], high[BOX]; int own[L]; const int windows = shared ? L : 1; long long next = (long long)BEGIN * windows;
 double at[L], step[L], last[L], shortest[L];
@@ -70,7 +71,10 @@ for (int l = 0; l < L; ++l) {
 for (;;) {
     int busy = 0;
     for (int l = 0; l < L; ++l) {
-        while (own[l] >= 0 && (quick ? until.data[own[l]] < INFINITY : until.data[own[l]] <= at[l])) take(l);
+        while (own[l] >= 0 && (quick ? until.data[own[l]] < INFINITY : until.data[own[l]] <= at[l])) {
+            found(own[l], at[l]);  // another lane has ended a quick walk: of this window no more is known
+            take(l);
+        }
         busy += own[l] >= 0;
         const double end = at[l] + step[l];
         LANE(low[2 * K]) = own[l] < 0 ? 0.0 : at[l];

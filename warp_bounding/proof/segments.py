@@ -269,11 +269,12 @@ class _All:
         self._walks, self._first = walks, first
 
     def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
-        until = np.full(len(starts), np.inf)
+        until, left = np.full(len(starts), np.inf), begin
         for walk in self._walks:
-            until = np.minimum(until, walk(starts, ends, begin))
-            if not self._first:  # the others need not ask about what this one has not cleared
-                begin = np.where(until < np.inf, np.inf, begin)
+            if not self._first:  # this one need not ask about what another has not cleared, and so may clear none of it
+                stopped = until < np.inf
+                until, left = np.where(stopped, begin, until), np.where(stopped, np.inf, begin)
+            until = np.minimum(until, walk(starts, ends, left))
         return until
 
 
