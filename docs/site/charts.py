@@ -1,11 +1,13 @@
-"""Charts of what was measured: ``python docs/site/charts.py`` writes ``docs/times.png`` and ``docs/cull.png``.
+"""Charts of what was measured: ``python docs/site/charts.py`` writes ``times``, ``cull`` and ``tightness.png`` in docs.
 
 *times*, from ``results/demos/*.json``. For each demo a whole step: without a broad phase; with a box, which a user
-would take otherwise; with the best classic volume; with the best proven network; and with what ``choose`` takes, where
-the demo has measured it. Bars are shares of the step without a broad phase. What has no proof is left out.
+would take otherwise; with the best classic volume; with the network ``mlp``; and with what ``choose`` takes, where the
+demo has measured it. Bars are shares of the step without a broad phase. What has no proof is left out.
 
 *cull*, from ``results/newton`` and ``results/gpu/h100``: how many times as fast Newton's particle-shape pass is with a
 cull, by pairs of a particle and a shape, on a CPU and on a GPU.
+
+*tightness*, from ``results/meshes``: false positives over bytes, of five meshes together and of the one built of boxes.
 """
 
 import argparse
@@ -42,9 +44,10 @@ KINDS = {  # what a bar is of, and its colour
     "without": "#c9ced3",
     "a box": "#b9ad9e",
     "best classic volume": "#8b7a66",
-    "best network": "#2f7fd1",
-    "choose": "#16467a",
+    "network (mlp)": "#2f7fd1",
+    "choose": "#e0871b",
 }
+LABEL = 8  # height of a number and what it is above its bar, in the axis' units
 
 
 def shares(results: Path, group: Bars) -> dict[str, tuple[float, str]]:
@@ -65,7 +68,7 @@ def shares(results: Path, group: Bars) -> dict[str, tuple[float, str]]:
         "without": (own["none"]["ms_step"], "none"),
         "a box": best([box]),
         "best classic volume": best(CLASSIC),
-        "best network": best(name for name in proven if "mlp" in name and "," not in name),
+        "network (mlp)": best(["mlp"]),
         "choose": best(["chosen"]),
     }
     return {kind: value for kind, value in found.items() if value is not None}
@@ -90,12 +93,12 @@ def times(results: Path, path: Path) -> None:
         for number, (kind, (milliseconds, _)) in enumerate(measured.items()):
             x, share = first + number * width, 100 * milliseconds / whole
             axes.bar(x, share, 0.92 * width, color=KINDS[kind], label=kind if place == 0 else None)
-            weight = "bold" if kind == "best network" else "normal"
+            weight = "bold" if kind == "network (mlp)" else "normal"
             if kind == "without":
                 continue
             axes.text(
                 x,
-                share + 1.5,
+                (100 if 100 - LABEL < share < 100 else share) + 1.5,  # clear of the dashed line
                 f"{share:.0f}",
                 ha="center",
                 fontsize=7.6,
@@ -190,9 +193,67 @@ def cull(results: Path, path: Path) -> None:
     save_figure(figure, path, 144)
 
 
+BOXES = "bear"  # the mesh that is built of boxes
+CURVES = {  # sizes of a method, joined by a line, and its colour
+    "network (mlp)": (("mlp 16-16", "mlp 24-24", "mlp 32-32", "mlp 50-50"), "#2f7fd1"),
+    "tree of boxes (bvh)": (("bvh 64", "bvh 300", "bvh 1500"), "#8b5a2b"),
+    "grid of bits (voxels)": (("voxels 64", "voxels 192"), "#2e8b6f"),
+    "one volume": (("aabb", "kdop", "learned-kdop"), "#7d8790"),
+}
+ALONG = list(CURVES)[:3]  # those that are one method in several sizes
+
+
+def tightness(results: Path, path: Path) -> None:
+    """Write the chart of false positives over bytes; over several meshes, geometric means, the least and the most."""
+    import numpy as np
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    from sims.drawing import INK, save_figure
+
+    rows = [json.loads(line) for line in (results / "meshes/meshes.jsonl").read_text().splitlines()]
+    proven = {(row["mesh"], row["label"]): row for row in rows if row["certificate"] == "proven"}
+    meshes = list(dict.fromkeys(row["mesh"] for row in rows))
+    others = [name for name in meshes if name != BOXES]
+    figure = Figure(figsize=(9.6, 4.6))
+    FigureCanvasAgg(figure)
+    sides = ((others, ", ".join(others)), ([BOXES], f"{BOXES}, which is built of boxes"))
+    axes = figure.subplots(1, 2, sharex=True, sharey=True)
+    figure.subplots_adjust(left=0.075, right=0.985, bottom=0.13, top=0.74, wspace=0.06)
+    for ax, (names, title) in zip(axes, sides, strict=True):
+        for kind, (labels, colour) in CURVES.items():
+            found = [[proven[name, label] for name in names] for label in labels]
+            size, rate = (np.array([[r[key] for r in each] for each in found]) for key in ("bytes", "fp_rate"))
+            x, y = (np.exp(np.log(each).mean(axis=1)) for each in (size, rate))
+            ax.plot(x, y, "o-" if kind in ALONG else "o", color=colour, linewidth=2.2, label=kind, zorder=3)
+            if len(names) > 1:
+                ax.vlines(x, rate.min(axis=1), rate.max(axis=1), color=colour, linewidth=4, alpha=0.22, zorder=2)
+            if kind not in ALONG and len(names) > 1:
+                for label, at in zip(labels, zip(x, y, strict=True), strict=True):
+                    ax.annotate(label, at, (8, 0), textcoords="offset points", fontsize=9, color=colour, va="center")
+        ax.set(xscale="log", yscale="log", xlim=(40, 2e6), ylim=(0.15, 70))
+        ax.set_title(title, fontsize=10.5, color=INK, loc="left")
+        ax.set_xticks([100, 1e3, 1e4, 1e5, 1e6], ["100 B", "1 kB", "10 kB", "100 kB", "1 MB"])
+        ax.set_yticks([0.2, 0.5, 1, 2, 5, 10, 20, 50], ["0.2", "0.5", "1", "2", "5", "10", "20", "50"])
+        ax.minorticks_off()
+        ax.tick_params(labelsize=9.5, colors=INK)
+        ax.grid(color="#e3e7ea", linewidth=0.8, zorder=0)
+        ax.set_axisbelow(True)
+        for side in ("top", "right"):
+            ax.spines[side].set_visible(False)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc=(0.066, 0.8), ncols=4, frameon=False, fontsize=9.5)
+    axes[0].set_ylabel("false positives, % of points", fontsize=10.5, color=INK)
+    head = "How much a bound lets through, by its bytes; all are proven"
+    figure.text(0.075, 0.94, head, fontsize=12.5, color=INK, weight="bold")
+    text = "Lower is tighter. Left: geometric means over five meshes; bars have their range."
+    figure.text(0.075, 0.885, text, fontsize=9.5, color="#5a6b7a")
+    save_figure(figure, path, 144)
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=ROOT / "docs", help="folder of the pictures")
     given = parser.parse_args()
     times(ROOT / "results/demos", given.out / "times.png")
     cull(ROOT / "results", given.out / "cull.png")
+    tightness(ROOT / "results", given.out / "tightness.png")

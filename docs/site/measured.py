@@ -219,6 +219,12 @@ def _demo(results: Path, name: str) -> dict[tuple[str, str], dict]:
     return {(run["bounder"], run["section"]): run for run in report["runs"]}
 
 
+def _bytes(results: Path, name: str, bounder: str) -> str:
+    """The size of a demo's bounder."""
+    report = json.loads((results / f"demos/{name}.json").read_text(encoding="utf-8"))
+    return _size([row["bytes"] for row in report["bounders"] if row["bounder"] == bounder])
+
+
 def _share(runs: dict[tuple[str, str], dict], bounder: str, section: str = "") -> str:
     """The time of a whole step with a bounder, in % of that without one."""
     return f"{100 * runs[bounder, section]['ms_step'] / runs['none', section]['ms_step']:.0f} %"
@@ -230,36 +236,44 @@ def _card(results: Path, part: str, way: str, card: str = "h100") -> str:
     return f"{(found['ns'] if isinstance(found, dict) else found)[0]:.2g} ns"
 
 
-def _cull(results: Path, cell: str) -> str:
-    """How many times as fast Newton's pass is on an H100, with bounders."""
+def _cull(results: Path, cell: str, what: str = "distance") -> str:
+    """How many times as fast Newton's pass is on an H100, with bounders or with ``"boxes"`` alone."""
     row = json.loads((results / "gpu/h100/cull.json").read_text(encoding="utf-8"))["found"][cell]
     from warp_bounding.newton.sieve import SORTED
 
-    with_it = f"distance, 16 warps{', by place' if row['pairs'] >= SORTED else ''}"
+    with_it = f"{what}, 16 warps{', by place' if row['pairs'] >= SORTED else ''}"
     times = [min(row[f"{way}, ms, turn {turn}"][0] for turn in (0, 1)) for way in ("none", with_it)]
     return f"{times[0] / times[1]:.2f}"
+
+
+def _pass(row: dict, bounder: str) -> str:
+    """How many times as fast Newton's pass over many meshes is on a CPU."""
+    return f"{next(entry['ratio'] for entry in row['bounders'] if entry['bounder'] == bounder):.1f}"
 
 
 def pays(results: Path) -> str:
     """Where a bounder pays, a line each."""
     rain, arm = _demo(results, "particles"), _demo(results, "arm")
-    field = json.loads((results / "demos/cloth.json").read_text(encoding="utf-8"))["field"][0]
-    faster = next(entry["ratio"] for entry in field["bounders"] if entry["bounder"] == "distance")
+    near, *_, far = json.loads((results / "demos/cloth.json").read_text(encoding="utf-8"))["field"]
+    million = "1000000 particles, 1 meshes"
     lines = {
         "Expensive checks, many coordinates": "planning with checks of meshes takes "
         f"{_share(arm, 'mlp', 'Planar arm, 4 joints, meshes')} (an arm of four joints) and "
-        f"{_share(arm, 'mlp', 'UR5, meshes')} (a UR5), with a tree of boxes "
-        f"{_share(arm, 'bvh', 'Planar arm, 4 joints, meshes')} and {_share(arm, 'bvh', 'UR5, meshes')}; with our own "
-        f"checks of convex hulls, which are fast, {_share(arm, 'mlp', 'Planar arm, 4 joints')}.",
+        f"{_share(arm, 'mlp', 'UR5, meshes')} (four of a UR5's six), with a tree of boxes "
+        f"{_share(arm, 'bvh', 'Planar arm, 4 joints, meshes')} and {_share(arm, 'bvh', 'UR5, meshes')}. With our own "
+        f"checks of convex hulls, which are fast, the first takes {_share(arm, 'mlp', 'Planar arm, 4 joints')}.",
         "Moving shapes": "rain on a turning bunny takes "
-        f"{_share(rain, 'mlp', 'containment')}; with a box refitted every step "
-        f"{_share(rain, 'moving aabb', 'containment')}.",
-        "Distances, swept queries": f"a proven grid takes "
-        f"{_card(results, 'grids', 'bunny-distance-grid-32, function')} a point on an H100, `wp.mesh_query_point` "
-        f"{_card(results, 'closest', 'wp.mesh_query_point, no limit')}.",
-        "Newton, many particles": f"its contact pass is {faster:.1f} times as fast on a CPU "
-        f"({field['pairs']:,} pairs), {_cull(results, '1000000 particles, 1 meshes')} times on an H100 (a "
-        "million particles).",
+        f"{_share(rain, 'mlp', 'containment')} with a network of {_bytes(results, 'particles', 'mlp')}, "
+        f"{_share(rain, 'voxels', 'containment')} with `voxels` of {_bytes(results, 'particles', 'voxels')}, "
+        f"{_share(rain, 'moving aabb', 'containment')} with a box refitted every step.",
+        "Distances, swept queries": f"a lower bound from a proven grid takes "
+        f"{_card(results, 'grids', 'bunny-distance-grid-32, function')} a point on an H100; `wp.mesh_query_point`, "
+        f"which is exact, {_card(results, 'closest', 'wp.mesh_query_point within 0.1')} within 0.1 of the mesh and "
+        f"{_card(results, 'closest', 'wp.mesh_query_point, no limit')} without a limit.",
+        "Newton, many particles": f"its contact pass is {_pass(near, 'distance')} times as fast on a CPU "
+        f"({near['pairs']:,} pairs, contact gap {near['gap']:g}), {_cull(results, million)} times on an H100 (a "
+        f"million particles). Boxes alone reach {_pass(near, 'aabb')} and {_cull(results, million, 'boxes')}. A gap of "
+        f"{far['gap']:g} leaves {_pass(far, 'distance')} on the CPU, {_pass(far, 'aabb')} with boxes alone.",
         "Whole edges of a roadmap": "proven free, without samples.",
         "Smooth meshes": "tight in few kilobytes, below.",
     }
@@ -267,24 +281,32 @@ def pays(results: Path) -> str:
 
 
 def pays_not(results: Path) -> str:
-    """Where a bounder, or a network, does not pay, a line each."""
+    """Where a network gains little or loses, a line each, with what is better."""
     rain, cloth, path = (_demo(results, name) for name in ("particles", "cloth", "path"))
     shadows, sections = _demo(results, "shadows"), ("rooms", "maze")
     grids = [_share(path, "distance-grid", section) for section in sections]
     nets = [_share(path, "mlp", section) for section in sections]
     near = 1e6 * rain["none", "contact"]["ms_narrow"] / 100_000
     lines = {
-        "Cheap exact tests": f"that rain, tested for contacts only ({near:.0f} ns), takes "
-        f"{_share(rain, 'mlp', 'contact')}.",
-        "One cloth on two meshes": f"a network takes {_share(cloth, 'mlp')}.",
-        "Paths in a 2D grid": f"a network takes {' and '.join(nets)}, a grid of distances {' and '.join(grids)}.",
-        "Shadow rays": f"a network takes {_share(shadows, 'mlp')}, a k-DOP {_share(shadows, 'kdop')}.",
-        "Static meshes on a GPU": f"a tree of boxes takes {_card(results, 'points', 'bvh')} a point on an H100, a "
-        f"network in your own kernel {_card(results, 'points', '24 float32')}.",
+        "Cheap exact tests": f"that rain, tested for contacts only ({near:.0f} ns a drop), takes "
+        f"{_share(rain, 'mlp', 'contact')}, with `voxels` {_share(rain, 'voxels', 'contact')}.",
+        "One cloth on two meshes, in Newton": f"{_share(cloth, 'mlp')}, with `voxels` {_share(cloth, 'voxels')}.",
+        "Paths in a 2D grid": f"{' and '.join(nets)}, with a grid of distances {' and '.join(grids)}.",
+        "Shadow rays": f"{_share(shadows, 'mlp')}, with a k-DOP {_share(shadows, 'kdop')}.",
+        "Static meshes on a GPU": f"a network in your own kernel takes {_card(results, 'points', '24 float32')} a "
+        f"point on an H100, a tree of boxes {_card(results, 'points', 'bvh')}.",
         "Few particles": "with ten thousand, Newton's pass on an H100 is "
         f"{_cull(results, '10000 particles, 1 meshes')} times as fast.",
     }
     return "".join(f"* **{what}**: {how}\n" for what, how in lines.items())
+
+
+def planner_balls(results: Path) -> str:
+    """How much of robots lies outside of the balls that a planner checks."""
+    names = {"panda": "Panda", "ur5": "UR5 with gripper", "fetch": "Fetch"}
+    rows = _rows(results / "planner-balls/balls.csv")
+    cells = [[names[row["robot"]], row["balls"], row["outside_percent"], row["farthest_mm"]] for row in rows]
+    return table(["VAMP's balls", "balls", "surface outside, %", "farthest, mm"], cells)
 
 
 def arms(results: Path) -> str:
@@ -323,6 +345,7 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "pays-not": pays_not,
     "arms": arms,
     "tightness": tightness,
+    "planner-balls": planner_balls,
 }
 MARK = re.compile(
     r"^<!--measured:([\w-]+)-->$(?:\n((?!<!--).*\n)*<!--end-->$)?", re.MULTILINE

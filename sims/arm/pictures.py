@@ -19,8 +19,9 @@ STONE, LINK = "#c9bfb2", "#b9cbdc"
 PROVEN, UNPROVEN, COLLISION = "#1f6fb4", "#e08a00", "#d1242f"
 WIDTH, DPI, COLOURS = 4.6, 110, 160  # of a panel, inches; dots an inch; of the picture's palette
 CORNERS = 24  # of a circle
-APART = 0.25  # between poses that are drawn along a path, in the place's coordinates
-SAMPLES = 200  # of a path's edge, where it is asked for the part that collides: for drawing only
+POSES = 9  # that are drawn along a path, with its ends
+FINE = 0.001  # between those that are asked whether they collide, in the place's coordinates: for drawing only
+TIPS = 25  # of these between points of the tip's path
 RESOLUTION = 300  # of a slice, along a side
 REACH = 1.08  # of a picture around the base, metres
 
@@ -140,25 +141,20 @@ def _path(ax, example: Roadmap, problem: int | None, colour: str) -> None:
     place = example.world
     if problem is None or example.paths[problem] is None:
         return
-    poses = along(example.paths[problem], APART)
+    fine = along(example.paths[problem], FINE)
+    poses = fine[np.linspace(0, len(fine) - 1, POSES).astype(int)]
     for number, pose in enumerate(poses):
         first, last = number == 0, number == len(poses) - 1
+        ends = first or last
         face = "white" if first else INK if last else LINK
-        style = {"alpha": 1.0, "zorder": 6} if first or last else {"alpha": 0.35, "zorder": 2}
-        _polygons(
-            ax,
-            shapes_at(place, pose),
-            facecolors=face,
-            edgecolors=INK if first or last else colour,
-            linewidths=0.7,
-            **style,
-        )
-    tips = np.array([shapes_at(place, pose)[-1].mean(axis=0) for pose in along(example.paths[problem], APART / 10)])
-    ax.plot(*tips.T, color=colour, linewidth=1.6, zorder=5)
-    fine = along(example.paths[problem], APART / SAMPLES)
-    hit = fine[place.shape.contains(fine)]
-    for pose in hit[:: max(1, len(hit) // 4)]:
-        _polygons(ax, shapes_at(place, pose), facecolors=COLLISION, edgecolors=COLLISION, alpha=0.7, zorder=7)
+        style = {"edgecolors": INK if ends else "white", "linewidths": 0.8, "zorder": 6 if ends else 2}
+        _polygons(ax, shapes_at(place, pose), facecolors=face, alpha=1.0 if ends else 0.7, **style)
+    tips = np.array([shapes_at(place, pose)[-1].mean(axis=0) for pose in fine[::TIPS]])
+    ax.plot(*tips.T, color=colour, linewidth=2.0, zorder=5)
+    hit = np.flatnonzero(place.shape.contains(fine))
+    for stretch in np.split(hit, np.flatnonzero(np.diff(hit) > 1) + 1) if len(hit) else ():
+        middle = fine[stretch[len(stretch) // 2]]
+        _polygons(ax, shapes_at(place, middle), facecolors=COLLISION, edgecolors="none", alpha=0.9, zorder=7)
     ax.plot(0, 0, "o", color=INK, ms=5, zorder=8)
 
 
