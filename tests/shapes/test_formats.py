@@ -1,6 +1,7 @@
 """Every format is read as it was written, noted or refused; so are arrays and objects of other libraries."""
 
 import contextlib
+import subprocess
 import sys
 import zlib
 
@@ -14,6 +15,7 @@ from PIL import Image
 import warp_bounding as wb
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes import Grid, load_shape
+from warp_bounding.shapes.formats import arrays, load
 from warp_bounding.shapes.formats.load import READERS
 
 LONGEST = 400  # characters of an error
@@ -62,6 +64,67 @@ def test_what_is_cut_off_is_refused_or_whole(tmp_path, name, content, options):
         path.write_bytes(content[:end])
         with contextlib.suppress(ShapeError):
             assert load_shape(path, **options).digest == whole.digest
+
+
+BINARY = [row[:3] for row in READ if row[0][1:] in (*COUNTED, ".pgm") and isinstance(row[1], bytes)]
+BINARY = [row for row in BINARY if b"\0" in row[1] or not row[1].isascii()]
+
+
+@pytest.mark.parametrize(("name", "content", "options"), BINARY, ids=id_of)
+def test_a_byte_more_or_less_never_moves_what_follows_it(tmp_path, name, content, options):
+    path = written(tmp_path, name, content)
+    whole = load_shape(path, **options)
+    rng = np.random.default_rng(zlib.crc32(content))
+    for at in [*rng.integers(1, min(len(content), 100), CUTS), *rng.integers(1, len(content), CUTS), len(content)]:
+        for other in (content[:at] + bytes([rng.integers(256)]) + content[at:], content[:at] + content[at + 1 :]):
+            path.write_bytes(other)
+            with contextlib.suppress(ShapeError):
+                assert load_shape(path, **options).digest == whole.digest
+
+
+QUIET = """
+import sys, warp_bounding as wb
+from warp_bounding.runtime.progress import quiet_warp
+quiet_warp()
+for path, level, hollow in zip(*[iter(sys.argv[1:])] * 3):
+    try:
+        wb.load_shape(path, level=level or None, hollow=hollow or None)
+    except wb.BoundingError:
+        pass
+"""
+
+
+def test_no_reader_writes_to_standard_error(tmp_path):
+    """Neither a library's log, nor its warnings, nor what it prints."""
+    given = []
+    for number, (name, content, options, *_) in enumerate([*READ, *REFUSED]):
+        (folder := tmp_path / str(number)).mkdir()
+        given += [str(written(folder, name, content)), options.get("level", ""), options.get("hollow", "")]
+    command = [sys.executable, "-W", "default", "-c", QUIET, *given]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+PIXELS = [row[:3] for row in READ if row[0][1:] in (".png", ".pgm", ".yaml", ".binvox")]
+
+
+@pytest.mark.parametrize(("name", "content", "options"), PIXELS, ids=id_of)
+def test_the_limit_of_cells_is_the_only_one(tmp_path, monkeypatch, name, content, options):
+    path = written(tmp_path, name, content)
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 1)
+    shape = load_shape(path, **options)
+    size = getattr(shape, "local", shape).occupancy.size
+    assert Image.MAX_IMAGE_PIXELS == 1
+    monkeypatch.setattr(arrays, "MAX_CELLS", size - 1)
+    refused(path, f"expected 1 to {size - 1} cells, got ", **options)
+
+
+def test_slow_files_are_reported_by_name(tmp_path, monkeypatch):
+    path, seen = written(tmp_path, "a.obj", obj()), []
+    monkeypatch.setattr(load, "slow", lambda what: contextlib.nullcontext(seen.append(what)))
+    for source in (path, str(path), BOX, np.eye(4)):
+        load_shape(source)
+    assert seen == ["reading a.obj"] * 2
 
 
 def test_a_package_of_usd(tmp_path):

@@ -21,7 +21,7 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.recentred import Frame, Recentred
-from warp_bounding.shapes.shape import MAX_OFFSET
+from warp_bounding.shapes.shape import MAX_CELLS, MAX_OFFSET
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise
 # Of the largest coordinate: how far cells may be from where they were requested, as decimal fractions are not exact. It
@@ -51,6 +51,14 @@ def _compared(array: np.ndarray, comparison: str, value: float) -> np.ndarray:
         return _COMPARISONS[comparison](array, value)
     # float32 would round the value
     return _COMPARISONS[comparison](array.astype(np.promote_types(array.dtype, np.float64)), value)
+
+
+def check_cells(shape: Sequence[int]) -> int:
+    """The number of cells of such an array; raises ``ValueError`` if there is none, or more than a grid may have."""
+    count = math.prod(shape)
+    if not 0 < count <= MAX_CELLS:
+        raise ValueError(f"expected 1 to {MAX_CELLS} cells, got {' x '.join(map(str, shape))}")
+    return count
 
 
 class Wanted(NamedTuple):

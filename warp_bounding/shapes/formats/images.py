@@ -14,35 +14,47 @@ import contextlib
 import math
 import re
 import sys
-import warnings
+import threading
 from pathlib import Path
 
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.formats.arrays import Cells, Placement, Wanted
+from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, check_cells
 from warp_bounding.shapes.formats.reading import import_optional, reading
 
-OPAQUE = 0.5  # alpha from here on is occupied
+OPAQUE = 128  # alpha from here on, half of 255, is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
 GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
 WHICH = "say which grey values are occupied: level='<128' for dark ones, level='>=128' for bright ones"
+PICTURES = ("PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP")  # by PIL's names
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 MODES = ("trinary", "scale")
-_BLANK = rb"(?:\s|#[^\n]*\n)+"
-_PGM = re.compile(rb"P[25]" + _BLANK + rb"\d+" + _BLANK + rb"\d+" + _BLANK + rb"(\d+)\s")
+ROWS = 256  # of a map, that are looked up at once: indices take eight times the memory of pixels
+NETPBM = re.compile(rb"P([2356])" + 3 * rb"(?:\s|#[^\r\n]*[\r\n])+(\d+)")  # kind, width, height, white
+_END = re.compile(rb"[ \t]|([ \t]*#[^\r\n]*)?\r?\n")  # of a header, before binary data
+_pillow = threading.Lock()
 
 
 @contextlib.contextmanager
-def opened(path: Path, formats: tuple[str, ...] | None):
-    """A picture that PIL reads, of one frame; raises ``ShapeError`` for anything else."""
-    image_module = import_optional("PIL.Image", "pillow", path)
-    what = f"a {formats[0]} image" if formats else "a picture"
-    with reading(path, what), warnings.catch_warnings():
-        warnings.simplefilter("error", image_module.DecompressionBombWarning)
-        with image_module.open(path, formats=formats) as image:
-            _check_frames(image, path)
-            yield image
+def opened(path: Path, formats: tuple[str, ...] = PICTURES):
+    """A picture that PIL reads, of one frame; raises ``ShapeError`` for anything else.
+
+    The limit of pixels is ours, in place of PIL's, which is a number of its module.
+    """
+    module = import_optional("PIL.Image", "pillow", path)
+    with reading(path, f"a picture of {', '.join(formats)}"), contextlib.ExitStack() as stack:
+        with _pillow:
+            limit, module.MAX_IMAGE_PIXELS = module.MAX_IMAGE_PIXELS, None
+            try:
+                with module.open(path, formats=formats) as whole:
+                    whole.verify()  # the checksums of a PNG, which PIL compares here only
+                image = stack.enter_context(module.open(path, formats=formats))
+                _check_frames(image, path)
+            finally:
+                module.MAX_IMAGE_PIXELS = limit
+        check_cells(image.size)
+        yield image
 
 
 def image_from(source: object, *, grey: bool) -> np.ndarray | None:
@@ -78,7 +90,7 @@ def _pixels(image, name, *, grey: bool) -> np.ndarray:
     image.load()
     alpha, clear = None, "transparency" in image.info
     if image.mode in ALPHA_MODES or (image.mode == "P" and (clear or image.palette.mode == "RGBA")):
-        alpha = np.asarray(image.convert("RGBA"))[..., 3]
+        alpha = np.asarray(image.convert("RGBA").getchannel("A"))
     elif clear:
         raise ShapeError(f"{name}: a transparent colour is not read; give the picture an alpha channel")
     if alpha is None and not grey:
@@ -88,17 +100,31 @@ def _pixels(image, name, *, grey: bool) -> np.ndarray:
         raise ShapeError(f"{name}: expected opaque pixels for a level of their grey, {got}")
     if grey:
         return np.asarray(image if image.mode in GREY_MODES else image.convert("L"))
-    return alpha / 255.0 >= OPAQUE
+    return alpha >= OPAQUE
 
 
-def read_pgm(path: Path) -> np.ndarray:
-    """Grey values ``(height, width)`` of a PGM file, plain (P2) or binary (P5), top row first: uint8, or of 16 bits."""
-    header = _PGM.match(path.read_bytes())
-    if header is None or int(header[1]) not in (255, 65535):
-        raise ValueError("expected a PGM file, P2 or P5, whose white is 255 or 65535")
-    with opened(path, ("PPM",)) as image:
-        values = np.asarray(image)
-    return values if values.dtype == np.uint8 else values.astype(np.uint16)
+def read_netpbm(path: Path) -> np.ndarray:
+    """Values of a PGM ``(height, width)`` or PPM ``(height, width, 3)``, top row first: uint8, or of 16 bits.
+
+    Raises ``ValueError`` unless the file holds as many as its header says, and nothing else.
+    """
+    content = path.read_bytes()
+    header = NETPBM.match(content)
+    if header is None or int(header[4]) not in (255, 65535):
+        raise ValueError("expected a PGM or PPM file, P2, P5, P3 or P6, whose white is 255 or 65535")
+    colours, white = (3,) * (header[1] in b"36"), int(header[4])
+    shape, kind = (int(header[3]), int(header[2])), np.dtype("u1" if white == 255 else ">u2")
+    count, rest = check_cells(shape) * math.prod(colours), len(content) - header.end()
+    if header[1] in b"56":
+        begin = len(content) - count * kind.itemsize
+        if not _END.fullmatch(content[header.end() : max(begin, 0)]):
+            raise ValueError(f"expected the end of a line and {count * kind.itemsize} bytes after {white}, got {rest}")
+        values = np.frombuffer(content, kind, count, begin)
+    else:
+        values = np.fromstring(re.sub(rb"#[^\n]*", b"", content[header.end() :]), np.int64, sep=" ")
+        if len(values) != count or values.min() < 0 or values.max() > white:
+            raise ValueError(f"expected {count} numbers from 0 to {white}, got {len(values)}")
+    return values.reshape(*shape, *colours).astype(kind.newbyteorder("="), copy=False)
 
 
 def read_ros_map(path: Path, wanted: Wanted) -> Cells:
@@ -127,32 +153,38 @@ def read_ros_map(path: Path, wanted: Wanted) -> Cells:
     if yaw:
         instead = "set yaw to 0, and place the bounder with xform="
         raise ShapeError(f"{path}: a map whose origin is turned (yaw {yaw:g}) is not read; {instead}")
-    shade = _shades(path.parent / str(fields["image"]))
+    values, white = _pixels_of(path.parent / str(fields["image"]))
+    shade = np.arange(white + 1) / white  # of each value
     occ = (255 * shade if fields["negate"] else 255 - 255 * shade) / 255.0
-    full = occ >= occupied
-    known = full | (occ < free)
-    if mode == "scale":  # between the two its cells have a value, and are no more free than those above
-        full |= occ >= free
-        known |= full
-    words = [f"ROS map, {mode}, x to the right, y up, metres", *wanted.count(int((~known & ~full).sum()))]
+    full = occ >= (occupied if mode == MODES[0] else free)  # between the two, cells of a scale are free no more
+    unknown = ~full & (occ >= free)
+    solid, unseen = full | (unknown & (wanted.unknown != UNKNOWN[1])), 0
+    cells = np.empty(values.shape[1::-1], bool)
+    for end in range(len(values), 0, -ROWS):
+        rows = values[max(end - ROWS, 0) : end]
+        if rows.ndim == 3:
+            rows = rows[..., 0].astype(np.uint32) + rows[..., 1] + rows[..., 2]
+        cells[:, len(values) - end :][:, : len(rows)] = np.take(solid, rows[::-1]).T
+        unseen += np.count_nonzero(np.take(unknown, rows))
+    words = [f"ROS map, {mode}, x to the right, y up, metres", *wanted.count(unseen)]
     words += [f"not read: {', '.join(others)}"] if (others := sorted(map(str, {*fields} - {*KEYS, "mode"}))) else []
-    cells = (full | (~known & (wanted.unknown != "free")))[::-1].T
     return Cells(cells, path.name, "; ".join(words), Placement(resolution, (x, y), corner=True))
 
 
-def _shades(path: Path) -> np.ndarray:
-    """From 0, black, to 1, ``(height, width)``."""
+def _pixels_of(path: Path) -> tuple[np.ndarray, int]:
+    """Grey values ``(height, width)`` or three colours ``(height, width, 3)``; and the value, or sum, of white."""
     if not path.is_file():
         raise ShapeError(f"{path}: no such file, which the map names as its image")
-    if path.suffix.lower() == ".pgm":
-        with reading(path, "a PGM file"):
-            values = read_pgm(path)
-        return values / (255 if values.dtype == np.uint8 else 65535)
-    with opened(path, None) as image:
-        deep = image.tile and ";16" in str(image.tile[0][3])
-        if deep or image.mode not in ("1", "L", "P", "RGB") or "transparency" in image.info:
+    with path.open("rb") as file:
+        netpbm = re.match(rb"P\d\s", file.read(3))
+    with reading(path, "a PGM file") if netpbm else opened(path) as image:
+        if netpbm:
+            values = read_netpbm(path)
+        elif ";16" in str(image.tile) or image.mode not in ("1", "L", "P", "RGB") or "transparency" in image.info:
             raise ValueError(f"expected an opaque picture of 8 bits in grey or colours, got mode {image.mode}")
-        return np.asarray(image.convert("RGB")).astype(np.float64).mean(axis=2) / 255
+        else:
+            values = np.asarray(image.convert("L" if image.mode in ("1", "L") else "RGB"))
+    return values, int(np.iinfo(values.dtype).max) * math.prod(values.shape[2:])
 
 
 def _number(key: str, word: object) -> float:

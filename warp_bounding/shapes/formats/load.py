@@ -6,12 +6,12 @@ What an array's values mean and where its cells lie is in ``arrays.py``, meshes 
 Shapes of other kinds are objects with a ``to_grid`` (``ShapeLike``), as ours are, or files whose reader makes one.
 """
 
-import math
 import os
 import re
 import sys
 import zipfile
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -21,8 +21,8 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.progress import slow
 from warp_bounding.runtime.whole_file import BOUNDER
-from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, grid_of, level_of
-from warp_bounding.shapes.formats.images import WHICH, image_from, read_pgm, read_png, read_ros_map
+from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, check_cells, grid_of, level_of
+from warp_bounding.shapes.formats.images import WHICH, image_from, read_netpbm, read_png, read_ros_map
 from warp_bounding.shapes.formats.meshes import MESH_READERS, parts_of, read_mesh
 from warp_bounding.shapes.formats.reading import joined, reading
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
@@ -30,7 +30,7 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.mesh import Mesh, mesh_of
 from warp_bounding.shapes.motion import MovingMesh
 from warp_bounding.shapes.recentred import Recentred
-from warp_bounding.shapes.shape import HOLLOW, MAX_CELLS
+from warp_bounding.shapes.shape import HOLLOW
 
 # --- Objects of other libraries ---------------------------------------------------------------------------------------
 #
@@ -171,20 +171,22 @@ def load_shape(
         if value is not None and value not in known:
             raise ShapeError(f"{name} must be {' or '.join(map(repr, known))}, got {value!r}")
     wanted = Wanted(None if level is None else level_of(level), unknown)
-    found = _load(source, wanted)
-    if isinstance(found, Cells):
-        if found.placement is not None and (spacing is not None or origin is not None):
-            got = f"got spacing={spacing}, origin={origin}"
-            raise ShapeError(f"{found.name}: its own resolution and origin place it, {got}")
-        place = found.placement or Placement(spacing, origin)
-        # where it has a place of its own, its reader asked what is occupied
-        own = wanted if found.placement is None else Wanted()
-        found = grid_of(found.values, found.name, time, own, place, found.remark)
-    else:
-        given = {"level": level, "spacing": spacing, "origin": origin, "unknown": unknown}
-        for option in (key for key, value in given.items() if value is not None):
-            got = f"{option}={given[option]!r} for {type(found).__name__}"
-            raise ShapeError(f"{found.name}: {option} is for arrays and images, got {got}")
+    file = isinstance(source, str | os.PathLike)
+    with slow(f"reading {Path(os.fsdecode(source)).name}") if file else nullcontext():
+        found = _load(source, wanted)
+        if isinstance(found, Cells):
+            if found.placement is not None and (spacing is not None or origin is not None):
+                got = f"got spacing={spacing}, origin={origin}"
+                raise ShapeError(f"{found.name}: its own resolution and origin place it, {got}")
+            place = found.placement or Placement(spacing, origin)
+            # where it has a place of its own, its reader asked what is occupied
+            own = wanted if found.placement is None else Wanted()
+            found = grid_of(found.values, found.name, time, own, place, found.remark)
+        else:
+            given = {"level": level, "spacing": spacing, "origin": origin, "unknown": unknown}
+            for option in (key for key, value in given.items() if value is not None):
+                got = f"{option}={given[option]!r} for {type(found).__name__}"
+                raise ShapeError(f"{found.name}: {option} is for arrays and images, got {got}")
     if hollow is not None:
         local = getattr(found, "local", found)
         if not isinstance(local, Mesh):
@@ -222,7 +224,7 @@ def _load(source: object, wanted: Wanted) -> Cells | ShapeLike:
 
 def _load_file(path: Path, wanted: Wanted) -> Cells | ShapeLike:
     suffix = path.suffix.lower()
-    with slow(f"reading {path.name}"), reading(path, f"a {suffix} file"):
+    with reading(path, f"a {suffix} file"):
         if not path.exists():
             raise ShapeError(f"{path}: no such file")
         if not path.is_file():
@@ -274,18 +276,20 @@ def read_binvox(path: Path) -> Cells:
     A header of text, then pairs of bytes, a value and how often it repeats, in the order x, z, y (y fastest). As in the
     paper, voxels span the unit cube, from centre to centre. trimesh reads cubes of voxels only.
     """
-    header, _, content = re.split(rb"(\ndata\r?\n)", path.read_bytes(), maxsplit=1)
+    header, *rest = re.split(rb"\ndata\r?\n", path.read_bytes(), maxsplit=1)
     fields = {words[0]: words[1:] for line in header.splitlines() if (words := line.split())}
-    if fields.get(b"#binvox") != [b"1"] or any(len(words) != BINVOX.get(key) for key, words in fields.items()):
+    known = all(len(words) == BINVOX.get(key) for key, words in fields.items())
+    if not rest or not known or fields.get(b"#binvox") != [b"1"] or b"dim" not in fields:
         raise ValueError(f"expected a header of binvox 1 with {b' '.join(BINVOX).decode()}, got {header[:80]!r}")
     shape = tuple(map(int, fields[b"dim"]))
-    if min(shape) < 1 or math.prod(shape) > MAX_CELLS:
-        raise ValueError(f"expected 1 to {MAX_CELLS} voxels, got {shape}")
-    values, counts = np.frombuffer(content, np.uint8).reshape(-1, 2).T
+    count = check_cells(shape)
+    if len(rest[0]) % 2:
+        raise ValueError(f"expected pairs of bytes behind the header, got {len(rest[0])} bytes")
+    values, counts = np.frombuffer(rest[0], np.uint8).reshape(-1, 2).T
     if (values > 1).any():
         raise ValueError(f"expected voxel values 0 and 1, got {int(values.max())}")
-    if (total := int(counts.sum(dtype=np.int64))) != math.prod(shape):
-        raise ValueError(f"expected {math.prod(shape)} voxels ({' x '.join(map(str, shape))}), got {total}")
+    if (total := int(counts.sum(dtype=np.int64))) != count:
+        raise ValueError(f"expected {count} voxels ({' x '.join(map(str, shape))}), got {total}")
     x_z_y = np.repeat(values.astype(bool), counts).reshape(shape)
     place = [float(word) for key in (b"translate", b"scale") for word in fields.get(key, ())]
     remark = "the header's translate and scale are not used; spacing= and origin= place the voxels"
@@ -295,7 +299,10 @@ def read_binvox(path: Path) -> Cells:
 def _read_pgm(path: Path, wanted: Wanted) -> Cells:
     if wanted.level is None:
         raise ShapeError(f"{path}: expected a level for its grey values; {WHICH}")
-    return Cells(read_pgm(path), path.name)
+    values = read_netpbm(path)
+    if values.ndim != 2:
+        raise ShapeError(f"{path}: expected grey values, P2 or P5, got colours")
+    return Cells(values, path.name)
 
 
 # By extension: each is given a path and what the caller says of values, and makes ``Cells`` or a ``ShapeLike``.

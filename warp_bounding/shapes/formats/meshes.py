@@ -9,7 +9,6 @@ with a blank; OFF has one because it is as short as a check.
 import codecs
 import json
 import re
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -41,13 +40,14 @@ def _read_by_trimesh(path: Path) -> MeshData:
     plain = beside.get
     beside.get = lambda name: plain(unquote(name))  # glTF writes a blank in a file's name as %20
     notes = _check_gltf(content) if suffix in GLTF else []
-    with warnings.catch_warnings():  # of NumPy before 2.3, which leaves out what follows a word that is no number
-        warnings.filterwarnings("error", message="string or file could not be read to its end")
-        scene = trimesh.load_scene(path, resolver=beside, process=False, **OPTIONS[suffix])
+    facets = _check_stl(content) if suffix == ".stl" else 0
+    if suffix == ".ply":
+        _check_ply_header(content)
+    scene = trimesh.load_scene(path, resolver=beside, process=False, **OPTIONS[suffix])
     parts, others = parts_of(scene)
-    if suffix == ".stl":
-        _check_stl(content, sum(len(faces) for _, faces in parts))
-    elif suffix == ".ply":
+    if suffix == ".stl" and sum(len(faces) for _, faces in parts) != facets:
+        raise ValueError(f"expected {facets} facets, all of them in solids")
+    if suffix == ".ply":
         notes += [note for part in scene.geometry.values() for note in _check_ply(content, part.metadata["_ply_raw"])]
     return joined(parts, others + notes)
 
@@ -69,7 +69,7 @@ def parts_of(scene: Any) -> tuple[list[tuple[np.ndarray, np.ndarray]], list[str]
 GLTF = (".glb", ".gltf")
 OPTIONS: dict[str, dict[str, Any]] = {
     ".stl": {},
-    ".ply": {"fix_texture": False},
+    ".ply": {"fix_texture": False, "skip_materials": True},
     **{suffix: {"skip_materials": True} for suffix in GLTF},
 }
 
@@ -79,18 +79,38 @@ HEADER, FACET = 84, 50  # bytes of a binary file: before the first facet, and of
 LINES = [b"facet", b"outer", b"vertex", b"vertex", b"vertex", b"endloop", b"endfacet"]
 
 
-def _check_stl(content: bytes, faces: int) -> None:
-    """Raise ``ValueError`` unless a text has as many facets as were read, each of three vertices, in whole solids."""
-    if len(content) == HEADER + FACET * int.from_bytes(content[HEADER - 4 : HEADER], "little"):
-        return  # trimesh takes it for binary by the same rule
+def _check_stl(content: bytes) -> int:
+    """The number of facets; raises ``ValueError`` for a text other than of whole solids and triangles."""
+    count = int.from_bytes(content[HEADER - 4 : HEADER], "little")
+    if len(content) == HEADER + FACET * count:
+        return count  # trimesh takes it for binary by the same rule
     text = content.removeprefix(codecs.BOM_UTF8).lower()
     solids, ends = (len(re.findall(rb"(?m)^\s*" + word, text)) for word in (rb"solid\b", rb"endsolid\b"))
-    lines = re.findall(rb"(?m)^\s*(facet|outer|vertex|endloop|endfacet)\b", text)
-    if not faces or solids != ends or lines != LINES * faces:
+    lines = re.findall(rb"(?m)^\s*(facet|outer|vertex(?=(?:[ \t]+\S+){3}\s*$)|endloop|endfacet)\b", text)
+    if not lines or solids != ends or lines != LINES * (len(lines) // len(LINES)):
         raise ValueError("expected a binary file as long as it says, or whole solids of triangles in ASCII")
+    return len(lines) // len(LINES)
 
 
 # --- PLY --------------------------------------------------------------------------------------------------------------
+
+NUMBER = rb"(?:char|uchar|short|ushort|u?int(?:8|16|32)?|float(?:32|64)?|double)"
+PLY_LINE = re.compile(
+    rb"|(comment|obj_info)( .*)?|format (ascii|binary_(little|big)_endian) 1\.0|element \S+ \d+"
+    rb"|property (list %b )?%b \S+" % (NUMBER, NUMBER)
+)
+
+
+def _check_ply_header(content: bytes) -> None:
+    """Raise ``ValueError`` for a header that trimesh would fail at without words."""
+    header, end, _ = content.partition(b"\nend_header")
+    first, *lines = (b" ".join(line.split()) for line in header.split(b"\n"))
+    if first != b"ply" or not end:
+        what = "a header from 'ply' to 'end_header', of lines that end in LF or CR LF"
+        raise ValueError(f"expected {what}, got {content[:40]!r}")
+    for line in lines:
+        if not PLY_LINE.fullmatch(line):
+            raise ValueError(f"expected a header of format, elements and properties, got the line {line[:60]!r}")
 
 
 def _check_ply(content: bytes, elements: dict[str, dict]) -> list[str]:
@@ -204,8 +224,8 @@ def _read_obj(path: Path) -> MeshData:
             sizes.append(len(words))
             before.append(len(points) // 3)
             corners += words
-        elif keyword == b"v" and (len(words) in (3, 6) or (len(words) == 4 and float(words[3]) == 1)):
-            points += words[:3]
+        elif keyword == b"v" and (len(words) in (3, 6, 7) or (len(words) == 4 and float(words[3]) == 1)):
+            points += words[:3]  # others are a colour
         elif keyword not in IGNORED:
             raise ValueError(f"expected a statement of a polygon mesh, got {line[:60]!r}")
     vertices, counts = as_numbers(points).reshape(-1, 3), np.array(sizes, np.int64)

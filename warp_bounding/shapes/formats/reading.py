@@ -2,7 +2,9 @@
 
 import contextlib
 import importlib
+import logging
 import os
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from types import ModuleType
 from typing import NamedTuple
@@ -12,17 +14,28 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 
 LONGEST_REASON = 200  # characters of a foreign error message that go into ours
+DAMAGED = (AssertionError, AttributeError, IndexError, NameError, TypeError)  # raised where a reader has no words
+LIBRARIES = ("PIL", "trimesh", "yaml", "yourdfpy")  # that read files
 
 
 @contextlib.contextmanager
 def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
     """Turn every exception of a foreign reader into a ``ShapeError`` of one line: what was ``expected``, and why.
 
+    What the reader logs goes to handlers of the program only, not to standard error; its warnings go nowhere.
+
     The readers of the file formats raise dozens of exception types on damaged input (``SyntaxError``, ``KeyError``,
     ``struct.error``, ...), none of them documented; hence the broad catch, which hides nothing: the cause is chained.
     """
+    silent, loggers = logging.NullHandler(), [logging.getLogger(name) for name in LIBRARIES]
+    for logger in loggers:
+        logger.addHandler(silent)
     try:
-        yield
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", module=rf"({'|'.join(LIBRARIES)})\b")
+            # of NumPy before 2.3, which leaves out what follows a word that is no number
+            warnings.filterwarnings("error", message="string or file could not be read to its end")
+            yield
     except ShapeError:
         raise
     except Exception as error:
@@ -30,9 +43,13 @@ def reading(path: str | os.PathLike, expected: str) -> Iterator[None]:
         reason = known or " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, ValueError) and reason.startswith("expected"):  # by a reader of ours
             raise ShapeError(f"{path}: {reason}") from error
+        reason = "its parts do not fit together" if isinstance(error, DAMAGED) else reason
         reason = f"{reason} is missing" if isinstance(error, KeyError | FileNotFoundError) else reason
         reason = reason if len(reason) <= LONGEST_REASON else reason[: LONGEST_REASON - 3] + "..."
         raise ShapeError(f"{path}: expected {expected}, but it cannot be read: {reason}") from error
+    finally:
+        for logger in loggers:
+            logger.removeHandler(silent)
 
 
 def import_optional(module: str, package: str, path: str | os.PathLike) -> ModuleType:
