@@ -46,7 +46,7 @@ def crates() -> list[wb.arms.Body]:
 def measure(place: int, crate: wb.arms.Body, way: str, network: wb.Bounder, q: np.ndarray) -> dict:
     """A row."""
     alone, everything = (
-        wb.arms.ArmConfigurations(CELL.arm, obstacles, weights=CELL.arm.reaching, name="crate")
+        wb.arms.ArmConfigurations(CELL.arm, obstacles, self_collision=False, weights=CELL.arm.reaching, name="crate")
         for obstacles in ([crate], [*CELL.obstacles, crate])
     )
     anew = way == "network of everything"
@@ -107,7 +107,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("results/changing-cell"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    file, shape = options.out / "changing-cell.csv", CELL.shape()
+    file, shape = options.out / "changing-cell.csv", CELL.shape(self_collision=False)
     network = wb.load(FOLDER / "arm-planar-4-mlp.safetensors", device="cpu")
     q = np.random.default_rng(9).uniform(shape.lower, shape.upper, (QUERIES, shape.ndim)).astype(np.float32)
     rows = stored(file)

@@ -35,7 +35,8 @@ def kept(file: Path, spec: FitSpec, shape: wb.arms.ArmConfigurations, effort: fl
 def planned(name: str, alone: wb.Bounder, folder: Path, effort: float) -> list[dict]:
     """A row for each way to plan in a cell."""
     cell = CELLS[name]
-    own, spec = cell.shape(), specs_of(cell.shape())["mlp"]
+    own = cell.shape(self_collision=False)
+    spec = specs_of(own)["mlp"]
     file = stored(f"arm-{name}", "mlp")
     around = kept(file if file.exists() else folder / f"{name}.safetensors", spec, own, effort)
     place = Workplace(cell, itself=True)

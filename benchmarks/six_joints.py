@@ -134,7 +134,7 @@ def main() -> None:
     parser.add_argument("--kill", type=float, default=600.0, help="seconds between two deaths")
     options = parser.parse_args()
     options.kept.mkdir(parents=True, exist_ok=True)
-    shape = CELL.shape()
+    shape = CELL.shape(self_collision=False)
     loose, file = network(options.network, options.kept, options.effort, shape), options.kept / "proven.safetensors"
     tasks = options.kept / "tasks.csv"
     if not file.exists():

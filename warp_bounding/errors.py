@@ -1,5 +1,8 @@
 """Exceptions of the library, each also a ``ValueError`` so that callers may catch either; and its warnings."""
 
+import sys
+import warnings
+
 __all__ = [
     "BounderError",
     "BoundingError",
@@ -88,3 +91,14 @@ class BoundingWarning(UserWarning):
         >>> warnings.simplefilter("error", wb.BoundingWarning)  # whoever wants none of it
         >>> warnings.simplefilter("default", wb.BoundingWarning)
     """
+
+
+PACKAGE = __name__.split(".")[0]
+
+
+def warn(text: str) -> None:
+    """Warn at the line that called the package, so that repeated warnings of one call are shown once."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == PACKAGE:
+        level, frame = level + 1, frame.f_back
+    warnings.warn(text, BoundingWarning, stacklevel=level)

@@ -1,5 +1,7 @@
 """What an arm's colliding configurations answer is true, against distances that are computed another way."""
 
+import copy
+
 import numpy as np
 import pytest
 import trimesh
@@ -10,6 +12,7 @@ from scipy.spatial import ConvexHull
 
 import warp_bounding as wb
 from warp_bounding.arms import WORLD, Arm, ArmConfigurations, Body, Joint, Mimic
+from warp_bounding.certificates.statement import statement
 from warp_bounding.shapes.shape import IN, OUT
 
 SLIDES = pytest.mark.parametrize("slides", [False, True])
@@ -43,7 +46,7 @@ def gap_at(arm: Arm, obstacles: list[Body], q: np.ndarray) -> float:
 
 def cell(rng, n=3, slides=False, **options):
     arm, obstacles = random_arm(rng, n, slides)
-    return arm, obstacles, ArmConfigurations(arm, obstacles, **options)
+    return arm, obstacles, ArmConfigurations(arm, obstacles, self_collision=False, **options)
 
 
 def configurations(shape, rng, count):
@@ -65,7 +68,7 @@ def test_truth_is_that_of_the_bodies(n, slides, safety, rng):
         arm, obstacles, plain = cell(rng, n, slides, safety=safety)
         q, weights = configurations(plain, rng, 40), 2.0 ** rng.integers(-1, 3, n)
         gaps = np.array([gap_at(arm, obstacles, each) for each in q]) - safety
-        shape = ArmConfigurations(arm, obstacles, weights=weights, safety=safety)
+        shape = ArmConfigurations(arm, obstacles, self_collision=False, weights=weights, safety=safety)
         assert np.array_equal(shape.lower, plain.lower * weights)
         for answers in (plain.decide(q), shape.decide(q * weights)):
             assert (answers[gaps > BLURRED] == OUT).all()
@@ -93,6 +96,63 @@ def test_an_arm_that_touches_itself(rng):
     assert ArmConfigurations(Arm(arm.joints, links, touching=[(0, 2)]), [Body.sphere([9, 9, 9], 1)]).ndim == 3
     with pytest.raises(wb.ShapeError, match="nothing that could touch"):
         ArmConfigurations(Arm(arm.joints, links, touching=[(0, 2)]))
+
+
+def test_obstacles_leave_an_arm_checked_against_itself(tmp_path):
+    """Shape, certificate and file say what is checked."""
+    arm, far = straight(), [Body.sphere([9, 9, 9], 0.1)]
+    folded = np.array([[0.0, 3.0, 0.0], [0.0, 0.1, 0.1]])
+    for shape, held, words in (
+        (ArmConfigurations(arm, far), [True, False], "3 with obstacles, 1 of the arm itself, without neighbours"),
+        (ArmConfigurations(arm), [True, False], "checked: 1 of the arm itself, without neighbours"),
+        (ArmConfigurations(arm, far, self_collision=False), [False, False], "the arm is NOT checked against itself"),
+    ):
+        assert shape.contains(folded).tolist() == held
+        assert words in repr(shape)
+    near = ArmConfigurations(arm, [Body.sphere([0, 2, 0], 0.3)], self_collision=False)
+    wb.fit(near, method="aabb", device="cpu", progress=False).save(tmp_path / "arm.safetensors")
+    known = statement(wb.load(tmp_path / "arm.safetensors", device="cpu"))["what is proven"]
+    assert "3 with obstacles, the arm is NOT checked against itself" in known
+
+
+def test_what_a_user_writes_by_mistake_gets_one_line_with_the_mend():
+    arm, ball, box = straight(), Body.sphere([1, 0, 0], 0.2), trimesh.creation.box([1, 1, 1])
+    assert ArmConfigurations(arm, ball).digest == ArmConfigurations(arm, [ball]).digest
+    mesh, hull = wb.load_shape(box), r"Body\.hull\(mesh\.vertices\)"
+    for make, message in (
+        *((lambda obstacles=each: ArmConfigurations(arm, obstacles), hull) for each in (box, [box], mesh)),
+        (lambda: Arm([Joint()], box), "expected objects of Body, got Trimesh"),
+        (lambda: Arm([np.eye(4)], [ball]), "expected objects of Joint, got ndarray"),
+        (lambda: ArmConfigurations("robot.urdf", [ball]), "expected an Arm, got str; .*load_urdf"),
+        (lambda: ArmConfigurations(arm, ball, self_collision=None), "self_collision to be True or False, got None"),
+    ):
+        with pytest.raises(wb.ShapeError, match=message) as caught:
+            make()
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("weights", [None, [0.2, 3.0, 1.0]])
+def test_values_of_another_unit_are_refused_and_are_not_free(weights):
+    """Degrees, and millimetres of what slides; a continuous joint takes any angle, and a little beyond is no error."""
+    joints = [Joint(lower=-3, upper=3), Joint(axis=[1, 0, 0], lower=0, upper=0.5, slides=True), Joint(continuous=True)]
+    arm = Arm(joints, [Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=2)])
+    shape = ArmConfigurations(arm, Body.sphere([0.5, 0, 0], 0.1), weights=weights)
+    fitted = wb.fit(shape, method="aabb", device="cpu", progress=False)
+    for q in ([90, 0.2, 0], [0, -90, 0], [1.0, 250, 1.0]):
+        x = np.array([[0.0, 0.1, 0.2], q]) * shape.weights
+        with pytest.raises(wb.errors.QueryError, match="expected radians, and metres of what slides, times weights"):
+            shape.contains(x)
+        bounder = copy.deepcopy(fitted)
+        with pytest.warns(wb.BoundingWarning, match="expected radians"):
+            assert bounder.query(x[1:].astype(np.float32)).numpy().all()
+        bounder.query(x[1:])  # once
+    for q in ([3.5, 0.2, 0], [-6, 0.6, 300], [np.nan, 0, 0], [0, np.inf, 0]):
+        x = np.array([q]) * shape.weights
+        shape.contains(x)
+        fitted.query(x)
+    for ask in (shape.contains, fitted.query, lambda x: fitted.prepare(np.float32(x))):
+        with pytest.raises(wb.errors.QueryError, match=r"shape \(N, 3\), got \(1, 6\); .*q\[:, shape\.columns\]"):
+            ask(np.zeros((1, 6)))
 
 
 def test_a_query_at_a_limit_is_one_of_the_shape(rng):
@@ -165,14 +225,14 @@ def test_half_spaces_of_boxes_at_the_border_hold_what_collides(made, rng):
 def test_a_digest_tells_arms_apart(rng):
     arm, obstacles, shape = cell(rng, 3)
     others = [
-        ArmConfigurations(arm, obstacles[:-1]),
-        ArmConfigurations(arm, obstacles, weights=[1, 2, 3]),
-        ArmConfigurations(arm, obstacles, self_collision=True),
-        ArmConfigurations(arm, obstacles, safety=0.05),
-        ArmConfigurations(Arm((*arm.joints[:2], Joint()), arm.bodies), obstacles),
+        ArmConfigurations(arm, obstacles),
+        ArmConfigurations(arm, obstacles[:-1], self_collision=False),
+        ArmConfigurations(arm, obstacles, self_collision=False, weights=[1, 2, 3]),
+        ArmConfigurations(arm, obstacles, self_collision=False, safety=0.05),
+        ArmConfigurations(Arm((*arm.joints[:2], Joint()), arm.bodies), obstacles, self_collision=False),
     ]
     assert len({shape.digest, *(other.digest for other in others)}) == 6
-    assert ArmConfigurations(arm, obstacles, name="other").digest == shape.digest
+    assert ArmConfigurations(arm, obstacles, self_collision=False, name="other").digest == shape.digest
 
 
 def test_what_is_no_arm_and_no_cell_is_refused_in_one_line(rng):
@@ -327,16 +387,20 @@ def test_joints_of_a_whole_turn_turn_without_end_for_self_collision(rng):
     assert followed.self_collision().upper[0] > 6  # its limits are also those of what follows it
 
 
-def test_pairs_that_always_touch_are_left_out():
+def test_pairs_that_always_touch_are_left_out(rng):
     arm = straight()
     ball, knob = (Body.sphere([0.9, 0, 0], r, link=i, name=n) for r, i, n in ((0.4, 0, "ball"), (1.8, 2, "knob")))
     thick = Arm(arm.joints, [*arm.bodies, ball, knob])
-    own, whole = thick.self_collision(), ArmConfigurations(thick, self_collision=True)
+    own = thick.self_collision()
+    for obstacles in ([], [Body.sphere([9, 9, 9], 1)]):
+        with pytest.warns(wb.BoundingWarning, match=r"in 100% of 256 .* most of all .*ball and knob.*"):
+            whole = ArmConfigurations(thick, obstacles)
+        assert whole.contains(configurations(whole, rng, 100)).all()
     assert "they touch in all of 2,000 random configurations: " in own.note
     assert "ball and knob" in own.note
     assert (3, 4) in set(map(tuple, whole.pairs)) - set(map(tuple, own.pairs))
     named = Arm(thick.joints, thick.bodies, touching=[("knob", "ball")])
-    assert (3, 4) not in set(map(tuple, ArmConfigurations(named, self_collision=True).pairs))
+    assert (3, 4) not in set(map(tuple, ArmConfigurations(named).pairs))
 
 
 def test_what_is_no_tree_is_refused():

@@ -144,12 +144,12 @@ def test_a_cell_and_the_arm_itself():
     cell = CELLS["planar-3"]
     both, own = Workplace(cell, itself=True), wb.arms.ArmConfigurations(cell.arm, weights=cell.arm.reaching)
     around, alone = (
-        wb.fit(shape, method="learned-kdop", steps=20, device="cpu", progress=False) for shape in (cell.shape(), own)
+        wb.fit(shape, method="learned-kdop", steps=20, device="cpu", progress=False) for shape in (both.around, own)
     )
     x = both.draw(2000, np.random.default_rng(2))
     phase = Every(Segments(around), Segments(alone))
     assert not both.shape.contains(x[phase.states(x)]).any()
-    assert (both.shape.contains(x) == (cell.shape().contains(x) | own.contains(x))).all()
+    assert (both.shape.contains(x) == (both.around.contains(x) | own.contains(x))).all()
     runs = [Trees(both, Hulls(both), each, samples=300, problems=3) for each in (None, phase)]
     for run in runs:
         run.step()

@@ -130,6 +130,16 @@ class Body(Picklable):
         return replace(self, radius=self.radius + radius)
 
 
+def all_of(kind: type, given, name: str) -> tuple:
+    """Objects of a kind, such as bodies, or one of them, as a tuple; ``ShapeError`` for others."""
+    found = tuple(given) if isinstance(given, Iterable) else (given,)
+    for each in found:
+        if not isinstance(each, kind):
+            mend = "; Body.hull(mesh.vertices) holds a mesh, and moves with link=" if kind is Body else ""
+            raise ShapeError(f"{name}: expected objects of {kind.__name__}, got {type(each).__name__}{mend}")
+    return found
+
+
 def ball_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre ``(3,)`` and radius of a ball that holds points ``(P, 3)``, up to rounding."""
     center = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -324,7 +334,8 @@ class Arm:
         name: str = "arm",
         note: str = "",
     ):
-        self.joints, self.bodies, self.name, self.note = tuple(joints), tuple(bodies), name, note
+        self.joints, self.bodies = all_of(Joint, joints, name), all_of(Body, bodies, name)
+        self.name, self.note = name, note
         self.neighbours, self.mimics = neighbours, dict(mimics or {})
         count = len(self.joints)
         if not 1 <= count <= MOST_JOINTS:

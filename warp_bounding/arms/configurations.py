@@ -15,9 +15,9 @@ from functools import cached_property
 import numpy as np
 import warp as wp
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, ball_of
+from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, all_of, ball_of
 from warp_bounding.arms.kernels import ALLOWANCE, BLUR, FREE, FULL, HALVES, Bodies, Chain, Collisions, kernels_of
-from warp_bounding.errors import ShapeError
+from warp_bounding.errors import ShapeError, warn
 from warp_bounding.rounding import round_down, round_up
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.shapes.formula import Formula
@@ -29,6 +29,7 @@ LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float3
 DEVICE = "cpu"
 ROUND = 24  # corners of a solid of revolution
 LANES = 8  # of native/hulls.h
+SAMPLES, OFTEN = 256, 0.95  # random configurations; an arm that touches itself in more than this share is reported
 
 
 class ArmConfigurations(Formula):
@@ -40,9 +41,9 @@ class ArmConfigurations(Formula):
 
     Args:
         arm: The arm.
-        obstacles: Bodies that do not move.
-        self_collision: Whether links may not touch each other and the base; by default only where there are no
-            obstacles.
+        obstacles: Bodies that do not move; or one.
+        self_collision: Whether links may not touch each other and the base either (``Arm.touching`` and
+            ``Arm.neighbours`` say which). Where they do in ``OFTEN`` of random configurations, a warning names them.
         safety: Metres: what comes closer counts as touching.
         weights: ``(n,)``, above 0; 1 for ``None``.
         name: For people.
@@ -58,7 +59,7 @@ class ArmConfigurations(Formula):
             them, except for ``Arm.self_collision``.
 
     Raises:
-        ShapeError: For obstacles that move, numbers that are none, or nothing that could touch.
+        ShapeError: For obstacles that move or are no bodies, numbers that are none, or nothing that could touch.
 
     Example:
         >>> arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
@@ -72,23 +73,25 @@ class ArmConfigurations(Formula):
     def __init__(
         self,
         arm: Arm,
-        obstacles: Sequence[Body] = (),
+        obstacles: Sequence[Body] | Body = (),
         *,
-        self_collision: bool | None = None,
+        self_collision: bool = True,
         safety: float = 0.0,
         weights=None,
         name: str = "arm",
     ):
-        self.arm, self.obstacles, self.name, self.note = arm, tuple(obstacles), name, arm.note
-        self.columns = np.arange(len(arm.free))
+        if not isinstance(arm, Arm):
+            raise ShapeError(f"{name}: expected an Arm, got {type(arm).__name__}; wb.arms.load_urdf reads files")
+        self.arm, self.obstacles, self.name, self.note = arm, all_of(Body, obstacles, name), name, arm.note
         self._lay_out(safety, self_collision, weights)
+        self._warn_if_it_touches_itself()
 
-    def _lay_out(self, safety: float, self_collision: bool | None, weights, pairs: np.ndarray | None = None) -> None:
-        arm, obstacles, name = self.arm, self.obstacles, self.name
-        self.safety, self.self_collision = (
-            checked_margin(safety),
-            not obstacles if self_collision is None else bool(self_collision),
-        )
+    def _lay_out(self, safety: float, self_collision: bool, weights, pairs: np.ndarray | None = None) -> None:
+        arm, name = self.arm, self.name
+        if not isinstance(self_collision, bool | np.bool_):
+            raise ShapeError(f"{name}: expected self_collision to be True or False, got {self_collision!r}")
+        self.columns = np.arange(len(arm.free))
+        self.safety, self.self_collision = checked_margin(safety), bool(self_collision)
         for body in self.obstacles:
             if body.link != WORLD:
                 raise ShapeError(f"{name}: {body.name} is an obstacle, and it is of link {body.link}")
@@ -123,6 +126,38 @@ class ArmConfigurations(Formula):
                     if apart and (a, b) not in touching and tuple(parts) not in touching:
                         found.append((one, other))
         return np.array(found, dtype=np.int32).reshape(-1, 2)
+
+    @property
+    def _own(self) -> np.ndarray:
+        """The pairs ``(P, 2)`` of bodies of the arm."""
+        return self.pairs[(self.pairs < len(self.arm.bodies)).all(axis=1)]
+
+    @property
+    def remark(self) -> str:
+        """What is checked against what."""
+        own = len(self._own)
+        around = f"{len(self.pairs) - own} with obstacles, " if self.obstacles else ""
+        itself = f"{own} of the arm itself" if self.self_collision else "the arm is NOT checked against itself"
+        without = ", without neighbours" if self.self_collision and not self.arm.neighbours else ""
+        return f"pairs of bodies checked: {around}{itself}{without}"
+
+    def _shares(self, pairs: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """For each pair of bodies of the arm, in which share of configurations ``(N, n)`` they touch."""
+        return np.array([self._with(self.arm, [pair]).contains(q).mean() for pair in pairs])
+
+    def _warn_if_it_touches_itself(self) -> None:
+        if not len(own := self._own):
+            return
+        q = np.random.default_rng(0).uniform(self.arm.lower, self.arm.upper, (SAMPLES, self.ndim))
+        if (share := self._with(self.arm, own).contains(q).mean()) < OFTEN:
+            return
+        shares, parts = self._shares(own, q), [body.part for body in self.arm.bodies]
+        most = own[shares >= min(OFTEN, shares.max())]
+        named = ", ".join(dict.fromkeys(f"{parts[a]} and {parts[b]}" for a, b in most))
+        warn(
+            f"{self.name}: it touches itself in {share:.0%} of {SAMPLES} random configurations, most of all {named}; "
+            "leave out pairs that always touch, by touching= of Arm or srdf= of load_urdf"
+        )
 
     # --- where it is -------------------------------------------------------------------------------------------------
 
@@ -329,7 +364,7 @@ class ArmConfigurations(Formula):
     ) -> "ArmConfigurations":
         """See ``Arm.self_collision``."""
         arm = arm.endless()
-        whole, notes = cls(arm, self_collision=True, safety=safety), [arm.note] * bool(arm.note)
+        whole, notes = cls._of(arm, safety), [arm.note] * bool(arm.note)
         chosen = _chosen(whole, only, without)
         for word, given in (("only", only), ("not", without)):
             if given:
@@ -337,8 +372,7 @@ class ArmConfigurations(Formula):
         rng, pairs = np.random.default_rng(0), chosen
         for count in (64, samples):  # most pairs are apart in one of the first
             q = rng.uniform(arm.lower, arm.upper, (count, whole.ndim))
-            each = [whole._with(arm, [pair]) for pair in pairs]
-            always = np.array([shape.contains(q).all() for shape in each], dtype=bool)
+            always = whole._shares(pairs, q) == 1
             if count < samples:
                 pairs = pairs[always]
         if len(always) and always.any():
@@ -374,10 +408,14 @@ class ArmConfigurations(Formula):
 
     def _with(self, arm: Arm, pairs) -> "ArmConfigurations":
         """These pairs of bodies of an arm."""
-        found = object.__new__(ArmConfigurations)
-        found.arm, found.obstacles, found.name, found.note = arm, (), self.name, self.note
-        found.columns = np.arange(len(arm.free))
-        found._lay_out(self.safety, True, None, pairs)
+        return self._of(arm, self.safety, pairs, self.name)
+
+    @classmethod
+    def _of(cls, arm: Arm, safety: float, pairs=None, name: str = "arm") -> "ArmConfigurations":
+        """Collisions of an arm with itself, of these pairs of bodies or of all."""
+        found = object.__new__(cls)
+        found.arm, found.obstacles, found.name, found.note = arm, (), name, arm.note
+        found._lay_out(safety, True, None, pairs)
         return found
 
     def dilated(self, margin: float) -> Shape:

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 import warp as wp
 
-from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.errors import BounderError, QueryError, warn
 from warp_bounding.kernels.functions import Data, batch_kernel, point_func
 from warp_bounding.kernels.source import LABEL, SEVERAL_DIM, Source
 from warp_bounding.queries import QUERIES
@@ -22,6 +22,7 @@ from warp_bounding.queries.placement import Placement
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.arrays import Compaction, compact, flat_queries, memory_of, new_output
 from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.shapes.joints import PER_JOINT
 from warp_bounding.shapes.recentred import Frame
 
 
@@ -48,7 +49,7 @@ class Prepared:
     def __init__(self, bounder: "Queryable", x, *, out: wp.array | None, xform, scale, candidates: bool):
         bounder.expect_local("prepare")
         self._bounder, self._x = bounder, x
-        self._queries, self._number, _ = flat_queries(x, bounder.domain.columns, bounder.device)
+        self._queries, self._number, _ = bounder._flat(x, bounder.domain.columns, ())
         self._memory = memory_of(x)
         if self._memory is None or (self._number and self._memory[0] != self._queries.ptr):
             dtype = getattr(x, "dtype", "numbers")
@@ -128,6 +129,9 @@ class Prepared:
         self._launch = self._bounder.batch_launch(self._queries, self._number, self._place, self.out)
 
 
+LOOKS = 8  # whoever has asked as many batches in the right units goes on with these
+
+
 class Queryable(ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs.
 
@@ -146,6 +150,7 @@ class Queryable(ABC):
     frame: Frame | None = None
     _device: str | None
     _data: tuple[np.float32, Data] | None = None  # the threshold for which ``data`` was made, and it
+    _looks = LOOKS  # how many batches are still looked at for other units
 
     def __reduce__(self):
         """Pickle and copy through the class's constructor, which checks and copies all numbers: no memory is shared."""
@@ -209,7 +214,44 @@ class Queryable(ABC):
 
     def _flat(self, x, columns: int, directed: tuple[bool, ...]) -> tuple[wp.array, int, bool]:
         """``flat_queries``, in local coordinates."""
-        return flat_queries(x, columns, self.device, None if self.frame is None else self.frame.shift(directed))
+        try:
+            return flat_queries(x, columns, self.device, None if self.frame is None else self.frame.shift(directed))
+        except QueryError as error:
+            if self.domain.joints is None or np.shape(x)[1:] in ((), (columns,)):
+                raise
+            raise QueryError(f"{error}{PER_JOINT}") from error
+
+    @cached_property
+    def _usual(self) -> list[list[float]]:
+        """``Query.usual``, least and largest of each number."""
+        return np.stack(QUERIES[self.query_kind].usual(self.domain), axis=1).tolist()
+
+    def _warn_of_units(self, x) -> None:
+        """Warn once of a batch that seems to be of other units; see ``LOOKS``.
+
+        It looks at one query, and at all where that is far off. Only NumPy arrays and sequences are looked at, as
+        nothing is read back from a device.
+        """
+        if not isinstance(x, np.ndarray | list | tuple) or not len(x):
+            return
+        self._looks -= 1
+        row, shift = x[len(x) // 3], 0.0
+        if self.frame is not None:
+            shift = self.frame.shift(QUERIES[self.query_kind].directed)
+            row = np.asarray(row) - shift
+        numbers = zip(np.asarray(row).tolist(), self._usual, strict=True)
+        if not any(value < low or value > high for value, (low, high) in numbers):
+            return
+        self._looks, x, (low, high), domain = 0, np.asarray(x) - shift, np.transpose(self._usual), self.domain
+        if domain.joints is not None:
+            text = domain.joints.other_units(x)
+        else:
+            far = (np.isfinite(x) & ((x < low) | (x > high))).any(axis=1).all()
+            ends = ([f"{at:.7g}" for at in end + self.origin] for end in (domain.lower, domain.upper))
+            ends = " to ".join(f"({', '.join(end)})" for end in ends)
+            text = f"all {len(x):,} queries lie far from {ends}: are they in other units?" if far else None
+        if text:
+            warn(f"{self.method}: {text}")
 
     def expect_local(self, what: str) -> None:
         """Refuse, with ``QueryError``, a bounder with an origin where ``what`` takes local coordinates."""
@@ -295,7 +337,7 @@ class Queryable(ABC):
         """Called by ``wp.launch`` where a kernel takes a structure: refuses the bounder, and says what to pass."""
         raise TypeError(f"pass bounder.data to a kernel, not the bounder itself, got {self!r}")
 
-    def query(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
+    def query(self, x, *, xform=None, scale=None, out: wp.array | None = None, radius=None) -> wp.array:
         """Test many queries.
 
         Args:
@@ -311,6 +353,7 @@ class Queryable(ABC):
             scale: Positive number, or one per spatial axis; applied before ``xform``. The length of rays stays in
                 object units: where the shape is scaled by one number s, its rays are s times as long in the world.
             out: ``(N,)`` uint8 to write to, instead of a new array.
+            radius: Not taken: fit a distance.
 
         Returns:
             ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box
@@ -325,6 +368,8 @@ class Queryable(ABC):
             >>> bounder.query(points + np.float32(2), xform=wp.transform(wp.vec3(2.0), wp.quat_identity())).shape
             (100,)
         """
+        if radius is not None:
+            raise QueryError(f"{self.method}: only distances are compared with a radius: wb.fit(shape, 'distance')")
         return self._batch(x, xform, scale, out, values=False)
 
     def values(self, x, *, xform=None, scale=None) -> wp.array:
@@ -346,7 +391,7 @@ class Queryable(ABC):
         """
         return self._batch(x, xform, scale, None, values=True)
 
-    def candidates(self, x, *, xform=None, scale=None) -> tuple[wp.array, wp.array]:
+    def candidates(self, x, *, xform=None, scale=None, radius=None) -> tuple[wp.array, wp.array]:
         """Which queries may meet the object, compacted on the device; arguments as in ``query``.
 
         Returns:
@@ -362,7 +407,7 @@ class Queryable(ABC):
             >>> len(kept) == int(bounder.query(points).numpy().sum())
             True
         """
-        return compact(self.query(x, xform=xform, scale=scale))
+        return compact(self.query(x, xform=xform, scale=scale, radius=radius))
 
     def prepare(self, x, *, out: wp.array | None = None, xform=None, scale=None, candidates: bool = False) -> Prepared:
         """Set up queries that are repeated often, such as in every step of a simulation.
@@ -396,6 +441,8 @@ class Queryable(ABC):
         directed = QUERIES[self.domain.query].directed
         queries, count, double = self._flat(x, self.domain.columns, directed)
         placement, place = Placement.of(self.domain, xform, scale), None
+        if self._looks > 0 and placement is None:
+            self._warn_of_units(x)
         if placement is not None:
             placement.check(self.domain, double=double)
             place = wp.array(placement.values, dtype=wp.float32, device=device, copy=not device.is_cpu)

@@ -149,6 +149,14 @@ def _value(option: Option, given: dict[str, Any]) -> Any:
 
 # --- the base --------------------------------------------------------------------------------------------------------
 
+
+class OnlyOfDistances:
+    """What bounders of distances have and others do not, which say so."""
+
+    def __get__(self, bounder, kind=None):
+        raise AttributeError("only distances have this: wb.fit(shape, 'distance')")
+
+
 CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that memory stays small
 
 
@@ -184,6 +192,8 @@ class Bounder(Queryable):
     bit_fields: ClassVar[tuple[str, ...]] = ()  # how the names of uint32 tensors end, also of members' tensors
     takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can set
+    distance = segments = rays = boxes = OnlyOfDistances()
+    distance_func = segment_func = ray_func = box_func = slack = OnlyOfDistances()
 
     def __init__(
         self, domain: AnyDomain, tensors: dict[str, np.ndarray], sizes: dict[str, Any], device: str | None = None
@@ -216,7 +226,7 @@ class Bounder(Queryable):
             if value.dtype.kind == "f" and not np.isfinite(value).all():
                 raise BounderError(f"tensor {name} holds a value that is not finite")
             value.setflags(write=False)
-        self.threshold = np.float32(0.0)
+        self._threshold = np.float32(0.0)
         self.certificate: Certificate | None = None
         self.info: dict[str, Any] = {}
         self._device = device
@@ -364,6 +374,17 @@ class Bounder(Queryable):
         copy._device, copy._data = device, None
         return copy
 
+    @property
+    def threshold(self) -> np.float32:
+        """See class; ``freeze`` sets it, as the certificate is about it."""
+        return self._threshold
+
+    @threshold.setter
+    def threshold(self, value):
+        raise BounderError(
+            f"the certificate is about this threshold, which cannot be assigned: bounder.freeze({value!r}, None)"
+        )
+
     def freeze(self, threshold: float, certificate: Certificate | None) -> "Bounder":
         """Set threshold and certificate, in place; nothing else changes them.
 
@@ -382,7 +403,7 @@ class Bounder(Queryable):
             True
         """
         self.info = {key: value for key, value in self.info.items() if key != "rates"}
-        self.threshold = np.float32(threshold)
+        self._threshold = np.float32(threshold)
         self.certificate = certificate
         self._data = None
         return self

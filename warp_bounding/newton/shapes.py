@@ -1,6 +1,5 @@
 """What the cull knows of a model's shapes: each one's hull and bounder, a number or vector on the device."""
 
-import warnings
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping
 from functools import lru_cache
@@ -10,7 +9,7 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders import Bounder
-from warp_bounding.errors import BounderError, BoundingWarning
+from warp_bounding.errors import BounderError, warn
 from warp_bounding.newton import placing
 from warp_bounding.newton.placing import IN_MESH, IN_WORLD, PRIMITIVES, Hull, Placed
 from warp_bounding.queries import QUERIES
@@ -251,7 +250,7 @@ class Shapes:
         if unknown:
             reported = ", ".join(f"{name} ({number})" for name, number in sorted(unknown.items()))
             told = f"shapes that keep all their pairs, having no test: {reported}"
-            warnings.warn(told, BoundingWarning, stacklevel=3)
+            warn(told)
         self.placed = wp.empty(count, dtype=Placed, device=model.device)
         self.hulls = wp.empty(count, dtype=Hull, device=model.device)
         on_device = [(self.roles, wp.int32), (self._ids, wp.uint64), (self._domains, wp.vec3)]

@@ -29,6 +29,7 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import IN, OUT, Shape
 
 FAR = 8.0  # largest |a|_1 of a region's point a in local space; beyond, a region that may meet the domain is *maybe*
+FAR_AWAY = 20.0  # see ``Query.usual``: less than millimetres for metres make of most batches
 FARTHEST_SUM = 2.0**60  # beyond this |a|_1 any region is *maybe*, as sums with it could overflow
 # A direction whose largest |entry| is outside of these is *maybe*: products with it could overflow or vanish.
 DIRECTION_SMALLEST, DIRECTION_LARGEST = 2.0**-90, 2.0**90
@@ -106,6 +107,18 @@ class Query(ABC):
     def distribution(self) -> str:
         """In words, what ``draw_positives`` draws."""
         return UNIFORM + self.hard_positives
+
+    def usual(self, domain) -> tuple[np.ndarray, np.ndarray]:
+        """``(m,)`` each, least and largest numbers of queries: others are of another unit, or about another origin.
+
+        They are ``FAR_AWAY`` times the domain's longest side outside of it; infinite where any number may occur.
+        """
+        if domain.joints is not None:
+            return domain.joints.usual
+        in_space = np.arange(domain.space_ndim) >= int(domain.time)
+        room = FAR_AWAY * (domain.upper - domain.lower)[in_space].max() + (domain.length or 0.0)
+        room = np.where(in_space, room, np.inf)
+        return domain.lower - room, domain.upper + room
 
     def columns(self, ndim: int) -> int:
         """Numbers of one query about an object of dimension ``ndim``."""

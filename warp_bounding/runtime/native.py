@@ -73,6 +73,11 @@ STRICT = """
 """
 
 
+def _type_name(kind: Any) -> str:
+    name = getattr(kind, "__name__", None) or getattr(kind, "key", str(kind)).rpartition(".")[2]
+    return f"vector of {kind._length_} {kind._wp_scalar_type_.__name__}" if name == "vec_t" else name
+
+
 class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
     """Warp's decorators for functions made in a factory; Warp would take equal names for overloads of one function.
 
@@ -87,8 +92,19 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         return lambda function: wp.func_native(STRICT + snippet)(self._rename(function, f"{self.name}_native"))
 
     def func(self, function):
-        """``wp.func`` under this name."""
-        return wp.func(self._rename(function, self.name))
+        """``wp.func`` under this name, which says what it takes where a kernel gives it something else."""
+        made = wp.func(self._rename(function, self.name))
+        overload_of, role = made.get_overload, self.name.rpartition("_")[2]
+
+        def get_overload(kinds, named_kinds):
+            if (found := overload_of(kinds, named_kinds)) is None:
+                takes = ", ".join(f"{name}: {_type_name(kind)}" for name, kind in made.input_types.items())
+                got = ", ".join(map(_type_name, [*kinds, *named_kinds.values()]))
+                raise TypeError(f"{role} takes ({takes}), got ({got}); convert float64 by wp.vec3(x) or its like")
+            return found
+
+        made.get_overload = get_overload  # Warp's own message names neither
+        return made
 
     def kernel(self, function, inlining: str = ""):
         """``wp.kernel`` under this name, in a module of its own."""

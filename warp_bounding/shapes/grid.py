@@ -240,12 +240,15 @@ class Grid(Shape):
         Returns:
             ``(N,)`` bool.
 
+        Raises:
+            QueryError: For another shape.
+
         Example:
             >>> grid.contains(np.array([[0.5, 0.5, 0.5], [0.0, 0.0, 0.0]]))
             array([ True, False])
         """
         with np.errstate(invalid="ignore", over="ignore"):
-            t = self.cell_coordinate(x)
+            t = self.cell_coordinate(self._points(x))
             first, last = np.ceil(t - 0.5), np.floor(t + 0.5)  # all cells i with |t - i| <= 1/2: one, or two on a face
         found = np.zeros(len(t), dtype=bool)
         for choice in np.ndindex((2,) * self.ndim):

@@ -35,6 +35,8 @@ HEAD_BITS, HEAD_BITS64 = 12, 30  # times a number of turns exact in float32, in 
 LARGEST_TURN = 2.0**60  # coordinates: of a period
 TWO_PI = Fraction("6.283185307179586476925286766559005768394338798750211641949889")
 MAGIC = 1.5 * 2**23  # a sum with it is a whole number, to nearest, for any rounding of ties
+FAR = 4  # ranges of a joint: what lies farther beyond its limits is of another unit
+PER_JOINT = "; it has a value for each joint that is not held: of a whole robot's configurations q[:, shape.columns]"
 NUMBERS = 5  # float32 of each joint that kernels read
 
 # Reads q, the NUMBERS of each joint at ``extra``; what follows is told of ``turned`` instead of q.
@@ -98,6 +100,22 @@ class Joints:
     def within(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: queries ``(N, n)`` that are asked about."""
         return ((x >= np.array(self.lower)) & (x <= np.array(self.upper))).all(axis=1)
+
+    @property
+    def usual(self) -> tuple[np.ndarray, np.ndarray]:
+        """``(n,)`` each: least and largest values that could be meant; infinite where a joint turns without end."""
+        lower, upper, turns = np.array(self.lower), np.array(self.upper), np.array(self.period) > 0
+        room = np.where(turns, np.inf, FAR * (upper - lower))
+        return lower - room, upper + room
+
+    def other_units(self, x: np.ndarray) -> str | None:
+        """A message for configurations ``(N, n)`` of which some have values that cannot be meant, such as degrees."""
+        low, high = self.usual
+        if not len(found := np.argwhere(np.isfinite(x) & ((x < low) | (x > high)))):
+            return None
+        row, k = found[0]
+        limits = f"{self.lower[k]:.4g} to {self.upper[k]:.4g}"
+        return f"expected radians, and metres of what slides, times weights; got {x[row, k]:g}, limits are {limits}"
 
     def turned_back(self, x: np.ndarray) -> np.ndarray:
         """Queries ``(N, n)`` float64, each in the turn around 0."""

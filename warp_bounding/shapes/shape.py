@@ -19,9 +19,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.errors import ShapeError
+from warp_bounding.errors import QueryError, ShapeError
 from warp_bounding.runtime.arrays import Picklable
-from warp_bounding.shapes.joints import Joints
+from warp_bounding.shapes.joints import PER_JOINT, Joints
 
 # --- Limits of requests -----------------------------------------------------------------------------------------------
 #
@@ -362,8 +362,22 @@ class Shape(Picklable, ABC):
         """``(N,)`` uint8 for points ``(N, n)``, float32 or float64: certainly ``OUT`` or ``IN``, or ``UNDECIDED``."""
 
     def contains(self, x: np.ndarray) -> np.ndarray:
-        """The truth ``(N,)`` bool for points ``(N, n)``; what cannot be decided counts as object. NaN is nowhere."""
-        return self.decide(x) != OUT
+        """The truth ``(N,)`` bool for points ``(N, n)``; what cannot be decided counts as object. NaN is nowhere.
+
+        Raises:
+            QueryError: For another shape, or values of joints that are far beyond their limits, such as degrees.
+        """
+        return self.decide(self._points(x)) != OUT
+
+    def _points(self, x: np.ndarray) -> np.ndarray:
+        """What ``contains`` is given, checked."""
+        x = np.asarray(x)
+        if x.ndim != 2 or x.shape[1] != self.ndim:
+            mend = "" if self.joints is None else PER_JOINT
+            raise QueryError(f"{self.name}: points must have shape (N, {self.ndim}), got {x.shape}{mend}")
+        if self.joints is not None and (fault := self.joints.other_units(x)):
+            raise QueryError(f"{self.name}: {fault}")
+        return x
 
     @abstractmethod
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

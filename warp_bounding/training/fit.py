@@ -4,9 +4,7 @@
 """
 
 import math
-import sys
 import time
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -24,7 +22,7 @@ from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
-from warp_bounding.errors import BounderError, BoundingWarning, QueryError
+from warp_bounding.errors import BounderError, QueryError, warn
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.proof import make_proven, prove_or_test
 from warp_bounding.proof.distances import excesses
@@ -425,7 +423,6 @@ def trainer_of(cls: type[Bounder]) -> Trainer:
 
 # What ``fit`` refuses before any time is spent, each in one line.
 
-PACKAGE = __name__.split(".")[0]
 CLOSE = ". If its inside counts, close it first: docs/guide/shapes.md has two ways, for small holes and for scans"
 
 
@@ -469,21 +466,13 @@ def warn_of_coarse_cells(grid: Grid) -> None:
             f"margin {grid.margin:g} is under the size of a cell, {size:.3g}: the object's cells at resolution "
             f"{grid.resolution} are bounded, and they are wider than the margin; {advice}"
         )
-        _warn(text)
+        warn(text)
 
 
 def warn_of_restriction(shape: Shape) -> None:
     """Warn if a part that a user may mean is not bounded, such as the inside of an open mesh."""
     if text := getattr(shape, "restriction", ""):  # what only has a ``to_grid`` of its own says nothing of it
-        _warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
-
-
-def _warn(text: str) -> None:
-    """Warn at the line that called the package, so that repeated warnings of one call are shown once."""
-    level, frame = 2, sys._getframe(1)
-    while frame.f_back and frame.f_globals.get("__name__", "").split(".")[0] == PACKAGE:
-        level, frame = level + 1, frame.f_back
-    warnings.warn(text, BoundingWarning, stacklevel=level)
+        warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
 
 
 def check_asked(query: str, method: str, length: float | None, side: str, last=None, workload=None) -> None:
