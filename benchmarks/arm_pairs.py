@@ -88,7 +88,7 @@ class Ways:
             found.save(file)
         network = wb.load(file, device="cpu")
         seconds = network.info["training"]["wall_seconds"]
-        return lambda q: network.query(q).numpy() == 1, seconds, network.nbytes
+        return lambda q: network.query(q).numpy(), seconds, network.nbytes
 
     def by_coal(self) -> tuple:
         return lambda q: self.model.hits(q.astype(np.float64)), 0.0, self.triangles

@@ -169,7 +169,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
         }
 
         def ask(x: np.ndarray) -> np.ndarray:
-            return bounder.query(x).numpy() == 1
+            return bounder.query(x).numpy()
 
     answers = [ask(sampled.x) for sampled in samples]
     assert not any((sampled.held & ~maybe).any() for sampled, maybe in zip(samples, answers, strict=True)), label

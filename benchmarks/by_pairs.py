@@ -109,21 +109,21 @@ class ByPairs:
             data: wp.array(dtype=wb.pairs.PairData),
             links: wp.array(dtype=wp.vec2i),
             x: wp.array2d(dtype=wp.transform),
-            maybe: wp.array(dtype=wp.uint8),
+            maybe: wp.array(dtype=wp.bool),
         ):
             i = first + wp.tid()
             found = wp.bool(False)
             for p in range(data.shape[0]):
                 if not found:
                     found = ask(data[p], x[i, links[p][0]], x[i, links[p][1]], float(wp.static(GAP)))
-            maybe[i] = wp.uint8(found)
+            maybe[i] = found
 
         self._near = near
 
     def __call__(self, q: np.ndarray) -> np.ndarray:
         q = wp.array(q, dtype=float, device="cpu")
         x = wp.empty((len(q), self.count + 1), dtype=wp.transform, device="cpu")
-        maybe = wp.empty(len(q), dtype=wp.uint8, device="cpu")
+        maybe = wp.empty(len(q), dtype=wp.bool, device="cpu")
         wb.launch_on_cores(poses, len(q), [*self._chain, q], [x], "cpu")
         wb.launch_on_cores(self._near, len(q), [self._data, self._links, x], [maybe], "cpu")
-        return maybe.numpy() == 1
+        return maybe.numpy()

@@ -53,8 +53,8 @@ def measure(place: int, crate: wb.arms.Body, way: str, network: wb.Bounder, q: n
     start = time.perf_counter()
     own = wb.fit(everything if anew else alone, device="cpu", progress=False, **WAYS[way])
     seconds, asked = time.perf_counter() - start, [own] if anew else [network, own]
-    maybe = np.logical_or.reduce([each.query(q).numpy() == 1 for each in asked])
-    held, known = everything.contains(q), network.query(q).numpy() == 1
+    maybe = np.logical_or.reduce([each.query(q).numpy() for each in asked])
+    held, known = everything.contains(q), network.query(q).numpy()
     ideal = known | alone.contains(q)  # the crate's own answer being perfect
     return {
         "way": way,

@@ -98,7 +98,7 @@ class Asked:
     def row(self, label: str, bounder: wb.DistanceBounder) -> dict:
         """What a bounder answers, and what it takes."""
         g, maybe = bounder.distance(self.x).numpy(), bounder.segments(self.a, self.b)[0].numpy()
-        assert not ((maybe == 0) & (self.truth == IN)).any()
+        assert not (~maybe & (self.truth == IN)).any()
         assert (g <= self.away).all()
         half = self.size / 2
         ways = {
@@ -108,7 +108,7 @@ class Asked:
         times = race({name: way for name, (way, _) in ways.items()}, ROUNDS)
         row = {"label": label, "bytes": bounder.nbytes, "certificate": bounder.certificate.kind}
         row["rates"] = [100 * float(((g <= r * half) & (self.away > r * half)).mean()) for r in RADII]
-        row["segments"] = 100 * float(((maybe == 1) & (self.truth == OUT)).mean())
+        row["segments"] = 100 * float((maybe & (self.truth == OUT)).mean())
         row["evaluations"] = float(evaluations(bounder, self.a, self.b, STEPS).mean())
         row |= {name: 1e9 * float(np.median(times[name][:, 0])) / count for name, (_, count) in ways.items()}
         row["ns_kernel"] = on_one_core(asking(bounder), [bounder.data, self.points], self.found)

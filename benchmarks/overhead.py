@@ -34,7 +34,7 @@ def box() -> wb.Bounder:
 def contestants(bounder: wb.Bounder, count: int) -> dict:
     """The ways to ask so many queries, as functions."""
     points = np.random.default_rng(0).random((count, 3), dtype=np.float32)
-    x, out = wp.array(points, dtype=wp.vec3, device="cpu"), wp.empty(count, dtype=wp.uint8, device="cpu")
+    x, out = wp.array(points, dtype=wp.vec3, device="cpu"), wp.empty(count, dtype=wp.bool, device="cpu")
     flat, data = wp.array(points.reshape(-1), dtype=wp.float32, device="cpu"), bounder.data
     kernel, blocks = batch_kernel(bounder.source, False, False), -(-count // BLOCK)
     launch = {

@@ -231,16 +231,16 @@ def main() -> None:
             balls = held(b, name, count)
             pair = Pair(own, balls)
             if way not in done:
-                out = wp.empty(len(places), dtype=wp.uint8, device="cpu")
+                out = wp.empty(len(places), dtype=wp.bool, device="cpu")
                 pair.query(*queries, gap, out=out)
                 seconds = min(clock(lambda: pair.query(*queries, gap, out=out))[1] for _ in range(ROUNDS))  # noqa: B023
-                row(way, out.numpy() != 0, seconds / len(places), own.nbytes + balls.nbytes)
+                row(way, out.numpy(), seconds / len(places), own.nbytes + balls.nbytes)
             if (way := f"hard, {way}") not in done:
                 missed = 0
                 for seed in range(4):
                     xa, xb, *scales = hard(a, b, gap, HARD, np.random.default_rng([seed, count]))
                     maybe = pair.query(xa, xb, gap, scale_a=scales[0], scale_b=scales[1]).numpy()
-                    missed += int((maybe == 0).sum())
+                    missed += int((~maybe).sum())
                 write({"pair": title, "way": way, "missed": missed, "placements": 4 * HARD})
         some = places[: BOXED * 2]
         leaves = (far.nbytes + held(b, name, BALLS[-1]).nbytes) // 2 // (2 * 32)  # nodes of six numbers and two links

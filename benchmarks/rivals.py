@@ -81,11 +81,9 @@ def in_kernel(bounder, points: wp.array, out: wp.array):
     """A launch of somebody's own kernel that calls the bounder's function; Warp runs it on one core."""
 
     @wp.kernel(enable_backward=False, module="unique")
-    def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+    def ask(data: wb.Data, q: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.bool)):
         i = wp.tid()
-        out[i] = wp.uint8(0)
-        if wp.static(bounder.func)(data, q[i]):
-            out[i] = wp.uint8(1)
+        out[i] = wp.static(bounder.func)(data, q[i])
 
     return lambda: wp.launch(ask, dim=len(points), inputs=[bounder.data, points], outputs=[out], device=out.device)
 
@@ -96,46 +94,38 @@ def chunked(function, x: torch.Tensor, size: int):
 
 
 @wp.kernel(enable_backward=False)
-def _in_boxes(first: int, boxes: wp.uint64, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+def _in_boxes(first: int, boxes: wp.uint64, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.bool)):
     i = first + wp.tid()
     query = wp.bvh_query_aabb(boxes, x[i], x[i])
     found = int(0)  # noqa: UP018, RUF046  a variable of the kernel
-    out[i] = wp.uint8(0)
-    if wp.bvh_query_next(query, found):
-        out[i] = wp.uint8(1)
+    out[i] = wp.bvh_query_next(query, found)
 
 
 @wp.kernel(enable_backward=False)
 def _ray_in_boxes(
-    first: int, boxes: wp.uint64, length: float, rays: wp.array2d(dtype=float), out: wp.array(dtype=wp.uint8)
+    first: int, boxes: wp.uint64, length: float, rays: wp.array2d(dtype=float), out: wp.array(dtype=wp.bool)
 ):
     i = first + wp.tid()
     origin, way = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2]), wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
     query = wp.bvh_query_ray(boxes, origin, way)
     found = int(0)  # noqa: UP018, RUF046  a variable of the kernel
-    out[i] = wp.uint8(0)
-    if wp.bvh_query_next(query, found, length):
-        out[i] = wp.uint8(1)
+    out[i] = wp.bvh_query_next(query, found, length)
 
 
 @wp.kernel(enable_backward=False)
-def _near_mesh(first: int, mesh: wp.uint64, margin: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+def _near_mesh(first: int, mesh: wp.uint64, margin: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.bool)):
     i = first + wp.tid()
     query = wp.mesh_query_point_sign_normal(mesh, x[i], margin)
-    out[i] = wp.uint8(0)
-    if query.result:
-        out[i] = wp.uint8(1)
+    out[i] = query.result
 
 
 @wp.kernel(enable_backward=False)
 def _ray_on_mesh(
-    first: int, mesh: wp.uint64, length: float, rays: wp.array2d(dtype=float), out: wp.array(dtype=wp.uint8)
+    first: int, mesh: wp.uint64, length: float, rays: wp.array2d(dtype=float), out: wp.array(dtype=wp.bool)
 ):
     i = first + wp.tid()
     origin, way = wp.vec3(rays[i, 0], rays[i, 1], rays[i, 2]), wp.vec3(rays[i, 3], rays[i, 4], rays[i, 5])
-    out[i] = wp.uint8(0)
-    if wp.mesh_query_ray_anyhit(mesh, origin, way, length):
-        out[i] = wp.uint8(1)
+    out[i] = wp.mesh_query_ray_anyhit(mesh, origin, way, length)
 
 
 def tree_of(bounder: wb.Bounder) -> wp.Bvh:
@@ -185,7 +175,7 @@ def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
         adds = sum(a * b for a, b in pairwise(sizes))
         sizes_of_chunks = CHUNKS if device == "cpu" else (count,)
         best = min(sizes_of_chunks, key=lambda size: np.median(race({"": chunked(module, tensor, size)}, 3)[""][:, 0]))
-        out = wp.empty(count, dtype=wp.uint8, device=device)
+        out = wp.empty(count, dtype=wp.bool, device=device)
         calls[label] = bounder.prepare(array, out=out).launch
         calls[f"{label}, candidates"] = bounder.prepare(array, candidates=True).launch
         calls[function] = in_kernel(bounder, array, out)
@@ -197,9 +187,9 @@ def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
     for leaves in LEAVES:
         bounder, out = (
             wb.fit(asset_mesh("bunny"), method="bvh", leaves=leaves, margin=MARGIN, device=device),
-            wp.empty(count, dtype=wp.uint8, device=device),
+            wp.empty(count, dtype=wp.bool, device=device),
         )
-        tree, own, label = tree_of(bounder), wp.empty(count, dtype=wp.uint8, device=device), f"bvh {leaves}"
+        tree, own, label = tree_of(bounder), wp.empty(count, dtype=wp.bool, device=device), f"bvh {leaves}"
         calls[label] = bounder.prepare(array, out=out).launch
         calls[f"{label}, wp.Bvh of the same boxes"] = of_all_cores(_in_boxes, count, [tree.id, array], own)
         known[label] = known[f"{label}, wp.Bvh of the same boxes"] = {"of": label}
@@ -210,7 +200,7 @@ def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
         bounder = wb.fit(asset_mesh("bunny"), method=method, margin=MARGIN, device=device, **options)
         calls[label], known[label] = bounder.prepare(array).launch, {"of": label}
     plain = asset_mesh("bunny")
-    triangles, out = surface(plain.vertices, plain.faces, device), wp.empty(count, dtype=wp.uint8, device=device)
+    triangles, out = surface(plain.vertices, plain.faces, device), wp.empty(count, dtype=wp.bool, device=device)
     label = "wp.mesh_query_point, exact"
     calls[label], known[label] = (
         of_all_cores(_near_mesh, count, [triangles.id, MARGIN, array], out),
@@ -237,21 +227,21 @@ def rays(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
     ):
         bounder, out = (
             wb.fit(mesh, "ray", method, length=LENGTH, resolution=32, device=device, progress=False, **options),
-            wp.empty(count, dtype=wp.uint8, device=device),
+            wp.empty(count, dtype=wp.bool, device=device),
         )
         calls[label], known[label] = bounder.prepare(array, out=out).launch, {"of": label}
         if method == "bvh":
             tree, name = tree_of(bounder), f"{label}, wp.Bvh of the same boxes"
             calls[name], known[name] = (
                 of_all_cores(
-                    _ray_in_boxes, count, [tree.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device=device)
+                    _ray_in_boxes, count, [tree.id, LENGTH, array], wp.empty(count, dtype=wp.bool, device=device)
                 ),
                 {"of": label, "tree": tree},
             )
     triangles = surface(mesh.vertices, mesh.faces, device)
     label = "wp.mesh_query_ray_anyhit, exact"
     calls[label] = of_all_cores(
-        _ray_on_mesh, count, [triangles.id, LENGTH, array], wp.empty(count, dtype=wp.uint8, device=device)
+        _ray_on_mesh, count, [triangles.id, LENGTH, array], wp.empty(count, dtype=wp.bool, device=device)
     )
     known[label] = {"of": "bvh 64", "tree": triangles}
     embree = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).ray

@@ -113,7 +113,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
     model, asked, n, bounded = meshes(robot), bounder(robot, way, kept, effort), shape(robot).ndim, way in BOUNDED
     count, accepted = dict.fromkeys(("states", "edges", "checks", "denied", "cleared"), 0), []
 
-    some, found = wp.zeros((MANY, n), dtype=float, device="cpu"), wp.zeros(MANY, dtype=wp.uint8, device="cpu")
+    some, found = wp.zeros((MANY, n), dtype=float, device="cpu"), wp.zeros(MANY, dtype=wp.bool, device="cpu")
     rows, maybe, query = some.numpy(), found.numpy(), asked.prepare(some, out=found).launch
     edge = wb.proof.Segments(asked, depth=3)  # lanes of a network share an edge, so that more clears hardly more
 
@@ -129,7 +129,7 @@ def plan(run: tuple[str, str, str, int, Path, float]) -> dict:
             count = len(q[at : at + MANY])
             rows[:count] = q[at : at + MANY]
             query()
-            left.append(q[at : at + MANY][maybe[:count] == 1])
+            left.append(q[at : at + MANY][maybe[:count]])
         left = np.concatenate(left)
         return hulls(left) if way == "both" and len(left) else left
 

@@ -103,9 +103,9 @@ def measure(name: str, effort: float) -> list[dict]:
         bounder = network(file, robot.networks[file], shape, effort)
         x = np.ascontiguousarray(q[:, shape.columns])
         queries = wp.array(np.resize(x, (TIMED, shape.ndim)), dtype=float, device="cpu")
-        launches.append(bounder.prepare(queries, out=wp.empty(TIMED, dtype=wp.uint8, device="cpu")).launch)
+        launches.append(bounder.prepare(queries, out=wp.empty(TIMED, dtype=wp.bool, device="cpu")).launch)
         bounders.append(bounder)
-        maybe |= bounder.query(x).numpy() == 1
+        maybe |= bounder.query(x).numpy()
         started = time.process_time()
         ask = tree_of_boxes(shape, bounder.nbytes)
         cpu += time.process_time() - started

@@ -103,7 +103,7 @@ def nanoseconds(bounder: Any, x: np.ndarray, rounds: int) -> float:
     """The time of one query of a batch ``(N, m)``: the least of several rounds."""
     import warp as wp
 
-    queries, out = wp.array(x, dtype=float, device="cpu"), wp.empty(len(x), dtype=wp.uint8, device="cpu")
+    queries, out = wp.array(x, dtype=float, device="cpu"), wp.empty(len(x), dtype=wp.bool, device="cpu")
     launch = bounder.prepare(queries, out=out).launch
     launch()
     return 1e9 * min(clock(launch)[0] for _ in range(rounds)) / len(x)
@@ -115,7 +115,7 @@ def evaluations(bounder: Any, a: np.ndarray, b: np.ndarray, most: int) -> np.nda
     for steps in range(1, most + 1):
         count += going
         maybe, t = (part.numpy() for part in bounder.segments(a, b, steps=steps))
-        going &= (maybe == 1) & (t > last)
+        going &= maybe & (t > last)
         last = t
         if not going.any():
             break

@@ -50,7 +50,7 @@ def raster(shape: Any, side: int, time: float | None = None) -> np.ndarray:
 def packed(owner: Any, points: np.ndarray) -> dict[str, Any]:
     """JSON of where a bounder says *maybe*, or where a shape is, at points ``(..., n)``."""
     flat, ask = points.reshape(-1, points.shape[-1]), getattr(owner, "query", None)
-    found = ask(flat).numpy() != 0 if ask else owner.contains(flat.astype(np.float64))
+    found = ask(flat).numpy() if ask else owner.contains(flat.astype(np.float64))
     return pack(found.reshape(points.shape[:-1]))
 
 

@@ -184,7 +184,7 @@ def counterexample(bounder: Any, grid: Any, found: dict, threshold: float) -> tu
     x = found[min(below, key=lambda w: float(found[w][1].min()))][0][:1]
     truth = oracle(bounder.query_kind, grid, bounder.device, bounder.domain.oracle_length)(x)
     shipped = bounder.to(str(bounder.device)).freeze(threshold, None)
-    if not truth[0] or shipped.query(x).numpy()[0] != 0:
+    if not truth[0] or shipped.query(x).numpy()[0]:
         return None, 0.0, ""
     return x[0], float(bounder.values(x).numpy()[0]), "prover" if "prover" in below else "walk"
 

@@ -46,12 +46,13 @@ native: dict[str, str] = {}
 
 
 def sha(*parts) -> str:
-    """Of arrays (type, shape and bytes) and of text."""
+    """Of arrays (type, shape and bytes) and of text; bool counts as uint8, of which older answers are."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, wp.array):
             part = part.numpy()
         if isinstance(part, np.ndarray):
+            part = part.view(np.uint8) if part.dtype == bool else part
             digest.update(f"{part.dtype.str}{part.shape}".encode())
             part = np.ascontiguousarray(part).tobytes()
         digest.update(part if isinstance(part, bytes) else str(part).encode())

@@ -8,7 +8,7 @@ is *yes*:
     shape = wb.load_shape("bunny.obj")
     bounder = wb.fit(shape, method="mlp", hidden=(50, 50), budget=60.0)
     print(bounder.certificate.message)
-    mask = bounder.query(points)  # uint8, 1 = maybe
+    mask = bounder.query(points)  # bool, true = maybe
 
 In a kernel of your own, ``wp.static(bounder.func)(data, q[i])`` answers one query; ``bounder.data`` is the argument
 ``data: wb.Data``.

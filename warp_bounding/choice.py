@@ -361,7 +361,7 @@ def choose(
     taken = nanoseconds_of(fitted, query, measured, length, device)
     rows = [Row(NONE, 0, 0.0, 1.0, float(narrow_ns), "by construction")]
     for label, bounder in fitted.items():
-        maybe = launch_of(bounder, query, measured, length)().numpy() == 1
+        maybe = launch_of(bounder, query, measured, length)().numpy()
         doubtful = measured[truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
         missed = int(QUERIES[query].certain(bounded, doubtful, length).sum()) if len(doubtful) else 0
         kind = bounder.certificate.kind if bounder.certificate else ""

@@ -270,7 +270,7 @@ def evaluate(
     return counted(
         lambda count: sample(query, around, count, rng),
         truth_of,
-        lambda x: ask(x).numpy().astype(bool),
+        lambda x: ask(x).numpy(),
         int(samples),
         progress,
         protocol=protocol,

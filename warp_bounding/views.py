@@ -244,7 +244,7 @@ def view_of(
                 objects[time] = _pixels(lambda x, lifted=lifted: shape.contains(lifted(x)), lower, upper, cells)
 
         def held_by(x: np.ndarray, lifted=lifted, radius=radius) -> np.ndarray:
-            return (ask(local, lifted(x), radius).numpy() != 0) != within
+            return ask(local, lifted(x), radius).numpy() != within
 
         value = radius if by_radius else time
         label = "" if value is None else f"{value:.4g}"

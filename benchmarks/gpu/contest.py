@@ -150,7 +150,7 @@ def answers(arguments) -> dict:
                 "error": float(np.abs(values[True][inside] - exact).max()),
                 "error32": float(np.abs(values[False][inside] - exact).max()),
             }
-        out = wp.zeros(count, dtype=wp.uint8, device=arguments.device)
+        out = wp.zeros(count, dtype=wp.bool, device=arguments.device)
         launch_of(bounder, x, count, out, True)()
         numbers = bounder.tensor_numbers.numpy()
         row["answers"] = bool((out.numpy() == ~(values[True] < numbers[0])).all())
@@ -163,7 +163,7 @@ def points(arguments) -> dict:
     frame, count = np.load(arguments.data / "frame.npz"), arguments.count
     x, out, found = (
         uniform(frame["low"], frame["high"], count, arguments.device),
-        wp.zeros(count, dtype=wp.uint8, device=arguments.device),
+        wp.zeros(count, dtype=wp.bool, device=arguments.device),
         {},
     )
     for widths in NETWORKS:
@@ -179,10 +179,10 @@ def points(arguments) -> dict:
 
 
 @wp.kernel(enable_backward=False)
-def _within(mesh: wp.uint64, margin: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+def _within(mesh: wp.uint64, margin: float, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.bool)):
     i = wp.tid()
     query = wp.mesh_query_point_sign_normal(mesh, x[i], margin)
-    out[i] = wp.uint8(query.result)
+    out[i] = query.result
 
 
 @wp.kernel(enable_backward=False)
@@ -195,10 +195,10 @@ def _distance(mesh: wp.uint64, most: float, x: wp.array(dtype=wp.vec3), out: wp.
 
 
 @wp.kernel(enable_backward=False)
-def _ray(mesh: wp.uint64, length: float, rays: wp.array(dtype=float), out: wp.array(dtype=wp.uint8)):
+def _ray(mesh: wp.uint64, length: float, rays: wp.array(dtype=float), out: wp.array(dtype=wp.bool)):
     i = 6 * wp.tid()
     origin, way = wp.vec3(rays[i], rays[i + 1], rays[i + 2]), wp.vec3(rays[i + 3], rays[i + 4], rays[i + 5])
-    out[wp.tid()] = wp.uint8(wp.mesh_query_ray_anyhit(mesh, origin, way, length))
+    out[wp.tid()] = wp.mesh_query_ray_anyhit(mesh, origin, way, length)
 
 
 def _mesh(arguments) -> wp.Mesh:
@@ -215,7 +215,7 @@ def distances(arguments) -> dict:
     mesh, device = _mesh(arguments), arguments.device
     flat = uniform(frame["low"], frame["high"], count, device)
     x = wp.array(ptr=flat.ptr, dtype=wp.vec3, shape=(count,), device=device)
-    mask, d = wp.zeros(count, dtype=wp.uint8, device=device), wp.zeros(count, dtype=float, device=device)
+    mask, d = wp.zeros(count, dtype=wp.bool, device=device), wp.zeros(count, dtype=float, device=device)
     found, held = {}, {}
     for name, kernel, most, out in (
         ("within margin", _within, MARGIN, mask),
@@ -264,7 +264,7 @@ def rays(arguments) -> dict:
     """Ns a ray."""
     count, found = arguments.count, {}
     x = wp.array(rays_of(arguments, count).reshape(-1), dtype=wp.float32, device=arguments.device)
-    out = wp.zeros(count, dtype=wp.uint8, device=arguments.device)
+    out = wp.zeros(count, dtype=wp.bool, device=arguments.device)
     bounder = loaded(arguments, "rays-50")
     for name, cores in (("float32", False), ("tensor", True)):
         found[f"50 {name}"] = ns(launch_of(bounder, x, count, out, cores), count, 5, 5)
@@ -294,9 +294,9 @@ def _around(seed: int, low: wp.vec3, high: wp.vec3, x: wp.array(dtype=wp.vec3)):
 
 
 @wp.kernel(enable_backward=False)
-def _missed(answers: wp.array(dtype=wp.uint8), count: wp.array(dtype=wp.int32)):
+def _missed(answers: wp.array(dtype=wp.bool), count: wp.array(dtype=wp.int32)):
     i = wp.tid()
-    if answers[i] == wp.uint8(0):
+    if not answers[i]:
         wp.atomic_add(count, 0, 1)
 
 
@@ -330,7 +330,7 @@ def hard(arguments) -> dict:
     mesh, frame = _mesh(arguments), np.load(arguments.data / "bunny.npz")
     rounds = 2 if arguments.quick else 50
     x, missed = wp.zeros(count, dtype=wp.vec3, device=device), wp.zeros(1, dtype=wp.int32, device=device)
-    answers = wp.zeros(count, dtype=wp.uint8, device=device)
+    answers = wp.zeros(count, dtype=wp.bool, device=device)
     for name in ("bunny-24", "bunny-50"):
         bounder = loaded(arguments, name)
         missed.zero_()
@@ -363,7 +363,7 @@ def hard(arguments) -> dict:
 
 def launch_and_mean(bounder, flat: wp.array, count: int, cores: bool) -> float:
     """The share of *maybe*."""
-    out = wp.zeros(count, dtype=wp.uint8, device=flat.device)
+    out = wp.zeros(count, dtype=wp.bool, device=flat.device)
     launch_of(bounder, flat, count, out, cores)()
     return out.numpy().mean()
 
@@ -376,15 +376,15 @@ def torch_too(arguments) -> dict:
     found, count, device = {}, arguments.count, arguments.device
     frame = np.load(arguments.data / "frame.npz")
     flat = uniform(frame["low"], frame["high"], count, device)
-    x, out = _vectors(flat, count), wp.zeros(count, dtype=wp.uint8, device=device)
+    x, out = _vectors(flat, count), wp.zeros(count, dtype=wp.bool, device=device)
     for widths in NETWORKS:
         bounder = loaded(arguments, f"points-{widths[0]}")
         test = bounder.func
 
         @wp.kernel(module="unique", enable_backward=False)
-        def ask(data: wb.Data, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.uint8)):
+        def ask(data: wb.Data, x: wp.array(dtype=wp.vec3), out: wp.array(dtype=wp.bool)):
             i = wp.tid()
-            out[i] = wp.uint8(wp.static(test)(data, x[i]))  # noqa: B023  built at once
+            out[i] = wp.static(test)(data, x[i])  # noqa: B023  built at once
 
         found[f"{widths[0]} function"] = ns(
             wp.launch(ask, count, [bounder.data, x], [out], device=device, record_cmd=True).launch, count, 5
@@ -446,7 +446,7 @@ def graphs(arguments) -> dict:
             sets = (uniform(frame["low"], frame["high"], count, device, seed) for seed in (1, 2))
             kept = list(sets)  # their memory
             first, other = (_vectors(x, count) for x in kept)
-        kind = wp.float32 if bounder.of_distances else wp.uint8
+        kind = wp.float32 if bounder.of_distances else wp.bool
         out, there = (wp.zeros(count, dtype=kind, device=device) for _ in range(2))
         ask = bounder.distance if bounder.of_distances else bounder.query
         ask(other, out=there)
@@ -625,15 +625,15 @@ def pairs(arguments) -> dict:
     places = np.column_stack([rng.uniform(low - high, high - low, (count, 3)), turns]).astype(np.float32)
     places[:, 3:] /= np.linalg.norm(places[:, 3:], axis=1)[:, None]
     places[0] = [0, 0, 0, 0, 0, 0, 1]
-    x, out = wp.array(places, dtype=wp.transform, device=device), wp.zeros(count, dtype=wp.uint8, device=device)
+    x, out = wp.array(places, dtype=wp.transform, device=device), wp.zeros(count, dtype=wp.bool, device=device)
     for name in ("bunny-distance-24", "bunny-distance-grid-32"):
         pair, some = wb.pairs.Pair(loaded(arguments, name), balls), min(count, 20_000)
         test = pair.func
 
         @wp.kernel(module="unique", enable_backward=False)
-        def ask(data: wb.pairs.PairData, x: wp.array(dtype=wp.transform), out: wp.array(dtype=wp.uint8)):
+        def ask(data: wb.pairs.PairData, x: wp.array(dtype=wp.transform), out: wp.array(dtype=wp.bool)):
             i = wp.tid()
-            out[i] = wp.uint8(wp.static(test)(data, x[0], x[i], 0.0))  # noqa: B023  built at once
+            out[i] = wp.static(test)(data, x[0], x[i], 0.0)  # noqa: B023  built at once
 
         there = wb.pairs.Pair(wb.load(arguments.data / f"{name}.safetensors", device="cpu"), balls)
         expected = there.query(places[:1], places[:some]).numpy()

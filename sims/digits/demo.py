@@ -79,7 +79,7 @@ def rate(bounder: wb.Bounder, shape, samples: int, seed: int = 0) -> tuple[float
     while done < samples:
         count = min(samples - done, 1 << 18)
         x = rng.uniform(shape.lower, shape.upper, (count, shape.ndim)).astype(np.float32)
-        maybe, held = bounder.query(x).numpy() != 0, shape.contains(x)
+        maybe, held = bounder.query(x).numpy(), shape.contains(x)
         wrong, missed, done = wrong + int((maybe & ~held).sum()), missed + int((held & ~maybe).sum()), done + count
     return 100 * wrong / samples, missed
 

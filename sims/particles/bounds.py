@@ -53,7 +53,7 @@ def of_moment(scene: Scene, time: float) -> tuple[wb.Bounder, float]:
     mesh = wb.shapes.Mesh(scene.motion.vertices_at(time), scene.motion.faces)
     bounder = wb.fit(mesh, method="kdop", margin=scene.margin, device="cpu", progress=False)
     points = np.random.default_rng(0).uniform(lower, upper, (SAMPLES, 3)).astype(np.float32)
-    maybe = bounder.query(points).numpy() != 0
+    maybe = bounder.query(points).numpy()
     inside = scene.shape.contains(np.insert(points, 0, time, axis=1))
     return bounder, 100.0 * float((maybe & ~inside).mean())
 

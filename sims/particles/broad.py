@@ -26,7 +26,7 @@ class MovingBox:
         self.margin, self.device = scene.margin, scene.device
         self._box = wp.array(EMPTY, dtype=wp.vec3, device=self.device)
         self._empty = wp.array(EMPTY, dtype=wp.vec3, device=self.device)
-        self._mask = wp.empty(0, dtype=wp.uint8, device=self.device)
+        self._mask = wp.empty(0, dtype=wp.bool, device=self.device)
 
     def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
         """Particles that may touch the mesh.
@@ -41,7 +41,7 @@ class MovingBox:
         """
         count = len(positions)
         if len(self._mask) != count:
-            self._mask = wp.empty(count, dtype=wp.uint8, device=self.device)
+            self._mask = wp.empty(count, dtype=wp.bool, device=self.device)
         wp.copy(self._box, self._empty)
         wp.launch(box_of, dim=len(points), inputs=[points], outputs=[self._box], device=self.device)
         inputs = [self._box, self.margin, positions]
@@ -111,7 +111,7 @@ class OfSides:
     """Two bounders of time and space, one from the inside: what is certain either way is no candidate.
 
     Attributes:
-        certain: ``(N,)`` uint8, 1 where a particle certainly touches the mesh or is in it, as of the last
+        certain: ``(N,)`` bool, true where a particle certainly touches the mesh or is in it, as of the last
             ``candidates``.
     """
 
@@ -131,7 +131,7 @@ class OfSides:
         count = len(positions)
         if len(self._queries) != count:
             self._queries = wp.empty(count, dtype=wp.vec4, device=self.device)
-            memory = (wp.empty(count, dtype=wp.uint8, device=self.device) for _ in range(3))
+            memory = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.bool, wp.bool))
             self._answers, self._maybe, self.certain = memory
         wb.launch_on_cores(with_time, count, [time, positions], [self._queries], self.device)
         self.sides.classify(self._queries, out=self._answers)

@@ -47,23 +47,23 @@ def _asking(distance: wp.Function, segment: wp.Function) -> wp.Kernel:
         # outputs
         known: wp.array(dtype=wp.int32),
         due: wp.array(dtype=wp.int32),
-        mask: wp.array(dtype=wp.uint8),
-        asked: wp.array(dtype=wp.uint8),
+        mask: wp.array(dtype=wp.bool),
+        asked: wp.array(dtype=wp.bool),
     ):
         thread, _ = wp.tid()
         i = first + thread
-        mask[i] = wp.uint8(0)
-        asked[i] = wp.uint8(0)
+        mask[i] = False
+        asked[i] = False
         if lives[i] == known[i] and step < due[i]:
             return
         known[i] = lives[i]
-        asked[i] = wp.uint8(1)
+        asked[i] = True
         due[i] = step + 1
         x, v = positions[i], velocities[i]
         start = wp.vec4(time, x[0], x[1], x[2])
         free = distance(data, start)
         if not free > 0.0:
-            mask[i] = wp.uint8(1)
+            mask[i] = True
             return
         pull = 0.5 * wp.length(wp.vec3(0.0, -GRAVITY, 0.0) - DRAG * (v - wp.vec3(WIND, 0.0, 0.0))) * (DT * DT)
         most = float(ahead)
@@ -90,7 +90,7 @@ class WhenDue:
         scene: Whose motion it bounds.
 
     Attributes:
-        asked: ``(N,)`` uint8, 1 where a drop was queried in the last step.
+        asked: ``(N,)`` bool, true where a drop was queried in the last step.
     """
 
     def __init__(self, bounder: wb.DistanceBounder, scene: Scene):
@@ -104,7 +104,7 @@ class WhenDue:
         count = len(arrays[0])
         self._known = wp.full(count, -1, dtype=wp.int32, device=self.device)
         self._due = wp.zeros(count, dtype=wp.int32, device=self.device)
-        self._mask, self.asked = (wp.zeros(count, dtype=wp.uint8, device=self.device) for _ in range(2))
+        self._mask, self.asked = (wp.zeros(count, dtype=wp.bool, device=self.device) for _ in range(2))
 
     def candidates(self, time: float, points: wp.array, positions: wp.array) -> tuple[wp.array, wp.array]:
         """Particles that may touch the mesh; see ``MovingBox.candidates``."""

@@ -70,7 +70,7 @@ class Example(base.Example):
         self.velocities = wp.array(velocities, dtype=wp.vec3, device=device)
         self.ages = wp.array(ages, dtype=wp.int32, device=device)
         self.lives = wp.zeros(particles, dtype=wp.int32, device=device)
-        self.contacts = wp.zeros(particles, dtype=wp.uint8, device=device)
+        self.contacts = wp.zeros(particles, dtype=wp.bool, device=device)
         vertices = scene.motion.vertices_at(scene.time(0))
         self.mesh = surface(vertices, scene.motion.faces, device, moving=True)
         self._vertices = vertices
@@ -177,10 +177,10 @@ def rain_data(
         if name in bounders:
             data |= decisions(f"around{number}", bounders[name], example.time)
             queries = np.insert(positions, 0, example.time, axis=1)
-            balls = bounders[name].query(queries).numpy().astype(bool)
+            balls = bounders[name].query(queries).numpy()
             lines.append(f"balls: drops in its bound (pale), {balls.sum():,} of {example.particles:,} now")
         else:
-            balls = example.contacts.numpy().astype(bool)
+            balls = example.contacts.numpy()
             lines.append(f"balls: drops that touch the bunny, {balls.sum():,} of {example.particles:,} now")
         data[f"rain{number}_balls"] = balls
         if reference is not None:

@@ -42,7 +42,7 @@ def integrate(
     velocities: wp.array(dtype=wp.vec3),
     ages: wp.array(dtype=wp.int32),
     lives: wp.array(dtype=wp.int32),
-    contacts: wp.array(dtype=wp.uint8),
+    contacts: wp.array(dtype=wp.bool),
 ):
     """Move one particle, as if there were no bunny.
 
@@ -68,7 +68,7 @@ def integrate(
     positions[i] = x + v * DT
     velocities[i] = v
     ages[i] = age
-    contacts[i] = wp.uint8(0)
+    contacts[i] = False
 
 
 @wp.func
@@ -91,7 +91,7 @@ def collide(
     # outputs
     positions: wp.array(dtype=wp.vec3),
     velocities: wp.array(dtype=wp.vec3),
-    contacts: wp.array(dtype=wp.uint8),
+    contacts: wp.array(dtype=wp.bool),
 ):
     """Push a candidate out to the contact distance, with friction and a little bounce; write only in contact."""
     thread, _ = wp.tid()
@@ -121,7 +121,7 @@ def collide(
             kept = wp.max(0.0, 1.0 + FRICTION * into / sliding)
         velocities[i] = surface + along * kept - n * (RESTITUTION * into)
     positions[i] = x + n * (RADIUS - distance)
-    contacts[i] = wp.uint8(1)
+    contacts[i] = True
 
 
 @wp.kernel(enable_backward=False)
@@ -134,7 +134,7 @@ def touch(
     count: wp.array(dtype=wp.int32),
     positions: wp.array(dtype=wp.vec3),
     # outputs
-    contacts: wp.array(dtype=wp.uint8),
+    contacts: wp.array(dtype=wp.bool),
 ):
     """Whether one candidate is in contact, by the same numbers as in ``collide``."""
     thread, _ = wp.tid()
@@ -148,21 +148,21 @@ def touch(
         return
     away = x - wp.mesh_eval_position(mesh, query.face, query.u, query.v)
     if wp.length(away) * query.sign < RADIUS:
-        contacts[i] = wp.uint8(1)
+        contacts[i] = True
 
 
 @wp.kernel(enable_backward=False)
 def seep(
     # inputs
     first: int,
-    contacts: wp.array(dtype=wp.uint8),
+    contacts: wp.array(dtype=wp.bool),
     # outputs
     velocities: wp.array(dtype=wp.vec3),
 ):
     """Slow a particle down that is in contact."""
     thread, _ = wp.tid()
     i = first + thread
-    if contacts[i] != wp.uint8(0):
+    if contacts[i]:
         velocities[i] = velocities[i] * (1.0 - SEEPING * DT)
 
 
@@ -172,14 +172,14 @@ def split(
     first: int,
     answers: wp.array(dtype=wp.uint8),
     # outputs
-    maybe: wp.array(dtype=wp.uint8),
-    certain: wp.array(dtype=wp.uint8),
+    maybe: wp.array(dtype=wp.bool),
+    certain: wp.array(dtype=wp.bool),
 ):
     """What a two-sided bounder has answered (``warp_bounding.two_sided``), as two masks."""
     thread, _ = wp.tid()
     i = first + thread
-    maybe[i] = wp.uint8(wp.where(answers[i] == wp.uint8(1), 1, 0))
-    certain[i] = wp.uint8(wp.where(answers[i] == wp.uint8(2), 1, 0))
+    maybe[i] = answers[i] == wp.uint8(1)
+    certain[i] = answers[i] == wp.uint8(2)
 
 
 @wp.kernel(enable_backward=False)
@@ -220,14 +220,14 @@ def box_mask(
     margin: float,
     positions: wp.array(dtype=wp.vec3),
     # outputs
-    mask: wp.array(dtype=wp.uint8),
+    mask: wp.array(dtype=wp.bool),
 ):
-    """1 where a particle lies in the box, dilated by the margin."""
+    """True where a particle lies in the box, dilated by the margin."""
     thread, _ = wp.tid()
     i = first + thread
     x = positions[i]
-    inside = wp.uint8(1)
+    inside = wp.bool(True)
     for k in range(3):
         if x[k] < box[0][k] - margin or x[k] > box[1][k] + margin:
-            inside = wp.uint8(0)
+            inside = wp.bool(False)
     mask[i] = inside

@@ -71,7 +71,7 @@ def movie(path: Path, frames: int = FRAMES) -> None:
                     culled.step()
                     plain.step()
                 positions, own = culled.positions.numpy(), f"frame{number}"
-                balls = bounder.query(np.insert(positions, 0, culled.time, axis=1)).numpy() != 0
+                balls = bounder.query(np.insert(positions, 0, culled.time, axis=1)).numpy()
                 seen = balls | (np.arange(len(balls)) % SHOWN == 0)
                 data[f"{own}_positions"], data[f"{own}_velocities"] = positions[seen], culled.velocities.numpy()[seen]
                 data[f"{own}_balls"], data[f"{own}_vertices"] = balls[seen], scene.motion.vertices_at(culled.time)

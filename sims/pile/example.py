@@ -26,8 +26,8 @@ class Boxes:
         self.scene, self.oriented = scene, oriented
 
     def __call__(self, places: wp.array, pairs: np.ndarray) -> np.ndarray:
-        """Which pairs ``(P, 2)`` are left, ``(P,)`` uint8."""
-        near = wp.empty(len(pairs), dtype=wp.uint8, device=self.scene.device)
+        """Which pairs ``(P, 2)`` are left, ``(P,)`` bool."""
+        near = wp.empty(len(pairs), dtype=wp.bool, device=self.scene.device)
         inputs = [self.scene.bodies, places, wp.array(pairs, dtype=wp.vec2i, device=self.scene.device), self.oriented]
         wb.launch_on_cores(turned, len(pairs), inputs, [near], self.scene.device)
         return near.numpy()
@@ -45,8 +45,8 @@ class Pairs:
         self.kernel, self.data = apart_kernel(asked[0].func, asked[2].func), [pair.data for pair in asked]
 
     def __call__(self, places: wp.array, pairs: np.ndarray) -> np.ndarray:
-        """Which pairs ``(P, 2)`` are left, ``(P,)`` uint8."""
-        near, device = wp.empty(len(pairs), dtype=wp.uint8, device=self.scene.device), self.scene.device
+        """Which pairs ``(P, 2)`` are left, ``(P,)`` bool."""
+        near, device = wp.empty(len(pairs), dtype=wp.bool, device=self.scene.device), self.scene.device
         pairs = wp.array(pairs, dtype=wp.vec2i, device=device)
         wb.launch_on_cores(self.kernel, len(pairs), [*self.data, self.scene.bodies, places, pairs], [near], device)
         return near.numpy()
@@ -69,7 +69,7 @@ class Example(base.Example):
         self.certificate = "by construction" if getattr(broad, "by_construction", False) else ""
         self.places = wp.array(scene.start, dtype=wp.transform, device=device)
         self.linear, self.angular = (wp.zeros(count, dtype=wp.vec3, device=device) for _ in range(2))
-        self.near, self.touch = (wp.zeros((count, count), dtype=wp.uint8, device=device) for _ in range(2))
+        self.near, self.touch = (wp.zeros((count, count), dtype=wp.bool, device=device) for _ in range(2))
         self.forces = [wp.zeros((count, count), dtype=wp.vec3, device=device) for _ in range(3)]
         self.touched: list[np.ndarray] = []
 
@@ -80,7 +80,7 @@ class Example(base.Example):
         launch(spheres, count, [scene.bodies, self.places], [self.near], device)
         self.left = np.argwhere(self.near.numpy()).astype(np.int32)
         if self.broad is not None and len(self.left):
-            self.left = self.left[self.broad(self.places, self.left) != 0]
+            self.left = self.left[self.broad(self.places, self.left)]
         found = base.now(device)
         self.touch.zero_()
         pairs = wp.array(self.left, dtype=wp.vec2i, device=device)

@@ -40,14 +40,14 @@ class Bodies:
 
 
 @wp.kernel(enable_backward=False)
-def spheres(first: int, bodies: Bodies, places: wp.array(dtype=wp.transform), near: wp.array2d(dtype=wp.uint8)):
+def spheres(first: int, bodies: Bodies, places: wp.array(dtype=wp.transform), near: wp.array2d(dtype=wp.bool)):
     """Which pairs of bodies i < j have bounding spheres within ``GAP``."""
     thread, _ = wp.tid()
     i = first + thread
     x, radius = wp.transform_get_translation(places[i]), bodies.radii[bodies.kinds[i]]
     for j in range(i + 1, places.shape[0]):
         away = wp.length(wp.transform_get_translation(places[j]) - x)
-        near[i, j] = wp.uint8(away <= radius + bodies.radii[bodies.kinds[j]] + wp.static(GAP))
+        near[i, j] = away <= radius + bodies.radii[bodies.kinds[j]] + wp.static(GAP)
 
 
 @wp.func
@@ -67,7 +67,7 @@ def turned(
     pairs: wp.array(dtype=wp.vec2i),
     oriented: bool,
     # outputs
-    near: wp.array(dtype=wp.uint8),
+    near: wp.array(dtype=wp.bool),
 ):
     """Which pairs have boxes within ``GAP``: along the world's axes, or the bodies' own and their cross products."""
     thread, _ = wp.tid()
@@ -90,7 +90,7 @@ def turned(
                 axis = wp.cross(across, wp.transpose(b)[v])
                 if wp.length_sq(axis) > PARALLEL:
                     apart = apart or _apart(axis, way, a, own, b, other)
-    near[first + thread] = wp.uint8(not apart)
+    near[first + thread] = not apart
 
 
 @cache
@@ -113,7 +113,7 @@ def apart_kernel(bunny: wp.Function, ring: wp.Function) -> wp.Kernel:
         places: wp.array(dtype=wp.transform),
         pairs: wp.array(dtype=wp.vec2i),
         # outputs
-        near: wp.array(dtype=wp.uint8),
+        near: wp.array(dtype=wp.bool),
     ):
         thread, _ = wp.tid()
         i, j = pairs[first + thread][0], pairs[first + thread][1]
@@ -121,11 +121,11 @@ def apart_kernel(bunny: wp.Function, ring: wp.Function) -> wp.Kernel:
             i, j = j, i
         a, b, gap = places[i], places[j], float(wp.static(GAP))
         if bodies.kinds[i] == 1:
-            near[first + thread] = wp.uint8(ring(rings, a, b, gap))
+            near[first + thread] = ring(rings, a, b, gap)
         elif bodies.kinds[j] == 1:
-            near[first + thread] = wp.uint8(bunny(mixed, a, b, gap))
+            near[first + thread] = bunny(mixed, a, b, gap)
         else:
-            near[first + thread] = wp.uint8(bunny(bunnies, a, b, gap))
+            near[first + thread] = bunny(bunnies, a, b, gap)
 
     return apart
 
@@ -153,7 +153,7 @@ def meet(
     angular: wp.array(dtype=wp.vec3),
     pairs: wp.array(dtype=wp.vec2i),
     # outputs
-    touch: wp.array2d(dtype=wp.uint8),
+    touch: wp.array2d(dtype=wp.bool),
     forces: wp.array2d(dtype=wp.vec3),
     torques: wp.array2d(dtype=wp.vec3),
     back: wp.array2d(dtype=wp.vec3),
@@ -186,7 +186,7 @@ def meet(
                 torque += wp.cross(p - x, f)
                 opposite -= wp.cross(p - other, f)
                 weight += depth
-    touch[i, j] = wp.uint8(weight > 0.0)
+    touch[i, j] = weight > 0.0
     if weight > 0.0:
         forces[i, j] = force / weight
         torques[i, j] = torque / weight
@@ -198,7 +198,7 @@ def move(
     # inputs
     first: int,
     bodies: Bodies,
-    touch: wp.array2d(dtype=wp.uint8),
+    touch: wp.array2d(dtype=wp.bool),
     forces: wp.array2d(dtype=wp.vec3),
     torques: wp.array2d(dtype=wp.vec3),
     back: wp.array2d(dtype=wp.vec3),
@@ -214,10 +214,10 @@ def move(
     mass, v, w = bodies.masses[kind], linear[i], angular[i]
     force, torque = wp.vec3(0.0, 0.0, -GRAVITY * mass), wp.vec3()
     for j in range(touch.shape[0]):
-        if touch[i, j] != wp.uint8(0):
+        if touch[i, j]:
             force += forces[i, j]
             torque += torques[i, j]
-        if touch[j, i] != wp.uint8(0):
+        if touch[j, i]:
             force -= forces[j, i]
             torque += back[j, i]
     for plane in range(5):

@@ -82,7 +82,7 @@ class _OfPoints(BroadPhase):
         self.bounder = bounder
 
     def states(self, x: np.ndarray) -> np.ndarray:
-        return self.bounder.query(x).numpy() == 0
+        return ~self.bounder.query(x).numpy()
 
 
 def clear_by_boxes(
@@ -117,12 +117,12 @@ def clear_by_boxes(
     owner, failed = np.arange(len(starts)), np.zeros(len(starts), dtype=bool)
     first, last = np.zeros(len(starts)), np.ones(len(starts))
     for level in range(halvings + 1):
-        maybe = bounder.query(_boxes(starts[owner], ends[owner], first, last)).numpy() != 0
+        maybe = bounder.query(_boxes(starts[owner], ends[owner], first, last)).numpy()
         owner, first, last = owner[maybe], first[maybe], last[maybe]
         if level == halvings or not len(owner):
             break
         middle = (first + last) / 2  # where even this point is not denied, no half will be
-        hopeless = bounder.query(_boxes(starts[owner], ends[owner], middle, middle)).numpy() != 0
+        hopeless = bounder.query(_boxes(starts[owner], ends[owner], middle, middle)).numpy()
         failed[owner[hopeless]] = True
         left = ~failed[owner]
         owner, first, middle, last = owner[left], first[left], middle[left], last[left]
@@ -149,7 +149,7 @@ class Boxes(BroadPhase):
         self.bounder = bounder
 
     def states(self, x: np.ndarray) -> np.ndarray:
-        return self.bounder.query(np.concatenate([x, x], axis=1)).numpy() == 0
+        return ~self.bounder.query(np.concatenate([x, x], axis=1)).numpy()
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return clear_by_boxes(self.bounder, starts, ends)
@@ -173,10 +173,10 @@ class Marching(BroadPhase):
         self.bounder = bounder
 
     def states(self, x: np.ndarray) -> np.ndarray:
-        return self.bounder.query(x).numpy() == 0
+        return ~self.bounder.query(x).numpy()
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        return self.bounder.segments(starts, ends)[0].numpy() == 0
+        return ~self.bounder.segments(starts, ends)[0].numpy()
 
 
 class TwoSided(BroadPhase):
@@ -200,7 +200,7 @@ class TwoSided(BroadPhase):
         answers = self.outer.classify(starts, ends)
         left = np.flatnonzero(answers == MAYBE)
         points = starts[left, None] if ends is None else _between(starts[left], ends[left])
-        denied = self.inner.query(points.reshape(-1, starts.shape[1])).numpy() == 0
+        denied = ~self.inner.query(points.reshape(-1, starts.shape[1])).numpy()
         answers[left[denied.reshape(points.shape[:2]).any(axis=1)]] = HIT
         return answers
 
@@ -233,7 +233,7 @@ class Points(_OfPoints):
             return super().states(x)
         self._x[: len(x)] = x
         self._prepared.launch()
-        return self._answers[: len(x)] == 0
+        return ~self._answers[: len(x)]
 
     def edges(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
         return np.zeros(len(starts), dtype=bool)
@@ -255,7 +255,7 @@ class Samples(_OfPoints):
         owner = np.repeat(np.arange(len(starts)), pieces + 1)
         t = (np.arange(len(owner)) - first[owner]) / pieces[owner]
         points = (starts[owner] + t[:, None] * way[owner]).astype(np.float32)
-        return np.maximum.reduceat(self.bounder.query(points).numpy(), first) == 0
+        return ~np.logical_or.reduceat(self.bounder.query(points).numpy(), first)
 
 
 class First(BroadPhase):

@@ -89,7 +89,7 @@ class Example(base.Example):
     def cast(self, sun: np.ndarray) -> tuple[np.ndarray, wp.array]:
         """Queries with the sun in a direction: numbers of the pixels that face it, and rays ``(N, 6)`` float32."""
         device, seen, towards = self.scene.device, self.scene.seen, wp.vec3(*map(float, sun))
-        facing = wp.empty(len(seen.pixels), dtype=wp.uint8, device=device)
+        facing = wp.empty(len(seen.pixels), dtype=wp.bool, device=device)
         wb.launch_on_cores(face_sun, len(seen.pixels), [towards, seen.normals], [facing], device)
         chosen = np.flatnonzero(facing.numpy()).astype(np.int32)
         rays = wp.empty((len(chosen), 6), dtype=float, device=device)
@@ -108,7 +108,7 @@ class Example(base.Example):
         broad = narrow = 0.0
         calls = hits = 0
         for bit, (name, mesh) in enumerate(scene.meshes.items()):
-            stopped = wp.zeros(count, dtype=wp.uint8, device=device)
+            stopped = wp.zeros(count, dtype=wp.bool, device=device)
             left, some, items = self._everyone, all_of_them, count
             begin = base.now(device)
             if self.bounders is not None and count:

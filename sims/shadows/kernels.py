@@ -107,12 +107,12 @@ def face_sun(
     sun: wp.vec3,
     normals: wp.array(dtype=wp.vec3),
     # outputs
-    facing: wp.array(dtype=wp.uint8),
+    facing: wp.array(dtype=wp.bool),
 ):
     """Which surfaces face the sun; the others are dark without a ray."""
     thread, _ = wp.tid()
     i = first + thread
-    facing[i] = wp.uint8(wp.where(wp.dot(normals[i], sun) > 0.0, 1, 0))
+    facing[i] = wp.dot(normals[i], sun) > 0.0
 
 
 @wp.kernel(enable_backward=False)
@@ -147,7 +147,7 @@ def stop(
     candidates: wp.array(dtype=wp.int32),
     count: wp.array(dtype=wp.int32),
     # outputs
-    stopped: wp.array(dtype=wp.uint8),
+    stopped: wp.array(dtype=wp.bool),
 ):
     """Whether a mesh stops a ray: the narrow phase.
 
@@ -167,4 +167,4 @@ def stop(
     v = wp.clamp(hit.v, 0.0, 1.0 - u)
     off = wp.mesh_eval_position(mesh, hit.face, u, v) - (o + d * hit.t)
     if wp.length(off) <= tolerance:
-        stopped[i] = wp.uint8(1)
+        stopped[i] = True

@@ -61,15 +61,15 @@ def test_a_group_is_asked_in_a_kernel_of_ones_own(library, rng):
         slots: wp.array(dtype=wp.int32),
         numbers: wp.array(dtype=wp.int32),
         q: wp.array(dtype=wp.vec3),
-        out: wp.array(dtype=wp.uint8),
+        out: wp.array(dtype=wp.bool),
     ):
         i = wp.tid()
         if wp.static(group.func)(data[slots[numbers[i]]], q[i]):
-            out[i] = wp.uint8(1)
+            out[i] = True
 
     x = rng.random((1000, 3), dtype=np.float32)
     numbers = rng.choice(group.members, len(x)).astype(np.int32)
-    out = wp.zeros(len(x), dtype=wp.uint8, device="cpu")
+    out = wp.zeros(len(x), dtype=wp.bool, device="cpu")
     q = wp.array(x, dtype=wp.vec3, device="cpu")
     inputs = [group.data, group.slots, wp.array(numbers, dtype=wp.int32, device="cpu"), q]
     wp.launch(ask, len(x), inputs, [out], device="cpu")

@@ -307,22 +307,22 @@ def test_functions_in_kernels_and_lanes_that_are_filled_again(method, rng):
         x: wp.array(dtype=wp.vec3),
         y: wp.array(dtype=wp.vec3),
         d: wp.array(dtype=float),
-        maybe: wp.array(dtype=wp.uint8),
+        maybe: wp.array(dtype=wp.bool),
         t: wp.array(dtype=float),
-        hit: wp.array(dtype=wp.uint8),
-        boxed: wp.array(dtype=wp.uint8),
+        hit: wp.array(dtype=wp.bool),
+        boxed: wp.array(dtype=wp.bool),
     ):
         i = wp.tid()
         d[i] = wp.static(bounder.distance_func)(data, x[i])
         reported, when = wp.static(bounder.segment_func)(data, x[i], y[i], 0.05)
-        maybe[i] = wp.uint8(reported)
+        maybe[i] = reported
         t[i] = when
         met, _where = wp.static(bounder.ray_func)(data, x[i], y[i] - x[i], 2.0, 0.0)
-        hit[i] = wp.uint8(met)
-        boxed[i] = wp.uint8(wp.static(bounder.box_func)(data, wp.min(x[i], y[i]), wp.max(x[i], y[i])))
+        hit[i] = met
+        boxed[i] = wp.static(bounder.box_func)(data, wp.min(x[i], y[i]), wp.max(x[i], y[i]))
 
     def run(data):
-        out = [wp.zeros(n, dtype=kind, device="cpu") for kind in (float, wp.uint8, float, wp.uint8, wp.uint8)]
+        out = [wp.zeros(n, dtype=kind, device="cpu") for kind in (float, wp.bool, float, wp.bool, wp.bool)]
         places = [wp.array(part, dtype=wp.vec3, device="cpu") for part in (x, y)]
         wp.launch(ask, n, [data, *places, *out], device="cpu")
         return [part.numpy() for part in out]

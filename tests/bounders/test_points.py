@@ -208,7 +208,7 @@ def test_nothing_gives_nothing(bounder, device):
     warp = (wp.zeros(0, dtype=wp.vec3, device=device), wp.zeros((0, 3), dtype=wp.float32, device=device))
     for empty in ([], np.zeros((0, 3), np.float32), np.zeros((0, 3)), torch.zeros(0, 3, device=device), *warp):
         answer, (indices, count) = bounder.query(empty), bounder.candidates(empty)
-        assert (answer.shape, answer.dtype, indices.shape) == ((0,), wp.uint8, (0,))
+        assert (answer.shape, answer.dtype, indices.shape) == ((0,), wp.bool, (0,))
         assert count.numpy().tolist() == [0]
 
 
@@ -259,18 +259,18 @@ def test_other_devices_are_refused(bounder):
 
 def test_out(bounder, x, device):
     bounder = bounder.to(device)
-    expected, out = bounder.query(x).numpy(), wp.full(len(x), 7, dtype=wp.uint8, device=device)
+    expected, out = bounder.query(x).numpy(), wp.empty(len(x), dtype=wp.bool, device=device)
     assert bounder.query(x, out=out) is out
     assert (out.numpy() == expected).all()
     wrong = [
-        np.zeros(len(x), np.uint8),
-        wp.zeros(len(x) + 1, dtype=wp.uint8, device=device),
-        wp.zeros(len(x), dtype=wp.int32, device=device),
-        wp.zeros((len(x), 1), dtype=wp.uint8, device=device),
-        wp.zeros(2 * len(x), dtype=wp.uint8, device=device)[::2],
+        np.zeros(len(x), bool),
+        wp.zeros(len(x) + 1, dtype=wp.bool, device=device),
+        wp.zeros(len(x), dtype=wp.uint8, device=device),
+        wp.zeros((len(x), 1), dtype=wp.bool, device=device),
+        wp.zeros(2 * len(x), dtype=wp.bool, device=device)[::2],
     ]
     for array in wrong:
-        with pytest.raises(QueryError, match="out must be"):
+        with pytest.raises(QueryError, match=r"out must be .*dtype bool, got"):
             bounder.query(x, out=array)
 
 

@@ -38,11 +38,11 @@ def pointers(prepared) -> list[int]:
 @pytest.mark.parametrize("method", ["aabb", "voxels", "mlp-early"])
 def test_it_answers_as_query_does_and_what_is_written_to_x_next(method, device, rng):
     bounder, x = random_bounder(method, "blob", device), points_at(device, rng)
-    out = wp.full(len(x), 7, dtype=wp.uint8, device=device)
+    out = wp.zeros(len(x), dtype=wp.bool, device=device)
     prepared = bounder.prepare(x, out=out)
     assert prepared.indices is None
     assert prepared.out is out
-    assert (out.numpy() == 7).all()  # nothing is queried before launch
+    assert not out.numpy().any()  # nothing is queried before launch
     for _ in range(3):
         assert prepared.launch() is prepared.out
         assert (out.numpy() == bounder.query(x).numpy()).all()
@@ -189,7 +189,7 @@ def test_a_graph_answers_as_a_call(method):
     )
     there, (indices, count) = bounder.query(other).numpy(), bounder.candidates(other)
     found = indices.numpy()[: int(count.numpy()[0])]
-    x, out = wp.clone(first), wp.zeros(5000, dtype=wp.uint8, device="cuda:0")
+    x, out = wp.clone(first), wp.zeros(5000, dtype=wp.bool, device="cuda:0")
     listing, asking = bounder.prepare(x, candidates=True), bounder.prepare(x, out=out)
     listed = listing.launch()
     for call in (lambda: bounder.query(x, out=out), asking.launch, listing.launch):

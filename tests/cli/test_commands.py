@@ -109,7 +109,7 @@ def test_query_writes_a_mask_or_leaves_the_older_one(files, capsys, rng):
         np.save(files / "points.npy", points)
         found = as_json(capsys, "query", path, files / "points.npy", "-o", mask_file)
         mask = np.load(mask_file)
-        assert (mask.dtype, mask.shape) == (np.uint8, (count,))
+        assert (mask.dtype, mask.shape) == (bool, (count,))
         assert (mask == bounder.query(points).numpy()).all()
         assert (found["count"], found["maybe"], found["query"]) == (count, mask.sum(), "point")
     assert "maybe for 0 of 0 point queries" in run(capsys, "query", path, files / "points.npy", "-o", mask_file)[1]

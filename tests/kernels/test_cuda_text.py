@@ -80,7 +80,7 @@ def test_distances(method, tmp_path):
 def on_cpu(source, placed: bool, values: bool, x: np.ndarray, parameters: wp.array, placement: list) -> np.ndarray:
     """What the CUDA text of a batch writes, run on a CPU, thread by thread and without fused operations."""
     snippet = batch_snippet(source, placed, values).replace("!defined(__CUDA_ARCH__)", "0", 1)
-    dtype = wp.float32 if values else wp.uint8
+    dtype = wp.float32 if values else wp.bool
 
     @named(unique_name(source, f"cuda_{source.several}_{placed}_{values}")).block_kernel(
         f"#pragma clang fp contract(off)\n#define __device__\n{snippet}"

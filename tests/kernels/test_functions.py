@@ -58,7 +58,7 @@ def ask(bounder, data: Data) -> np.ndarray:
     first = {"point": [FAR, FAR], "ray": [FAR, FAR], "plane": [1.0, 1.0], "box": [FAR, FAR]}[query]
     second = {"point": [FAR, FAR], "ray": [1.0, 1.0], "plane": [4.0, 4.0], "box": [FAR + 1, FAR + 1]}[query]
     a, b = (wp.array(np.float32([row] * 3), dtype=wp.vec2, device=device) for row in (first, second))
-    answer, given = wp.zeros(3, dtype=wp.uint8, device=device), [a] if query == "point" else [a, b]
+    answer, given = wp.zeros(3, dtype=wp.bool, device=device), [a] if query == "point" else [a, b]
     wp.launch(asking_kernel(bounder.func, 2, query != "point"), 3, [data, *given], [answer], device=device)
     return answer.numpy()
 
@@ -140,15 +140,14 @@ def kernel_in(bounder: wb.Bounder, module: wp.Module) -> wp.Kernel:
     """A kernel as a user would write it."""
     test, vector = bounder.func, vector_type(bounder.ndim)
 
-    def query_point(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_point(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.bool)):
         i = wp.tid()
         if wp.static(test)(data, q[i]):
-            answer[i] = wp.uint8(1)
+            answer[i] = True
 
-    def query_region(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def query_region(data: Data, q: wp.array2d(dtype=vector), answer: wp.array(dtype=wp.bool)):
         i = wp.tid()
-        if wp.static(test)(data, q[i, 0], q[i, 1]):
-            answer[i] = wp.uint8(1)
+        answer[i] = wp.static(test)(data, q[i, 0], q[i, 1])
 
     ask = query_point if bounder.query_kind == "point" else query_region
     ask.__qualname__ = ask.__name__ = f"ask_{bounder.method.replace('-', '_')}"
@@ -163,7 +162,7 @@ def module_of(name: str, **options) -> wp.Module:
 
 def asked_in_module(bounder: wb.Bounder, x: np.ndarray, **options) -> np.ndarray:
     module = module_of("_".join([bounder.method, bounder.query_kind, *options]), **options)
-    answer = wp.zeros(len(x), dtype=wp.uint8, device="cpu")
+    answer = wp.zeros(len(x), dtype=wp.bool, device="cpu")
     q = x if bounder.query_kind == "point" else x.reshape(len(x), 2, bounder.ndim)
     inputs = [bounder.data, wp.array(q, dtype=vector_type(bounder.ndim), device="cpu")]
     wp.launch(kernel_in(bounder, module), len(x), inputs, [answer], device="cpu")

@@ -133,15 +133,15 @@ def test_kernels_answer_as_batches_do(pairs):
             data: PairData,
             a: wp.array(dtype=wp.transform),
             b: wp.array(dtype=wp.transform),
-            maybe: wp.array(dtype=wp.uint8),
+            maybe: wp.array(dtype=wp.bool),
             low: wp.array(dtype=float),
         ):
             i = wp.tid()
-            maybe[i] = wp.uint8(wp.static(query)(data, a[i], b[i], 0.1))  # noqa: B023
+            maybe[i] = wp.static(query)(data, a[i], b[i], 0.1)  # noqa: B023
             low[i] = wp.static(distance)(data, a[i], b[i])  # noqa: B023
 
         xa, xb = (wp.array(x, dtype=wp.transform, device="cpu") for x in (a, b))
-        maybe, low = wp.zeros(200, dtype=wp.uint8, device="cpu"), wp.zeros(200, dtype=float, device="cpu")
+        maybe, low = wp.zeros(200, dtype=wp.bool, device="cpu"), wp.zeros(200, dtype=float, device="cpu")
         wp.launch(ask, 200, [pair.data, xa, xb, maybe, low], device="cpu")
         away = pair.distance(xa, xb).numpy()  # compilers fuse what they like, and the proof lets them
         assert np.abs(low.numpy() - away).max() < 1e-4

@@ -18,18 +18,15 @@ def asking_kernel(test, ndim: int, region: bool = False) -> wp.Kernel:
     vector = vector_type(ndim)
 
     @wp.kernel(module="unique", enable_backward=False)
-    def ask(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)):
+    def ask(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.bool)):
         i = wp.tid()
         if test(data, q[i]):
-            answer[i] = wp.uint8(1)
+            answer[i] = True
 
     @wp.kernel(module="unique", enable_backward=False)
-    def query_region(
-        data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.uint8)
-    ):
+    def query_region(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.bool)):
         i = wp.tid()
-        if test(data, a[i], b[i]):
-            answer[i] = wp.uint8(1)
+        answer[i] = test(data, a[i], b[i])
 
     return query_region if region else ask
 
@@ -37,7 +34,7 @@ def asking_kernel(test, ndim: int, region: bool = False) -> wp.Kernel:
 def ask(bounder, x: np.ndarray) -> np.ndarray:
     """Answers of ``bounder.func`` inside a user's kernel."""
     n, region, device = bounder.ndim, bounder.query_kind != "point", bounder.device
-    answer = wp.zeros(len(x), dtype=wp.uint8, device=device)
+    answer = wp.zeros(len(x), dtype=wp.bool, device=device)
     parts = [x[:, :n], x[:, n:]] if region else [x]
     given = [wp.array(np.ascontiguousarray(part), dtype=vector_type(n), device=device) for part in parts]
     wp.launch(asking_kernel(bounder.func, n, region), len(x), [bounder.data, *given], [answer], device=device)

@@ -14,7 +14,7 @@ BOUNDERS = [METHODS[method].fit(shape("star"), Domain.of(shape("star")), device=
 
 def launch(kernel: wp.Kernel, bounder, x: np.ndarray) -> np.ndarray:
     """What a kernel answers with the data of this bounder."""
-    answer = wp.full(len(x), 7, dtype=wp.uint8, device="cpu")
+    answer = wp.empty(len(x), dtype=wp.bool, device="cpu")
     inputs = [bounder.data, wp.array(x, dtype=wp.vec3, device="cpu")]
     wp.launch(kernel, dim=len(x), inputs=inputs, outputs=[answer], device="cpu")
     return answer.numpy()
@@ -25,15 +25,15 @@ test = bounder.func
 
 
 @wp.kernel(enable_backward=False)
-def step(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.uint8)):
+def step(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.bool)):
     i = wp.tid()
-    answer[i] = wp.uint8(wp.static(bounder.func)(data, q[i]))
+    answer[i] = wp.static(bounder.func)(data, q[i])
 
 
 @wp.kernel(enable_backward=False)
-def step_by_name(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.uint8)):
+def step_by_name(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.bool)):
     i = wp.tid()
-    answer[i] = wp.uint8(test(data, q[i]))
+    answer[i] = test(data, q[i])
 
 
 first, first_by_name = step, step_by_name
@@ -44,15 +44,15 @@ test = bounder.func
 
 
 @wp.kernel(enable_backward=False)
-def step(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.uint8)):
+def step(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.bool)):
     i = wp.tid()
-    answer[i] = wp.uint8(wp.static(bounder.func)(data, q[i]))
+    answer[i] = wp.static(bounder.func)(data, q[i])
 
 
 @wp.kernel(enable_backward=False)
-def step_by_name(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.uint8)):
+def step_by_name(data: wb.Data, q: wp.array(dtype=wp.vec3), answer: wp.array(dtype=wp.bool)):
     i = wp.tid()
-    answer[i] = wp.uint8(test(data, q[i]))
+    answer[i] = test(data, q[i])
 
 
 second, second_by_name = step, step_by_name

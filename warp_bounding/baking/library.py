@@ -250,10 +250,10 @@ class BounderStack:
             shape_indices: ``(N,)`` NumPy array or ``wp.array`` of whole numbers: which bounder each query asks. A
                 number of no bounder is answered with *maybe*. Those on the device as int32 are read in place.
             x: As for ``Bounder.query``, in the coordinates of each query's own shape.
-            out: ``(N,)`` uint8 to write to, instead of a new array.
+            out: ``(N,)`` bool to write to, instead of a new array.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not.
+            ``(N,)`` bool ``wp.array``: true = maybe, false = certainly not.
 
         Raises:
             QueryError: For a wrong shape, dtype or device.
@@ -265,8 +265,8 @@ class BounderStack:
         """
         queries, count, _ = flat_queries(x, self._columns, self.device)
         numbers = self._numbers(shape_indices, count)
-        out = new_output(out, count, wp.uint8, self.device)
-        out.fill_(1)
+        out = new_output(out, count, wp.bool, self.device)
+        out.fill_(True)
         if not count:
             return out
         rows, vector = count * self._columns // self.ndim, vector_type(self.ndim)
@@ -304,7 +304,7 @@ def _asking(source: Source) -> wp.Kernel:
         numbers: wp.array(dtype=wp.int32),
         x: wp.array(dtype=vector),
         # outputs
-        out: wp.array(dtype=wp.uint8),
+        out: wp.array(dtype=wp.bool),
     ):
         thread, _ = wp.tid()
         i = first + thread
@@ -313,10 +313,8 @@ def _asking(source: Source) -> wp.Kernel:
             slot = slots[number]
             if slot >= 0:
                 if wp.static(row == 1):
-                    if not test(data[slot], x[i]):
-                        out[i] = wp.uint8(0)
+                    out[i] = test(data[slot], x[i])
                 else:
-                    if not test(data[slot], x[2 * i], x[2 * i + 1]):
-                        out[i] = wp.uint8(0)
+                    out[i] = test(data[slot], x[2 * i], x[2 * i + 1])
 
     return ask

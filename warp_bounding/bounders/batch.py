@@ -35,7 +35,7 @@ class Prepared:
     of them may run in several threads.
 
     Attributes:
-        out: ``(N,)`` uint8, 1 = maybe, 0 = certainly not.
+        out: ``(N,)`` bool, true = maybe, false = certainly not.
         indices: ``(N,)`` int32, ascending indices of the candidates; ``None`` unless they are requested.
         count: How many candidates there are, a 1-element int32 array; ``None`` unless they are requested.
 
@@ -56,7 +56,7 @@ class Prepared:
             got = f"{type(x).__name__} of {getattr(dtype, '__name__', dtype)} that would have to be copied"
             expected = f"float32, in one piece and on {bounder.device}: every launch reads it there"
             raise QueryError(f"x must be {expected}; got {got}")
-        self.out = new_output(out, self._number, wp.uint8, bounder.device)
+        self.out = new_output(out, self._number, wp.bool, bounder.device)
         self._place: wp.array | None = None
         if xform is not None or scale is not None:
             self._place = wp.array(self._placement(xform, scale), dtype=wp.float32, device=bounder.device)
@@ -77,7 +77,7 @@ class Prepared:
 
         Example:
             >>> bounder.prepare(points).launch().dtype.__name__
-            'uint8'
+            'bool'
         """
         if memory_of(self._x) != self._memory:
             raise QueryError("x lies elsewhere than when it was prepared, or has another shape; prepare it again")
@@ -352,19 +352,19 @@ class Queryable(ABC):
                 in object space; without a rotation, or by right angles, that is the box itself.
             scale: Positive number, or one per spatial axis; applied before ``xform``. The length of rays stays in
                 object units: where the shape is scaled by one number s, its rays are s times as long in the world.
-            out: ``(N,)`` uint8 to write to, instead of a new array.
+            out: ``(N,)`` bool to write to, instead of a new array.
             radius: Not taken: fit a distance.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly not. NaN, infinity, a direction of no length, a box
-            upside down: maybe. Outside the domain: no; but beyond the limits of an arm's joints: maybe.
+            ``(N,)`` bool ``wp.array``: true = maybe, false = certainly not. NaN, infinity, a direction of no length, a
+            box upside down: maybe. Outside the domain: no; but beyond the limits of an arm's joints: maybe.
 
         Raises:
             QueryError: For a wrong shape, dtype or device, or a placement that the certificate does not cover.
 
         Example:
             >>> bounder.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32)).numpy()
-            array([1, 0], dtype=uint8)
+            array([ True, False])
             >>> bounder.query(points + np.float32(2), xform=wp.transform(wp.vec3(2.0), wp.quat_identity())).shape
             (100,)
         """
@@ -386,7 +386,7 @@ class Queryable(ABC):
 
         Example:
             >>> f = bounder.values(points).numpy()
-            >>> bool(((f >= bounder.threshold) == (bounder.query(points).numpy() == 1)).all())
+            >>> bool(((f >= bounder.threshold) == bounder.query(points).numpy()).all())
             True
         """
         return self._batch(x, xform, scale, None, values=True)
@@ -446,7 +446,7 @@ class Queryable(ABC):
         if placement is not None:
             placement.check(self.domain, double=double)
             place = wp.array(placement.values, dtype=wp.float32, device=device, copy=not device.is_cpu)
-        out = new_output(out, count, wp.float32 if values else wp.uint8, device)
+        out = new_output(out, count, wp.float32 if values else wp.bool, device)
         self.batch_launch(queries, count, place, out, values=values).launch_once()
         return out
 

@@ -161,7 +161,7 @@ CELLS_AT_A_TIME = 16384  # cells whose boxes are bounded in one call, so that me
 
 
 class Bounder(Queryable):
-    """A conservative test: *maybe* (1) or certainly *no* (0). Never *no* where the truth is *yes*.
+    """A conservative test: *maybe* (true) or certainly *no* (false). Never *no* where the truth is *yes*.
 
     Attributes:
         method: The name that ``method=`` takes.
@@ -179,7 +179,7 @@ class Bounder(Queryable):
         >>> bounder.certificate.proven
         True
         >>> bounder.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32)).numpy()
-        array([1, 0], dtype=uint8)
+        array([ True, False])
     """
 
     method: ClassVar[str]

@@ -381,17 +381,17 @@ class DistanceBounder(Bounder):
             radius: Number of at least 0, or one per query; object units. float64 is rounded up to float32.
             xform: Not taken: a distance is queried in object space.
             scale: Not taken.
-            out: ``(N,)`` uint8 to write to, instead of a new array.
+            out: ``(N,)`` bool to write to, instead of a new array.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly farther than the radius: ``g(x) > radius``.
+            ``(N,)`` bool ``wp.array``: true = maybe, false = certainly farther than the radius: ``g(x) > radius``.
 
         Raises:
             QueryError: For a wrong shape, dtype or device, or a radius that is negative, NaN or not one per query.
 
         Example:
             >>> far.query(np.array([[0.5, 0.5, 0.5], [9.0, 9.0, 9.0]], np.float32), radius=0.1).numpy()
-            array([1, 0], dtype=uint8)
+            array([ True, False])
         """
         if xform is not None or scale is not None:
             raise QueryError(
@@ -401,7 +401,7 @@ class DistanceBounder(Bounder):
         radii = lengths_of("radius", radius, count)
         if double:
             radii = longer(radii, moved(self, queries, count))
-        out = new_output(out, count, wp.uint8, self.device)
+        out = new_output(out, count, wp.bool, self.device)
         radii = wp.array(radii, dtype=wp.float32, device=self.device)
         self.batch_launch(queries, count, radii, out).launch_once()
         return out
@@ -430,7 +430,7 @@ class DistanceBounder(Bounder):
                 object.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``, 1 = maybe; and ``(N,)`` float32, a lower bound of the time of first contact,
+            ``(N,)`` bool ``wp.array``, true = maybe; and ``(N,)`` float32, a lower bound of the time of first contact,
             from 0 at the start to 1 at the end; 1 where there is none. NaN and infinity: maybe, at 0.
 
         Raises:
@@ -439,8 +439,8 @@ class DistanceBounder(Bounder):
         Example:
             >>> start, end = np.array([[[-9.0, 0.5, 0.5]], [[0.5, 0.5, 0.5]]], np.float32)
             >>> maybe, t = far.segments(start, end)
-            >>> int(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
-            (1, True)
+            >>> bool(maybe.numpy()[0]), bool(t.numpy()[0] > 0.9)
+            (True, True)
         """
         (a, one), (b, other), count = self._flats(start=start, end=end)
         radii = lengths_of("radius", radius, count)
@@ -465,8 +465,8 @@ class DistanceBounder(Bounder):
 
         Example:
             >>> maybe, t = far.rays(np.array([[9.0, 0.5, 0.5, 1.0, 0.0, 0.0]], np.float32), length=100.0)
-            >>> int(maybe.numpy()[0])
-            0
+            >>> bool(maybe.numpy()[0])
+            False
         """
         if self.domain.time:
             raise QueryError("rays are of shapes at rest; of one that moves ask segments of time and space")
@@ -486,17 +486,17 @@ class DistanceBounder(Bounder):
             lower: ``(N, n)``, lower corners, as for ``distance``.
             upper: ``(N, n)``, upper corners.
             steps: Evaluations of each at most, at least 1.
-            out: ``(N,)`` uint8 to write to, instead of a new array.
+            out: ``(N,)`` bool to write to, instead of a new array.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``, 1 = maybe. NaN, infinity and a box upside down: maybe.
+            ``(N,)`` bool ``wp.array``, true = maybe. NaN, infinity and a box upside down: maybe.
 
         Raises:
             QueryError: As in ``segments``.
 
         Example:
             >>> far.boxes(np.array([[2.0, 0, 0]], np.float32), np.array([[3.0, 1, 1]], np.float32)).numpy()
-            array([0], dtype=uint8)
+            array([False])
         """
         (a, one), (b, other), count = self._flats(lower=lower, upper=upper)
         if self.frame is not None and any(self.frame.blur):
@@ -504,7 +504,7 @@ class DistanceBounder(Bounder):
                 "boxes of a grid whose cells stand a little beside the ones asked for are not asked: fit box queries"
             )
         a, b = outwards(a, -np.inf) if one else a, outwards(b, np.inf) if other else b
-        out = new_output(out, count, wp.uint8, self.device)
+        out = new_output(out, count, wp.bool, self.device)
         inputs = [0, self.data, a, b, steps_of(steps)]
         launch_blocks(box_kernel(self.source), count, inputs, [out], self.device, first_index=0, block=1)
         return out
@@ -518,7 +518,7 @@ class DistanceBounder(Bounder):
 
     def _march(self, a, b, count: int, lengths: np.ndarray, radii: np.ndarray, steps: int, *, ray: bool):
         numbers = [wp.array(values, dtype=wp.float32, device=self.device) for values in (lengths, radii)]
-        maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.uint8, wp.float32))
+        maybe, t = (wp.empty(count, dtype=kind, device=self.device) for kind in (wp.bool, wp.float32))
         many = [int(len(values) > 1) for values in (lengths, radii)]
         data, source, steps = self.data, self.source, steps_of(steps)
         if count:

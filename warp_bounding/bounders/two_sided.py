@@ -10,7 +10,7 @@ from warp_bounding.certificates.claim import differing
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.functions import Data
 from warp_bounding.queries.point import POINT
-from warp_bounding.runtime.arrays import Picklable
+from warp_bounding.runtime.arrays import Picklable, new_output
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named, vector_type
 from warp_bounding.shapes.parts import SIDES
@@ -19,9 +19,11 @@ NO, MAYBE, YES = 0, 1, 2  # answers of ``classify``
 
 
 @wp.kernel(enable_backward=False)
-def _combine(first: int, inner: wp.array(dtype=wp.uint8), found: wp.array(dtype=wp.uint8)):
+def _combine(
+    first: int, outer: wp.array(dtype=wp.bool), inner: wp.array(dtype=wp.bool), found: wp.array(dtype=wp.uint8)
+):
     i = first + wp.tid()
-    found[i] = found[i] * (wp.uint8(YES) - inner[i])
+    found[i] = wp.uint8(outer[i]) * (wp.uint8(YES) - wp.uint8(inner[i]))
 
 
 class TwoSided(Picklable):
@@ -42,7 +44,7 @@ class TwoSided(Picklable):
         self.outer, self.inner = outer, inner
 
     def classify(self, x, *, xform=None, scale=None, out: wp.array | None = None) -> wp.array:
-        """Where points are; arguments as in ``Bounder.query``.
+        """Where points are; arguments as in ``Bounder.query``, but ``out`` is uint8.
 
         Returns:
             ``(N,)`` uint8 ``wp.array``: 0 = certainly not in the object dilated by the outer margin, 2 = certainly in
@@ -57,15 +59,17 @@ class TwoSided(Picklable):
             0
         """
         placed = {"xform": xform, "scale": scale}
-        found = self.outer.query(x, out=out, **placed)
-        if self.outer.device.is_cpu:  # only what is not outside for certain is asked whether it is inside
+        maybe, device = self.outer.query(x, **placed), self.outer.device
+        found = new_output(out, maybe.shape[0], wp.uint8, device)
+        if device.is_cpu:  # only what is not outside for certain is asked whether it is inside
             answers, points = found.numpy(), x.numpy() if isinstance(x, wp.array) else x
             points = points if hasattr(points, "shape") else np.asarray(points, np.float64)
+            answers[:] = maybe.numpy()
             left = np.flatnonzero(answers)
             answers[left] = YES - self.inner.query(points[left], **placed).numpy()
             return found
         within = self.inner.query(x, **placed)  # there, knowing how many are left would take longer than asking all
-        launch_on_cores(_combine, found.shape[0], inputs=[within], outputs=[found], device=self.outer.device)
+        launch_on_cores(_combine, found.shape[0], inputs=[maybe, within], outputs=[found], device=device)
         return found
 
     @cached_property

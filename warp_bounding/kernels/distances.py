@@ -418,7 +418,7 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
             parameters: Numbers,
             words: Words,
             steps: int,
-            maybe: wp.array(dtype=wp.uint8),
+            maybe: wp.array(dtype=wp.bool),
             times: wp.array(dtype=wp.float32),
         ): ...
 
@@ -436,7 +436,7 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
         words: Words,
         steps: int,
         numbers: Numbers,
-        maybe: wp.array(dtype=wp.uint8),
+        maybe: wp.array(dtype=wp.bool),
         times: wp.array(dtype=wp.float32),
     ): ...
 
@@ -507,7 +507,7 @@ def box_kernel(source: DistanceSource) -> wp.Kernel:
         upper: Numbers,
         steps: int,
         # outputs
-        maybe: wp.array(dtype=wp.uint8),
+        maybe: wp.array(dtype=wp.bool),
     ):
         i, _ = wp.tid()
         i += first
@@ -515,6 +515,6 @@ def box_kernel(source: DistanceSource) -> wp.Kernel:
         for k in range(n):
             low[k] = lower[i * n + k]
             high[k] = upper[i * n + k]
-        maybe[i] = wp.uint8(box(data, low, high, steps))
+        maybe[i] = box(data, low, high, steps)
 
     return _named(source, "boxes").kernel(boxes)

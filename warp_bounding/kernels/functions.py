@@ -179,7 +179,7 @@ def batch_kernel(source: Source, placed: bool, values: bool, body: str | None = 
     before ``out``, which the body reads, the threshold first; it is launched with whole blocks of threads.
     """
     role = f"{'_placed' * placed}{'_values' * values}"
-    out_type = wp.float32 if values else wp.uint8
+    out_type = wp.float32 if values else wp.bool
     if body is None:
 
         @named(unique_name(source, f"batch{role}")).block_kernel(batch_snippet(source, placed, values))

@@ -156,13 +156,13 @@ class Cull:
         """
         names = self._shapes.names
         shapes = np.concatenate([sieve.pairs.numpy().reshape(-1, 2)[:, 1] for sieve in self._sieves])
-        gone = np.concatenate([sieve.keep.numpy() == 0 for sieve in self._sieves])
+        gone = np.concatenate([~sieve.keep.numpy() for sieve in self._sieves])
         pairs, culled = (np.bincount(own, minlength=len(names)) for own in (shapes, shapes[gone]))
         order = {name: [s for s, own in enumerate(names) if own == name] for name in names}
         found = {name: Tally(int(pairs[own].sum()), int(culled[own].sum())) for name, own in order.items()}
         if self._surface is not None:
             keep = self._surface.faces.keep.numpy()
-            found["soft faces"] = Tally(len(keep), int((keep == 0).sum()))
+            found["soft faces"] = Tally(len(keep), int((~keep).sum()))
             rows = zip(("corners", "edges", "faces"), self._surface.rows(), strict=True)
             found |= {name: Tally(count, count - left) for name, (count, left) in rows}
         if self._rigid is not None:

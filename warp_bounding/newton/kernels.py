@@ -88,7 +88,7 @@ def query_bounders(source: Source) -> wp.Kernel:
         asked: wp.array(dtype=wp.int32),
         left: wp.array(dtype=wp.int32),
         # outputs
-        keep: wp.array(dtype=wp.uint8),
+        keep: wp.array(dtype=wp.bool),
     ):
         block = first + wp.tid()
         for k in range(left[block]):
@@ -97,10 +97,7 @@ def query_bounders(source: Source) -> wp.Kernel:
             if numbers[pair[1]] == number:
                 shape = placed[pair[1]]
                 x = wp.cw_div(wp.transform_point(shape.to_shape, particle_q[pair[0]]), shape.scale)
-                if test(data, x):
-                    keep[i] = wp.uint8(1)
-                else:
-                    keep[i] = wp.uint8(0)
+                keep[i] = test(data, x)
 
     return ask
 
@@ -194,12 +191,12 @@ def query_hulls(
     count: int,
     size: int,
     block: int,
-    runs: wp.array(dtype=wp.uint8),
+    runs: wp.array(dtype=wp.bool),
     rows: wp.array(dtype=float),
     hulls: wp.array(dtype=Hull),
     asked: wp.array(dtype=wp.int32),
     left: wp.array(dtype=wp.int32),
-    keep: wp.array(dtype=wp.uint8),
+    keep: wp.array(dtype=wp.bool),
 ):
     """Decide the pairs of each block that need no bounder, and list the others in ``asked``, block by block."""
 
@@ -207,11 +204,11 @@ def query_hulls(
 def runs_of(pairs: np.ndarray) -> np.ndarray:
     """Which ``LANES`` of the pairs ``(N, 2)`` in a row are of one shape and particles that follow each other.
 
-    ``(N // LANES,)`` uint8, one at least.
+    ``(N // LANES,)`` bool, one at least.
     """
     rows = pairs[: len(pairs) // PAIRS_AT_ONCE * PAIRS_AT_ONCE].reshape(-1, PAIRS_AT_ONCE, 2)
     same = (np.diff(rows, axis=1) == (1, 0)).all(axis=(1, 2))
-    return same.astype(np.uint8) if len(same) else np.zeros(1, np.uint8)
+    return same if len(same) else np.zeros(1, bool)
 
 
 # --- Distances, many at a time ----------------------------------------------------------------------------------------
@@ -297,7 +294,7 @@ def query_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
         hulls: wp.array(dtype=Hull),
         asked: wp.array(dtype=wp.int32),
         left: wp.array(dtype=wp.int32),
-        keep: wp.array(dtype=wp.uint8),
+        keep: wp.array(dtype=wp.bool),
     ): ...
 
     return ask

@@ -61,7 +61,7 @@ def sift(
     particle_radius: wp.array(dtype=float),
     hulls: wp.array(dtype=Hull),
     # outputs
-    keep: wp.array(dtype=wp.uint8),
+    keep: wp.array(dtype=wp.bool),
     undecided: wp.array(dtype=wp.int32),
     listed: wp.array(dtype=wp.vec2i),
     counts: wp.array(dtype=wp.int32),
@@ -74,7 +74,7 @@ def sift(
     pair = pairs[i]
     q = particle_q[pair[0]]
     reported = _ask_hull(hulls, pair[1], q, particle_radius[pair[0]])
-    keep[i] = wp.uint8(reported == STAYS)
+    keep[i] = reported == STAYS
     if reported == STAYS:
         listed[_claim(counts, STAYING)] = pair
     elif reported == ASK:
@@ -130,7 +130,7 @@ def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
         hulls: wp.array(dtype=Hull),
         undecided: wp.array(dtype=wp.int32),
         # outputs
-        keep: wp.array(dtype=wp.uint8),
+        keep: wp.array(dtype=wp.bool),
         listed: wp.array(dtype=wp.vec2i),
         counts: wp.array(dtype=wp.int32),
     ):
@@ -146,7 +146,7 @@ def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
                 )
                 x = wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale)
                 if maybe(data, x, way, dilated):
-                    keep[i] = wp.uint8(1)
+                    keep[i] = True
                     listed[_claim(counts, STAYING)] = pair
                 elif counts[DENIED] == 0:
                     counts[DENIED] = i + 1

@@ -59,11 +59,9 @@ class Scene:
 
 
 @wp.kernel(enable_backward=False)
-def _begin(pairs: wp.array(dtype=wp.vec2i), count: wp.array(dtype=wp.int32), keep: wp.array(dtype=wp.uint8)):
+def _begin(pairs: wp.array(dtype=wp.vec2i), count: wp.array(dtype=wp.int32), keep: wp.array(dtype=wp.bool)):
     i = wp.tid()
-    keep[i] = wp.uint8(0)
-    if i < count[0]:
-        keep[i] = wp.uint8(1)
+    keep[i] = i < count[0]
 
 
 @wp.kernel(enable_backward=False)
@@ -122,18 +120,18 @@ def deny_kernel(source: DistanceSource) -> wp.Kernel:
         scene: Scene,
         pairs: wp.array(dtype=wp.vec2i),
         # outputs
-        keep: wp.array(dtype=wp.uint8),
+        keep: wp.array(dtype=wp.bool),
     ):
         p, _ = wp.tid()
         p += first
         i, j = pairs[p][0], pairs[p][1]
-        if keep[p] == wp.uint8(0) or scene.meshes[i] != scene.now[i] or scene.meshes[j] != scene.now[j]:
+        if not keep[p] or scene.meshes[i] != scene.now[i] or scene.meshes[j] != scene.now[j]:
             return
         if not (_even(scene.scales[i]) and _even(scene.scales[j])):
             return
         gap = wp.abs(scene.gaps[i]) + wp.abs(scene.gaps[j]) + wp.abs(scene.margins[i]) + wp.abs(scene.margins[j])
         if apart(data, rows, scene, i, j, gap) or apart(data, rows, scene, j, i, gap):
-            keep[p] = wp.uint8(0)
+            keep[p] = False
 
     return named(unique_name(source, "newton_pairs")).kernel(deny)
 
@@ -185,7 +183,7 @@ class PairFilter:
         self._scene.bounder_of, self._scene.balls_of = (wp.array(row, dtype=int, device=device) for row in numbers)
         self._scene.meshes = wp.array(meshes, dtype=wp.uint64, device=device)
         size = max(len(self._pairs), 1)
-        self._keep = wp.zeros(size, dtype=wp.uint8, device=device)
+        self._keep = wp.zeros(size, dtype=wp.bool, device=device)
         self._before = wp.empty(size, dtype=wp.vec2i, device=device)
         self._found = wp.full(2, NONE, dtype=wp.int32, device=device)
         self._compaction = Compaction(self._keep)

@@ -25,14 +25,14 @@ class Sieve:
 
     Attributes:
         pairs: ``(N,)`` ``vec2i``, ball and shape.
-        keep: ``(N,)`` uint8, 1 for the pairs that the last pass left.
+        keep: ``(N,)`` bool, true for the pairs that the last pass left.
     """
 
     def __init__(self, pairs: wp.array, balls: int, shapes: Shapes):
         """Of ``balls`` balls; loads all kernels, so that a graph can be captured."""
         self.pairs, self._shapes, self._device = pairs, shapes, pairs.device
         self._balls, device, size = balls, pairs.device, len(pairs)
-        self.keep = wp.full(size, 1, dtype=wp.uint8, device=device)
+        self.keep = wp.full(size, True, dtype=wp.bool, device=device)
         self._kept = wp.empty(size, dtype=wp.vec2i, device=device)
         # The pairs that the hulls leave to the bounders.
         self._undecided = wp.empty(size, dtype=wp.int32, device=device)
@@ -50,7 +50,7 @@ class Sieve:
             # The balls, row by row (``split_balls``), and which pairs follow each other, so that they are looked at
             # together; how many undecided pairs each block has.
             self._rows = wp.empty(4 * balls, dtype=wp.float32, device=device)
-            self._runs = wp.array(runs_of(pairs.numpy()), dtype=wp.uint8, device=device)
+            self._runs = wp.array(runs_of(pairs.numpy()), dtype=wp.bool, device=device)
             self._undecided_count = wp.empty(-(-size // CPU_BLOCK), dtype=wp.int32, device=device)
             self._survivors = Compaction(self.keep)
             self._count = self._survivors.count

@@ -79,7 +79,7 @@ def place_faces(
 
 
 @wp.func
-def _mark_box(cells: Cells, lower: wp.vec3, upper: wp.vec3, marks: wp.array(dtype=wp.uint8)):
+def _mark_box(cells: Cells, lower: wp.vec3, upper: wp.vec3, marks: wp.array(dtype=wp.bool)):
     from_, to = wp.vec3i(), wp.vec3i()
     for k in range(3):
         low = (lower[k] - cells.lower[k]) * cells.per_unit[k] - _SLACK
@@ -89,7 +89,7 @@ def _mark_box(cells: Cells, lower: wp.vec3, upper: wp.vec3, marks: wp.array(dtyp
     for a in range(from_[0], to[0]):
         for b in range(from_[1], to[1]):
             for c in range(from_[2], to[2]):
-                marks[cells.first + (a * _ALONG + b) * _ALONG + c] = wp.uint8(1)
+                marks[cells.first + (a * _ALONG + b) * _ALONG + c] = True
 
 
 @wp.func
@@ -117,7 +117,7 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
         dilated: float,
         numbers: wp.array(dtype=wp.int32),
         pairs: wp.array(dtype=wp.vec2i),
-        keep: wp.array(dtype=wp.uint8),
+        keep: wp.array(dtype=wp.bool),
         corners: wp.array(dtype=wp.vec3i),
         particle_q: wp.array(dtype=wp.vec3),
         particle_radius: wp.array(dtype=float),
@@ -125,11 +125,11 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
         hulls: wp.array(dtype=Hull),
         grids: wp.array(dtype=Cells),
         # outputs
-        marks: wp.array(dtype=wp.uint8),
-        whole: wp.array(dtype=wp.uint8),
+        marks: wp.array(dtype=wp.bool),
+        whole: wp.array(dtype=wp.bool),
     ):
         i = first + wp.tid()
-        if keep[i] == wp.uint8(0) or numbers[pairs[i][1]] != number:
+        if not keep[i] or numbers[pairs[i][1]] != number:
             return
         face, shape = corners[pairs[i][0]], pairs[i][1]
         hull, place, cells = hulls[shape], placed[shape], grids[shape]
@@ -142,7 +142,7 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
             way = wp.max(way, hull.reach + own)
             sizes += coordinates_of(y) + own
         if not (way <= hull.margin and sizes < _FINITE):
-            whole[shape] = wp.uint8(1)  # it is not known which
+            whole[shape] = True  # it is not known which
             return
         one_side, other_side = at[1] - at[0], at[2] - at[0]
         longest = wp.max(wp.abs(wp.cw_mul(one_side, cells.per_unit)))
@@ -171,15 +171,15 @@ def mask_rows(
     first: int,
     shapes: wp.array(dtype=wp.int32),
     cells: wp.array(dtype=wp.int32),
-    marks: wp.array(dtype=wp.uint8),
-    whole: wp.array(dtype=wp.uint8),
+    marks: wp.array(dtype=wp.bool),
+    whole: wp.array(dtype=wp.bool),
     # outputs
     rows: wp.array2d(dtype=wp.int32),
 ):
     """The shape of each row of a table, or one that does not collide."""
     i = first + wp.tid()
     shape = shapes[i]
-    if marks[cells[i]] == wp.uint8(1) or whole[shape] == wp.uint8(1):
+    if marks[cells[i]] or whole[shape]:
         rows[i, 0] = shape
     else:
         rows[i, 0] = whole.shape[0]
@@ -209,8 +209,8 @@ class Surface:
         self.faces = Sieve(wp.array(pairs, dtype=wp.vec2i, device=device), len(corners), shapes)
         grids, cells = _grids(model.shape_count, meshes, tables, shapes)
         self._grids = wp.array(grids, dtype=Cells, device=device)
-        self._marks = wp.zeros(max(len(meshes), 1) * ALONG**3, dtype=wp.uint8, device=device)
-        self._whole = wp.zeros(model.shape_count, dtype=wp.uint8, device=device)
+        self._marks = wp.zeros(max(len(meshes), 1) * ALONG**3, dtype=wp.bool, device=device)
+        self._whole = wp.zeros(model.shape_count, dtype=wp.bool, device=device)
         flags = model.shape_flags
         self._flags = wp.zeros(len(flags) + 1, dtype=flags.dtype, device=device)  # the last shape does not collide
         # For each table: the shapes and the cells of its rows, and a copy of it, in which shapes are replaced.

@@ -3,7 +3,7 @@
 Example:
     >>> pair = wb.pairs.Pair(far, wb.pairs.Balls.of(mesh, 8))
     >>> pair.query([[0, 0, 0, 0, 0, 0, 1]], [[9, 0, 0, 0, 0, 0, 1]], gap=0.5).numpy()
-    array([0], dtype=uint8)
+    array([False])
 """
 
 from warp_bounding.pairs.balls import Balls

@@ -74,7 +74,7 @@ def batch_kernel(source: DistanceSource, exact: bool) -> wp.Kernel:
     """``(first, data, places, maybe or distances)``, one pair a thread."""
     closest, whole = closest_func(source), bool(exact)
 
-    def batch(first: int, data: PairData, places: Placements, out: wp.array(dtype=wp.float32 if whole else wp.uint8)):
+    def batch(first: int, data: PairData, places: Placements, out: wp.array(dtype=wp.float32 if whole else wp.bool)):
         i, _ = wp.tid()
         i += first
         gap = places.gap[places.many[4] * i]
@@ -90,7 +90,7 @@ def batch_kernel(source: DistanceSource, exact: bool) -> wp.Kernel:
         if wp.static(whole):
             out[i] = wp.max(low, 0.0)
         else:
-            out[i] = wp.uint8(not (low > gap))
+            out[i] = not (low > gap)
 
     return named(unique_name(source, f"pairs_{'distance' if exact else 'query'}")).kernel(batch)
 
@@ -110,7 +110,7 @@ def contact_kernel(source: DistanceSource) -> wp.Kernel:
         many_b: int,
         duration: float,
         steps: int,
-        maybe: wp.array(dtype=wp.uint8),
+        maybe: wp.array(dtype=wp.bool),
         times: wp.array(dtype=wp.float32),
     ):
         i, _ = wp.tid()
@@ -130,7 +130,7 @@ def contact_kernel(source: DistanceSource) -> wp.Kernel:
             duration,
             steps,
         )
-        maybe[i] = wp.uint8(may)
+        maybe[i] = may
         times[i] = t
 
     return named(unique_name(source, "pairs_contact")).kernel(batch)
@@ -148,7 +148,7 @@ class Pair:
         >>> pair = wb.pairs.Pair(far, balls)
         >>> here, there = [0, 0, 0, 0, 0, 0, 1], [9, 0, 0, 0, 0, 0, 1]
         >>> pair.query([here], [there]).numpy()
-        array([0], dtype=uint8)
+        array([False])
     """
 
     def __init__(self, bounder: DistanceBounder, balls: Balls):
@@ -198,15 +198,15 @@ class Pair:
 
         Example:
             >>> @wp.kernel
-            ... def cull(data: wb.pairs.PairData, x: wp.array(dtype=wp.transform), keep: wp.array(dtype=wp.uint8)):
+            ... def cull(data: wb.pairs.PairData, x: wp.array(dtype=wp.transform), keep: wp.array(dtype=wp.bool)):
             ...     i = wp.tid()
-            ...     keep[i] = wp.uint8(wp.static(pair.func)(data, x[0], x[i], 0.01))
+            ...     keep[i] = wp.static(pair.func)(data, x[0], x[i], 0.01)
             >>> places = [wp.transform([3.0 * i, 0, 0], [0, 0, 0, 1]) for i in range(3)]
             >>> x = wp.array(places, dtype=wp.transform, device="cpu")
-            >>> keep = wp.zeros(3, dtype=wp.uint8, device="cpu")
+            >>> keep = wp.zeros(3, dtype=wp.bool, device="cpu")
             >>> wp.launch(cull, 3, [pair.data, x, keep], device="cpu")
             >>> keep.numpy()
-            array([1, 0, 0], dtype=uint8)
+            array([ True, False, False])
         """
         return query_func(self.bounder.source)
 
@@ -227,21 +227,21 @@ class Pair:
             scale_a: Of each axis of mesh A before it is turned, ``(N, 3)`` or ``(1, 3)``; negative ones mirror. 1 if
                 ``None``. 0, or sizes outside 2^-40 to 2^40, make the answer *maybe*.
             scale_b: The same of mesh B.
-            out: ``(N,)`` uint8 to write to.
+            out: ``(N,)`` bool to write to.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``: 1 = maybe, 0 = certainly farther apart than the gap.
+            ``(N,)`` bool ``wp.array``: true = maybe, false = certainly farther apart than the gap.
 
         Raises:
             QueryError: For a wrong shape, dtype or device.
 
         Example:
             >>> pair.query([[0, 0, 0, 0, 0, 0, 1]], [[0.1, 0, 0, 0, 0, 0, 1], [9, 0, 0, 0, 0, 0, 1]]).numpy()
-            array([1, 0], dtype=uint8)
+            array([ True, False])
         """
         places, count, blur = self._placements(xform_a, xform_b, scale_a, scale_b)
         places.gap, places.many[4] = self._gaps(gap, count, blur)
-        out = new_output(out, count, wp.uint8, self.device)
+        out = new_output(out, count, wp.bool, self.device)
         self._launch(batch_kernel(self.bounder.source, exact=False), count, [places], [out])
         return out
 
@@ -300,7 +300,7 @@ class Pair:
             steps: Distances that are computed for each pair at most, at least 1.
 
         Returns:
-            ``(N,)`` uint8 ``wp.array``, 1 = maybe; and ``(N,)`` float32, before which they are farther apart than the
+            ``(N,)`` bool ``wp.array``, true = maybe; and ``(N,)`` float32, before which they are farther apart than the
             gap; the duration where they are so all the time.
 
         Raises:
@@ -310,8 +310,8 @@ class Pair:
             >>> at_rest, falling = [[0, 0, 0, 0, 0, 0]], [[-1, 0, 0, 0, 0, 0]]
             >>> here, there = [[0, 0, 0, 0, 0, 0, 1]], [[9, 0, 0, 0, 0, 0, 1]]
             >>> maybe, t = pair.contact_time(here, there, at_rest, falling, duration=20.0)
-            >>> int(maybe.numpy()[0]), bool(6 < t.numpy()[0] < 9)
-            (1, True)
+            >>> bool(maybe.numpy()[0]), bool(6 < t.numpy()[0] < 9)
+            (True, True)
         """
         steps = steps_of(steps)
         if isinstance(duration, bool) or not isinstance(duration, int | float) or not 0 < duration <= LARGEST:
@@ -327,7 +327,7 @@ class Pair:
         if moving.any():
             blur = moving if blur is None else blur + moving
         places.gap, places.many[4] = self._gaps(gap, count, blur)
-        maybe = wp.empty(count, dtype=wp.uint8, device=self.device)
+        maybe = wp.empty(count, dtype=wp.bool, device=self.device)
         times = wp.empty(count, dtype=wp.float32, device=self.device)
         (a, many_a), (b, many_b) = velocities
         inputs = [places, a, b, many_a, many_b, float(round_up(duration)), steps]

@@ -286,7 +286,7 @@ def _denied_region(bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray | 
     rng = np.random.default_rng(0)
     for step in AROUND:
         x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
-        missed = np.flatnonzero((bounder.query(x).numpy() == 0) & (truth(x) == IN))
+        missed = np.flatnonzero(~bounder.query(x).numpy() & (truth(x) == IN))
         if len(missed):
             return x[missed[0]]
     return None
@@ -302,7 +302,7 @@ def _denied(bounder: Bounder, grid: Grid, x: np.ndarray) -> np.ndarray | None:
     if not len(x):
         return None
     x = COVERS[bounder.query_kind].at_points(x, bounder)
-    missed = np.flatnonzero(bounder.query(x).numpy() == 0)
+    missed = np.flatnonzero(~bounder.query(x).numpy())
     return x[missed[0]] if len(missed) else None
 
 

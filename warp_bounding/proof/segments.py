@@ -247,7 +247,7 @@ class _March:
     def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
         with np.errstate(over="ignore", invalid="ignore"):
             maybe, time = (each.numpy() for each in self._far.segments(starts, ends, self._off, self._steps))
-        until = np.where(maybe == 0, np.inf, time)
+        until = np.where(maybe, time, np.inf)
         if self._joints is not None:
             until[~(self._joints.within(starts) & self._joints.within(ends))] = 0.0
         return until

@@ -223,7 +223,7 @@ def descend(
         chosen = rng.choice(open_, OPEN // 2, replace=False) if len(open_) > OPEN // 2 else open_
         low, high = halve(*(side[chosen] for side in held.corners), held.axis[chosen])
         x = bounder.domain.to_object((low + high) / 2).astype(np.float32)
-        x = x[bounder.query(x).numpy() == 0]
+        x = x[~bounder.query(x).numpy()]
         found.append(x[shape.decide(x) == IN])
     return np.concatenate(found), boxes
 
@@ -327,7 +327,7 @@ class HardStream:
             world, options = self._placement(np.random.default_rng([seed, chunk, 1]))
             form = form if world else "float32"
         x = self.positives.draw(seed, chunk, count, form, world)
-        missed = np.flatnonzero(self.bounder.query(x, **options).numpy() == 0)
+        missed = np.flatnonzero(~self.bounder.query(x, **options).numpy())
         if not len(missed):
             return form, len(x), None
         placed = {name: np.asarray(value).tolist() for name, value in options.items()} or None
@@ -421,7 +421,7 @@ class DistancePositives:
     def _balls(self, p: np.ndarray, rng: np.random.Generator):
         x = (p + self._moves(len(p), rng) * self._directions(len(p), rng)).astype(np.float32)
         radius = _up(np.linalg.norm(x.astype(np.float64) - p, axis=1) * (1 + ROUNDING))
-        return self.bounder.query(x, radius).numpy() == 0, {"x": x, "radius": radius}
+        return ~self.bounder.query(x, radius).numpy(), {"x": x, "radius": radius}
 
     def _nearest(self, p: np.ndarray, rng: np.random.Generator):
         x = (p + self._moves(len(p), rng) * self._directions(len(p), rng)).astype(np.float32)
@@ -429,7 +429,7 @@ class DistancePositives:
         if known is None:
             return self._balls(p, rng)
         x, radius = x[np.isfinite(known[:, 1])], _up(known[np.isfinite(known[:, 1]), 1])
-        missed = (self.bounder.query(x, radius).numpy() == 0) | (self.bounder.distance(x).numpy() > radius)
+        missed = ~self.bounder.query(x, radius).numpy() | (self.bounder.distance(x).numpy() > radius)
         return missed, {"x": x, "radius": radius}
 
     def _segments(self, p: np.ndarray, rng: np.random.Generator):
@@ -445,7 +445,7 @@ class DistancePositives:
             a[:, 0], b[:, 0] = (np.clip(x[:, 0], self.shape.lower[0], self.shape.upper[0]) for x in (a, b))
         time, radius = _passing(a.astype(np.float64), b.astype(np.float64) - a, p, self.speed)
         maybe, t = (part.numpy() for part in self.bounder.segments(a, b, radius, steps=int(rng.integers(1, 80))))
-        return (maybe == 0) | (t > time), {"start": a, "end": b, "radius": radius}
+        return ~maybe | (t > time), {"start": a, "end": b, "radius": radius}
 
     def _rays(self, p: np.ndarray, rng: np.random.Generator):
         count = len(p)
@@ -456,7 +456,7 @@ class DistancePositives:
         time, radius = _passing(o.astype(np.float64), unit * length[:, None].astype(np.float64), p)
         found = self.bounder.rays(np.concatenate([o, d], axis=1), length=length, radius=radius)
         maybe, t = (part.numpy() for part in found)
-        return (maybe == 0) | (t > time), {"origin": o, "direction": d, "length": length, "radius": radius}
+        return ~maybe | (t > time), {"origin": o, "direction": d, "length": length, "radius": radius}
 
     def _boxes(self, p: np.ndarray, rng: np.random.Generator):
         count, n = p.shape
@@ -464,7 +464,7 @@ class DistancePositives:
         share = np.where(rng.random((count, n)) < 0.5, rng.integers(0, 2, (count, n)), rng.random((count, n)))
         low, high = (p - share * sides).astype(np.float32), (p + (1 - share) * sides).astype(np.float32)
         low, high = np.minimum(low, p).astype(np.float32), np.maximum(high, p).astype(np.float32)
-        missed = self.bounder.boxes(low, high, steps=int(rng.integers(1, 120))).numpy() == 0
+        missed = ~self.bounder.boxes(low, high, steps=int(rng.integers(1, 120))).numpy()
         return missed, {"lower": low, "upper": high}
 
 

@@ -156,29 +156,31 @@ CPU_BLOCK, CUDA_BLOCK = 16384, 64  # mask entries that one thread of a kernel go
 
 @named("wb_count_in_blocks").block_kernel("""
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
+const unsigned char* const bytes = (const unsigned char*)mask.data;  // of others' memory they may be neither 0 nor 1
 int sum = 0;
-for (int i = begin; i < end; ++i) sum += mask.data[i] != 0;
+for (int i = begin; i < end; ++i) sum += bytes[i] != 0;
 counts.data[block] = sum;
 """)
-def _count(mask: wp.array(dtype=wp.uint8), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)): ...
+def _count(mask: wp.array(dtype=wp.bool), count: int, size: int, block: int, counts: wp.array(dtype=wp.int32)): ...
 
 
 @named("wb_write_indices").block_kernel("""
 const int begin = block * size; const int end = begin + size < count ? begin + size : count;
 int at = block > 0 ? ends.data[block - 1] : 0;
 const int last = ends.data[block];
+const unsigned char* const bytes = (const unsigned char*)mask.data;
 int i = begin;
 for (; i + 8 <= end && at < last; i += 8) {
     unsigned long long word;
-    memcpy(&word, mask.data + i, 8);
+    memcpy(&word, bytes + i, 8);
     if (!word) continue;  // where little is set, most of eight entries in a row are none
-    for (int l = i; l < i + 8 && at < last; ++l) { indices.data[at] = l; at += mask.data[l] != 0; }
+    for (int l = i; l < i + 8 && at < last; ++l) { indices.data[at] = l; at += bytes[l] != 0; }
 }
-for (; i < end && at < last; ++i) { indices.data[at] = i; at += mask.data[i] != 0; }
+for (; i < end && at < last; ++i) { indices.data[at] = i; at += bytes[i] != 0; }
 if (end == count) total.data[0] = at;
 """)
 def _write(
-    mask: wp.array(dtype=wp.uint8),
+    mask: wp.array(dtype=wp.bool),
     count: int,
     size: int,
     block: int,
@@ -192,15 +194,15 @@ class Compaction:
     """The compaction of one mask, its memory made once.
 
     Attributes:
-        indices: ``(N,)`` int32; after ``launch`` its first ``n`` entries are the ascending indices of what is not zero.
+        indices: ``(N,)`` int32; after ``launch`` its first ``n`` entries are the ascending indices of what is true.
         count: ``n`` as a 1-element int32 array.
     """
 
     def __init__(self, mask: wp.array):
-        """Make the memory for a ``(N,)`` uint8 mask, which is read at every launch; ``QueryError`` for another one."""
-        if not isinstance(mask, wp.array) or mask.dtype != wp.uint8 or mask.ndim != 1 or not mask.is_contiguous:
+        """Make the memory for a ``(N,)`` bool mask, which is read at every launch; ``QueryError`` for another one."""
+        if not isinstance(mask, wp.array) or mask.dtype != wp.bool or mask.ndim != 1 or not mask.is_contiguous:
             got = f"{mask.dtype.__name__} of shape {mask.shape}" if isinstance(mask, wp.array) else type(mask).__name__
-            raise QueryError(f"mask must be a contiguous wp.array of uint8 of shape (N,), got {got}")
+            raise QueryError(f"mask must be a contiguous wp.array of bool of shape (N,), got {got}")
         device, count = mask.device, mask.shape[0]
         self.indices = wp.empty(count, dtype=wp.int32, device=device)
         self.count = wp.zeros(1, dtype=wp.int32, device=device)
@@ -239,10 +241,10 @@ class Compaction:
 
 
 def compact(mask: wp.array) -> tuple[wp.array, wp.array]:
-    """Indices of what is not zero in a mask.
+    """Indices of what is true in a mask.
 
     Args:
-        mask: ``(N,)`` uint8.
+        mask: ``(N,)`` bool.
 
     Returns:
         ``(N,)`` int32, ascending indices in its first ``n`` entries, and ``n`` as a 1-element int32 array.

@@ -894,5 +894,5 @@ class Problem:
         """``(N,)`` bool: which queries, in object space, all bounders of ``front`` answer with *maybe*."""
         left = np.ones(len(x), dtype=bool)
         for bounder in self.front:
-            left[left] = bounder.query(np.asarray(x[left], dtype=np.float32)).numpy() != 0
+            left[left] = bounder.query(np.asarray(x[left], dtype=np.float32)).numpy()
         return left

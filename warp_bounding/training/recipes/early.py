@@ -280,7 +280,7 @@ def _queried(
     """Random queries ``(N, columns)`` that reach the network, and whether each is answered with *maybe*."""
     x = np.asarray(problem.sample(count, rng), dtype=np.float32)
     x = x[problem.reaching(x) & np.isfinite(bounder.parts[-1].values(x).numpy())]
-    return x, bounder.query(x).numpy() != 0
+    return x, bounder.query(x).numpy()
 
 
 def _fit(part: Mlp, whole: Mlp, v: np.ndarray, answer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
