@@ -11,6 +11,7 @@ import sys
 from itertools import pairwise
 from pathlib import Path
 
+from paper.gallery import FIGURES
 from warp_bounding.errors import BoundingError
 from warp_bounding.runtime.progress import quiet_warp
 
@@ -23,6 +24,7 @@ def whole(text: str) -> int:
 
 
 OPTIONS = {  # type and help; the type of a flag is bool
+    "output": (str, "folder; an earlier run is continued"),
     "data": (str, "the paper's folder, with 2D/*.png, 3D/*.binvox, 4D/*.npy"),
     "table": (str, "folder of a table1 run"),
     "columns": (str, "such as 2d-point,3d-ray; or 2d, or ray (default: all)"),
@@ -66,15 +68,13 @@ def parser() -> argparse.ArgumentParser:
     for name, options in COMMANDS.items():
         command = commands.add_parser(name, help=f"see paper/{name}.py", allow_abbrev=False)
         if name == "figures":
-            command.add_argument("name", help="which figure, or all")
+            command.add_argument("name", help=f"{', '.join(FIGURES)}, or all")
         for word in options.split():
             option, required = word.lower(), {"required": True} if word.isupper() else {}
-            if option == "output":
-                command.add_argument("--output", "--out", "-o", help="folder; an earlier run is continued", **required)
-                continue
+            names = ["--output", "--out", "-o"] if option == "output" else [f"--{option}"]
             kind, text = OPTIONS[option]
             typed = {"action": "store_true"} if kind is bool else {"type": kind}
-            command.add_argument(f"--{option}", help=text, **typed, **required)
+            command.add_argument(*names, help=text, **typed, **required)
     return whole_line
 
 

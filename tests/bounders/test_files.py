@@ -83,7 +83,9 @@ def test_files_of_what_is_gone_say_what_replaces_it(saved):
     for edit, words in (
         ({"method": "kd-tree"}, "method 'kd-tree' is gone: fit a bvh"),
         ({"method": "composition"}, "cascade, union or hierarchy"),
-        ({"method": "aabb", "space": "parametric"}, "volumes in parametric space are gone"),
+        ({"method": "monotone-mlp"}, "fit a bvh or an mlp of boxes"),
+        ({"method": "aabb", "pieces": [0]}, "pieces of a shape are gone"),
+        ({"method": "aabb", "pieces": None, "space": "parametric"}, "volumes in parametric space are gone"),
     ):
         rewrite(saved, lambda document, edit=edit: document.update(edit))
         check_refused(saved, words)

@@ -9,6 +9,8 @@ from commands import check_bad, run
 
 import warp_bounding as wb
 from paper import proofs, results, speed, table1
+from paper.__main__ import parser
+from paper.gallery import FIGURES
 from paper.table import HIDDEN, Column, Variant, budget_of, budgets_in
 from warp_bounding.errors import BounderError, BoundingError
 
@@ -87,6 +89,13 @@ def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
     check_bad(*run(capsys, *table, "--samples", "200"))
     assert contents(tmp_path / "out") == before
     assert image.read_bytes() == pixels
+
+
+def test_help_names_the_figures(capsys):
+    with pytest.raises(SystemExit, match="0"):
+        parser().parse_args(["figures", "--help"])
+    shown = "".join(capsys.readouterr().out.split())
+    assert all(f"{name}," in shown for name in FIGURES)
 
 
 def test_a_race_and_what_is_added_is_raced_with_the_reference(data, tmp_path, capsys, monkeypatch):
