@@ -43,7 +43,8 @@ def page(kept: StoredRows, command: str) -> str:
         f"{', '.join(f'{s:g} s ({n}D)' for n, s in SECONDS.items())} for all fits and measurements of a column. "
         "In each cell what costs the least where the narrow phase takes so many nanoseconds: its bytes, the ns that it "
         "takes itself, the share of all queries that it leaves (and that there must be), and how many "
-        "times less a query costs so than without a broad phase. Everything chosen is proven.",
+        "times less a query costs so than without a broad phase. All queries have the same price "
+        "here; where those that are left cost more, less is saved. Everything chosen is proven.",
         "",
         f"| | {' | '.join(f'{price:,.0f} ns' for price in PRICES)} |",
         f"|---|{'---|' * len(PRICES)}",

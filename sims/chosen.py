@@ -113,7 +113,7 @@ def time_own_code(asked: Mapping[str, Callable[[], Any]], queries: int, narrow_n
     Returns:
         The choice; its ``bounder`` is ``None``, its ``label`` says which.
     """
-    rows = [Row("none", 0, 0.0, 1.0, narrow_ns)]
+    rows = [Row("none", 0, 0.0, 1.0, 1.0, narrow_ns)]
     for label, ask in asked.items():
         share, seconds = float(np.count_nonzero(ask())) / queries, inf  # the first call loads kernels
         for _ in range(CALLS):
@@ -121,6 +121,6 @@ def time_own_code(asked: Mapping[str, Callable[[], Any]], queries: int, narrow_n
             ask()
             seconds = min(seconds, time.perf_counter() - start)
         taken = 1e9 * seconds / queries
-        rows.append(Row(label, 0, taken, share, taken + share * narrow_ns))
+        rows.append(Row(label, 0, taken, share, share, taken + share * narrow_ns))
     rows.sort(key=lambda row: row.cost)
     return wb.Choice(None, tuple(rows), narrow_ns, min(row.share for row in rows), queries)

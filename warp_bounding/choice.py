@@ -1,9 +1,13 @@
 """Which bounder costs the least for these queries, this narrow phase and this machine?
 
-A broad phase that takes ``t`` nanoseconds a query and leaves a share ``p`` of them to a narrow phase of ``N`` ns costs
-``t + p N`` (paper, Eq. 6). ``choose`` fits candidates to one half of the queries and measures them on the other. Each
-has an equal share of the time that is left, the quickest first: networks share what closed forms do not take. No closed
-form may take more than half of what is left.
+A broad phase saves what the narrow phase would take for the queries that it denies, less ``t`` nanoseconds a query of
+its own. With ``N`` ns a query on average, and a share ``w`` of the narrow phase's time that is left, a query costs
+``t + w N``. Where all queries cost alike ``w`` is the share of the queries that are left (paper, Eq. 6); they seldom
+do, since what is left is close to the object.
+
+``choose`` fits candidates to one half of the queries and measures them on the other. Each has an equal share of the
+time that is left, the quickest first: networks share what closed forms do not take. No closed form may take more than
+half of what is left.
 """
 
 import contextlib
@@ -15,7 +19,8 @@ import re
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,8 +32,10 @@ from warp_bounding.bounders import METHODS, Bounder, load
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
 from warp_bounding.evaluation import ASKED, parts_of
+from warp_bounding.kernels.functions import Data
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.runtime.arrays import compact
 from warp_bounding.runtime.launch import (
     OutOfTimeError,
     compile_seconds,
@@ -103,9 +110,10 @@ class Row:
 
     label: str  # method and size; ``"none"`` is no broad phase
     nbytes: int  # of memory that a query can read
-    nanoseconds: float = math.nan  # of a query in a batch, overhead included
+    nanoseconds: float = math.nan  # of a query, as ``how`` says, overhead included
     share: float = math.nan  # of the queries that it leaves to the narrow phase
-    cost: float = math.nan  # ``nanoseconds + share * narrow_ns``
+    work: float = math.nan  # of the narrow phase's time that it leaves; ``share`` where all queries cost alike
+    cost: float = math.nan  # ``nanoseconds + work * narrow_ns``
     certificate: str = ""  # its kind, if it has one
     missed: int = 0  # queries that meet the object and that it denied: none where it is proven
     seconds: float = 0.0  # that its fit took
@@ -113,20 +121,20 @@ class Row:
 
 
 class Stretch(NamedTuple):
-    """Prices of the narrow phase, nanoseconds a call, from which on one broad phase costs the least."""
+    """Mean prices of the narrow phase, nanoseconds a query, from which on one broad phase costs the least."""
 
     price: float
     label: str
 
 
 def cheapest(rows: Iterable[Row]) -> list[Stretch]:
-    """The lower envelope of the lines ``nanoseconds + share * price``, from price 0 on."""
+    """The lower envelope of the lines ``nanoseconds + work * price``, from price 0 on."""
     rows = list(rows)
-    at = min(rows, key=lambda row: (row.nanoseconds, row.share))
+    at = min(rows, key=lambda row: (row.nanoseconds, row.work))
     found = [Stretch(0.0, at.label)]
-    while flatter := [row for row in rows if row.share < at.share]:
+    while flatter := [row for row in rows if row.work < at.work]:
         # the one that is met first goes on; of several the flattest
-        meets = [((row.nanoseconds - at.nanoseconds) / (at.share - row.share), row.share, row) for row in flatter]
+        meets = [((row.nanoseconds - at.nanoseconds) / (at.work - row.work), row.work, row) for row in flatter]
         price, _, at = min(meets, key=lambda meeting: meeting[:2])
         if price <= found[-1].price:
             found.pop()
@@ -143,15 +151,15 @@ def duration(nanoseconds: float) -> str:
 
 @dataclass(frozen=True)
 class Choice:
-    """The broad phase that costs the least, with all that it was compared with.
+    """The broad phase that costs the least, with all that it was compared with; ``print`` shows a table.
 
     Attributes:
         bounder: The bounder, or distance; ``None`` where none pays.
         rows: Of all candidates, the cheapest first.
-        narrow_ns: Price of the narrow phase, nanoseconds a call.
+        narrow_ns: What the narrow phase takes for a query where there is no broad phase, nanoseconds, the mean of all.
         positives: Share of the queries that meet the object: no broad phase leaves less.
         queries: How many queries there were; ``choose`` measures on half of them.
-        about: How it was found: memory, device, threads of a CPU, budget, seconds.
+        about: How it was found: prices, queries far away, ``how``, memory, device, threads of a CPU, budget, seconds.
 
     Example:
         >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
@@ -183,58 +191,141 @@ class Choice:
         return cheapest(row for row in self.rows if not row.why_not)
 
     @property
+    def times(self) -> float:
+        """How many times as fast a query is, predicted: without a broad phase over with this one."""
+        return self.narrow_ns / self.row.cost if self.row.cost else 1.0
+
+    @property
     def why(self) -> str:
         """In a sentence, why this one."""
         row, narrow = self.row, duration(self.narrow_ns)
         if row.label == NONE:
             return f"none pays: the narrow phase takes {narrow}, and no candidate that can be chosen costs less"
         leaves = f"it takes {duration(row.nanoseconds)} and leaves {100 * row.share:.3g} % of the queries"
-        must = f"of which {100 * self.positives:.3g} % must be left to a narrow phase of {narrow}"
-        return f"{row.label}: {duration(row.cost)} a query in all; {leaves}, {must}"
+        must = f"of which {100 * self.positives:.3g} % must be left, and {100 * row.work:.3g} % of {narrow} of testing"
+        return f"{row.label}: {duration(row.cost)} a query in all, {self.times:.3g} times as fast; {leaves}, {must}"
+
+    def __str__(self) -> str:
+        """A table: the candidates that can be chosen, the cheapest first, and then the others, with the reason."""
+        wide = max(len(row.label) for row in self.rows)
+        about = ", ".join(filter(None, map(self.about.get, ("far", "priced", "how", "device"))))
+        lines = [f"{self.queries:,} queries, {100 * self.positives:.3g} % meet the object; {about}", ""]
+        lines += [f"{'':{wide}} {'bytes':>11} {'test ns':>8} {'left %':>7} {'time %':>7} {'ns in all':>9} {'times':>6}"]
+        for row in self.rows:
+            shares, times = f"{100 * row.share:7.3g} {100 * row.work:7.3g}", self.narrow_ns / (row.cost or math.nan)
+            numbers = f"{row.nanoseconds:8.3g} {shares} {row.cost:9.4g} {times:6.2f}" if row.share >= 0 else " " * 41
+            lines.append(f"{row.label:{wide}} {row.nbytes:11,} {numbers}  {row.why_not or row.certificate}")
+        legend = "test: the bounder; left: queries, and time of the narrow phase; in all: both, and times as fast"
+        return "\n".join([*lines, "", legend])
 
     def to_dict(self) -> dict[str, Any]:
         """All but the bounder, JSON-ready."""
-        names = ("label", "narrow_ns", "positives", "queries", "why")
+        names = ("label", "narrow_ns", "times", "positives", "queries", "why")
         lists = {"prices": [each._asdict() for each in self.prices], "rows": [asdict(row) for row in self.rows]}
         return {name: getattr(self, name) for name in names} | lists | self.about
 
 
 # --- measuring -------------------------------------------------------------------------------------------------------
 
-TIMED, TURNS = 200_000, 9  # queries of a timed launch, at least, and launches of each candidate
-# On a GPU, where a launch takes as long as some 300,000 queries of a network: so many, and launches in a row.
-TIMED_GPU, IN_A_ROW = 4_000_000, 5
+# Queries of a timed launch, at least, and launches in a row; more on a GPU (True), where a launch takes as long as some
+# 300,000 queries of a network.
+TIMED = {False: (200_000, 1), True: (4_000_000, 5)}
+TURNS, ROUGH = 15, 3  # launches of each candidate, and where no more than about so long is of interest
 MOST_SECONDS = 0.3  # of one candidate's launches, after which no more are timed
+# Queries of the caller's exact test to begin with, which grow until they take so many seconds, and in how many calls:
+# of short ones the least is hardly slowed by what else the machine does.
+FEW, LONG, PARTS = 100, 0.02, 20
+CHECKED, UNLIKE = (
+    5000,
+    1e-3,
+)  # queries whose answers are checked, and share of them, more than is rounded, for a warning
 
 
-def launch_of(bounder: Bounder, query: str, x: np.ndarray, length: float) -> Callable[[], wp.array]:
-    """A function that queries a bounder, or a distance in its place; the queries lie on its device before."""
+def batch_of(bounder: Bounder, query: str, x: np.ndarray, length: float) -> Callable[[], tuple[wp.array, wp.array]]:
+    """A launch that lists what a bounder, or a distance in its place, leaves; the queries lie on its device before."""
     parts = [wp.array(part, dtype=wp.float32, device=bounder.device) for part in parts_of(query, x)]
     if bounder.of_distances:
         ask = ASKED[query](bounder, length)
-        return lambda: ask(*parts)
-    return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device)).launch
+        return lambda: compact(ask(*parts))
+    return bounder.prepare(wp.array(x, dtype=wp.float32, device=bounder.device), candidates=True).launch
 
 
-def nanoseconds_of(
-    bounders: Mapping[str, Bounder], query: str, x: np.ndarray, length: float, device: str
-) -> dict[str, float]:
-    """Of a query: the fastest of launches in turns, so that what else the machine does slows all alike."""
-    queries, calls = (TIMED_GPU, IN_A_ROW) if wp.get_device(device).is_cuda else (TIMED, 1)
-    many = np.resize(x, (max(len(x), queries), x.shape[1]))
-    launches = {label: launch_of(bounder, query, many, length) for label, bounder in bounders.items()}
-    taken: dict[str, list[float]] = {label: [] for label in launches}
-    for turn in range(TURNS + 1):
-        for label, launch in launches.items():
+def function_of(bounder: Bounder, query: str, x: np.ndarray, length: float) -> Callable[[], None]:
+    """A launch of a kernel such as users write, which calls the bounder's function; Warp runs it on one core."""
+    func, vec, region = bounder.func, wp.types.vector(bounder.ndim, wp.float32), QUERIES[query].is_region
+    parts = [wp.array(part, dtype=vec, device=bounder.device) for part in np.split(x, 1 + region, axis=1)]
+
+    @wp.kernel(enable_backward=False, module="unique")
+    def ask(data: Data, a: wp.array(dtype=vec), b: wp.array(dtype=vec), out: wp.array(dtype=wp.bool)):
+        i = wp.tid()
+        if wp.static(region):
+            out[i] = wp.static(func)(data, a[i], b[i])
+        else:
+            out[i] = wp.static(func)(data, a[i])
+
+    inputs = [bounder.data, parts[0], parts[-1], wp.empty(len(x), dtype=wp.bool, device=bounder.device)]
+    return wp.launch(ask, len(x), inputs, device=bounder.device, record_cmd=True).launch
+
+
+HOW = {"batch": batch_of, "function": function_of}  # how a bounder is queried where it is timed
+
+
+def fastest(calls: Mapping[Any, Callable[[], Any]], device: str, turns: int = TURNS) -> dict[Any, float]:
+    """Seconds of each call: the least of calls in turns, so that what else the machine does slows all alike."""
+    in_a_row = TIMED[wp.get_device(device).is_cuda][1]
+    taken: dict[Any, list[float]] = {label: [] for label in calls}
+    for turn in range(turns + 1):
+        for label, call in calls.items():
             if sum(taken[label]) <= MOST_SECONDS:
                 wp.synchronize_device(device)
                 start = time.perf_counter()
-                for _ in range(calls):
-                    launch()
+                for _ in range(in_a_row):
+                    call()
                 wp.synchronize_device(device)
                 if turn:  # the first one loads kernels
-                    taken[label].append((time.perf_counter() - start) / calls)
-    return {label: 1e9 * min(seconds) / len(many) for label, seconds in taken.items()}
+                    taken[label].append((time.perf_counter() - start) / in_a_row)
+    return {label: min(seconds) for label, seconds in taken.items()}
+
+
+def resized(x: np.ndarray, count: int) -> np.ndarray:
+    """So many queries, in their order: spread over all, or all of them again and again."""
+    return x[np.linspace(0, len(x) - 1, count).astype(int)] if count < len(x) else np.resize(x, (count, x.shape[1]))
+
+
+def call_of(test: Callable, x: np.ndarray, device: str) -> Callable[[], Any]:
+    """A call of the caller's exact test."""
+    return partial(test, wp.array(x, dtype=wp.types.vector(x.shape[1], wp.float32), device=device))
+
+
+def check_test(test: Callable, x: np.ndarray, truth: np.ndarray, device: str) -> None:
+    """Refuse a test that does not answer these queries; warn of one that is about another object."""
+    answers = call_of(test, x, device)()
+    if (got := getattr(answers, "shape", type(answers).__name__)) != (len(x),):
+        raise BounderError(f"narrow_ns: expected {len(x)} answers of the function to as many queries, got {got}")
+    hits = np.asarray(answers.numpy() if hasattr(answers, "numpy") else answers).astype(bool)
+    if (others := float((hits & ~truth).mean())) > UNLIKE:
+        of = "of the queries meet the object, and the shape does not: is margin= missing, or another object meant?"
+        warnings.warn(f"narrow_ns: your test says that {100 * others:.3g} % {of}", BoundingWarning, stacklevel=3)
+
+
+def measured_works(test: Callable, kinds: Mapping[str, np.ndarray], device: str) -> tuple[float, dict[str, float]]:
+    """``works_of`` of the caller's exact test: by kind of queries the share of its time that they take.
+
+    One of the kinds, ``NONE``, is all queries. Calls take as long for each kind.
+    """
+    kinds, counts = {label: x for label, x in kinds.items() if len(x)}, dict.fromkeys(kinds, FEW)
+
+    def seconds(turns: int) -> dict[str, float]:
+        parts = {label: np.array_split(resized(x, counts[label]), PARTS) for label, x in kinds.items()}
+        calls = {(label, k): call_of(test, parts[label][k], device) for k in range(PARTS) for label in parts}
+        taken = fastest(calls, device, turns)
+        return {label: sum(taken[label, k] for k in range(PARTS)) for label in kinds}
+
+    most = TIMED[wp.get_device(device).is_cuda][0]
+    while short := [label for label, taken in seconds(ROUGH).items() if taken < LONG and counts[label] < most]:
+        counts |= {label: 2 * counts[label] for label in short}
+    ns = {label: 1e9 * taken / counts[label] for label, taken in seconds(TURNS).items()}
+    return ns[NONE], {label: len(x) / len(kinds[NONE]) * ns[label] / ns[NONE] for label, x in kinds.items()}
 
 
 def why_not_of(bounder: Bounder, missed: int, memory: int | None, statistical: bool) -> str:
@@ -245,6 +336,17 @@ def why_not_of(bounder: Bounder, missed: int, memory: int | None, statistical: b
     if not bounder.conservative or not ((certificate and certificate.proven) or statistical):
         return f"not proven ({certificate.kind if certificate else 'no certificate'})"
     return "over the memory limit" if memory is not None and bounder.nbytes > memory else ""
+
+
+def works_of(rows: list[Row], denied: float, left: float, positives: float) -> tuple[float, dict[str, float]]:
+    """The mean price of a query, and the work of rows, where those that are denied have one price, those left another.
+
+    A candidate saves ``denied`` for each query that it denies. What the best one leaves costs ``left``.
+    """
+    able = [(row.nanoseconds + row.share * denied, row.share) for row in rows if not row.why_not]
+    mean = denied + min(able, default=(0.0, positives))[1] * (left - denied)
+    per_denied = denied / mean if mean else 1.0
+    return mean, {row.label: max(1 - (1 - row.share) * per_denied, 0.0) for row in rows}
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------
@@ -258,7 +360,7 @@ def choose(
     shape,
     query: str = "point",
     *,
-    narrow_ns: float,
+    narrow_ns: float | tuple[float, float] | Callable[[wp.array], Any],
     workload=None,
     memory: int | None = None,
     device: str | None = None,
@@ -269,19 +371,24 @@ def choose(
     methods: Iterable[str] | None = None,
     bounders: Mapping[str, Bounder] | None = None,
     overhead_ns: float = 0.0,
+    how: str = "batch",
     statistical: bool = False,
     checkpoint=None,
     progress: Progress | bool | None = None,
 ) -> Choice:
     """Fit candidates of every method, in several sizes, measure them on your own queries, and take the cheapest.
 
-    What counts is ``t + p * narrow_ns``: the nanoseconds that a bounder takes for a query, and the share of the queries
-    that it leaves to a narrow phase of this price (paper, Eq. 6). No bounder at all is one of the answers.
+    A bounder saves what your exact test takes for the queries that it denies, less the time that it takes itself. No
+    bounder at all is one of the answers.
 
     Args:
         shape: What ``load_shape`` returns, or anything that it takes.
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``.
-        narrow_ns: What your exact test takes for one query, nanoseconds.
+        narrow_ns: What your exact test takes for one query, nanoseconds. ``(denied, left)``: for one that a bounder
+            denies, and for one that it leaves, which often takes ten times as long. Or the test itself, a function: it
+            gets a ``wp.array`` ``(N,)`` of ``vec_m`` on ``device``, returns ``(N,)`` answers (not 0: meets the object),
+            and is timed on all queries and on those that each candidate leaves. One number is too hopeful where
+            queries that are far from the object are cheap.
         workload: ``(Q, m)`` numbers, object space, as your simulation asks them, in its order; random ones if ``None``.
             A few thousand at least: candidates are fitted to half of them and measured on the others.
         memory: Most bytes that a query may read (``Bounder.nbytes``).
@@ -296,7 +403,10 @@ def choose(
         bounders: Bounders of this very shape that you have already, by name; they are measured with the others.
             Distances answer points, rays and boxes.
         overhead_ns: What your step takes for a query if there is any bounder, without the bounder itself, such as for
-            lists of what is left.
+            gathering the queries.
+        how: ``"batch"``: a bounder is timed in large batches, on all cores, with the list of what it leaves
+            (``prepare(candidates=True)``). ``"function"``: as ``Bounder.func`` in a kernel of Warp's, on one core of a
+            CPU, with Warp's loop over the queries.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
         checkpoint: Folder where candidates are stored as they are fitted; a call with the same settings fits only what
             is not there, and files of other settings are left alone. ``None`` keeps nothing.
@@ -306,7 +416,8 @@ def choose(
     Raises:
         ShapeError: If the shape cannot be read or bounded.
         QueryError: For an unknown kind of query, or queries that are none of it.
-        BounderError: For a price, memory or budget that makes no sense, or an unknown method.
+        BounderError: For a price, memory or budget that makes no sense, an unknown method or ``how``, a test that does
+            not answer, or distances where ``how`` is ``"function"``.
         FileFormatError: For a folder that cannot be written to.
 
     Example:
@@ -318,9 +429,14 @@ def choose(
     check_query(query)
     check_numbers(budget, seed, margin)
     check_asked(query, NONE, length, SIDES[0])
-    for name, value in (("narrow_ns", narrow_ns), ("overhead_ns", overhead_ns)):
-        if not is_number(value) or value < 0:
-            raise BounderError(f"{name} must be a number of nanoseconds of at least 0, got {value!r}")
+    narrow = narrow_ns if isinstance(narrow_ns, tuple | list) else (narrow_ns, narrow_ns)
+    if not callable(narrow_ns) and (len(narrow) != 2 or not all(is_number(each) and each >= 0 for each in narrow)):
+        expected = "nanoseconds of at least 0, two of them (denied, left), or a function of queries"
+        raise BounderError(f"narrow_ns must be {expected}, got {narrow_ns!r}")
+    if not is_number(overhead_ns) or overhead_ns < 0:
+        raise BounderError(f"overhead_ns must be a number of nanoseconds of at least 0, got {overhead_ns!r}")
+    if how not in HOW:
+        raise BounderError(f"how must be one of {', '.join(HOW)}, got {how!r}")
     if memory is not None and (not isinstance(memory, int | np.integer) or memory < 1):
         raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
     methods = [*METHODS, CASCADE] if methods is None else [methods] if isinstance(methods, str) else list(methods)
@@ -331,16 +447,27 @@ def choose(
         able = bounder.query_kind == query
         if bounder.of_distances:
             able = query in ASKED and not (bounder.domain.time and QUERIES[query].is_region)
+            if HOW[how] is function_of:
+                raise BounderError(f"bounders: how={how!r} needs ones with func, got a distance, {label!r}")
         if not able or bounder.ndim != shape.ndim or label == NONE:
             expected = f"{query} queries in {shape.ndim}D"
             raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
     warn_of_restriction(shape)
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     given = sample(query, bounded, SAMPLES, rng) if workload is None else workload
-    x = CallersQueries(given, bounded, domain_of(bounded, query, length), seed).x
+    domain = domain_of(bounded, query, length)
+    x = CallersQueries(given, bounded, domain, seed).x
+    outside = (np.abs(domain.to_local(x)) > domain.limit).any(axis=1).mean() if domain.tested_as_point else 0
+    far = f"{100 * outside:.3g} % lie outside of its box" if outside else ""
+    if outside == 1:
+        words = "all queries lie outside of the object's box; are they in the units and the space of the shape?"
+        warnings.warn(f"workload: {words}", BoundingWarning, stacklevel=2)
     half = np.zeros(len(x), dtype=bool)
     half[rng.permutation(len(x))[: len(x) // 2]] = True
     fit_to, measured = (x[half], x[~half]) if len(x) > 1 else (x, x)  # what is measured is in the caller's order
+    truth = np.asarray(oracle(query, bounded, "cpu", length)(measured), dtype=bool)
+    if callable(narrow_ns):
+        check_test(narrow_ns, measured[:CHECKED], truth[:CHECKED], device)
     options = {"margin": float(margin), "seed": int(seed)}
     options |= {"length": length} if QUERIES[query].has_length else {}
     queried = None if workload is None else hashlib.sha256(fit_to.tobytes()).hexdigest()
@@ -357,24 +484,35 @@ def choose(
     with reported(progress, "choose") as update:
         fitted, missing, interrupted = fit_all(candidates, shape, query, options, budget, memory, file, update)
     fitted |= {label: bounder.to(device) for label, bounder in (bounders or {}).items()}
-    truth = np.asarray(oracle(query, bounded, "cpu", length)(measured), dtype=bool)
-    taken = nanoseconds_of(fitted, query, measured, length, device)
-    rows = [Row(NONE, 0, 0.0, 1.0, float(narrow_ns), "by construction")]
+    many = resized(measured, max(len(measured), TIMED[wp.get_device(device).is_cuda][0]))
+    launches = {label: HOW[how](bounder, query, many, length) for label, bounder in fitted.items()}
+    taken, rows, kinds = fastest(launches, device), [], {NONE: measured}
     for label, bounder in fitted.items():
-        maybe = launch_of(bounder, query, measured, length)().numpy()
-        doubtful = measured[truth & ~maybe]  # of a shape without cells some may be undecided, and not missed
+        indices, count = batch_of(bounder, query, measured, length)()
+        left = indices.numpy()[: count.numpy()[0]]
+        kinds[label], doubtful = measured[left], measured[np.setdiff1d(np.flatnonzero(truth), left)]
+        # of a shape without cells some may be undecided, and not missed
         missed = int(QUERIES[query].certain(bounded, doubtful, length).sum()) if len(doubtful) else 0
-        kind = bounder.certificate.kind if bounder.certificate else ""
-        own, share = overhead_ns + taken[label], float(maybe.mean())
-        cost, seconds = own + share * narrow_ns, (bounder.info.get("training") or {}).get("seconds", 0.0)
-        why_not = why_not_of(bounder, missed, memory, statistical)
-        rows.append(Row(label, bounder.nbytes, own, share, cost, kind, missed, seconds, why_not))
-    rows.sort(key=lambda row: (bool(row.why_not), row.cost))
-    about = {"shape": shape.name, "query": query, "memory": memory, "device": device, "interrupted": interrupted}
-    about |= {"threads": cpu_threads() if wp.get_device(device).is_cpu else 0, "budget": budget}
-    about |= {"seconds": working_seconds() - started, "compile_seconds": compile_seconds() - compiled}
+        row = Row(label, bounder.nbytes, overhead_ns + 1e9 * taken[label] / len(many), len(left) / len(measured))
+        of_fit = {"seconds": (bounder.info.get("training") or {}).get("seconds", 0.0), "missed": missed}
+        of_fit["certificate"] = bounder.certificate.kind if bounder.certificate else ""
+        rows.append(replace(row, **of_fit, why_not=why_not_of(bounder, missed, memory, statistical)))
     positives = float(truth.mean())
-    return Choice(fitted.get(rows[0].label), (*rows, *missing), float(narrow_ns), positives, len(x), about)
+    if callable(narrow_ns):
+        mean, works = measured_works(narrow_ns, kinds, device)
+        priced = "the exact test was timed on them, and on what each leaves"
+    else:
+        mean, works = works_of(rows, *narrow, positives)
+        one, two = "{:g} ns for each: too hopeful where what is denied costs less", "{:g} ns if denied, {:g} ns if left"
+        priced = (two if narrow is narrow_ns else one).format(*narrow)
+    rows = [replace(row, work=(work := works.get(row.label, 0.0)), cost=row.nanoseconds + work * mean) for row in rows]
+    rows.insert(0, Row(NONE, 0, 0.0, 1.0, 1.0, mean, "by construction"))
+    rows.sort(key=lambda row: (bool(row.why_not), row.cost))
+    about = {"shape": shape.name, "query": query, "memory": memory, "device": device, "how": how, "far": far}
+    about |= {"threads": cpu_threads() if wp.get_device(device).is_cpu else 0, "budget": budget}
+    about |= {"interrupted": interrupted, "priced": priced}
+    about |= {"seconds": working_seconds() - started, "compile_seconds": compile_seconds() - compiled}
+    return Choice(fitted.get(rows[0].label), (*rows, *missing), float(mean), positives, len(x), about)
 
 
 def fit_all(
@@ -443,16 +581,16 @@ def cost_plot(choice: Choice) -> bytes:
     figure = Figure(figsize=(7.6, 4.6), layout="constrained")
     panel = figure.subplots()
     for row in rows.values():
-        panel.plot(prices, row.nanoseconds + row.share * prices, color="silver", linewidth=0.7)
+        panel.plot(prices, row.nanoseconds + row.work * prices, color="silver", linewidth=0.7)
     for stretch, end in zip(best, [*(stretch.price for stretch in best[1:]), high], strict=True):
         row, own = rows[stretch.label], np.geomspace(max(stretch.price, low), max(end, low), 50)
         label = f"{row.label}, from {duration(stretch.price)}" if stretch.price else row.label
-        panel.plot(own, row.nanoseconds + row.share * own, linewidth=3, label=label)
+        panel.plot(own, row.nanoseconds + row.work * own, linewidth=3, label=label)
     if choice.positives > 0:
         panel.plot(prices, choice.positives * prices, "k:", linewidth=0.9, label="what meets the object")
-    panel.plot([here], [choice.row.nanoseconds + choice.row.share * here], "ko", label=f"chosen: {choice.label}")
+    panel.plot([here], [choice.row.nanoseconds + choice.row.work * here], "ko", label=f"chosen: {choice.label}")
     panel.set(xscale="log", yscale="log", xlim=(low, high), title="What each broad phase costs; thick: the cheapest")
-    panel.set_xlabel("price of the narrow phase, nanoseconds a call")
+    panel.set_xlabel("price of the narrow phase, nanoseconds a query, mean of all")
     panel.set_ylabel("broad and narrow phase, nanoseconds a query")
     panel.spines[["top", "right"]].set_visible(False)
     panel.legend(loc="upper left", frameon=False, fontsize=8)

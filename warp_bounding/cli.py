@@ -144,6 +144,12 @@ def numbers(text: str) -> list[float]:
     return [float(word) for word in text.split(",")]
 
 
+def prices(text: str) -> float | tuple[float, ...]:
+    """A number, or several."""
+    found = numbers(text)
+    return found[0] if len(found) == 1 else tuple(found)
+
+
 def coordinates(text: str) -> dict[int, float]:
     """Coordinates and their values, such as 3=0.5,4=0."""
     try:
@@ -564,18 +570,21 @@ def query(
 
 # --- choose ----------------------------------------------------------------------------------------------------------
 
+NARROW = "Nanoseconds of your exact test for one query; or two, for one that is denied and one that is left: 100,900."
+
 
 @command
 def choose(
     shape: ShapeFile,
     output: Output,
-    narrow_ns: Annotated[float, Option(help="What your exact test takes for one query, nanoseconds.")],
+    narrow_ns: Annotated[str, Option(parser=prices, help=NARROW)],
     query: Annotated[Kind, Option(help="Kind of query, but distance.")] = "point",
     workload: Workload = None,
     memory: Annotated[int | None, number_option("Most bytes that a query may read, such as 16e3.", count)] = None,
     margin: Margin = 0.0,
     length: Length = None,
     overhead_ns: Annotated[float, Option(help="What your step takes besides for a query, nanoseconds.")] = 0.0,
+    how: Annotated[str, Option(help="Time bounders in a batch, or as a function in a kernel.")] = "batch",
     budget: Annotated[float, Option(help="Seconds for all fits.")] = 120.0,
     seed: Seed = 0,
     methods: Annotated[Text, Option(parser=words, help="Such as bvh,mlp,relu-field (default: all).")] = None,
@@ -586,9 +595,9 @@ def choose(
 ) -> tuple:
     """Choose a broad phase for SHAPE: fit candidates of every method, measure them, save the one that costs the least.
 
-    What counts is t + p * narrow-ns: the nanoseconds that a bounder takes for a query, and the share of the queries
-    that it leaves to your exact test. The answer may be that none pays; then nothing is written. A plot of cost against
-    the narrow phase's price is written next to the output (.png). What the budget has no room for is listed.
+    A bounder saves what your exact test takes for the queries that it denies, less its time. The answer may be that
+    none pays; then nothing is written. A plot of cost against the narrow phase's price is written next to the output
+    (.png). What the budget has no room for is listed.
     Ctrl-C ends fitting, and what is there is compared; the same command goes on where a killed one stopped.
 
     Example: warp-bounding choose bunny.obj --narrow-ns 600 --memory 16e3 --workload points.npy -o chosen.safetensors
@@ -598,7 +607,7 @@ def choose(
     quiet_warp(device)
     given = {"query": query, "narrow_ns": narrow_ns, "length": length, "overhead_ns": overhead_ns, "margin": margin}
     given |= {"memory": memory, "budget": budget, "seed": seed, "device": device, "statistical": statistical}
-    arguments = arguments_of(given | {"methods": methods})
+    arguments = arguments_of(given | {"methods": methods, "how": how})
     picture = str(Path(output).with_suffix(".png"))
     for path, suffix in ((output, BOUNDER), (picture, ".png")):
         check_writable(path, shape, *([workload] if workload else []), suffix=suffix)
@@ -611,13 +620,13 @@ def choose(
     status = 1 if choice.about["interrupted"] else 0
     found = choice.to_dict() | {"path": output if choice.bounder is not None else None, "plot": picture}
     found["rows"] = [{k: None if v != v else v for k, v in row.items()} for row in found["rows"]]  # JSON has no NaN
-    whose = "your" if workload else "random (--workload x.npy asks those of your simulation)"
+    whose = "Your" if workload else "Random (--workload x.npy asks those of your simulation)"
     done = f"written to {output} and {picture}" if choice.bounder is not None else f"no bounder is written; {picture}"
     return (
         status,
         found,
-        f"{choice.queries:,} {whose} queries, {100 * choice.positives:.3g} % meet the object; {choice.about['device']}",
-        *_table(choice),
+        f"{whose} queries",
+        *str(choice).splitlines(),
         choice.why + ".",
         f"Best by the narrow phase's price: {'; '.join(f'{s.label} from {duration(s.price)}' for s in choice.prices)}",
         "Interrupted: some candidates were not fitted; the same command goes on." if status else "",
@@ -625,16 +634,6 @@ def choose(
         f"{choice.about['compile_seconds']:.0f} s besides for compiling and loading kernels",
         f"{done}; candidates are kept in {kept}, for another choice, and can be deleted",
     )
-
-
-def _table(choice) -> Iterator[str]:
-    """The candidates in lines, the cheapest first; those that cannot be chosen last, with the reason."""
-    wide = max(len(row.label) for row in choice.rows)
-    yield f"{'':{wide}} {'bytes':>11} {'ns':>8} {'left %':>7} {'cost ns':>8} {'fit s':>6}"
-    for row in choice.rows:
-        numbers = f"{row.nanoseconds:8.3g} {100 * row.share:7.3g} {row.cost:8.4g}" if row.cost == row.cost else " " * 25
-        words = row.why_not or row.certificate
-        yield f"{row.label:{wide}} {row.nbytes:11,} {numbers} {row.seconds:6.0f}  {words}".rstrip()
 
 
 # --- bake ------------------------------------------------------------------------------------------------------------
@@ -689,7 +688,7 @@ def _bake_options() -> dict[str, inspect.Parameter]:
     own = ("shape", "output", "checkpoint", "json")
     parameters = (inspect.signature(choose).parameters | inspect.signature(fit).parameters).items()
     found = {name: p.replace(kind=KEYWORD) for name, p in parameters if name not in own}
-    found["narrow_ns"] = _option("narrow_ns", float, help="Choose instead: nanoseconds of your exact test for a query.")
+    found["narrow_ns"] = _option("narrow_ns", prices, help=f"Choose instead. {NARROW}")
     return found | {"samples": found["samples"].replace(default=SAMPLES)}
 
 

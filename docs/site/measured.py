@@ -101,6 +101,32 @@ def prices(results: Path) -> str:
     return table(head, [[labels[i], f"{own[i]:.1f}", f"{100 * shares[i]:.1f}", *cells[i]] for i in order])
 
 
+def functions(results: Path) -> str:
+    """Nanoseconds of a query in a batch and in a kernel, with and without Warp's loop."""
+    about, *rows = _lines(results / "predicted/predicted.jsonl")
+    shown = [(row["label"], row["batch"]["ns"], row["function"]["ns"]) for row in rows]
+    cells = [[f"`{name}`", f"{batch:.1f}", f"{own:.1f}", f"{own / batch:.1f}"] for name, batch, own in shown]
+    loop = f"function, on one core; {about['loop_ns']:.1f} of them are Warp's loop"
+    return table(["method", "batch, with the list of what is left", loop, "times"], cells) + _load(about)
+
+
+def predicted(results: Path) -> str:
+    """How many times as fast a bounder makes a query of the torus knot: two predictions, and what was measured."""
+    about, *rows = _lines(results / "predicted/predicted.jsonl")
+    names = ("one_price", "predicted", "measured")
+    cells = [
+        [f"`{row['label']}`", f"{100 * row['share']:.1f}", *(f"{row['batch'][name]:.2f}" for name in names)]
+        for row in rows
+    ]
+    return table(["method", "left, %", "one price", "the test itself", "measured"], cells) + _load(about)
+
+
+def _load(about: dict) -> str:
+    """A line where others used the machine as it was measured."""
+    busy = "\nMeasured on a machine that had other work too: compare them only with each other.\n"
+    return busy if about["load"] > about["threads"] else ""
+
+
 def table1(results: Path) -> str:
     """The paper's Table 1 in short: mean false positives over objects, exact truth above and the paper's below."""
     found: dict[tuple, list[dict]] = {}
@@ -336,6 +362,8 @@ def tightness(results: Path) -> str:
 MEASURED: dict[str, Callable[[Path], str]] = {
     "meshes": meshes,
     "prices": prices,
+    "functions": functions,
+    "predicted": predicted,
     "table1": table1,
     "gpu": gpu,
     "gpu-closest": gpu_closest,

@@ -205,6 +205,8 @@ def test_what_is_chosen_is_written_and_a_choice_goes_on(capsys, disk):
     )
     found = json.loads(out)
     assert (status, found["label"], found["path"], again.exists()) == (0, "none", None, False)
+    _, (status, out, _) = choose(capsys, disk, "--checkpoint", disk.parent / "c.choice", price="100,5000", name="e")
+    assert (status, "100 ns if denied, 5000 ns if left" in out, "times" in out.splitlines()[2]) == (0, True, True)
 
 
 # --- bake -------------------------------------------------------------------------------------------------------------
