@@ -30,7 +30,7 @@ import warp as wp
 
 from warp_bounding.bounders import METHODS, Bounder, load
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError
+from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, warn
 from warp_bounding.evaluation import ASKED, parts_of
 from warp_bounding.kernels.functions import Data
 from warp_bounding.queries import QUERIES, check_query, oracle, sample
@@ -305,7 +305,7 @@ def check_test(test: Callable, x: np.ndarray, truth: np.ndarray, device: str) ->
     hits = np.asarray(answers.numpy() if hasattr(answers, "numpy") else answers).astype(bool)
     if (others := float((hits & ~truth).mean())) > UNLIKE:
         of = "of the queries meet the object, and the shape does not: is margin= missing, or another object meant?"
-        warnings.warn(f"narrow_ns: your test says that {100 * others:.3g} % {of}", BoundingWarning, stacklevel=3)
+        warn(f"narrow_ns: your test says that {100 * others:.3g} % {of}")
 
 
 def measured_works(test: Callable, kinds: Mapping[str, np.ndarray], device: str) -> tuple[float, dict[str, float]]:
@@ -461,7 +461,7 @@ def choose(
     far = f"{100 * outside:.3g} % lie outside of its box" if outside else ""
     if outside == 1:
         words = "all queries lie outside of the object's box; are they in the units and the space of the shape?"
-        warnings.warn(f"workload: {words}", BoundingWarning, stacklevel=2)
+        warn(f"workload: {words}")
     half = np.zeros(len(x), dtype=bool)
     half[rng.permutation(len(x))[: len(x) // 2]] = True
     fit_to, measured = (x[half], x[~half]) if len(x) > 1 else (x, x)  # what is measured is in the caller's order
