@@ -24,7 +24,7 @@ CLASSIC = ("kdop", "bvh", "obb", "bvh-1500", "voxels", *BOXES)
 HEAD = """# What the demos measured
 
 A proven bounder changes no result: every run with one ends in the same state, picture or path as the run without,
-to the bit. A network saves most of the time where an exact check is expensive (rain, arms, generated digits), and
+to the bit. A network saves much of the time where an exact check is expensive (rain, arms, generated digits), and
 little or nothing where it is cheap (contacts, cloth, paths in a 2D grid). In the pile, `pairs` leaves little but the
 pairs that touch, and these cost most. `occupancy`, a network without a proof, misses hits in every demo that has it.
 

@@ -245,7 +245,7 @@ def tightness(results: Path, path: Path) -> None:
     axes[0].set_ylabel("false positives, % of points", fontsize=10.5, color=INK)
     head = "How much a bound lets through, by its bytes; all are proven"
     figure.text(0.075, 0.94, head, fontsize=12.5, color=INK, weight="bold")
-    text = "Lower is tighter. Left: geometric means over five meshes; bars have their range."
+    text = "Lower is tighter. Left: geometric means over five meshes; bars show their range."
     figure.text(0.075, 0.885, text, fontsize=9.5, color="#5a6b7a")
     save_figure(figure, path, 144)
 
