@@ -89,8 +89,7 @@ def run(text: str, name: str, made: dict) -> None:
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_examples_run(name, made, tmp_path, monkeypatch):
-    if name == "arms.load_urdf":  # reads a file, with a reader of an extra
-        pytest.importorskip("yourdfpy", reason="reading URDF needs yourdfpy: pip install 'warp-bounding[arms]'")
+    if name == "arms.load_urdf":
         (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{"".join(ROBOT)}</robot>')
     monkeypatch.chdir(tmp_path)
     run(getdoc(DOCUMENTED[name]), name, made)

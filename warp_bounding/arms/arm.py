@@ -5,10 +5,12 @@ its axis, or a way along it. Frames are kept turned so that every axis is z, whi
 (``_frames``): bodies are given in the frames that a user knows.
 """
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,8 @@ from warp_bounding.runtime.arrays import Picklable
 WORLD = -1  # the link that does not move
 MOST_POINTS = 512  # of a body
 LARGEST = 1e6  # metres: a coordinate or radius
+THIN = 1e-6  # of the largest coordinate: what is thinner counts as flat
+CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T  # of a box, by 0 and 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,36 +91,23 @@ class Body(Picklable):
         corners = np.array([lower, upper], dtype=np.float64)
         if corners.shape != (2, 3) or not (corners[0] <= corners[1]).all():
             raise ShapeError(f"{name}: expected two corners of 3 numbers, the lower one first, got {lower} and {upper}")
-        index = np.indices((2, 2, 2)).reshape(3, -1).T
-        return cls(corners[index, np.arange(3)], radius, link, name, part).moved(pose)
+        return cls(corners[CORNERS, np.arange(3)], radius, link, name, part).moved(pose)
 
     @classmethod
     def hull(cls, points: np.ndarray, *, link: int = WORLD, name: str = "hull", part: str = "") -> "Body":
         """A body that holds the convex hull of points ``(N, 3)``, as a mesh's: the hull, or a simpler one, grown.
+
+        The points may lie in a plane or on a line.
 
         Example:
             >>> around = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [0.1, 0.1, 0.1]])
             >>> len(wb.arms.Body.hull(around, name="wedge").points)
             4
         """
-        from scipy.spatial import ConvexHull, QhullError
-        from trimesh.triangles import closest_point
-
         points = np.asarray(points, dtype=np.float64)
-        try:
-            corners = points[ConvexHull(points).vertices]
-            if len(corners) <= MOST_POINTS:
-                return cls(corners, link=link, name=name, part=part)
-            chosen = corners[_spread(corners)]
-            hull = ConvexHull(chosen)
-        except (QhullError, ValueError) as error:
-            raise ShapeError(f"{name}: its points have no convex hull of a volume") from error
-        outside = corners[(corners @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1) > 0]
-        triangles, off = chosen[hull.simplices], 0.0
-        for x in outside:  # any point of the hull is no nearer than its nearest one
-            nearest = closest_point(triangles, np.broadcast_to(x, (len(triangles), 3)))
-            off = max(off, float(np.linalg.norm(x - nearest, axis=1).min()))
-        return cls(chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max(), link, name, part)
+        if points.ndim != 2 or points.shape[1] != 3 or not len(points) or not (np.abs(points) <= LARGEST).all():
+            raise ShapeError(f"{name}: expected points (N, 3) of finite numbers up to {LARGEST:g}, got {points.shape}")
+        return cls(*_enclosed(points), link, name, part)
 
     def moved(self, pose) -> "Body":
         """This body at a pose ``(4, 4)``; itself for ``None``."""
@@ -146,12 +137,52 @@ def ball_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     return center, float(np.linalg.norm(points - center, axis=1).max())
 
 
+def _enclosed(points: np.ndarray) -> tuple[np.ndarray, float]:
+    """At most ``MOST_POINTS`` of points ``(P, 3)``, and a radius within which of their hull all are."""
+    from trimesh.triangles import closest_point
+
+    hull, around = _solid(points)
+    if len(around) > 1 and len(few := np.unique(points, axis=0)) <= MOST_POINTS:
+        return few, 0.0
+    corners, room = points[np.unique(hull.vertices // len(around))], float(np.linalg.norm(around[0]))
+    if len(corners) <= MOST_POINTS:
+        return corners, room
+    chosen = corners[_spread(corners)]
+    hull, around = _solid(chosen)
+    above = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
+    outside, triangles, off = above.max(axis=1) > 0, hull.points[hull.simplices], 0.0
+    x, facing = corners[outside], triangles[above[outside].argmax(axis=1)]
+    most = np.linalg.norm(x - closest_point(facing, x), axis=1)  # any point of the hull is no nearer than the nearest
+    for k in np.argsort(-most):
+        if most[k] <= off:
+            break
+        nearest = closest_point(triangles, np.broadcast_to(x[k], (len(triangles), 3)))
+        off = max(off, float(np.linalg.norm(x[k] - nearest, axis=1).min()))
+    return chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max() + room + float(np.linalg.norm(around[0]))
+
+
+def _solid(points: np.ndarray) -> tuple[Any, np.ndarray]:
+    """The convex hull of points, or of small cubes around them, and what is added to a point for the cube's corners.
+
+    Of what is nearly flat Qhull loses corners, as it joins faces that differ by rounding.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    thin = THIN * np.abs(points).max() or 1.0
+    with contextlib.suppress(QhullError):
+        hull = ConvexHull(points)
+        if 2 * hull.volume >= thin * hull.area:  # of a plate, half of the area times its thickness is the volume
+            return hull, np.zeros((1, 3))
+    around = thin * (2.0 * CORNERS - 1)
+    return ConvexHull((points[:, None] + around).reshape(-1, 3)), around
+
+
 def _spread(points: np.ndarray) -> np.ndarray:
     """``MOST_POINTS`` indices of points, each the farthest from those before it."""
-    chosen, away = [0], np.linalg.norm(points - points[0], axis=1)
+    chosen, away, columns = [0], np.full(len(points), np.inf), np.ascontiguousarray(points.T)
     while len(chosen) < MOST_POINTS:
+        away = np.minimum(away, np.sqrt(((columns - columns[:, chosen[-1:]]) ** 2).sum(axis=0)))
         chosen.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(points - points[chosen[-1]], axis=1))
     return np.array(chosen)
 
 

@@ -1,61 +1,88 @@
 """Arms from URDF and SRDF files: the tree of moving joints, and convex hulls of the links' collision geometry.
 
 A body holds all of its geometry: boxes and balls as they are, a prism around a cylinder, the convex hull of a mesh.
-Read with yourdfpy, which is asked for when a file is read; what it would pass over without a word is looked for before
-(``_looked_through``).
+What says where geometry is and how it moves is read, and checked. All else of a file does not count: visuals, masses,
+efforts, other programs' elements, and whatever has a prefix.
 """
 
-import io
+import contextlib
 import math
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import unquote
 from xml.etree import ElementTree
+from xml.parsers import expat
 
 import numpy as np
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic
+from warp_bounding.arms.arm import MOST_JOINTS, WORLD, Arm, Body, Joint, Mimic
 from warp_bounding.errors import ShapeError
+from warp_bounding.runtime.progress import slow
 from warp_bounding.shapes.formats.meshes import read_mesh_data
 
+Element = ElementTree.Element
 SIDES = 16  # of a prism around a cylinder
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
 OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
-ONCE = {"joint": ("parent", "child", "origin", "axis", "limit", "mimic"), "collision": ("geometry", "origin")}
-# Of elements that tell geometry the attributes that are known, and of how many numbers each is; of none where it is
-# text or not read. What begins with + has to be there.
+# Attributes of the elements that are read, and of how many numbers each is; of none where it is text. What begins with
+# + has to be there.
 ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "parent": {"+link": ()},
     "child": {"+link": ()},
     "origin": {"xyz": (3,), "rpy": (3,)},
     "axis": {"+xyz": (3,)},
-    "limit": {"lower": (1,), "upper": (1,)} | dict.fromkeys(("effort", "velocity", "acceleration", "deceleration",
-        "jerk"), ()),
+    "limit": {"lower": (1,), "upper": (1,)},
     "mimic": {"+joint": (), "multiplier": (1,), "offset": (1,)},
-    "geometry": {},
     "box": {"+size": (3,)},
     "cylinder": {"+radius": (1,), "+length": (1,)},
     "sphere": {"+radius": (1,)},
     "capsule": {"+radius": (1,), "+length": (1,)},
     "mesh": {"+filename": (), "scale": (1, 3)},
-}  # fmt: skip
-CAPSULE = "capsule of "  # what stands for a capsule in the file name of a mesh: yourdfpy knows none
+}
+OPEN = ("parent", "child", "limit")  # attributes that are not known place nothing here
 SIZES = ("size", "radius", "length")  # attributes that are 0 or more
+PACKAGES = ("package", "model")  # schemes of addresses
 NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 
 
-class _Step(NamedTuple):
-    """A joint that moves, and where it stands: its frame in that of the link before."""
+class _Joint(NamedTuple):
+    """A joint of a file."""
 
-    joint: Any
+    name: str
+    type: str
+    parent: str
+    child: str
     origin: np.ndarray
-    parent: int  # the number of the joint whose link carries it
+    axis: np.ndarray
+    limits: tuple[float, float] | None
+    mimic: tuple[str, float, float] | None  # the leader's name, a factor and an offset
 
 
-def load_urdf(path, *, held: Mapping[str, float] | None = None, srdf=None, touching=(), name: str | None = None) -> Arm:
+class _Step(NamedTuple):
+    """A link, and the joint that moves it, if one does; its or the joint's frame in that of a joint that moves."""
+
+    link: str
+    joint: _Joint | None
+    origin: np.ndarray
+    parent: int  # the number of that joint
+
+
+def load_urdf(
+    path,
+    *,
+    held: Mapping[str, float] | None = None,
+    srdf=None,
+    touching=(),
+    upright: bool | None = None,
+    name: str | None = None,
+) -> Arm:
     """The arm of a URDF file: a tree of joints that turn, slide, or follow others.
 
     Args:
@@ -64,318 +91,398 @@ def load_urdf(path, *, held: Mapping[str, float] | None = None, srdf=None, touch
         held: Values at which joints stand that are not to move, such as a gripper's, by name; radians or metres. A
             joint between equal limits stands, and so does one that mimics a joint that stands; floating and planar
             joints can be held at 0 only.
-        srdf: An SRDF file, whose disabled pairs of links are not checked against each other; all others are, neighbours
-            too.
+        srdf: An SRDF file, whose disabled pairs of links are not checked against each other; all others are. Without
+            one neighbours are not checked: links that a moving joint joins, or, for one without geometry, the nearest
+            that are fixed to it, which the note names.
         touching: More pairs that are not checked, as ``Arm`` takes them: names of links.
+        upright: Whether COLLADA meshes whose up axis is not z are turned until it is, as some programs do, or, for
+            ``False``, taken as they stand, as others do; refused for ``None``.
         name: For people; the robot's own if ``None``.
 
     Raises:
         ShapeError: For what is no URDF, a mesh that is missing, a joint of an unknown type or without limits, a value
-            beyond its joint's limits, links in no tree, no joint that moves, an SRDF of another robot, or if yourdfpy
-            is not installed.
+            beyond its joint's limits, links in no tree, no joint that moves or too many, an SRDF of another robot.
 
     Example:
         >>> arm = wb.arms.load_urdf("arm.urdf", held={"finger": 0.02})
         >>> [joint.name for joint in arm.joints]
         ['shoulder', 'elbow']
     """
-    (robot, notes), held = _read(Path(path)), {} if held is None else held
-    if not isinstance(held, Mapping):
-        raise ShapeError(f"{path}: expected held to give a value for each name of a joint, got {held!r}")
-    held = {joint: _value(value, joint, path) for joint, value in held.items()}
-    if unknown := sorted(map(str, set(held) - {joint.name for joint in robot.joints})):
-        raise ShapeError(f"{path}: held names no joint of it: {', '.join(unknown)}")
-    children: dict[str, list[Any]] = {}
-    for joint in robot.joints:
-        children.setdefault(joint.parent, []).append(joint)
-    roots = {link.name for link in robot.links} - {joint.child for joint in robot.joints}
-    if len(roots) != 1:
-        raise ShapeError(f"{path}: expected one base, got {', '.join(sorted(roots)) or 'none'}")
-    links, bodies, steps = {link.name: link for link in robot.links}, [], []
-    named = {joint.name: joint for joint in robot.joints}
-
-    def visit(link: str, number: int, at: np.ndarray) -> None:
-        """Take a link and what is fixed to it, ``at`` in a moving joint's frame; then the joints that move it on."""
-        bodies.extend(_bodies(links[link], number, at, Path(path), notes))
-        onward = []
-        for joint in children.get(link, ()):
-            origin = at @ (np.eye(4) if joint.origin is None else joint.origin)
-            value = _standing(joint, named, held, path)
-            if value is not None:
-                visit(joint.child, number, origin @ _moved(joint, value))
-            else:
-                onward.append(_Step(joint, origin, number))
-        for step in onward:
-            take(step)
-
-    def take(step: _Step) -> None:
-        """Take a joint that moves and what it carries; one that follows another one waits for that."""
-        placed = {each.joint.name for each in steps}
-        if step.joint.mimic is not None and _leader(step.joint, named)[0] not in placed:
-            waiting.append(step)
-            return
-        steps.append(step)
-        visit(step.joint.child, len(steps) - 1, np.eye(4))
-
-    waiting: list[_Step] = []
-    visit(roots.pop(), WORLD, np.eye(4))
-    while waiting:
-        again, count = waiting.copy(), len(steps)
-        waiting.clear()
-        for step in again:
-            take(step)
-        if len(steps) == count:
-            raise ShapeError(f"{path}: joint {waiting[0].joint.name} follows a joint that it carries")
-    if not steps:
-        raise ShapeError(f"{path}: no joint moves; all are fixed, held, or between equal limits")
-    numbers = {step.joint.name: i for i, step in enumerate(steps)}
-    mimics = {}
-    for i, step in enumerate(steps):
-        if step.joint.mimic is not None:
-            leader, factor, offset = _leader(step.joint, named)
-            mimics[i] = Mimic(numbers[leader], factor, offset)
-    if srdf is not None:
-        apart, more = _allowed(Path(srdf), robot)
-        touching = [*touching, *(pair for pair in apart if {body.part for body in bodies}.issuperset(pair))]
-        notes += more
-    return Arm(
-        [_joint(step.joint, step.origin, path) for step in steps],
-        bodies,
-        parents=[step.parent for step in steps],
-        mimics=mimics,
-        touching=touching,
-        neighbours=srdf is not None,
-        name=name or robot.name or Path(path).stem,
-        note="; ".join(dict.fromkeys(notes)),
-    )
+    path = Path(path)
+    with _naming(path), slow(f"reading {path.name} and its meshes"):
+        robot = _Robot(path, {} if held is None else held)
+        if len(robot.steps) > MOST_JOINTS:
+            raise ShapeError(
+                f"expected at most {MOST_JOINTS} joints that move, got {len(robot.steps)}; give others a value at "
+                f"which they stand: held={{{robot.steps[-1].joint.name!r}: 0, ...}}"
+            )
+        joints, mimics = robot.moving()
+        bodies, notes = robot.bodies(upright)
+        parts = {body.part for body in bodies}
+        apart, more = robot.neighbours(parts) if srdf is None else _disabled(Path(srdf), robot)
+        return Arm(
+            joints,
+            bodies,
+            parents=[step.parent for step in robot.steps],
+            mimics=mimics,
+            touching=[*touching, *(pair for pair in apart if parts.issuperset(pair))],
+            neighbours=True,
+            name=name or robot.name,
+            note="; ".join(dict.fromkeys(notes + more)),
+        )
 
 
-def _leader(joint, named: dict[str, Any]) -> tuple[str, float, float]:
-    """The joint that one follows in the end, with the factor and the offset."""
-    name, factor, offset = joint.name, 1.0, 0.0
-    while (mimic := named[name].mimic) is not None:
-        name = mimic.joint
-        factor, offset = factor * mimic.multiplier, factor * mimic.offset + offset
-    return name, factor, offset
-
-
-def _allowed(path: Path, robot) -> tuple[list[tuple[str, str]], list[str]]:
-    """Pairs of links of an SRDF file that are not checked, and notes that say why."""
+@contextlib.contextmanager
+def _naming(where: object) -> Iterator[None]:
+    """Say in a ``ShapeError`` where it is from."""
     try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except (OSError, ElementTree.ParseError) as error:
-        raise ShapeError(f"{path}: no SRDF that can be read ({error})") from error
-    if root.tag != "robot":
-        raise ShapeError(f"{path}: expected an SRDF file of a robot, got {root.tag}")
-    links, reasons = [link.name for link in robot.links], {}
-    for element in root:
-        ends = [element.get(end) for end in ("link1", "link2")]
-        if element.tag == "disable_default_collisions":
-            reasons |= {frozenset((element.get("link"), other)): "Default" for other in links}
-        elif element.tag == "disable_collisions":
-            reasons[frozenset(ends)] = element.get("reason") or "without a reason"
-        elif element.tag == "enable_collisions":
-            reasons.pop(frozenset(ends), None)
-    reasons = {pair: reason for pair, reason in reasons.items() if len(pair) == 2 and None not in pair}
-    strange = sorted({link for pair in reasons for link in pair} - set(links))
-    if strange and root.get("name") != robot.name:
-        named = ", ".join(strange[:3]) + ", ..." * (len(strange) > 3)
-        raise ShapeError(f"{path}: an SRDF of {root.get('name')}, whose links {named} the robot {robot.name} has not")
-    pairs = {tuple(sorted(pair)): reason for pair, reason in reasons.items() if pair.issubset(links)}
+        yield
+    except ShapeError as error:
+        error.args = (f"{where}: {error}",)
+        raise
+
+
+# --- What files say ---------------------------------------------------------------------------------------------------
+
+
+def _parsed(path: Path, kind: str) -> Element:
+    """The robot of an XML file; names with a prefix stay as they are written, and need no namespace."""
+    if not path.is_file():
+        raise ShapeError("no such file")
+    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
+    parser.StartElementHandler, parser.EndElementHandler = builder.start, builder.end
+    try:
+        parser.Parse(path.read_bytes(), True)
+    except (OSError, ValueError, LookupError, expat.ExpatError) as error:  # the middle ones of encodings
+        raise ShapeError(f"expected {kind}, but it cannot be read: {error}") from error
+    if (root := builder.close()).tag != "robot":
+        raise ShapeError(f"expected {kind} of a robot, got {root.tag}")
+    return root
+
+
+def _named(root: Element, kind: str) -> dict[str, Element]:
+    """Elements by their names."""
+    found = root.findall(kind)
+    names = [element.get("name", "") for element in found]
+    if wrong := sorted({name for name in names if names.count(name) > 1 or not name}):
+        got = f"two of {', '.join(wrong)}" if wrong[0] else "one without a name"
+        raise ShapeError(f"expected each {kind} once, by its name, got {got}")
+    return dict(zip(names, found, strict=True))
+
+
+def _joint(element: Element, name: str) -> _Joint:
+    with _naming(f"joint {name}"):
+        kind = element.get("type", "no type")
+        parent, child = (_only(element, end, needed=True)["link"] for end in ("parent", "child"))
+        axis, limit, mimic = ({} if kind in FIXED else _only(element, tag) for tag in ("axis", "limit", "mimic"))
+        limits = (limit["lower"], limit["upper"]) if kind != "continuous" and len(limit) == 2 else None
+        follows = (mimic["joint"], mimic.get("multiplier", 1.0), mimic.get("offset", 0.0)) if mimic else None
+        axis = axis.get("xyz", np.array([1.0, 0.0, 0.0]))
+        return _Joint(name, kind, parent, child, _pose(element), axis, limits, follows)
+
+
+def _only(whole: Element, tag: str, *, needed: bool = False) -> dict[str, Any]:
+    """The attributes of an element's one child of a tag, numbers as such; none if there is no child."""
+    found = whole.findall(tag)
+    if len(found) > 1 or (needed and not found):
+        raise ShapeError(f"expected one {tag}, got {len(found) or 'none'}")
+    if not found:
+        return {}
+    given, known = found[0].attrib, ATTRIBUTES[tag]
+    names = {name.lstrip("+"): counts for name, counts in known.items()}
+    strange = sorted(name for name in given.keys() - names.keys() - {"name"} if ":" not in name)
+    if strange and tag not in OPEN:
+        raise ShapeError(f"{tag}: expected {', '.join(names)}, got {', '.join(strange)}")
+    if missing := [name[1:] for name in known if name[0] == "+" and name[1:] not in given]:
+        raise ShapeError(f"{tag}: expected {', '.join(missing)}, got none")
+    with _naming(tag):
+        return {name: _read(given[name], name, counts) for name, counts in names.items() if name in given}
+
+
+def _read(text: str, name: str, counts: tuple[int, ...]) -> str | float | np.ndarray:
+    """An attribute: a text, a number, or several."""
+    if not counts:
+        return text
+    numbers = [float(word) if NUMBER.fullmatch(word) else np.nan for word in text.split()]
+    sized = name in SIZES
+    if len(numbers) not in counts or not all(map(math.isfinite, numbers)) or (sized and min(numbers) < 0):
+        many = "1 finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} finite numbers"
+        raise ShapeError(f"expected {name} of {many}{' from 0' * sized}, got {text!r}")
+    return numbers[0] if counts == (1,) else np.array(numbers)
+
+
+def _pose(whole: Element) -> np.ndarray:
+    """``(4, 4)`` of an element's origin: a turn by roll, pitch and yaw, about x, then y, then z, and a shift."""
+    origin, pose = _only(whole, "origin"), np.eye(4)
+    (si, sj, sk), (ci, cj, ck) = (turn(origin.get("rpy", np.zeros(3))) for turn in (np.sin, np.cos))
+    pose[0, :3] = cj * ck, sj * (si * ck) - ci * sk, sj * (ci * ck) + si * sk
+    pose[1, :3] = cj * sk, sj * (si * sk) + ci * ck, sj * (ci * sk) - si * ck
+    pose[2, :3] = -sj, cj * si, cj * ci
+    pose[:3, 3] = origin.get("xyz", 0.0)
+    return pose
+
+
+def _disabled(path: Path, robot: "_Robot") -> tuple[list[tuple[str, str]], list[str]]:
+    """Pairs of links of an SRDF file that are not checked, and notes that say why.
+
+    In any order of its lines, pairs are disabled by default, then some are enabled, then some disabled.
+    """
+    with _naming(path):
+        root, links = _parsed(path, "an SRDF file"), set(robot.links)
+        alone = [element.get("link") for element in root.findall("disable_default_collisions")]
+        reasons = {frozenset(pair): "Default" for pair in product(alone, links)}
+        for element in root.findall("enable_collisions"):
+            reasons.pop(_ends(element), None)
+        for element in root.findall("disable_collisions"):
+            reasons[_ends(element)] = element.get("reason") or "without a reason"
+        reasons = {pair: reason for pair, reason in reasons.items() if len(pair) == 2 and None not in pair}
+        strange = sorted({link for pair in reasons for link in pair} - links)
+        if strange and root.get("name") != robot.name:
+            named = ", ".join(strange[:3]) + ", ..." * (len(strange) > 3)
+            raise ShapeError(f"an SRDF of {root.get('name')}, whose links {named} the robot {robot.name} has not")
+    pairs = {tuple(sorted(pair)): reason for pair, reason in reasons.items() if pair <= links}
     counts = ", ".join(f"{count} {reason}" for reason, count in sorted(Counter(pairs.values()).items()))
     notes = [f"pairs of links not checked against each other, by {path.name}: {counts or 'none'}"]
     notes += [f"not in the URDF, and left out: links {', '.join(strange)} of {path.name}"] * bool(strange)
     return list(pairs), notes
 
 
-def _read(path: Path) -> tuple[Any, list[str]]:
-    """The robot of a file as yourdfpy holds it, and notes of what is not read."""
-    try:
-        import yourdfpy
-    except ImportError as error:
-        raise ShapeError("URDF files need yourdfpy: pip install 'warp-bounding[arms]'") from error
-    if not path.is_file():
-        raise ShapeError(f"{path}: no such file")
-    try:
-        robot = ElementTree.fromstring(path.read_bytes())
-        notes = _looked_through(robot)
-        for element in robot.iter("capsule"):
-            element.tag, size = "mesh", [element.get("radius"), element.get("length")]
-            element.attrib = {"filename": CAPSULE + " ".join(size)}
-        same = io.BytesIO(ElementTree.tostring(robot))  # without comments, which yourdfpy takes for shapes
-        return yourdfpy.URDF.load(same, build_scene_graph=False, load_meshes=False).robot, notes
-    except Exception as error:  # whatever its reader raises, of XML and of what is in it
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise ShapeError(f"{path}: no URDF that can be read ({reason})") from error
+def _ends(element: Element) -> frozenset[str | None]:
+    return frozenset((element.get("link1"), element.get("link2")))
 
 
-def _looked_through(robot: ElementTree.Element) -> list[str]:
-    """A note of links without collision geometry; raises ``ValueError`` for what is ambiguous or not known."""
-    if macros := [element.tag for element in robot.iter() if "xacro" in element.tag]:
-        raise ValueError(f"expected a URDF file, got the macro {macros[0].rpartition('}')[2]}; let xacro write one")
-    if robot.tag != "robot":
-        raise ValueError(f"expected a robot, got {robot.tag}")
-    for kind in ("link", "joint"):
-        names = [element.get("name") for element in robot.findall(kind)]
-        if twice := {name for name in names if names.count(name) > 1}:
-            raise ValueError(f"expected each {kind} once, got two of {', '.join(map(str, sorted(twice, key=str)))}")
-    for joint in robot.findall("joint"):
-        _check(joint, f"joint {joint.get('name')}", ("parent", "child"))
-    for link in robot.findall("link"):
-        for part in link.findall("collision"):
-            shapes = [len(geometry) for geometry in part.findall("geometry")]
-            if shapes != [1]:
-                raise ValueError(
-                    f"link {link.get('name')}: expected one geometry of one shape in a collision, got {shapes}"
-                )
-            _check(part, f"link {link.get('name')}")
-    links = [link for link in robot.findall("link") if link.find("collision") is None]
-    bare = [str(link.get("name")) for link in links if link.find("visual") is not None]
-    return [f"without collision geometry, so not bounded: {', '.join(bare)}"] if bare else []
+# --- What they mean ---------------------------------------------------------------------------------------------------
 
 
-def _check(whole: ElementTree.Element, where: str, needed: tuple[str, ...] = ()) -> None:
-    """Raise ``ValueError`` for elements of a joint or collision that are doubled or lack, or have other attributes."""
-    for tag in ONCE[whole.tag]:
-        if (count := len(whole.findall(tag))) > 1 or (tag in needed and not count):
-            raise ValueError(f"{where}: expected one {tag}, got {count or 'none'}")
-    for element in whole.iter():
-        if (known := ATTRIBUTES.get(element.tag)) is None:
-            continue
-        names = {name.lstrip("+"): counts for name, counts in known.items()}
-        if unknown := sorted(set(element.attrib) - set(names)):
-            raise ValueError(
-                f"{where}: {element.tag}: expected {', '.join(names) or 'no attributes'}, got {', '.join(unknown)}"
+class _Robot:
+    """A tree of links: which joints move, one after another (``steps``), and where links are.
+
+    ``placed`` has of each link the number of the joint that moves it, and its pose in that one's frame; ``fixed`` the
+    links that standing joints join to it.
+    """
+
+    def __init__(self, path: Path, held: Mapping[str, float]):
+        root = _parsed(path, "a URDF file")
+        if macros := [element.tag for element in root.iter() if element.tag.startswith("xacro:")]:
+            raise ShapeError(f"expected a URDF file, got the macro {macros[0]}; let xacro write one")
+        self.path, self.name, self.links = path, root.get("name") or path.stem, _named(root, "link")
+        self.joints = {name: _joint(element, name) for name, element in _named(root, "joint").items()}
+        if not isinstance(held, Mapping):
+            raise ShapeError(f"expected held to give a value for each name of a joint, got {held!r}")
+        if unknown := sorted(map(str, held.keys() - self.joints.keys())):
+            raise ShapeError(f"held names no joint of it: {', '.join(unknown)}")
+        self.held = {joint: _value(value, joint) for joint, value in held.items()}
+        self.carried: dict[str, list[_Joint]] = {link: [] for link in self.links}
+        self.fixed: dict[str, list[str]] = {link: [] for link in self.links}
+        self.placed: dict[str, tuple[int, np.ndarray]] = {}
+        self.steps: list[_Step] = []
+        self._walk(self._base())
+
+    def _base(self) -> str:
+        """The link that carries all others; ``ShapeError`` for what is no tree."""
+        carriers: dict[str, _Joint] = {}
+        for joint in self.joints.values():
+            for end, link in (("parent", joint.parent), ("child", joint.child)):
+                if link not in self.links:
+                    raise ShapeError(f"joint {joint.name}: expected a link of the file as its {end}, got {link}")
+            if (other := carriers.setdefault(joint.child, joint)) is not joint:
+                raise ShapeError(f"link {joint.child}: expected one joint to carry it, got {other.name}, {joint.name}")
+            self.carried[joint.parent].append(joint)
+        for link in self.links:
+            above = {}  # joints by what they carry, from a link towards the base
+            while link in carriers and link not in above:
+                above[link] = carriers[link].name
+                link = carriers[link].parent
+            if link in above:
+                loop = list(above.items())[list(above).index(link) :]
+                got = ", ".join(f"joint {name} carries {each}" for each, name in loop)
+                raise ShapeError(f"expected a tree of links, got a loop: {got}")
+        bases = sorted(self.links.keys() - carriers.keys())
+        if len(bases) != 1:
+            raise ShapeError(f"expected one base, a link that no joint carries, got {', '.join(bases) or 'no link'}")
+        return bases[0]
+
+    def _walk(self, base: str) -> None:
+        """Take a link and what is fixed to it, then the joints that move it on; those that follow wait for a leader."""
+        todo, waiting, before = [_Step(base, None, np.eye(4), WORLD)], [], -1
+        while todo or waiting:
+            if not todo:
+                if len(self.steps) == before:
+                    raise ShapeError(f"joint {waiting[0].joint.name} follows a joint that it carries")
+                todo, waiting, before = waiting[::-1], [], len(self.steps)
+            link, joint, at, number = step = todo.pop()
+            if joint:
+                if joint.mimic and self._leader(joint)[0] not in {each.joint.name for each in self.steps}:
+                    waiting.append(step)
+                    continue
+                self.steps.append(step)
+                at, number = np.eye(4), len(self.steps) - 1
+            self.placed[link], fixed, moving = (number, at), [], []
+            for joint in self.carried[link]:
+                origin, value = at @ joint.origin, self._standing(joint)
+                if value is None:
+                    moving.append(_Step(joint.child, joint, origin, number))
+                else:
+                    fixed.append(_Step(joint.child, None, origin @ _moved(joint, value), number))
+                    self.fixed[link].append(joint.child)
+                    self.fixed[joint.child].append(link)
+            todo += reversed(fixed + moving)
+        if not self.steps:
+            raise ShapeError("no joint moves; all are fixed, held, or between equal limits")
+
+    def _leader(self, joint: _Joint) -> tuple[str, float, float]:
+        """The joint that one follows in the end, with the factor and the offset."""
+        name, factor, offset = joint.name, 1.0, 0.0
+        while (mimic := self.joints[name].mimic) is not None:
+            name, factor, offset = mimic[0], factor * mimic[1], factor * mimic[2] + offset
+        return name, factor, offset
+
+    def _standing(self, joint: _Joint, followed: int = 0) -> float | None:
+        """The value that a joint stands at; ``None`` of one that moves."""
+        value, limits, named = self.held.get(joint.name), joint.limits, f"joint {joint.name}"
+        if joint.type not in (*TURNING, *SLIDING, *FIXED) and value != 0:
+            known = ", ".join((*TURNING, *SLIDING, *FIXED))
+            raise ShapeError(
+                f"{named}: expected a type of {known}, got {joint.type}; hold it at 0, held={{{joint.name!r}: 0}}"
             )
-        if missing := [name[1:] for name in known if name[0] == "+" and name[1:] not in element.attrib]:
-            raise ValueError(f"{where}: {element.tag}: expected {', '.join(missing)}, got none")
-        for name, counts in names.items():
-            words = element.get(name, "").split()
-            good = len(words) in counts and all(NUMBER.fullmatch(word) and math.isfinite(float(word)) for word in words)
-            good = good and (name not in SIZES or min(map(float, words)) >= 0)
-            if counts and name in element.attrib and not good:
-                many = "1 finite number" if counts == (1,) else f"{' or '.join(map(str, counts))} finite numbers"
-                least = " from 0" * (name in SIZES)
-                raise ValueError(f"{where}: {element.tag}: expected {name} of {many}{least}, got {element.get(name)!r}")
+        if value is not None:
+            if not np.isfinite(value) or (limits and not limits[0] <= value <= limits[1]):
+                raise ShapeError(f"{named} is held at {value}, which is not within its limits")
+            return value
+        if joint.type in FIXED:
+            return 0.0
+        if joint.mimic:
+            name, factor, offset = joint.mimic
+            if name not in self.joints or followed > len(self.joints):
+                raise ShapeError(f"{named} mimics {name}, which is no joint of its own")
+            value = self._standing(self.joints[name], followed + 1)
+            return None if value is None else factor * value + offset
+        return limits[0] if limits and limits[0] == limits[1] else None
+
+    def moving(self) -> tuple[list[Joint], dict[int, Mimic]]:
+        """The joints that move, and who follows whom, as ``Arm`` takes them."""
+        joints, mimics, numbers = [], {}, {step.joint.name: i for i, step in enumerate(self.steps)}
+        for i, (_, joint, origin, _) in enumerate(self.steps):
+            continuous = joint.type == "continuous"
+            if not continuous and joint.limits is None:
+                raise ShapeError(f"joint {joint.name} has no limits")
+            limits = (-np.pi, np.pi) if continuous else joint.limits
+            joints.append(Joint(origin, joint.axis, *limits, joint.type in SLIDING, joint.name, continuous))
+            if joint.mimic:
+                leader, factor, offset = self._leader(joint)
+                mimics[i] = Mimic(numbers[leader], factor, offset)
+        return joints, mimics
+
+    def bodies(self, upright: bool | None) -> tuple[list[Body], list[str]]:
+        """The links' collision geometry, and notes; each mesh is read once."""
+        parts = {link: element.findall("collision") for link, element in self.links.items()}
+        bare = [link for link, found in parts.items() if not found and self.links[link].find("visual") is not None]
+        bodies, notes = [], [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
+
+        @cache
+        def hull(name: str, *scale: float) -> Body:
+            points, reported = _points(name, self.path, upright)
+            notes.extend(reported)
+            return Body.hull(points * scale)
+
+        shapes = SOLIDS | {"mesh": lambda filename, scale=1.0: hull(filename, *np.broadcast_to(scale, 3))}
+        for link, (number, at) in self.placed.items():
+            for part in parts[link]:
+                with _naming(f"link {link}"):
+                    kinds = [shape.tag for geometry in part.findall("geometry") for shape in geometry]
+                    kinds = [kind for kind in kinds if ":" not in kind]
+                    if len(kinds) != 1 or kinds[0] not in shapes or len(part.findall("geometry")) > 1:
+                        got = ", ".join(kinds) or "none"
+                        raise ShapeError(f"expected one geometry of one shape, of {', '.join(shapes)}, got {got}")
+                    body = shapes[kinds[0]](**_only(part.find("geometry"), kinds[0]))
+                    pose = at @ _pose(part)
+                bodies.append(replace(body, link=number, name=part.get("name") or link, part=link).moved(pose))
+        return bodies, notes
+
+    def neighbours(self, parts: set[str]) -> tuple[list[tuple[str, str]], list[str]]:
+        """Pairs of links with geometry (``parts``) that moving joints join, and a note of those joined by others."""
+        found, farther = [], []
+        for joint in (step.joint for step in self.steps):
+            pairs = list(product(self._nearest(joint.parent, parts), self._nearest(joint.child, parts)))
+            found += pairs
+            farther += [" and ".join(pair) for pair in pairs if pair != (joint.parent, joint.child)]
+        note = f"not checked against each other, as links without geometry join them: {', '.join(farther)}"
+        return found, [note] * bool(farther)
+
+    def _nearest(self, link: str, parts: set[str]) -> list[str]:
+        """A link with geometry, or those of what is fixed to it that have some and are nearest."""
+        links = [link]
+        for each in links:  # which grows
+            links += [other for other in self.fixed[each] if other not in links] * (each not in parts)
+        return [each for each in links if each in parts]
 
 
-def _value(value, joint, path) -> float:
+def _value(value, joint: str) -> float:
     """A value at which a joint is held; the limits are checked where it stands."""
-    if isinstance(value, bool | np.bool_ | str | bytes) or np.ndim(value):
-        raise ShapeError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}")
     try:
+        if isinstance(value, bool | np.bool_ | str | bytes) or np.ndim(value):
+            raise TypeError
         return float(value)
     except (TypeError, ValueError, OverflowError) as error:
-        raise ShapeError(f"{path}: joint {joint}: expected a number to hold it at, got {value!r}") from error
+        raise ShapeError(f"joint {joint}: expected a number to hold it at, got {value!r}") from error
 
 
-def _standing(joint, named: dict[str, Any], held: Mapping[str, float], path, followed: int = 0) -> float | None:
-    """The value that a joint stands at; ``None`` of one that moves."""
-    value, limit = held.get(joint.name), joint.limit
-    if joint.type not in (*TURNING, *SLIDING, *FIXED) and value != 0:
-        known = ", ".join((*TURNING, *SLIDING, *FIXED))
-        raise ShapeError(
-            f"{path}: joint {joint.name}: expected a type of {known}, got {joint.type}; "
-            f"hold it at 0, held={{{joint.name!r}: 0}}"
-        )
-    limited = joint.type != "continuous" and limit is not None and None not in (limit.lower, limit.upper)
-    if value is not None:
-        if not np.isfinite(value) or (limited and joint.type not in FIXED and not limit.lower <= value <= limit.upper):
-            raise ShapeError(f"{path}: joint {joint.name} is held at {value}, which is not within its limits")
-        return float(value)
-    if joint.type in FIXED:
-        return 0.0
-    if joint.mimic is not None:
-        leader = named.get(joint.mimic.joint)
-        if leader is None or followed > len(named):
-            raise ShapeError(f"{path}: joint {joint.name} mimics {joint.mimic.joint}, which is no joint of its own")
-        value = _standing(leader, named, held, path, followed + 1)
-        return None if value is None else joint.mimic.multiplier * value + joint.mimic.offset
-    return float(limit.lower) if limited and limit.lower == limit.upper else None
-
-
-def _moved(joint, value: float) -> np.ndarray:
+def _moved(joint: _Joint, value: float) -> np.ndarray:
     """The motion of a joint at a value that it stands at."""
     if joint.type not in (*TURNING, *SLIDING):
         return np.eye(4)
-    return Joint(axis=_axis(joint), slides=joint.type in SLIDING, name=joint.name).motion(value)
+    return Joint(axis=joint.axis, slides=joint.type in SLIDING, name=joint.name).motion(value)
 
 
-def _axis(joint) -> np.ndarray:
-    return np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, dtype=np.float64)
+# --- Geometry ---------------------------------------------------------------------------------------------------------
 
 
-def _joint(joint, origin: np.ndarray, path) -> Joint:
-    lower, upper, continuous = -np.pi, np.pi, joint.type == "continuous"
-    if not continuous:
-        limit = joint.limit
-        if limit is None or limit.lower is None or limit.upper is None:
-            raise ShapeError(f"{path}: joint {joint.name} has no limits")
-        lower, upper = limit.lower, limit.upper
-    return Joint(origin, _axis(joint), lower, upper, joint.type in SLIDING, joint.name, continuous)
+def _prism(radius: float, length: float) -> Body:
+    """Holds a cylinder about z."""
+    turn, around = 2 * np.pi * np.arange(SIDES) / SIDES, radius / np.cos(np.pi / SIDES) * OUTWARD
+    ring = np.stack([np.cos(turn) * around, np.sin(turn) * around], axis=1)
+    ends = [np.column_stack([ring, np.full(SIDES, side * length / 2)]) for side in (-1, 1)]
+    return Body(np.concatenate(ends))
 
 
-def _bodies(link, number: int, at: np.ndarray, path: Path, notes: list[str]) -> list[Body]:
-    """A link's collision geometry, ``at`` in the frame of its joint; adds to the notes."""
-    found = []
-    for part in link.collisions:
-        pose = at @ (np.eye(4) if part.origin is None else part.origin)
-        shape, reported = part.geometry, {"link": number, "name": part.name or link.name, "part": link.name}
-        if shape.sphere is not None:
-            body = Body.sphere([0, 0, 0], shape.sphere.radius, **reported)
-        elif shape.box is not None:
-            half = np.asarray(shape.box.size, dtype=np.float64) / 2
-            body = Body.box(-half, half, **reported)
-        elif shape.cylinder is not None:
-            turn = 2 * np.pi * np.arange(SIDES) / SIDES
-            around = shape.cylinder.radius / np.cos(np.pi / SIDES) * OUTWARD
-            ring = np.stack([np.cos(turn) * around, np.sin(turn) * around], axis=1)
-            ends = [np.column_stack([ring, np.full(SIDES, side * shape.cylinder.length / 2)]) for side in (-1, 1)]
-            body = Body(np.concatenate(ends), **reported)
-        elif shape.mesh is not None:
-            if (rounded := shape.mesh.filename.partition(CAPSULE))[1]:
-                radius, length = map(float, rounded[2].split())
-                body = Body.capsule([0, 0, -length / 2], [0, 0, length / 2], radius, **reported)
-            else:
-                body = Body.hull(_points(shape.mesh, path, notes), **reported)
-        else:
-            raise ShapeError(f"{path}: link {link.name}: expected a box, cylinder, sphere or mesh")
-        found.append(body.moved(pose))
-    return found
+SOLIDS: dict[str, Callable[..., Body]] = {
+    "box": lambda size: Body.box(-size / 2, size / 2),
+    "sphere": lambda radius: Body.sphere([0, 0, 0], radius),
+    "cylinder": _prism,
+    "capsule": lambda radius, length: Body.capsule([0, 0, -length / 2], [0, 0, length / 2], radius),
+}
 
 
-def _points(mesh, path: Path, notes: list[str]) -> np.ndarray:
-    """``(N, 3)``, the corners of a mesh's faces, scaled; metres."""
-    scale = np.asarray(1.0 if mesh.scale is None else mesh.scale, dtype=np.float64)
-    found = _mesh_file(mesh.filename, path)
+def _points(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, list[str]]:
+    """``(N, 3)``, the corners of a mesh's faces, and notes."""
+    found = _mesh_file(name, path)
     if found is None:
         raise ShapeError(
-            f"{path}: mesh {mesh.filename} is missing: not beside the file nor in the folders above "
-            "it, or in no package of that name there"
+            f"mesh {name} is missing: not beside the file nor in the folders above it, or in no package of that name "
+            "there"
         )
-    vertices, faces, reported = read_mesh_data(found)
-    reported += ("glTF, whose y is up by its standard, is taken as it stands",) * (
+    vertices, faces, notes = read_mesh_data(found, upright=upright)
+    notes += ("glTF, whose y is up by its standard, is taken as it stands",) * (
         found.suffix.lower() in (".glb", ".gltf")
     )
-    notes.extend(f"{found.name}: {note}" for note in reported)
-    return vertices[np.unique(faces)] * scale
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return vertices[used], [f"{found.name}: {note}" for note in notes]
 
 
 def _mesh_file(name: str, path: Path) -> Path | None:
     """The nearest file that a URDF file names so, from its folder upwards; ``None`` if there is none."""
     start = path.parent.resolve() if ".." in path.parts else path.parent.absolute()
-    scheme, apart, inside = name.rpartition("://")
-    package, _, within = inside.partition("/")
-    for folder in (start, *start.parents):
-        places = [folder / inside]
-        if scheme in ("package", "model"):
-            places += [folder / within] * (package in (folder.name, _package(folder)))
-        elif apart and scheme != "file":
-            return None
-        if found := next(
-            (place for place in places if os.path.isfile(place)), None
-        ):  # false of names that no system takes
-            return found
+    scheme, _, plain = name.rpartition("://")
+    if scheme not in ("", "file", *PACKAGES):
+        return None
+    plain = plain.lstrip("/") if scheme in PACKAGES else plain
+    for folder, inside in product((start, *start.parents), [plain, unquote(plain)] if scheme else [plain]):
+        package, _, within = inside.partition("/")
+        packaged = scheme in PACKAGES and package in (folder.name, _package(folder))
+        for place in [folder / inside, *[folder / within] * packaged]:
+            if os.path.isfile(place):  # false of names that no system takes
+                return place
     return None
 
 

@@ -2,8 +2,8 @@
 
 The reader is our own: pycollada takes NaN for 0, rotates about every axis as if its length were 1, leaves the faces of
 what is mirrored inside out, and rounds placements to float32. Coordinates are those of a file with z up. Programs
-disagree whether one with another axis up is to be turned, so such files are refused. So is whatever else is found where
-geometry may be: skins, strips, polygons with holes, splines, references to other files.
+disagree whether one with another axis up is to be turned, so the caller says, or it is refused. So is whatever else is
+found where geometry may be: skins, strips, polygons with holes, splines, references to other files.
 """
 
 from collections.abc import Iterator
@@ -16,15 +16,20 @@ from warp_bounding.shapes.formats.reading import MeshData, joined, placed, trian
 
 Element = ElementTree.Element
 TRANSFORMS = ("matrix", "translate", "rotate", "scale")
+# What turns a file until z is up, by the axis that it says is.
+TURNS = {"X_UP": [[0, -1, 0], [0, 0, -1], [1, 0, 0]], "Y_UP": [[1, 0, 0], [0, 0, -1], [0, 1, 0]], "Z_UP": np.eye(3)}
 UNPLACED = {"asset", "extra", "instance_camera", "instance_light"}  # in a node; no geometry
 
 
-def read_collada(path: Path) -> MeshData:
-    """Read a COLLADA file; raises ``ValueError`` for one that is not whole, or holds geometry of another kind."""
+def read_collada(path: Path, upright: bool | None = None) -> MeshData:
+    """Read a COLLADA file; raises ``ValueError`` for one that is not whole, or holds geometry of another kind.
+
+    ``upright`` is whether a file whose up axis is not z is turned until it is; ``None`` refuses it.
+    """
     root = ElementTree.fromstring(path.read_bytes())
     for element in root.iter():
         element.tag = element.tag.rpartition("}")[2]
-    return _File(root).read()
+    return _File(root).read(upright)
 
 
 class _File:
@@ -34,11 +39,12 @@ class _File:
         self.root, self.notes = root, []
         self.named = {element.get("id"): element for element in root.iter()}
 
-    def read(self) -> MeshData:
-        """All that the scene shows."""
+    def read(self, upright: bool | None) -> MeshData:
+        """All that the scene shows; see ``read_collada``."""
         axis = (self.root.findtext("asset/up_axis") or "").strip()
-        if axis not in ("Z_UP", ""):
-            raise ValueError(f"expected up_axis Z_UP, as programs turn others or do not, got {axis[:20]}; write it so")
+        if axis not in ("Z_UP", "") and (upright is None or axis not in TURNS):
+            say = "write it so, or say which to load_urdf: upright=True (turned) or False"
+            raise ValueError(f"expected up_axis Z_UP, as programs turn others or do not, got {axis[:20]}; {say}")
         self.notes += ["no up_axis: taken as z up"] * (not axis)
         unit = self.root.find("asset/unit")
         meter = 1.0 if unit is None else float(unit.get("meter", "1"))
@@ -53,6 +59,8 @@ class _File:
         if self.root.find("library_animations/animation") is not None:
             self.notes.append("animated: only the pose that the file stores is bounded")
         shown, scale = self.target(scene, "visual_scene"), np.diag([meter, meter, meter, 1.0])
+        if axis and upright:
+            scale[:3, :3] = meter * np.array(TURNS[axis])
         return joined([part for node in shown.findall("node") for part in self._node(node, scale)], self.notes)
 
     def target(self, element: Element, tag: str) -> Element:

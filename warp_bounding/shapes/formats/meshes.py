@@ -263,7 +263,7 @@ def _read_off(path: Path) -> MeshData:
 
 # --- All formats ------------------------------------------------------------------------------------------------------
 
-MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
+MESH_READERS: dict[str, Callable[..., MeshData]] = {
     ".obj": _read_obj,
     ".off": _read_off,
     ".dae": read_collada,
@@ -271,14 +271,17 @@ MESH_READERS: dict[str, Callable[[Path], MeshData]] = {
 }
 
 
-def read_mesh_data(path: Path) -> MeshData:
-    """Read the vertices and faces of a mesh file; ``ShapeError`` for one that is damaged or not read."""
+def read_mesh_data(path: Path, upright: bool | None = None) -> MeshData:
+    """Read the vertices and faces of a mesh file; ``ShapeError`` for one that is damaged or not read.
+
+    ``upright`` is what ``read_collada`` takes.
+    """
     suffix = path.suffix.lower()
     if suffix not in MESH_READERS:
         raise ShapeError(f"{path}: expected a mesh file of {' '.join(MESH_READERS)}, got {suffix or 'no extension'!r}")
     expected = f"a {suffix} mesh{', in binary with faces of one size only' if suffix == '.ply' else ''}"
     with reading(path, expected), np.errstate(all="ignore"):  # vertices that are not finite are refused
-        return MESH_READERS[suffix](path)
+        return MESH_READERS[suffix](path, **{"upright": upright} if suffix == ".dae" else {})
 
 
 def read_mesh(path: Path) -> Mesh | Recentred:
