@@ -184,9 +184,9 @@ def at(lower, upper) -> Callable[[Any], None]:
     return lambda shape: np.testing.assert_allclose([shape.lower, shape.upper], [lower, upper], rtol=1e-12, atol=1e-12)
 
 
-def png(values, **options) -> bytes:
+def png(values, kind="png", **options) -> bytes:
     out = io.BytesIO()
-    (values if isinstance(values, Image.Image) else Image.fromarray(np.asarray(values))).save(out, "png", **options)
+    (values if isinstance(values, Image.Image) else Image.fromarray(np.asarray(values))).save(out, kind, **options)
     return out.getvalue()
 
 
@@ -243,6 +243,7 @@ def hollowness(inside: bool) -> Callable[[Any], None]:
 
 PALETTE = Image.fromarray(np.where(BITS, 3, 5).astype(np.uint8))
 PALETTE.putpalette(list(range(256)) * 3)
+LZW = png(GREY, "tiff", compression="tiff_lzw")
 FRAMES = png(Image.fromarray(GREY), save_all=True, append_images=[Image.fromarray(254 - GREY)])
 UNSEEN, HALF = (np.where(BITS, 0, value).astype(np.uint8) for value in (205, 200))
 UNSEEN[:, 0] = HALF[:, 0] = 254
@@ -327,6 +328,7 @@ READ = [
     ("m.yaml", ros(png(GREY), "m.png"), {}, UP, "metres"),
     ("m.yaml", ros(pgm(np.where(BITS, 0, 65535), white=65535)), {}, UP, "metres"),
     ("m.yaml", ros(ppm(GREY), "m.ppm"), {}, UP, "metres"),
+    ("m.yaml", ros(LZW, "m.tif"), {}, UP, "metres"),
     ("m.yaml", ros(png(np.stack([GREY] * 3, axis=2)), "m.png"), {}, UP, "metres"),
     ("m.yaml", ros(UNSEEN), {}, SEEN_UP, "unknown cells count as occupied"),
     ("m.yaml", ros(UNSEEN), {"unknown": "free"}, UP, "unknown cells count as free"),
@@ -435,6 +437,7 @@ REFUSED = [
     ("a.pgm", ppm(GREY), DARK, "P2 or P5, got colours"),
     ("m.yaml", ros(b"P4\n8 1\n\x0f", "m.pbm"), {}, "a PGM or PPM file"),
     ("m.yaml", ros(pgm(GREY) + b"\n", "m.png"), {}, "24 bytes after 255"),
+    ("m.yaml", ros(b"".join([LZW[:8], b"\xff" * 4, LZW[12:]]), "m.tif"), {}, ""),
     ("m.yaml", ros(png(RGBA), "m.png"), {}, "an opaque picture"),
     ("m.yaml", ros(mode="raw"), {}, "load its picture with a level"),
     ("m.yaml", ros(), DARK, "got a level"),

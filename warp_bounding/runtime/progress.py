@@ -95,15 +95,16 @@ def quiet_warp(device: str | None = None) -> None:
         wp.set_logger(SimpleNamespace(debug=told, info=told, warning=told, error=told))
     else:
         wp.config.log_level, wp.config.quiet = wp.LOG_ERROR, True
-    with _silent_errors():  # a machine without a GPU is no news
+    with silent_errors():  # a machine without a GPU is no news
         wp.init()
     device_of(device)
 
 
 @contextlib.contextmanager
-def _silent_errors() -> Iterator[None]:
+def silent_errors() -> Iterator[None]:
     """Discard what native code writes to standard error."""
-    sys.stderr.flush()
+    if sys.stderr is not None:
+        sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from warp_bounding.errors import ShapeError
+from warp_bounding.runtime.progress import silent_errors
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, check_cells
 from warp_bounding.shapes.formats.reading import import_optional, reading
 
@@ -27,7 +28,7 @@ OPAQUE = 128  # alpha from here on, half of 255, is occupied
 ALPHA_MODES = ("RGBA", "LA", "PA")
 GREY_MODES = ("L", "I", "I;16", "I;16B", "F")  # one number a pixel, taken as it stands
 WHICH = "say which grey values are occupied: level='<128' for dark ones, level='>=128' for bright ones"
-PICTURES = ("PNG", "BMP", "JPEG", "GIF", "TIFF", "WEBP")  # by PIL's names
+PICTURES = ("PNG", "BMP", "JPEG", "GIF", "WEBP", "TIFF")  # by PIL's names
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 MODES = ("trinary", "scale")
 ROWS = 256  # of a map, that are looked up at once: indices take eight times the memory of pixels
@@ -40,20 +41,19 @@ _pillow = threading.Lock()
 def opened(path: Path, formats: tuple[str, ...] = PICTURES):
     """A picture that PIL reads, of one frame; raises ``ShapeError`` for anything else.
 
-    The limit of pixels is ours, in place of PIL's, which is a number of its module.
+    The limit of pixels is ours, in place of PIL's, which is a number of its module: one picture is read at a time.
     """
     module = import_optional("PIL.Image", "pillow", path)
-    with reading(path, f"a picture of {', '.join(formats)}"), contextlib.ExitStack() as stack:
-        with _pillow:
-            limit, module.MAX_IMAGE_PIXELS = module.MAX_IMAGE_PIXELS, None
-            try:
-                with module.open(path, formats=formats) as whole:
-                    whole.verify()  # the checksums of a PNG, which PIL compares here only
-                image = stack.enter_context(module.open(path, formats=formats))
-                _check_frames(image, path)
-            finally:
-                module.MAX_IMAGE_PIXELS = limit
+    with reading(path, f"a picture of {', '.join(formats)}"), _pillow, contextlib.ExitStack() as stack:
+        stack.callback(setattr, module, "MAX_IMAGE_PIXELS", module.MAX_IMAGE_PIXELS)
+        module.MAX_IMAGE_PIXELS = None
+        with module.open(path, formats=formats) as whole:
+            whole.verify()  # the checksums of a PNG, which PIL compares here only
+        image = stack.enter_context(module.open(path, formats=formats))
+        _check_frames(image, path)
         check_cells(image.size)
+        if image.format == PICTURES[-1]:
+            stack.enter_context(silent_errors())  # libtiff prints there what it does not know
         yield image
 
 
