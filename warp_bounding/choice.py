@@ -208,13 +208,13 @@ class Choice:
     def __str__(self) -> str:
         """A table: the candidates that can be chosen, the cheapest first, and then the others, with the reason."""
         wide = max(len(row.label) for row in self.rows)
-        about = ", ".join(filter(None, map(self.about.get, ("far", "priced", "how", "device"))))
-        lines = [f"{self.queries:,} queries, {100 * self.positives:.3g} % meet the object; {about}", ""]
+        about = [f"{self.queries:,} queries: {100 * self.positives:.3g} % meet the object"]
+        lines = [", ".join(filter(None, [*about, *map(self.about.get, ("far", "priced", "how", "device"))])), ""]
         lines += [f"{'':{wide}} {'bytes':>11} {'test ns':>8} {'left %':>7} {'time %':>7} {'ns in all':>9} {'times':>6}"]
         for row in self.rows:
             shares, times = f"{100 * row.share:7.3g} {100 * row.work:7.3g}", self.narrow_ns / (row.cost or math.nan)
             numbers = f"{row.nanoseconds:8.3g} {shares} {row.cost:9.4g} {times:6.2f}" if row.share >= 0 else " " * 41
-            lines.append(f"{row.label:{wide}} {row.nbytes:11,} {numbers}  {row.why_not or row.certificate}")
+            lines.append(f"{row.label:{wide}} {row.nbytes:11,} {numbers}  {row.why_not or row.certificate}".rstrip())
         legend = "test: the bounder; left: queries, and time of the narrow phase; in all: both, and times as fast"
         return "\n".join([*lines, "", legend])
 
