@@ -247,8 +247,7 @@ class Queryable(ABC):
             text = domain.joints.other_units(x)
         else:
             far = (np.isfinite(x) & ((x < low) | (x > high))).any(axis=1).all()
-            ends = ([f"{at:.7g}" for at in end + self.origin] for end in (domain.lower, domain.upper))
-            ends = " to ".join(f"({', '.join(end)})" for end in ends)
+            ends = " to ".join(str((end + self.origin).tolist()) for end in (domain.lower, domain.upper))
             text = f"all {len(x):,} queries lie far from {ends}: are they in other units?" if far else None
         if text:
             warn(f"{self.method}: {text}")

@@ -82,6 +82,7 @@ class Query(ABC):
             its paper's recipe.
         decider: Name of the method of shapes that decides queries of this kind.
         directed: For each n of a query's numbers: they are a direction, whose length does not count, or else a point.
+        ends: For each n of them: whether a query meets nothing where they are too small, and where they are too large.
         map_text: The C text from the numbers ``q`` to the coordinates ``v``.
         placed_text: The C text that moves q from the world into the object's space; it runs before ``map_text``.
     """
@@ -95,6 +96,7 @@ class Query(ABC):
     sampled_point: ClassVar[str] = ""
     decider: ClassVar[str] = ""
     directed: ClassVar[tuple[bool, ...]]
+    ends: ClassVar[tuple[tuple[bool, bool], ...]]
     map_text: ClassVar[str]
     placed_text: ClassVar[str]
 
@@ -117,8 +119,10 @@ class Query(ABC):
             return domain.joints.usual
         in_space = np.arange(domain.space_ndim) >= int(domain.time)
         room = FAR_AWAY * (domain.upper - domain.lower)[in_space].max() + (domain.length or 0.0)
-        room = np.where(in_space, room, np.inf)
-        return domain.lower - room, domain.upper + room
+        least, most = zip(*self.ends, strict=True)
+        low = [np.where(in_space & each, domain.lower - room, -np.inf) for each in least]
+        high = [np.where(in_space & each, domain.upper + room, np.inf) for each in most]
+        return np.concatenate(low), np.concatenate(high)
 
     def columns(self, ndim: int) -> int:
         """Numbers of one query about an object of dimension ``ndim``."""

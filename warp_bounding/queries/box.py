@@ -108,13 +108,7 @@ for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] 
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------
 
-    directed = (False, False)
-
-    def usual(self, domain) -> tuple[np.ndarray, np.ndarray]:
-        low, high = super().usual(domain)
-        endless = np.full(len(low), np.inf)
-        return np.r_[-endless, low], np.r_[high, endless]
-
+    directed, ends = (False, False), ((False, True), (True, False))
     map_text = """
 for (int k = 0; k < AXES; ++k) {
     const V low = (q[k] - center[k]) * scale[k], high = (q[AXES + k] - center[k]) * scale[k];

@@ -218,12 +218,7 @@ y[0] = (double)q[N] - rest / (double)q[0];
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------
 
-    directed = (True, False)
-
-    def usual(self, domain) -> tuple[np.ndarray, np.ndarray]:
-        endless = np.full(domain.columns, np.inf)  # a plane of any point may meet the object
-        return -endless, endless
-
+    directed, ends = (True, False), ((False, False), (False, False))  # one through any point may meet the object
     placed_text = _PLACES + MOVING
     map_text = f"""{_PLACES}{FAR_POINT}
 V e[AXES], d[AXES];  // the normal in local space, and |e|, whose largest entry is the pivot

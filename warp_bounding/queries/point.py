@@ -84,7 +84,7 @@ class PointQuery(Query):
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------
 
-    directed = (False,)
+    directed, ends = (False,), ((True, True),)
     map_text = """
 for (int k = 0; k < AXES; ++k) {
     v[k] = (q[k] - center[k]) * scale[k];

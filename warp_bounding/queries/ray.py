@@ -283,13 +283,7 @@ for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
 
     # --- the map to coordinates v ------------------------------------------------------------------------------------
 
-    directed = (False, True)
-
-    def usual(self, domain) -> tuple[np.ndarray, np.ndarray]:
-        low, high = super().usual(domain)
-        endless = np.full(len(low), np.inf)
-        return np.r_[low, -endless], np.r_[high, endless]
-
+    directed, ends = (False, True), ((True, True), (False, False))
     placed_text = _PLACES + MOVING
     map_text = f"""{_PLACES}{FAR_POINT}{UNIT}
 V w[AXES], enter = zero, leave = zero + 1.0f;  // the parameters t between which the ray is in the widened domain
