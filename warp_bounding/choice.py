@@ -409,12 +409,13 @@ def choose(
             CPU, with Warp's loop over the queries.
         statistical: Whether a bounder that samples attest may be chosen, too; else only proven ones are.
         checkpoint: Folder where candidates are stored as they are fitted; a call with the same settings fits only what
-            is not there, and files of other settings are left alone. ``None`` keeps nothing.
+            is not there, and files of other settings are left alone; not for functions, whose digest does not tell
+            them apart. ``None`` keeps nothing.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends fitting; what was fitted is then compared.
 
     Raises:
-        ShapeError: If the shape cannot be read or bounded.
+        ShapeError: If the shape cannot be read or bounded, or is a function and there is a checkpoint.
         QueryError: For an unknown kind of query, or queries that are none of it.
         BounderError: For a price, memory or budget that makes no sense, an unknown method or ``how``, a test that does
             not answer, or distances where ``how`` is ``"function"``.
@@ -453,6 +454,8 @@ def choose(
             expected = f"{query} queries in {shape.ndim}D"
             raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
     warn_of_restriction(shape)
+    if checkpoint is not None:
+        shape.expect_identified("a checkpoint")
     bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
     given = sample(query, bounded, SAMPLES, rng) if workload is None else workload
     domain = domain_of(bounded, query, length)

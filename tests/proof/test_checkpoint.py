@@ -1,28 +1,41 @@
 """A proof of a distance that is stopped goes on where it stopped, from a file that nothing else can pass for."""
 
 import json
+from copy import copy
 from functools import cache
 
 import numpy as np
 import pytest
 import safetensors.numpy
+import trimesh
+from shape_kinds import KINDS
 
 import warp_bounding as wb
+from warp_bounding import activations
 from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.bounders.file_format import digest_of
-from warp_bounding.errors import BounderError, FileFormatError
+from warp_bounding.errors import BounderError, FileFormatError, ShapeError
+from warp_bounding.networks import network_shape
 from warp_bounding.proof import check, distances
-from warp_bounding.proof.halving import KEY
+from warp_bounding.proof.halving import KEY, Checkpoint
+from warp_bounding.shapes.parts import Clipped
+from warp_bounding.shapes.recentred import Frame, Recentred
 
 
-def ball(steep: float = 0.0) -> wb.shapes.Function:
-    """Whose object does not tell how steep its distance is far away."""
+def ball(radius: float = 1.0) -> wb.shapes.Mesh:
+    """A solid of twenty faces."""
+    made = trimesh.creation.icosphere(0, radius)
+    return wb.shapes.Mesh(made.vertices, made.faces)
 
-    def distance(x):
-        r = np.linalg.norm(x, axis=1)
-        return r - 1 - steep * (r > 1.5)
 
-    return wb.shapes.Function(None, [-1, -1], [1, 1], distance=distance, lipschitz=3.0)
+def cells() -> wb.shapes.Grid:
+    """Of a disc."""
+    x = np.indices((10, 10)) - 4.5
+    return wb.shapes.Grid((x**2).sum(axis=0) < 4.0**2)
+
+
+def disc(x):
+    return np.linalg.norm(x, axis=1) - 1.0
 
 
 @cache
@@ -53,13 +66,13 @@ def left(tmp_path):
 
 def points() -> wb.Bounder:
     """A network."""
-    return wb.fit(ball(), hidden=(6,), steps=20, device="cpu", progress=False)
+    return wb.fit(cells(), hidden=(6,), steps=20, device="cpu", progress=False)
 
 
-@pytest.mark.parametrize("made", [far, points])
-def test_stopped_again_and_again(tmp_path, made):
-    bounder, file, shares = made(), tmp_path / "left.safetensors", []
-    whole = wb.certify(bounder, ball())
+@pytest.mark.parametrize(("made", "of"), [(far, ball), (points, cells)])
+def test_stopped_again_and_again(tmp_path, made, of):
+    bounder, shape, file, shares = made(), of(), tmp_path / "left.safetensors", []
+    whole = wb.certify(bounder, shape)
     for calls in (1, 5, 10):
         told = []
 
@@ -69,35 +82,32 @@ def test_stopped_again_and_again(tmp_path, made):
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):
-            wb.certify(bounder, ball(), progress=progress, checkpoint=file)
+            wb.certify(bounder, shape, progress=progress, checkpoint=file)
         assert file.exists()
         shares += told
     assert 0 < shares[-1] < 1
-    proof = wb.certify(bounder, ball(), progress=lambda done, total: shares.append(done / total), checkpoint=file)
+    proof = wb.certify(bounder, shape, progress=lambda done, total: shares.append(done / total), checkpoint=file)
     assert (proof.kind, proof.boxes, proof.lower_bound) == ("proven", whole.boxes, whole.lower_bound)
     assert shares == sorted(shares)  # it goes on, it does not begin anew
     assert shares[-1] == 1
     assert not file.exists()
-    late = wb.certify(bounder, ball(), budget=0.0, checkpoint=file)
+    late = wb.certify(bounder, shape, budget=0.0, checkpoint=file)
     assert late.kind == "undecided"
     assert f"goes on from {file}" in late.message
     assert file.exists()
 
 
 def test_a_checkpoint_is_of_one_claim(left):
-    """Not of another margin, threshold, method's numbers or shape, nor of a function whose object is the same and whose
-    distance is not."""
+    """Not of another margin, threshold, method's numbers or shape."""
     content = left.read_bytes()
     dilated = far().to()
     dilated.info = far().info | {"margin": 0.01, "rates": None, "shape": None}
     tensors = far().tensors | {"values": far().tensors["values"] - np.float16(0.01)}
     lower = DistanceGrid(far().domain, tensors, far().sizes, "cpu").freeze(float(far().threshold), None)
-    other = wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: np.abs(x).max(axis=1) - 1)
     for bounder, shape in (
         (dilated, ball()),
         (lower, ball()),
-        (far(), ball(0.25)),
-        (far(), other),
+        (far(), ball(0.9)),
         (far().to().freeze(far().threshold - 1.0, None), ball()),
     ):
         bounder.info = far().info | bounder.info
@@ -160,3 +170,43 @@ def test_what_needs_none(tmp_path):
     box = wb.fit(ball(), method="aabb", device="cpu")
     assert wb.certify(box, ball(), checkpoint=tmp_path / "left").proven
     assert not (tmp_path / "left").exists()
+
+
+FUNCTIONS = {  # whatever a function of the user's decides
+    "function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=disc),
+    "dilated": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=disc).dilated(0.25),
+    "outside": lambda: wb.shapes.Complement(FUNCTIONS["function"]()),
+    "part": lambda: Clipped(FUNCTIONS["function"](), [-9, -9], [0.5, 9]),
+    "far away": lambda: Recentred(FUNCTIONS["function"](), Frame((500000.0, 4e6), (0.0, 0.0))),
+}
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_functions_have_none(name, tmp_path):
+    """Their digests do not tell them apart, so it could go on for another one."""
+    shape, path = FUNCTIONS[name](), tmp_path / "left"
+    assert not shape.identified
+    with pytest.raises(ShapeError, match=r"a checkpoint needs a shape that its digest identifies") as error:
+        Checkpoint(path, points(), shape)
+    assert "\n" not in str(error.value)
+    if name == "far away":
+        return
+    bounder = wb.fit(shape, hidden=(6,), steps=20, statistical=True, device="cpu", progress=False)
+    for prove in (wb.certify, wb.proof.make_proven):
+        with pytest.raises(ShapeError, match="a checkpoint needs"):
+            prove(bounder, shape, checkpoint=path)
+    with pytest.raises(ShapeError, match="a checkpoint needs"):
+        wb.choose(shape, narrow_ns=1.0, methods=("aabb",), checkpoint=path, progress=False)
+    assert not path.exists()
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_only_functions_have_none(name):
+    shape = KINDS[name]()
+    assert shape.identified != isinstance(shape, wb.shapes.Function)
+
+
+def test_a_network_of_modules_from_outside_is_not_identified(monkeypatch):
+    """Its activation is code, as a function is."""
+    monkeypatch.setitem(network_shape.MODULES, "Sine", copy(activations.SINE))
+    assert not KINDS["network"]().identified

@@ -15,11 +15,12 @@ import trimesh
 
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, BoundingError
-from warp_bounding.proof import check, halving
+from warp_bounding.networks import network
+from warp_bounding.proof import check, distances, halving
 from warp_bounding.runtime import workers
 from warp_bounding.runtime.workers import connected
 
-pytest.importorskip("distributed", reason="needs Dask: pip install 'warp-bounding[bake]'")
+distributed = pytest.importorskip("distributed", reason="needs Dask: pip install 'warp-bounding[bake]'")
 OPTIONS = {"device": "cpu", "progress": False}
 
 
@@ -52,6 +53,28 @@ def test_many_processes_find_the_same(client, torus, query, own, tmp_path, monke
     assert whole.proven
     assert (spread.kind, spread.boxes, spread.lower_bound) == ("proven", whole.boxes, whole.lower_bound)
     assert not (tmp_path / "left").exists()
+
+
+def test_workers_have_the_bounds_of_the_proof(client, monkeypatch):
+    """Of a learned distance, as one process has them: workers do not prove a fault of the search's bounds either."""
+    made = trimesh.creation.icosphere(0)
+    solid = wb.shapes.Mesh(made.vertices, made.faces)
+    bounder = wb.fit(solid, "distance", "mlp", hidden=(8,), steps=200, budget=5.0, **OPTIONS)
+    whole = wb.certify(bounder, solid)
+    spread = wb.certify(bounder, solid, scheduler=client.scheduler.address)
+    assert (spread.kind, spread.boxes, spread.lower_bound) == ("proven", whole.boxes, whole.lower_bound)
+    met = float(distances._sampled(bounder, solid)[1].max())
+    claim = bounder.to().freeze(float(np.float32(min(-met - bounder.rounding_bound() - 1e-6, 0.0))), None)
+    claim.info = bounder.info
+    true = network.SearchBounds.corners
+    monkeypatch.setattr(network.SearchBounds, "corners", lambda *given: true(*given) + 0.01)
+    bar = -float(np.nextafter(float(claim.threshold) + claim.rounding_bound(), np.inf))
+    assert distances.overestimate_within(claim, solid, bar, 60.0)[0] <= bar  # by the search's bounds it would be
+    monkeypatch.setattr(halving, "FIRST", 1)
+    threads = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**threads) as there:
+        for scheduler in (None, there.scheduler_address):  # workers are threads of this process, where the fault is
+            assert wb.certify(claim, solid, budget=3.0, scheduler=scheduler).kind != "proven"
 
 
 def test_a_task_whose_result_was_taken_is_forgotten(client):

@@ -1,15 +1,18 @@
 """The bounds of ``certify`` hold, share nothing with the search's, and find out the bounders of a faulty search."""
 
+import pickle
 import re
 from fractions import Fraction
 
 import numpy as np
 import pytest
-from bounding_shapes import random_layers, random_mlp, shape
+from bounding_shapes import EARLY, random_layers, random_mlp, shape
 from plain_shapes import ball_at
+from shape_kinds import network as network_shape
 
 import warp_bounding as wb
 from warp_bounding import activations
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.networks import bounds, network
 from warp_bounding.networks.bounds import PlainParametrization
 from warp_bounding.proof import check, search, settle, taylor
@@ -17,6 +20,8 @@ from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.prove import least_value
 from warp_bounding.queries import domain
 from warp_bounding.queries.region_domain import domain_of
+from warp_bounding.shapes.parts import Clipped
+from warp_bounding.shapes.shape import Shape
 
 WIDTHS = (0.0, 1e-6, 1e-3, 0.02, 0.1, 0.5, 2.0)
 
@@ -75,21 +80,20 @@ def test_bounds_are_of_third_order(of_certify, rng):
 @pytest.mark.parametrize("query", ["ray", "box"])
 def test_positives_of_charts_lie_above(query, rng):
     grid = shape("c")
-    bounder = random_mlp(grid, domain=domain_of(grid, query, 1.0))
+    bounder = taylor.TaylorBounds().given_to(random_mlp(grid, domain=domain_of(grid, query, 1.0)))
     cover = COVERS[query].parametrized(bounder, grid)
     lower, upper = cover.lower, cover.upper
-    with taylor.taylor_bounds():
-        for _ in range(9):
-            found = cover.bound(lower, upper)
-            some = np.isfinite(found.value)
-            assert (found.lower[some] <= found.value[some]).all()
-            corners = found.boxes[np.isfinite(found.lower)]
-            row, axis = np.arange(len(corners)), found.axis[np.isfinite(found.lower)]
-            lower, upper = corners[:, 0].copy(), corners[:, 1].copy()
-            middle = cover.parametrization.middle(lower[row, axis], upper[row, axis])
-            side = rng.random(len(row)) < 0.5
-            lower[row, axis] = np.where(side, lower[row, axis], middle)
-            upper[row, axis] = np.where(side, middle, upper[row, axis])
+    for _ in range(9):
+        found = cover.bound(lower, upper)
+        some = np.isfinite(found.value)
+        assert (found.lower[some] <= found.value[some]).all()
+        corners = found.boxes[np.isfinite(found.lower)]
+        row, axis = np.arange(len(corners)), found.axis[np.isfinite(found.lower)]
+        lower, upper = corners[:, 0].copy(), corners[:, 1].copy()
+        middle = cover.parametrization.middle(lower[row, axis], upper[row, axis])
+        side = rng.random(len(row)) < 0.5
+        lower[row, axis] = np.where(side, lower[row, axis], middle)
+        upper[row, axis] = np.where(side, middle, upper[row, axis])
     assert some.mean() > 0.5
 
 
@@ -106,16 +110,33 @@ def test_losses_that_vanish_beside_a_large_bias_are_counted():
 
 
 def test_certify_calls_nothing_of_the_search(monkeypatch):
-    grid = shape("c")
-    bounders = [wb.fit(grid, query, "mlp", hidden=(8,), steps=20, device="cpu") for query in ("point", "ray", "plane")]
+    """Neither for the networks of a bounder, of its parts and members, nor for those of a shape; nor after pickling."""
+    grid, few = shape("c"), {"hidden": (8,), "steps": 20, "device": "cpu"}
+    bounders = [wb.fit(grid, query, "mlp", **few) for query in ("point", "ray", "plane", "distance")]
+    parted, early = wb.fit(grid, parts=4, **few), wb.fit(grid, method="mlp-early", **few | {"hidden": EARLY})
+    bounders += [parted, early, wb.union(bounders[0], early), wb.cascade(bounders[0], parted)]
+    pairs = [(bounder, grid) for bounder in bounders]
+    learnt = network_shape(2, level=-0.32)
+    pairs += [(wb.fit(each, method="mlp", **few), each) for each in (learnt, Clipped(learnt, [-9, -9], [0.3, 9]))]
 
     def never(*_, **__):
         raise AssertionError("a bound of the search")
 
     for module, name in ((network, "bound_boxes"), (network, "bound_corners"), (search, "depth_first_kernel")):
         monkeypatch.setattr(module, name, never)
-    for bounder in bounders:
-        assert wb.certify(bounder, grid).proven
+    for bounder, object_ in pairs:
+        assert wb.certify(bounder, object_).proven
+        for sent in map(taylor.TaylorBounds().given_to, (bounder, object_)):
+            assert not searched(pickle.loads(pickle.dumps(sent)))
+
+
+def searched(made) -> bool:
+    """Whether the search's bounds are those of a network somewhere in a bounder or a shape."""
+    if isinstance(made, network.Network):
+        return not isinstance(made.bounds, taylor.TaylorBounds)
+    if isinstance(made, Bounder | Shape):
+        made = [*vars(made).values()]
+    return isinstance(made, list | tuple) and any(map(searched, made))
 
 
 # --- faults of the search --------------------------------------------------------------------------------------------

@@ -142,12 +142,14 @@ class Queryable(ABC):
 
     Attributes:
         frame: Where its local coordinates begin; ``None`` where they are the world's.
+        network_bounds: Which bounds its networks were given (``proof.taylor``); ``None`` for those of the search.
     """
 
     of_distances: ClassVar[bool] = False  # its value is a lower bound of the distance, compared with a radius
     domain: AnyDomain
     threshold: np.float32
     frame: Frame | None = None
+    network_bounds: Any = None
     _device: str | None
     _data: tuple[np.float32, Data] | None = None  # the threshold for which ``data`` was made, and it
     _looks = LOOKS  # how many batches are still looked at for other units
@@ -155,7 +157,7 @@ class Queryable(ABC):
     def __reduce__(self):
         """Pickle and copy through the class's constructor, which checks and copies all numbers: no memory is shared."""
         made = type(self), type(self.domain), self.domain.to_dict(), self.tensors, self.sizes, self._device
-        return _remade, (*made, self.threshold, self.certificate, self.info, self.frame)
+        return _remade, (*made, self.threshold, self.certificate, self.info, self.frame, self.network_bounds)
 
     @property
     @abstractmethod
@@ -483,8 +485,8 @@ class Queryable(ABC):
         return BlockLaunch(kernel_of(), threads, inputs, outputs, self.device, first_index=2, block_dim=SEVERAL_DIM)
 
 
-def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info, frame):
+def _remade(kind, domain, numbers, tensors, sizes, device, threshold, certificate, info, frame, network_bounds):
     bounder = kind(domain.from_dict(numbers), tensors, copy.deepcopy(sizes), device)
     bounder.freeze(threshold, certificate).info = copy.deepcopy(info)
     bounder.frame = frame
-    return bounder
+    return bounder if network_bounds is None else network_bounds.given_to(bounder)

@@ -14,7 +14,7 @@ bands in absolute value. So on small boxes the bound is off by the third power o
 cancel in the cubic terms. Any line or cubic is sound; the choice only decides how tight the bound is.
 """
 
-from contextvars import ContextVar
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -122,6 +122,24 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
     return Rounding(padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6))
 
 
+class SearchBounds:
+    """Bounds of networks by the kernels of ``networks.bounds``; ``certify`` has others (``proof.taylor``)."""
+
+    def boxes(
+        self, network, parametrization, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
+    ) -> BoxBounds:
+        """See ``Network.bound_parametrized``."""
+        padding = np.array(network.padding) if limit is network.limit else network.padding_for(limit, terms)
+        return bound_boxes(
+            network.kernel_shape(parametrization), network.packed, padding, lower, upper, numbers, table, device
+        )
+
+    def corners(self, network, parametrization, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        return bound_corners(
+            network.kernel_shape(parametrization), network.packed, np.array(network.padding), lower, upper
+        )
+
+
 class Network:
     """The exact function of a stored network; weights are float32 numbers, stored in float64.
 
@@ -136,10 +154,13 @@ class Network:
         largest: Bound of ``|f|``.
         packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their
             absolute values, then the output's bias and weights.
+        bounds: What bounds it over boxes, wherever it is sent; those of the search, unless it is ``bounded_by`` others.
 
     Raises:
         BounderError: If an argument can leave the range in which the kernels' activation is certified.
     """
+
+    bounds = SearchBounds()
 
     def __init__(self, layers, activation: str | None, limit: np.ndarray):
         if activation is not None:
@@ -151,6 +172,12 @@ class Network:
         self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
+
+    def bounded_by(self, bounds) -> "Network":
+        """The same network with other bounds, which have the methods of ``SearchBounds``."""
+        made = copy(self)
+        made.bounds = bounds
+        return made
 
     def kernel_shape(self, parametrization: Parametrization | None = None) -> NetworkShape:
         """What kernels of bounds are compiled for; without a parametrization, boxes are of the inputs themselves."""
@@ -192,32 +219,11 @@ class Network:
         ``limit`` ``(K,)`` bounds the inputs' absolute values, ``terms`` the sum of an input's absolute terms over a box
         (``limit`` if ``None``); ``numbers`` and ``table`` are parameters of the parametrization.
         """
-        return BOUNDS.get().boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
+        return self.bounds.boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Multilinear lower bounds of f over boxes of its inputs, as ``bound_corners`` gives them."""
-        return BOUNDS.get().corners(self, PlainParametrization(len(self.limit)), lower, upper)
-
-
-class SearchBounds:
-    """Bounds of networks by the kernels of ``networks.bounds``, everywhere but in ``certify`` (``proof.taylor``)."""
-
-    def boxes(
-        self, network, parametrization, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
-    ) -> BoxBounds:
-        """See ``Network.bound_parametrized``."""
-        padding = np.array(network.padding) if limit is network.limit else network.padding_for(limit, terms)
-        return bound_boxes(
-            network.kernel_shape(parametrization), network.packed, padding, lower, upper, numbers, table, device
-        )
-
-    def corners(self, network, parametrization, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return bound_corners(
-            network.kernel_shape(parametrization), network.packed, np.array(network.padding), lower, upper
-        )
-
-
-BOUNDS: ContextVar = ContextVar("bounds", default=SearchBounds())  # noqa: B039  (it has no state)
+        return self.bounds.corners(self, PlainParametrization(len(self.limit)), lower, upper)
 
 
 # How the outputs of a network become f, by kind of query.

@@ -134,6 +134,7 @@ class Network(Formula):
         self._bounds = np.array(checked_corners(lower, upper, name))
         self.level = checked_number(level, "level", name, least=-np.inf)
         hidden, output = layers_of(sequential, self.ndim, name)
+        self.identified = all(layer.activation in (RELU, SINE) for layer in hidden)  # others are code that may change
         minus = Layer(-output.weight, -output.bias, None)
         limit = np.abs(self._bounds).max(axis=0)
         try:

@@ -27,7 +27,7 @@ from warp_bounding.proof.halving import Boxes, Checkpoint, Seen, search
 from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized, settle
 from warp_bounding.proof.search import NARROWEST, CachedBounds, Search, ShapePositives
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
-from warp_bounding.proof.taylor import taylor_bounds
+from warp_bounding.proof.taylor import TaylorBounds
 from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.domain import Domain
@@ -65,7 +65,6 @@ class Checked(NamedTuple):
     complete: bool = True
 
 
-@taylor_bounds()
 def certify(
     bounder: Bounder,
     shape,
@@ -96,7 +95,8 @@ def certify(
             search for a counterexample takes up to a quarter more.
         progress: Called with how much is done and how much there is; counts begin anew for each part of a conjunction.
         checkpoint: A file for the state of a proof that runs out of time or is stopped; the same call goes on from
-            there. It is removed when the proof has ended. For proofs of one part.
+            there. It is removed when the proof has ended. For proofs of one part, and not of functions: another
+            function can have the same digest, so a checkpoint could go on for the wrong one.
         scheduler: Address of a Dask scheduler whose workers search, or a number of processes of this machine (then a
             script needs ``if __name__ == "__main__":``). The result is the same.
 
@@ -108,6 +108,7 @@ def certify(
     Raises:
         BounderError: For an argument out of range, or a checkpoint of a proof of several parts.
         FileFormatError: For a checkpoint of another proof, or one that cannot be read or written.
+        ShapeError: For a checkpoint of the proof for a function.
 
     Example:
         >>> wb.certify(bounder, grid).kind, wb.certify(bounder, grid, margin=0.5).kind
@@ -126,6 +127,7 @@ def certify(
             return _inapplicable(bounder, shape, fault)
         run = {"budget": budget, "progress": progress, "checkpoint": checkpoint, "scheduler": scheduler}
         return frame.noted(certify(bounder, shape, **own, **run))
+    bounder, shape = TaylorBounds().given_to(bounder), TaylorBounds().given_to(shape)
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     options = {"progress": progress, "scheduler": scheduler}
@@ -362,7 +364,6 @@ class _Positives:
     def __init__(self, positives: PositivesOnly | ShapePositives | ShapeRegions, target: float):
         self.positives, self.target = positives, target
 
-    @taylor_bounds()
     def __call__(self, boxes: Boxes) -> Seen:
         positives, target, (low, high) = self.positives, self.target, boxes[:2]
         bounds = positives.bound(low, high)
@@ -548,6 +549,7 @@ def make_proven(
         BounderError: If the bounder is no such network, no proof is expected to end in time, time runs out, or a
             proof fails at every threshold.
         FileFormatError: For a checkpoint of another proof, or one that cannot be read or written.
+        ShapeError: For a checkpoint of the proof for a function.
 
     Example:
         >>> ball = wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: np.linalg.norm(x, axis=1) - 0.9)
@@ -566,8 +568,11 @@ def make_proven(
         raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")
     if not (bounder.provable and grid.certified):
         raise BounderError(f"{bounder.method}: {grid.name} or the method has no proof")
+    if checkpoint is not None:
+        grid.expect_identified("a checkpoint")
     grid.check()
     lowered = [bounder.to().freeze(threshold, None) for threshold in _lower_thresholds(bounder, grid)]
+    lowered, grid = TaylorBounds().given_to(lowered), TaylorBounds().given_to(grid)
     if checkpoint is not None and os.path.exists(checkpoint):
         index = _begun(lowered, grid, checkpoint)
     else:
@@ -582,9 +587,10 @@ def make_proven(
             raise BounderError(f"{bounder.method}: no decision within {budget:.3g} s{_goes_on(options)}")
         if found.suspects is None:
             spent, none = working_seconds() - started, np.empty((0, grid.ndim))
-            settle(lower, grid, Search(found.least, found.least, none, found.boxes, spent, True))
-            lower.info = bounder.info | {"rates": None}
-            return lower.in_frame(frame)
+            proven = bounder.to()
+            settle(proven, grid, Search(found.least, found.least, none, found.boxes, spent, True))
+            proven.info = bounder.info | {"rates": None}
+            return proven.in_frame(frame)
     raise BounderError(f"{bounder.method}: the proof fails at each threshold that was tried; train it longer")
 
 
@@ -640,14 +646,14 @@ def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str
     return first
 
 
-@taylor_bounds()
 def _expected_seconds(bounder: Bounder, shape: Shape) -> float:
     """Seconds that a proof takes on this machine: an unbiased estimate, infinity if the proof is seen to fail.
 
     It follows a random part of each generation of boxes. Source: D. E. Knuth, "Estimating the Efficiency of Backtrack
     Programs" (1975).
     """
-    positives, rng = ShapePositives(bounder, shape, FINER * NARROWEST), np.random.default_rng(0)
+    bounder, rng = TaylorBounds().given_to(bounder), np.random.default_rng(0)
+    positives = ShapePositives(bounder, shape, FINER * NARROWEST)
     look = _Positives(positives, _target(bounder))
     lower, upper = positives.boxes()
     counts = np.arange(len(lower)), np.zeros(len(lower), np.int64)

@@ -11,7 +11,6 @@ seconds each. A task that takes much longer returns its open boxes. Dask repeats
 *A checkpoint* is a file of all open boxes, those of unfinished tasks included.
 """
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterable
@@ -302,15 +301,15 @@ def _task(look: Look, boxes: Boxes, size: int) -> State:
 
 KEY = "warp_bounding_checkpoint"
 EVERY = 15.0  # seconds between two writes
-COMPARED = 1024  # points at which the shape's answers are compared: the digest of a function says little about it
 
 
 class Checkpoint:
     """The state of a search in a file: read at the beginning, written now and then, removed at the end.
 
-    A proof trusts its checkpoint as it trusts the program: whoever can forge the file can forge a proof. The file names
-    what it is about (the bounder's numbers, the shape with its margin, some of the shape's answers, the library's
-    version) and holds a SHA-256 of its content. A file that does not match is refused, and kept as it is.
+    A proof trusts its checkpoint as it trusts the program, methods and activations that are registered from outside
+    included: whoever can forge the file can forge a proof. The file names what it is about (the bounder's numbers, the
+    shape with its margin, the library's version) and holds a SHA-256 of its content. A file that does not match is
+    refused, and kept as it is. There is none for a function, which its digest does not tell from others.
     """
 
     def __init__(self, path: str | os.PathLike, bounder: Bounder, shape: Shape):
@@ -318,14 +317,12 @@ class Checkpoint:
 
         Raises:
             FileFormatError: If it is no checkpoint, one of another proof, or damaged, or if none can be written there.
+            ShapeError: If the shape is a function, or made of one (``Shape.identified``).
         """
+        shape.expect_identified("a checkpoint")
         self.path, self._written = file_path(path), working_seconds()
         about = {"method": bounder.method, "sizes": bounder.sizes, "domain": bounder.domain.to_dict()}
         about |= {"threshold": float(bounder.threshold), "shape": shape.digest, "library": __version__}
-        low, high = shape.lower, shape.upper
-        queried = low + np.random.default_rng(0).uniform(-0.5, 1.5, (COMPARED, shape.ndim)) * (high - low)
-        answers = shape.distances(queried) if bounder.of_distances else shape.decide(queried)
-        about["answers"] = hashlib.sha256(np.asarray(answers).tobytes()).hexdigest()
         self._claim = digest_of(bounder.tensors, about)
         check_writable(self.path)
         self._left = self._read() if self.path.exists() else None

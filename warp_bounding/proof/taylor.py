@@ -6,28 +6,30 @@ behind it somewhere between polynomial and activation (mean value theorem). That
 what it gains is followed layer by layer: a linear function, and a bound of the rest. So f is one polynomial of third
 degree, in which the terms of all neurons cancel, and a rest of fourth order. The search (``networks.bounds``) fits
 curves to intervals instead, and its bands are carried by linear coefficients. Neither text uses any of the other, nor
-does this one its rounding (``Network.padding``); the parametrizations of rays and boxes are shared.
+does this one its rounding (``Network.padding``); the parametrizations of rays and boxes are shared. Which bounds a
+network has is a field of it (``Network.bounds``), so it is the same in every process.
 
 Source: R. E. Moore, *Methods and Applications of Interval Analysis*, 1979, on mean value forms.
 """
 
+import operator
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.activations import constants
+from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError
-from warp_bounding.networks import network as networks
 from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, Parametrization, double_array, load_text
 from warp_bounding.networks.bounds import text as lanes
 from warp_bounding.networks.network import Network, SearchBounds
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import named, native_text, unique_name
+from warp_bounding.shapes.shape import Shape
 
 text = native_text("taylor.h")
 
@@ -40,6 +42,27 @@ TERMS = 16.0
 
 class TaylorBounds:
     """Bounds of networks over boxes; see module."""
+
+    def given_to(self, made: Any) -> Any:
+        """A bounder or a shape as a copy whose networks, however deep in it, have these bounds; itself if it has none.
+
+        They keep them wherever they are sent, other processes included.
+        """
+        if isinstance(made, Network):
+            return made.bounded_by(self)
+        if isinstance(made, list | tuple):
+            held = [self.given_to(each) for each in made]
+            return made if all(map(operator.is_, held, made)) else held
+        if not isinstance(made, Bounder | Shape):
+            return made
+        changed = {name: held for name, value in vars(made).items() if (held := self.given_to(value)) is not value}
+        if not changed:
+            return made
+        found = object.__new__(type(made))
+        vars(found).update(vars(made) | changed)
+        if isinstance(made, Bounder):
+            found.network_bounds = self
+        return found
 
     def boxes(
         self,
@@ -134,16 +157,6 @@ def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndar
             (np.full(len(total), TERMS), np.full(len(total), kept.largest)) if bounded else (2 * total, largest)
         )
     return np.array(pads)
-
-
-@contextmanager
-def taylor_bounds() -> Iterator[None]:
-    """Within it, networks are bounded as in this module, by whoever asks."""
-    token = networks.BOUNDS.set(TaylorBounds())
-    try:
-        yield
-    finally:
-        networks.BOUNDS.reset(token)
 
 
 # --- the kernel ------------------------------------------------------------------------------------------------------

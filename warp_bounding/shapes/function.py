@@ -327,6 +327,7 @@ class Function(Formula):
     Attributes:
         certified: Whether boxes can be certified: there is ``empty`` or ``distance``.
         lipschitz: L, or ``None`` without a distance.
+        identified: False: other functions may have the same digest, so nothing is stored under it.
 
     Raises:
         ShapeError: For corners that are none, or functions whose answers cannot be relied on.
@@ -343,6 +344,8 @@ class Function(Formula):
         >>> ball5.empty(np.full((1, 5), 0.5), np.full((1, 5), 0.6))
         array([ True])
     """
+
+    identified = False
 
     def __init__(
         self,

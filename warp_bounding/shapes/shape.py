@@ -222,6 +222,7 @@ class Shape(Picklable, ABC):
         margin: How far the object was dilated (Euclidean, in space); queries are about the dilated object.
         resolution: Cells along the longest axis, if a shape was divided into cells; else ``None``.
         certified: Whether ``empty`` can certify anything, so that bounders of this shape can be proven.
+        identified: Whether its digest tells it from every other shape; of functions it does not.
         unbounded: The object includes everything outside the box (``complement``): queries there are *maybe*.
         joints: If the coordinates are values of joints: their limits, beyond which nothing is known, and periods.
     """
@@ -233,6 +234,7 @@ class Shape(Picklable, ABC):
     margin: float = 0.0
     resolution: int | None = None
     certified: bool = True
+    identified: bool = True
     unbounded: ClassVar[bool] = False
     joints: Joints | None = None
     largest_delta: ClassVar[float] = 8.0  # details: where float32 blurs queries by more, the shape is refused
@@ -356,6 +358,14 @@ class Shape(Picklable, ABC):
     def digest(self) -> str:
         """SHA-256 of the object: of its geometry, and of the margin where there is one."""
         return dilated_digest(self.geometry, self.margin)
+
+    def expect_identified(self, what: str) -> None:
+        """Refuse to store ``what`` under the digest of a shape that is not ``identified``, with ``ShapeError``."""
+        if not self.identified:
+            raise ShapeError(
+                f"{self.name}: {what} needs a shape that its digest identifies, got one that is decided by a "
+                "function of yours, which may change unnoticed; give none"
+            )
 
     @abstractmethod
     def decide(self, x: np.ndarray) -> np.ndarray:
@@ -509,7 +519,7 @@ class Derived(Shape):
 
     def __init__(self, whole: Shape):
         self.whole = whole
-        for key in ("name", "note", "time", "margin", "certified", "joints"):
+        for key in ("name", "note", "time", "margin", "certified", "identified", "joints"):
             setattr(self, key, getattr(whole, key))
 
     @property
