@@ -9,6 +9,7 @@ __all__ = [
     "BoundingWarning",
     "DeviceError",
     "FileFormatError",
+    "ProofError",
     "QueryError",
     "ShapeError",
 ]
@@ -58,6 +59,27 @@ class BounderError(BoundingError):
         warp_bounding.errors.BounderError: aabb takes no option 'k'; besides the arguments of fit, aabb takes no options
         of its own for point queries
     """
+
+
+class ProofError(BounderError):
+    """A proof did not end in its time, or is not expected to.
+
+    Attributes:
+        bounder: What was to be proven, without a certificate: ``proof.make_proven`` goes on with it.
+        seconds: How long a proof is expected to take; infinity if that is not known.
+
+    Example:
+        >>> arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
+        >>> shape = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.5, 0, 0], 0.1)])
+        >>> try:
+        ...     wb.fit(shape, hidden=(8, 8), budget=0.1, device="cpu", progress=False)
+        ... except wb.ProofError as error:
+        ...     bounder = wb.proof.make_proven(error.bounder, shape, budget=60.0, progress=False)
+    """
+
+    def __init__(self, message: str, bounder=None, seconds: float = float("inf")):
+        super().__init__(message)
+        self.bounder, self.seconds = bounder, seconds
 
 
 class DeviceError(BounderError, QueryError):

@@ -291,15 +291,15 @@ def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> di
             the fit bounded its cells. What the fit bounded if ``None``.
 
     Returns:
-        ``fp_rate`` and ``fp_rate_aabb``, per cent of ``samples``; and ``itself``, whether the truth is that of the
-        shape itself, not of cells. JSON-ready.
+        ``fp_rate``, ``fp_rate_aabb`` and ``free``, the negatives, per cent of ``samples``; and ``itself``, whether the
+        truth is that of the shape itself, not of cells. JSON-ready.
     """
     if bounder.of_distances:
         x = POINT.sample(grid, QUICK, np.random.default_rng(QUICK_SEED))
         outside = grid.decide(x) == OUT
         boxed = ((x >= bounder.domain.lower) & (x <= bounder.domain.upper)).all(axis=1)
         rates = [100 * int((maybe & outside).sum()) / QUICK for maybe in (bounder.exact(x) <= 0, boxed)]
-        return {"fp_rate": rates[0], "fp_rate_aabb": rates[1], "samples": QUICK}
+        return {"fp_rate": rates[0], "fp_rate_aabb": rates[1], "free": 100 * float(outside.mean()), "samples": QUICK}
     query, length = bounder.query_kind, bounder.domain.oracle_length
     judge = judge_of(grid if shape is None else shape, grid, query, PROTOCOLS[0])
     x = sample(query, judge, QUICK, np.random.default_rng(QUICK_SEED))
@@ -312,4 +312,5 @@ def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> di
         return 100 * int((queried & (b.reference(v) >= float(b.threshold))).sum()) / QUICK if len(x) else 0.0
 
     itself = not isinstance(judge, Grid)
-    return {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "samples": QUICK, "itself": itself}
+    rates = {"fp_rate": rate(bounder), "fp_rate_aabb": rate(box), "free": 100 * len(x) / QUICK}
+    return rates | {"samples": QUICK, "itself": itself}

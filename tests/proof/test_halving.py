@@ -151,7 +151,7 @@ def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypa
     lower = wb.proof.make_proven(found, shape, budget=600.0, checkpoint=tmp_path / "left")
     assert whole.threshold > lower.threshold
     assert not (tmp_path / "left").exists()
-    with pytest.raises(BounderError, match=r"larger budget, more workers \(scheduler=\)"):
+    with pytest.raises(BounderError, match=r"larger budget= or more workers \(scheduler=\)"):
         wb.proof.make_proven(found, shape, budget=1e-9)
     spread = wb.fit(shape, hidden=(4, 16), steps=50, budget=60.0, scheduler=client.scheduler.address, **OPTIONS)
     assert spread.certificate.proven

@@ -19,7 +19,7 @@ from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, document, together
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim, outside
-from warp_bounding.errors import BounderError, BoundingError, FileFormatError
+from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ProofError
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.distances import overestimate_within
@@ -33,6 +33,7 @@ from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.domain import Domain
 from warp_bounding.rounding import UNIT32, UNIT64
 from warp_bounding.runtime.launch import cpu_threads, working_seconds
+from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.runtime.workers import Workers
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import IN, Shape
@@ -514,9 +515,13 @@ def _regions(bounder: Bounder, shape: Shape) -> Cover:
 
 
 # The shares of queries that lower thresholds answer with maybe, where the bounder's own threshold answers no.
-LOWER = np.concatenate([np.arange(0, 2, 1 / 8), np.arange(2, 4, 1 / 4), np.arange(4, 8), [8, 10, 12, 16]]) / 100
+LOWER = [[0, 1 / 64, 1 / 32, 1 / 16], np.arange(1 / 8, 2, 1 / 8), np.arange(2, 4, 1 / 4), np.arange(4, 8)]
+LOWER = np.concatenate([*LOWER, np.arange(8, 96, 4)]) / 100
 DRAWN = 1 << 16  # random queries that these shares are measured on
-FOLLOWED = 8192  # boxes of each generation that an estimate follows
+USEFUL = 0.1  # of the free queries: a threshold that denies fewer is not tried
+FOLLOWED = 8192  # boxes of each generation that an estimate follows at most
+ESTIMATE_SHARE = 0.02  # of the time that is left, for an estimate; about GENERATIONS an axis share it
+FEWEST, GENERATIONS = 512, 10
 PLANNED = 0.8  # of the budget: what a proof may be expected to take
 
 
@@ -527,7 +532,7 @@ def make_proven(
     budget: float = 3600.0,
     scheduler: str | int | None = None,
     checkpoint: str | os.PathLike | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | bool | None = None,
 ) -> Bounder:
     """A copy of a bounder with a statistical threshold, at a lower threshold that is proven.
 
@@ -537,17 +542,18 @@ def make_proven(
     Args:
         bounder: One network that bounds points of a shape without cells, such as an arm's configurations; not changed.
         shape: As ``certify`` takes it.
-        budget: Seconds for the proof.
+        budget: Seconds for estimates and proof.
         scheduler: As ``certify`` takes it; the estimate counts on the workers that an address has now.
         checkpoint: As ``certify`` takes it: the same call goes on from there, with the threshold that was chosen.
-        progress: As ``certify`` takes it.
+        progress: As ``fit`` takes it.
 
     Returns:
         A new bounder with its certificate.
 
     Raises:
-        BounderError: If the bounder is no such network, no proof is expected to end in time, time runs out, or a
+        ProofError: If no proof that denies a tenth of the free queries is expected to end in time, time runs out, or a
             proof fails at every threshold.
+        BounderError: If the bounder is no such network.
         FileFormatError: For a checkpoint of another proof, or one that cannot be read or written.
         ShapeError: For a checkpoint of the proof for a function.
 
@@ -571,27 +577,53 @@ def make_proven(
     if checkpoint is not None:
         grid.expect_identified("a checkpoint")
     grid.check()
-    lowered = [bounder.to().freeze(threshold, None) for threshold in _lower_thresholds(bounder, grid)]
-    lowered, grid = TaylorBounds().given_to(lowered), TaylorBounds().given_to(grid)
+    with reported(progress, f"prove {bounder.method}") as update:
+        limits = {"budget": budget, "scheduler": scheduler, "checkpoint": checkpoint, "progress": update}
+        try:
+            return prove_lower(bounder, grid, **limits).in_frame(frame)
+        except ProofError as error:
+            error.bounder = bounder.in_frame(frame)
+            raise
+
+
+def prove_lower(
+    bounder: Bounder,
+    grid: Shape,
+    *,
+    budget: float = float("inf"),
+    boxes: float = float("inf"),
+    scheduler: str | int | None = None,
+    checkpoint: str | os.PathLike | None = None,
+    progress: Callable[..., None] | None = None,
+) -> Bounder:
+    """``make_proven`` of a bounder in its shape's frame; ``boxes`` limit the proof where no clock may."""
+    end, lowered = working_seconds() + budget, TaylorBounds().given_to(_lowered(bounder, grid))
+    grid = TaylorBounds().given_to(grid)
     if checkpoint is not None and os.path.exists(checkpoint):
         index = _begun(lowered, grid, checkpoint)
     else:
-        index = _planned(lowered, grid, budget, scheduler)
-    end = working_seconds() + budget
+        index = _planned(lowered, grid, end, boxes, scheduler)
+    lowest = np.inf  # f of a positive
     for lower in lowered[index:]:
-        options = {"progress": progress, "scheduler": scheduler}
+        if _target(lower) > lowest:
+            continue
+        options = {"progress": progress, "scheduler": scheduler, "most": boxes}
         options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, lower, grid)
         started, left = working_seconds(), max(end - working_seconds(), 0.0)
         found = _checked(_points(lower, grid), _target(lower), left, options)
         if not found.complete:
-            raise BounderError(f"{bounder.method}: no decision within {budget:.3g} s{_goes_on(options)}")
+            within = f"{budget:.3g} s" if budget < np.inf else f"{boxes:,.0f} boxes"
+            raise ProofError(f"{bounder.method}: no decision within {within}{_goes_on(options)}", bounder)
         if found.suspects is None:
             spent, none = working_seconds() - started, np.empty((0, grid.ndim))
             proven = bounder.to()
             settle(proven, grid, Search(found.least, found.least, none, found.boxes, spent, True))
             proven.info = bounder.info | {"rates": None}
-            return proven.in_frame(frame)
-    raise BounderError(f"{bounder.method}: the proof fails at each threshold that was tried; train it longer")
+            return proven
+        positive = found.suspects[grid.contains(found.suspects)]
+        values = bounder.reference(bounder.domain.to_local(positive))
+        lowest = min(lowest, float(values.min(initial=np.inf)))
+    raise ProofError(f"{bounder.method}: the proof fails at each threshold that was tried; train it longer", bounder)
 
 
 def _target(bounder: Bounder) -> float:
@@ -599,13 +631,17 @@ def _target(bounder: Bounder) -> float:
     return float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
 
 
-def _lower_thresholds(bounder: Bounder, shape: Shape) -> list[float]:
-    """The bounder's threshold, and lower ones that answer more queries with maybe, by the shares in ``LOWER``."""
+def _lowered(bounder: Bounder, shape: Shape) -> list[Bounder]:
+    """The bounder, and others at lower thresholds that answer more queries with maybe, by the shares in ``LOWER``.
+
+    Each of them denies the share ``USEFUL`` of the free queries; or half of what the bounder does, where that is less.
+    """
     x = np.random.default_rng(0).uniform(shape.lower, shape.upper, (DRAWN, shape.ndim)).astype(np.float32)
     values, now = bounder.values(x).numpy(), float(bounder.threshold)
     denied = np.sort(values[values < now])[::-1]
-    places = (LOWER[1:] * DRAWN).astype(int)
-    return [now, *(float(denied[place]) for place in places if place < len(denied))]
+    most = len(denied) - min(USEFUL * np.count_nonzero(~shape.contains(x)), len(denied) / 2)
+    lower = (float(denied[place]) for place in (LOWER[1:] * DRAWN).astype(int) if place < most)
+    return [bounder.to().freeze(threshold, None) for threshold in (now, *lower)]
 
 
 def _begun(lowered: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) -> int:
@@ -620,10 +656,10 @@ def _begun(lowered: list[Bounder], shape: Shape, checkpoint: str | os.PathLike) 
     raise reason
 
 
-def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str | int | None) -> int:
+def _planned(lowered: list[Bounder], shape: Shape, end: float, boxes: float, scheduler: str | int | None) -> int:
     """The index of the first bounder (highest threshold) whose proof is expected to end in time, by bisection.
 
-    Raises ``BounderError`` if there is none.
+    ``end`` is by ``working_seconds``. Raises ``ProofError`` if there is none.
     """
     cores = cpu_threads() if scheduler is None else scheduler
     if not isinstance(cores, int) or isinstance(cores, bool) or cores < 1:  # an address, or what is refused
@@ -631,26 +667,34 @@ def _planned(lowered: list[Bounder], shape: Shape, budget: float, scheduler: str
             cores = workers.count
     first, last = 0, len(lowered)
     while first < last:
-        middle = (first + last) // 2
-        seconds = _expected_seconds(lowered[middle], shape) * cpu_threads() / cores
-        first, last = (first, middle) if seconds <= PLANNED * budget else (middle + 1, last)
-    if first == len(lowered) and seconds == np.inf:
-        raise BounderError(
-            f"{lowered[0].method}: the proof fails at each threshold that was tried; is {shape.name} its shape?"
+        middle, left = (first + last) // 2, max(end - working_seconds(), 0.0)
+        count, pace = _expected(lowered[middle], shape, ESTIMATE_SHARE * left)
+        pace *= cpu_threads() / cores
+        fits = count <= PLANNED * boxes and count * pace <= PLANNED * (end - working_seconds())
+        first, last = (first, middle) if fits else (middle + 1, last)
+    method = lowered[0].method
+    if first == len(lowered) and count == np.inf:
+        raise ProofError(
+            f"{method}: the proof fails at each threshold that was tried; is {shape.name} its shape?", lowered[0]
         )
     if first == len(lowered):
-        raise BounderError(
-            f"{lowered[0].method}: a proof in {budget:.3g} s is not expected, that of the lowest threshold takes about "
-            f"{seconds:.3g} s; give a larger budget, more workers (scheduler=), or a smaller network"
+        time = f"{left:.3g} s" if left < np.inf else f"{boxes:,.0f} boxes"
+        expected = f"about {count * pace:.3g} s, {count:.3g} boxes, on {cores} cores"
+        raise ProofError(
+            f"{method}: no useful proof of {shape.name} is expected within {time}; that of the lowest threshold that "
+            f"denies {USEFUL:.0%} of what is free takes {expected}. Give a larger budget= or more workers "
+            "(scheduler=), or take a threshold from samples (statistical=True)",
+            lowered[0],
+            count * pace,
         )
     return first
 
 
-def _expected_seconds(bounder: Bounder, shape: Shape) -> float:
-    """Seconds that a proof takes on this machine: an unbiased estimate, infinity if the proof is seen to fail.
+def _expected(bounder: Bounder, shape: Shape, seconds: float) -> tuple[float, float]:
+    """How many boxes a proof looks at, an unbiased estimate, and seconds of each on this machine.
 
-    It follows a random part of each generation of boxes. Source: D. E. Knuth, "Estimating the Efficiency of Backtrack
-    Programs" (1975).
+    Infinitely many if the proof is seen to fail. The estimate follows a random part of each generation of boxes, and
+    takes about some ``seconds``. Source: D. E. Knuth, "Estimating the Efficiency of Backtrack Programs" (1975).
     """
     bounder, rng = TaylorBounds().given_to(bounder), np.random.default_rng(0)
     positives = ShapePositives(bounder, shape, FINER * NARROWEST)
@@ -660,14 +704,18 @@ def _expected_seconds(bounder: Bounder, shape: Shape) -> float:
     boxes, weight, expected, looked, started = Boxes(lower, upper, *counts, 0.0), 1.0, 0.0, 0, working_seconds()
     while boxes.count:
         left, _, _, failed = look(boxes)
-        if failed is not None:
-            return np.inf
         expected, looked = expected + weight * boxes.count, looked + boxes.count
-        if left.count > FOLLOWED:
-            weight *= left.count / FOLLOWED
-            left = left.part(rng.choice(left.count, FOLLOWED, replace=False))
+        pace = (working_seconds() - started) / looked
+        if failed is not None:
+            return np.inf, pace
+        followed = FOLLOWED
+        if seconds < np.inf:
+            followed = int(np.clip(seconds / (GENERATIONS * shape.ndim * max(pace, 1e-9)), FEWEST, FOLLOWED))
+        if left.count > followed:
+            weight *= left.count / followed
+            left = left.part(rng.choice(left.count, followed, replace=False))
         boxes = left
-    return expected / looked * (working_seconds() - started)
+    return expected, pace
 
 
 # --- distances -------------------------------------------------------------------------------------------------------

@@ -161,13 +161,18 @@ def prove_or_test(
     """
     if grid.certified and not statistical:
         return prove(bounder, grid, points=points, **limits)
-    walk, start = Walk(bounder, grid, seed), border_points(grid, STARTS, np.random.default_rng(seed))
+    least, budget = least_found(bounder, grid, seed, points), limits.get("budget", float("inf"))
+    statistical_test(bounder, grid, least=least, room=ROOM, seed=seed, budget=budget)
+    return None
+
+
+def least_found(bounder: Bounder, grid: Shape, seed: int, points: np.ndarray | None = None) -> float:
+    """The least f of a point of the object that a walk finds; ``points`` as in ``prove``."""
+    start = border_points(grid, STARTS, np.random.default_rng(seed))
     if points is not None:
         start = np.concatenate([bounder.domain.to_object(points), start])
     start = start.astype(np.float32)
-    values = walk.down(start[grid.contains(start)])[1]
-    statistical_test(bounder, grid, least=float(values.min(initial=np.inf)), room=ROOM, seed=seed)
-    return None
+    return float(Walk(bounder, grid, seed).down(start[grid.contains(start)])[1].min(initial=np.inf))
 
 
 def prove_distance(

@@ -54,7 +54,8 @@ MOST_RESTARTS = 20  # attempts, each after the first with a lower threshold
 
 OPEN = 32_768  # boxes of each generation of a descent
 GENERATIONS = 12  # of them, an axis
-DESCENT_SECONDS = 120.0  # at most, of a descent
+DESCENT_SECONDS, DESCENT_SHARE = 120.0, 0.25  # at most, of a descent; of a test's time
+ATTEMPT_SHARE, LEAST_SECONDS = 0.6, 1.0  # of the time that is left, for one attempt; at least, so that it asks a chunk
 STARTS = 1024  # queries that walk
 # Lengths of steps, in units of the domain's size:
 JITTERS = (0.0, 1e-7, 1e-6, 1e-6, 1e-5, 1e-5, 1e-4, 1e-4, 1e-3, 1e-3, 1e-2)  # around the points of a proof
@@ -128,6 +129,7 @@ def statistical_test(
     count: int = POSITIVES,
     seed: int = 0,
     search: Search | None = None,
+    budget: float = float("inf"),
 ) -> Certificate:
     """Set a threshold below the least value that a search has found, and give the bounder a statistical certificate.
 
@@ -139,6 +141,7 @@ def statistical_test(
         count: How many fresh positives to ask.
         seed: Seed of these positives; every attempt draws others.
         search: A proof that did not come close enough in its time; the certificate says what it did show.
+        budget: Seconds: where they do not suffice for ``count`` positives, there are fewer, but some.
 
     Raises:
         BounderError: If the bounder was made for another object; or if the threshold had to be lowered too often, as
@@ -149,11 +152,14 @@ def statistical_test(
     started, error = working_seconds(), bounder.rounding_bound()
     for restart in range(MOST_RESTARTS):
         bounder.freeze(float(round_down(least - 2 * error - room)), None)
-        denied, opened = descend(bounder, grid, (seed, restart))
+        left = budget - (working_seconds() - started)
+        denied, opened = descend(bounder, grid, (seed, restart), min(DESCENT_SHARE * left, DESCENT_SECONDS))
         if len(denied):
             least = min(least, float(Walk(bounder, grid, seed).down(denied)[1].min()))
             continue
-        done, lowest, missed = try_positives(bounder, grid, count, (seed, restart))
+        # Fixed before an answer is known, so that the count's end does not depend on answers
+        left = max(ATTEMPT_SHARE * (budget - (working_seconds() - started)), LEAST_SECONDS)
+        done, lowest, missed = try_positives(bounder, grid, count, (seed, restart), left)
         if missed is None:
             break
         if not np.isfinite(lowest):

@@ -96,6 +96,12 @@ class Clock:
         if self.progress:
             self.progress(min(used, 1.0) * self.share, 1.0, note)
 
+    def go_on(self, note: str) -> None:
+        """Say how work behind the training goes, by the time that is used."""
+        if self.progress:
+            used = self.seconds / self.total if self.timed else 0.0
+            self.progress(min(max(used, self.share), 1.0), 1.0, note)
+
     def reserve(self, seconds: float, used: float | None = None) -> None:
         """Keep other seconds at the end for the proof; the used fraction goes on evenly, so that schedules do not jump.
 

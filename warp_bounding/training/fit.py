@@ -18,13 +18,13 @@ from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import METRIC, REACH, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
-from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp import HIDDEN, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.relu_field import ReluField
 from warp_bounding.certificates.claim import as_fitted
-from warp_bounding.errors import BounderError, QueryError, warn
+from warp_bounding.errors import BounderError, ProofError, QueryError, warn
 from warp_bounding.evaluation import quick_rates
-from warp_bounding.proof import make_proven, prove_or_test
+from warp_bounding.proof import prove_or_test
 from warp_bounding.proof.distances import excesses
 from warp_bounding.proof.prove import prove_distance
 from warp_bounding.queries import QUERIES, check_query
@@ -51,9 +51,9 @@ SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
 # Cells along the longest side of a 3D shape for rays, planes and boxes, by default. Networks of the bunny
 # fitted in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
 REGION_NDIM, REGION_RESOLUTION = 3, 128
+BEHIND_WAVES = (48, 48)  # widths of a network's layers behind that of an arm's angles
 PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
-TRAINING_SHARE = 1 / 3  # of the budget, where workers prove
-LEAST_SHARE = 0.05  # of the budget: the least that a part of a cascade gets, however long the parts before it took
+LEAST_SHARE = 0.05  # of the budget: the least that a part of a cascade or a proof gets, however long all else took
 
 
 def fit(
@@ -88,7 +88,8 @@ def fit(
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
-            the time is over; other closed forms are found at once, up to millions of cells.
+            the time is over; other closed forms are found at once, up to millions of cells. A third of an arm's time is
+            for training, the rest for the proof (``proof.make_proven``).
         seed: Seed of everything random.
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
@@ -107,12 +108,11 @@ def fit(
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends training; the best network so far is then proven.
-        scheduler: Of an mlp of points of a shape without cells: address of a Dask scheduler whose workers prove, or a
-            number of processes of this machine. A third of the budget is for training, the rest for the proof
-            (``proof.make_proven``, which also resumes).
+        scheduler: Of an mlp of points of a shape without cells: address of a Dask scheduler whose workers prove, as
+            of an arm, or a number of processes of this machine.
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
-            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; a bvh gets the memory of such a network. For an
-            arm's configurations the first layer of ``(2 K, 48, 48)`` begins as sines and cosines of its K angles.
+            ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; a bvh gets the memory of such a network. Of an
+            arm's configurations ``(2 K, 48, 48)``: the first layer begins as sines and cosines of its K angles.
             ``activation``: ``"sin"`` or ``"relu"`` for an mlp. ``parts``: of an mlp of points, about how many parts of
             the domain get a threshold each. ``statistical``: of an mlp of points, ``True`` for a threshold from
             samples, unproven, where in many dimensions a proven one denies nothing. ``metric``: of a distance, where
@@ -130,6 +130,10 @@ def fit(
         QueryError: For an unknown kind of query, or a ``workload`` of another kind.
         BounderError: For an unknown method, an option that makes no sense or that the method does not take, or a margin
             larger than the object without ``force``.
+        ProofError: Where no proof that denies a tenth of an arm's free configurations is expected to end in time. It
+            holds the network.
+
+    Warns with ``BoundingWarning`` if less than a tenth of the free queries are denied.
 
     Example:
         >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
@@ -150,7 +154,8 @@ def fit(
     if scheduler is not None:
         if (query, method) != (POINT.name, "mlp"):
             raise BounderError(f"scheduler is for the proof of an mlp of points, got {query}, {method}")
-        options["statistical"] = True
+        if options.get("statistical") or options.get("parts", 1) != 1:
+            raise BounderError("scheduler is for the proof of one threshold, got statistical or parts")
     far = query == DISTANCE.name
     check_asked(query, method, length, side, last, workload)
     length = length or 1.0
@@ -162,32 +167,42 @@ def fit(
     warn_of_restriction(shape)
     if far:
         own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
-        found = _fit_distance(shape, method, options, **own, progress=progress, force=force)
+        found = _fit_distance(shape, method, options, spent, **own, progress=progress, force=force)
         found.info["training"] |= spent.seconds()
+        warn_of_little(found)
         return found.in_frame(frame)
     if side == SIDES[1]:
         shape = Complement(shape)
     grid = _bounded(shape, query, method, resolution, margin)
+    if scheduler is not None and (isinstance(grid, Grid) or not grid.certified):
+        raise BounderError(f"scheduler is for the proof of a shape without cells, got {grid.name}")
     classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
     if last is not None and (len(classes) < 2 or type(last) is not classes[-1] or last.frame != frame):
         raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     chosen = resolved(classes, query, options, [fit])
+    if grid.waves is not None and HIDDEN.name not in options:
+        for cls, own in zip(classes, chosen, strict=True):
+            if issubclass(cls, Mlp):
+                own[HIDDEN.name] = (2 * len(grid.waves), *BEHIND_WAVES)
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in chosen)
     callers = None if workload is None else CallersQueries(workload, grid, domain, int(seed), frame)
-    problem = Problem(grid, domain, query, int(seed), device, callers=callers, repeatable=repeatable)
+    more = {"callers": callers, "repeatable": repeatable, "scheduler": scheduler}
+    problem = Problem(grid, domain, query, int(seed), device, **more)
+    wanted = classes if last is None else classes[:-1]
     with reported(progress, f"fit {method}") as update:
-        training = budget if scheduler is None else TRAINING_SHARE * budget
-        parts = _fit_parts(problem, classes if last is None else classes[:-1], classes, chosen, training, spent, update)
-        if last is not None:
-            parts.append(last.local.to(str(parts[0].device)))
-        bounder = parts[0] if len(classes) == 1 else cascade(*parts)
-        if scheduler is not None:
-            proof = {"budget": budget - spent.working, "scheduler": scheduler}
-            proof["progress"] = update and (lambda done, total: update(done, total, "proof"))
-            bounder = make_proven(bounder, grid, **proof)
+        try:
+            parts = _fit_parts(problem, wanted, classes, chosen, budget, spent, update)
+        except ProofError as error:
+            error.bounder.info = described(grid, int(seed), spent.seconds())
+            error.bounder = error.bounder.in_frame(frame)
+            raise
+    if last is not None:
+        parts.append(last.local.to(str(parts[0].device)))
+    bounder = parts[0] if len(classes) == 1 else cascade(*parts)
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
+    warn_of_little(bounder)
     before = {} if last is None else last.info.get("training") or {}
     bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
     return bounder.in_frame(frame)
@@ -210,6 +225,10 @@ class Stopwatch:
         taken = self.seconds()
         return taken["seconds"] - taken["compile_seconds"]
 
+    def left(self, budget: float, reserved: float = 0.0) -> float:
+        """Seconds that are left of a budget, some of them reserved; a little at least, however long all else took."""
+        return max(budget - reserved - self.working, LEAST_SHARE * budget)
+
 
 def _fit_parts(
     problem: Problem,
@@ -224,7 +243,7 @@ def _fit_parts(
     trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
     for index, cls in enumerate(wanted):
         trainer, own = trainers[index], spent if index == 0 else Stopwatch()
-        left = max(budget - spent.working, LEAST_SHARE * budget) if parts else budget
+        left = spent.left(budget)
         waiting = sum(each.proves for each in trainers[index:])
         if trainer.proves:
             seconds = left / waiting
@@ -235,10 +254,20 @@ def _fit_parts(
         part = replace(problem, front=tuple(parts), in_front=waiting > 0)
         bounder, record = trainer.train(cls, part, chosen[index], seconds, progress)
         if not trainer.proves:
-            prove_or_test(bounder, grid, seed=problem.seed, eps=SHAPE_EPS, boxes=SHAPE_BOXES)
+            limits = {"eps": SHAPE_EPS, "boxes": SHAPE_BOXES}
+            if not problem.repeatable:
+                limits["budget"] = left * FRONT_SHARE if waiting else spent.left(budget)
+            if progress:
+                limits["progress"] = partial(_told, progress, cls.method)
+            prove_or_test(bounder, grid, seed=problem.seed, **limits)
         bounder.info = described(grid, problem.seed, record | own.seconds())
         parts.append(bounder)
     return parts
+
+
+def _told(progress: Progress, method: str, boxes: int, waiting: float, gap: float) -> None:
+    """Show that a proof is alive (``prove``)."""
+    progress(0.0, 1.0, f"{method}: proof, {boxes:,} boxes")
 
 
 def described(shape: Shape, seed: int, record: dict[str, Any]) -> dict[str, Any]:
@@ -295,6 +324,7 @@ def _fit_distance(
     shape: Shape,
     method: str,
     options: dict[str, Any],
+    spent: "Stopwatch",
     *,
     budget: float,
     seed: int,
@@ -323,7 +353,7 @@ def _fit_distance(
         )
     own = {"margin": margin, "resolution": resolution}
     if issubclass(cls, VolumeDistance):
-        own |= {"budget": budget, "seed": seed, "device": device, "progress": progress, "force": force}
+        own |= {"budget": spent.left(budget), "seed": seed, "device": device, "progress": progress, "force": force}
         given = {name: value for name, value in options.items() if name != METRIC.name}
         volume = fit(shape, POINT.name, method, **own, **given)
         fitted, info = as_fitted(volume, shape), volume.info
@@ -340,9 +370,9 @@ def _fit_distance(
         domain = DistanceDomain.of(fitted, chosen.pop(REACH.name, 0.0))
         problem = Problem(fitted, domain, DISTANCE.name, seed, device)
         with reported(progress, f"fit {method}") as update:
-            bounder, record = trainer_of(cls).train(cls, problem, chosen, budget - proving, update)
+            bounder, record = trainer_of(cls).train(cls, problem, chosen, spent.left(budget, proving), update)
         bounder.sizes[METRIC.name] = metric
-        prove_distance(bounder, fitted, budget=proving)
+        prove_distance(bounder, fitted, budget=spent.left(budget))
         info = described(fitted, seed, record)
     bounder.info = info | {"rates": None}
     bounder.info["rates"] = quick_rates(bounder, fitted)
@@ -473,6 +503,20 @@ def warn_of_restriction(shape: Shape) -> None:
     """Warn if a part that a user may mean is not bounded, such as the inside of an open mesh."""
     if text := getattr(shape, "restriction", ""):  # what only has a ``to_grid`` of its own says nothing of it
         warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
+
+
+LITTLE = 0.1  # of the free queries: a bounder that denies less is hardly of use
+
+
+def warn_of_little(bounder: Bounder) -> None:
+    """Warn if hardly any free query is denied, by ``info["rates"]``."""
+    rates = bounder.info["rates"]
+    denied = (rates["free"] - rates["fp_rate"]) / rates["free"] if rates["free"] else 1.0
+    if denied < LITTLE:
+        warn(
+            f"{bounder.method}: denies {denied:.1%} of the free queries (of {rates['samples']:,} random ones); give a "
+            "larger budget= or other options if it is learned, else another method="
+        )
 
 
 def check_asked(query: str, method: str, length: float | None, side: str, last=None, workload=None) -> None:

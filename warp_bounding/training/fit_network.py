@@ -6,6 +6,10 @@ functions of planes need no labels, and their proof is short. For rays and boxes
 the prover then tries to show that nothing lies below what it found. If there is no time for that, the search's value
 sets the threshold, and fresh positives test it. A network with exits is several networks that share layers; each gets a
 threshold of its own, in the same way.
+
+An arm's network is proven in another way, and so is any whose proof is left to workers: a search for the least f takes
+far longer in many dimensions than a proof at a threshold that is known. So it trains without the prover, a walk finds a
+low f, and ``prove_lower`` proves the highest threshold below it whose proof is expected to end in time.
 """
 
 from dataclasses import dataclass
@@ -19,9 +23,11 @@ from warp_bounding.bounders.mlp_early import MlpEarly, part_of
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import head_of
 from warp_bounding.proof import Search, conjunction, least_value, prove_or_test, settle, statistical_test
-from warp_bounding.proof.prove import prove_local
+from warp_bounding.proof.check import prove_lower
+from warp_bounding.proof.prove import ROOM, least_found, prove_local
 from warp_bounding.proof.search import STEEPNESS
 from warp_bounding.queries import oracle
+from warp_bounding.rounding import round_down
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.training.engine import Adversary, Clock, adversarial_minimum, interrupts, single_threaded_torch
@@ -223,6 +229,8 @@ MOST_ADDED = 256  # most rays or boxes that the prover finds each time and that 
 POINT_RESERVE, REGION_RESERVE, MINED_REGION_RESERVE = 0.03, 0.15, 0.4
 # Once a search has measured what the proof of points takes, its reserve stays between these shares.
 LEAST_RESERVED, MOST_RESERVED = 0.01, 0.2
+# The same of the proof at a lower threshold, and of fresh positives that test one.
+LOWER_RESERVE, TESTED_RESERVE = 2 / 3, 0.3
 MORE_FOR_EXITS = 0.4  # mlp-early: a reserve for proofs is larger by this share of itself
 GRANT_SECONDS = 1.0  # mlp-early: about what fitting a grant takes
 
@@ -260,7 +268,12 @@ class _Fit:
         self.as_points = problem.domain.tested_as_point
         self.of_planes = head_of(problem.query).outputs > 1
         self.lattice = lattice_of(problem, options.parts) if options.parts > 1 else None
+        grid, tested = problem.grid, options.statistical or not problem.grid.certified
+        of_shape = self.as_points and not isinstance(grid, Grid) and self.lattice is None and not tested
+        self.lowers = of_shape and (grid.joints is not None or problem.scheduler is not None)
         self.first_reserve = POINT_RESERVE if self.as_points else REGION_RESERVE
+        if self.lowers or (self.as_points and tested):
+            self.first_reserve = LOWER_RESERVE if self.lowers else TESTED_RESERVE
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
         self.final_search_limit = min(FINAL_SEARCH_SHARE * options.budget, FINAL_SEARCH_SECONDS)
         self.interrupted, self.boxes = False, 0
@@ -320,7 +333,7 @@ class _Fit:
 
     def _mine_points(self, trainer: NetworkTrainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
-        if not self.problem.grid.certified or self.options.statistical:
+        if not self.problem.grid.certified or self.options.statistical or self.lowers:
             return
         problem, clock, budget = self.problem, self.clock, self.options.budget
         bounder = self._bounder(Mlp, trainer.network.tensors())
@@ -403,18 +416,34 @@ class _Fit:
         if not self.clock.timed:
             return {"boxes": PROOF_BOXES}
         left = (1 + OVERTIME_SHARE) * self.options.budget - self.clock.seconds - self.grant_seconds
-        return {"budget": max(left / parts_left, LEAST_SHARE * self.options.budget)}
+        least = LOWER_RESERVE / 2 if self.lowers else LEAST_SHARE  # without a proof there is nothing
+        return {"budget": max(left / parts_left, least * self.options.budget)}
 
     def _prove(self, part: Mlp, trainer: NetworkTrainer | SupportTrainer, parts_left: int) -> dict:
         self.clock.tell(1.0, "proof")
         points, grid = self._moved(trainer.worst_points()), self.problem.grid
-        eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
         limit = self._limit(parts_left)
-        limit |= {"eps": eps, "points": points, "statistical": self.options.statistical}
+        if self.lowers:
+            least = least_found(part, grid, self.problem.seed, points)
+            part.freeze(float(round_down(least - 2 * part.rounding_bound() - ROOM)), None)
+            self.clock.go_on("estimating how long a proof takes")
+            found = prove_lower(part, grid, scheduler=self.problem.scheduler, progress=self._proven, **limit)
+            part.freeze(float(found.threshold), found.certificate)
+            return {"gap": least - float(found.threshold), "complete": True}
+        eps = PLANE_TOLERANCE if self.of_planes else tolerance(part, self.problem, points)
+        limit |= {"eps": eps, "points": points, "statistical": self.options.statistical, "progress": self._searched}
         search = prove_or_test(part, grid, seed=self.problem.seed, **limit)
         if search is None:
             return {"gap": eps}
         return {"gap": float(search.upper_bound - search.lower_bound), "complete": search.complete}
+
+    def _proven(self, done: float, total: float) -> None:
+        """Say how a proof at a threshold goes."""
+        self.clock.go_on(f"proof, {done / total:.1%} of the volume")
+
+    def _searched(self, boxes: int, _: float, gap: float) -> None:
+        """Say how a search for the least f goes."""
+        self.clock.go_on(f"proof, {boxes:,} boxes, gap {gap:.2g}")
 
     def _moved(self, v: np.ndarray) -> np.ndarray:
         """Coordinates ``(N, ndim)`` of the domain that it was trained in, in the one where it is to be used."""
@@ -429,7 +458,7 @@ class _Fit:
         if problem.target is not None:
             lattice = lattice.moved(self._moved)
         bounder, search = prove_local(
-            member, lattice, problem.grid, negatives, points=points, eps=eps, **self._limit(1)
+            member, lattice, problem.grid, negatives, points=points, eps=eps, progress=self._searched, **self._limit(1)
         )
         return bounder, {"gap": eps, "thresholds": self.lattice.count, "complete": search.complete}
 
@@ -440,6 +469,8 @@ class _Fit:
         threshold.
         """
         found, limits = self._lowest(trainer, parts_left)
+        if limits is not None:
+            limits["progress"] = self._searched
         record = decide(part, self.problem, found.worst, limits, lambda note: self.clock.tell(1.0, note))
         return record | {"search_seconds": round(found.seconds, 3), "search_complete": found.complete}
 

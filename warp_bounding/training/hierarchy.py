@@ -33,13 +33,13 @@ from warp_bounding.shapes.parts import part_of
 from warp_bounding.shapes.recentred import own_coordinates
 from warp_bounding.shapes.shape import Shape
 from warp_bounding.training.fit import (
-    LEAST_SHARE,
     SHAPE_BOXES,
     SHAPE_EPS,
     Stopwatch,
     check_numbers,
     described,
     trainer_of,
+    warn_of_little,
     warn_of_restriction,
 )
 from warp_bounding.training.samples import Problem
@@ -132,11 +132,11 @@ def hierarchy(
         for number, leaf in enumerate(regions):
             if update:
                 update(number, len(regions), f"leaf {number + 1} of {len(regions)}")
-            left = max(budget - spent.working, LEAST_SHARE * budget)
-            builder.add(leaf, left / (len(regions) - number))
+            builder.add(leaf, spent.left(budget) / (len(regions) - number))
     whole = united(builder.parts, builder.regions, shape)
     whole.info = described(shape, seed, {"leaves": builder.records} | spent.seconds())
     whole.info["rates"] = quick_rates(whole, shape)
+    warn_of_little(whole)
     return whole
 
 
