@@ -166,7 +166,8 @@ def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypa
             wb.certify(found, shape, scheduler=wrong)
     with pytest.raises(BounderError, match="budget"):
         wb.proof.make_proven(found, shape, budget=-1.0)
-    other = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.7, -0.3, 0.0], 0.2)])
+    balls = [wb.arms.Body.sphere([x, y, 0.0], 0.3) for x, y in ((0.7, -0.3), (-0.7, 0.3), (-0.7, -0.3))]
+    other = wb.arms.ArmConfigurations(arm, balls)  # where the network is lowest, too
     with pytest.raises(BounderError, match="is arm its shape"):
         wb.proof.make_proven(found, other)
     grid = np.eye(8, dtype=bool)

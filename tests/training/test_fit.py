@@ -301,7 +301,7 @@ def test_a_margin_beyond_the_extent_is_an_error_unless_forced(given, extent, mon
 def test_a_margin_under_a_cell_is_warned_of_once():
     with pytest.warns(wb.BoundingWarning, match="margin 0.1 is under the size of a cell.*resolution 6") as caught:
         wb.fit(BOX, method="aabb", margin=0.1, resolution=6)
-    assert len(caught) == 1
+    assert sum("under the size" in str(each.message) for each in caught) == 1
     assert caught[0].filename == __file__
     finer = int(str(caught[0].message).rpartition("resolution=")[2].split()[0])
     with warnings.catch_warnings():
