@@ -602,7 +602,11 @@ def prove_lower(
     if checkpoint is not None and os.path.exists(checkpoint):
         index = _begun(lowered, grid, checkpoint)
     else:
-        index = _planned(lowered, grid, end, boxes, scheduler)
+        try:
+            index = _planned(lowered, grid, end, boxes, scheduler)
+        except ProofError as error:
+            error.bounder = bounder
+            raise
     lowest = np.inf  # f of a positive
     for lower in lowered[index:]:
         if _target(lower) > lowest:
@@ -674,9 +678,7 @@ def _planned(lowered: list[Bounder], shape: Shape, end: float, boxes: float, sch
         first, last = (first, middle) if fits else (middle + 1, last)
     method = lowered[0].method
     if first == len(lowered) and count == np.inf:
-        raise ProofError(
-            f"{method}: the proof fails at each threshold that was tried; is {shape.name} its shape?", lowered[0]
-        )
+        raise ProofError(f"{method}: the proof fails at each threshold that was tried; is {shape.name} its shape?")
     if first == len(lowered):
         time = f"{left:.3g} s" if left < np.inf else f"{boxes:,.0f} boxes"
         expected = f"about {count * pace:.3g} s, {count:.3g} boxes, on {cores} cores"
@@ -684,8 +686,7 @@ def _planned(lowered: list[Bounder], shape: Shape, end: float, boxes: float, sch
             f"{method}: no useful proof of {shape.name} is expected within {time}; that of the lowest threshold that "
             f"denies {USEFUL:.0%} of what is free takes {expected}. Give a larger budget= or more workers "
             "(scheduler=), or take a threshold from samples (statistical=True)",
-            lowered[0],
-            count * pace,
+            seconds=count * pace,
         )
     return first
 
