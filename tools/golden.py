@@ -3,6 +3,7 @@
     python tools/golden.py FOLDER -o before.json             # before a change
     python tools/golden.py FOLDER --compare before.json      # after it: prints what differs, and exits with 1 if
     anything does
+    python tools/golden.py FOLDER --compare before.json --gone gone.txt  # what is expected to be gone, a name a line
 
 FOLDER keeps a small bounder of every method, kind of query and dimension. What is missing there is fitted in few steps;
 what is there is loaded, so that a later run asks the very same bounders, and shows that their files are still read.
@@ -30,7 +31,7 @@ import warp_bounding as wb
 from sims import DEMOS
 from sims.prefitted import FOLDER as BUNDLED
 
-PARTS = ("answers", "bundled", "certify", "demos")
+PARTS = ("answers", "fits", "bundled", "edges", "pairs", "choose", "certify", "demos")
 QUERIES = ("point", "ray", "plane", "box")
 SLOW = ("arm-planar-4-", "digits-10-", "shadows-", "cloth-")  # files whose proofs take longest
 FEW = {"hidden": (8,), "steps": 3}
@@ -195,6 +196,87 @@ def answers(folder: Path) -> None:
         found["classify 3d"] = sha(wb.two_sided(outer, inner).classify(x))
 
 
+def fits() -> None:
+    """What short fits of every learned method give, in steps, which repeat to the bit: their numbers and verdicts."""
+    shapes = objects()
+    with np.errstate(all="ignore"):
+        axes = np.indices((2, 2, 2)).reshape(3, -1).T * 1.0
+    quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    faces = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)])
+    shapes["mesh"] = wb.shapes.Mesh(axes, faces, name="cube")
+    shapes["ball"] = wb.shapes.Function(
+        None, [-1, -1], [1, 1], distance=lambda x: np.linalg.norm(x, axis=1) - 0.8, name="ball"
+    )
+    joint = wb.arms.Joint(lower=-2.0, upper=2.0)
+    links = [wb.arms.Body.capsule([0, 0, 0], [1, 0, 0], 0.1, link=k) for k in (0, 1)]
+    step = np.eye(4)
+    step[0, 3] = 1.0
+    arm = wb.arms.Arm([joint, wb.arms.Joint(origin=step, lower=-2.0, upper=2.0)], links)
+    post = wb.arms.Body.sphere([0, 1.5, 0], 0.2)
+    shapes["arm"] = wb.arms.ArmConfigurations(arm, [post], self_collision=False)
+    able = {name: options for name, options in LEARNED.items() if name in wb.METHODS}
+    for where, shape in shapes.items():
+        for query in (*QUERIES, "distance"):
+            for method, options in able.items():
+                if where in ("4d", "arm") and query != "point":
+                    continue
+                try:
+                    bounder = wb.fit(shape, query, method, device="cpu", progress=False, budget=600.0, **options)
+                except wb.BoundingError:
+                    continue  # the method has no such query
+                kind = bounder.certificate.kind if bounder.certificate else "none"
+                numbers_ = sha(bounder.data.parameters.numpy()[4:], bounder.data.words)
+                found[f"fit {method} {query} {where}"] = f"{numbers_} {float(bounder.threshold)!r} {kind}"
+
+
+def edges() -> None:
+    """Which edges of the arms that the demos have are proven clear, and how far."""
+    for path in sorted([*BUNDLED.glob("arm-*.safetensors"), *BUNDLED.glob("robots/*.safetensors")]):
+        bounder = wb.load(path, device="cpu")
+        rng, size = np.random.default_rng(7), bounder.ndim
+        lower, upper = bounder.domain.lower, bounder.domain.upper
+        starts = rng.uniform(lower, upper, (300, size))
+        ends = starts + rng.normal(size=starts.shape) * 0.1 * (upper - lower)
+        for first in (False, True):
+            try:
+                edge = wb.proof.Segments(bounder, first=first)
+            except wb.BoundingError:
+                continue
+            for count in (1, 5, 300):
+                cleared, until = edge(starts[:count], ends[:count])
+                # without ``first`` only what is clear is an answer of its own
+                found[f"edges {path.stem} {count} {first}"] = sha(cleared, until if first else b"")
+
+
+def pairs() -> None:
+    """What pairs of placed meshes answer."""
+    rng, folder = np.random.default_rng(3), BUNDLED / "pairs"
+    names = {"bunny-distance": "bunny-256-balls", "../pile-bunny-pairs": "pile-bunny-128-balls"}
+    for name, balls in names.items():
+        far = wb.load(folder / f"{name}.safetensors", device="cpu")
+        pair = wb.pairs.Pair(far, wb.pairs.Balls.load(folder / f"{balls}.safetensors"))
+        placed = []
+        for spread in (0.2, 1.0):
+            place = np.concatenate([rng.normal(size=(500, 3)) * spread, rng.normal(size=(500, 4))], axis=1)
+            place[:, 3:] /= np.linalg.norm(place[:, 3:], axis=1, keepdims=True)
+            placed.append(wp.array(place.astype(np.float32), dtype=wp.transform, device="cpu"))
+        found[f"pairs {balls} query"] = sha(pair.query(*placed, 0.01))
+        found[f"pairs {balls} distance"] = sha(pair.distance(*placed))
+
+
+def chosen() -> None:
+    """What ``choose`` measures that is no time: the share that each closed form leaves, its bytes, and its verdict."""
+    for where, shape in objects().items():
+        for query in QUERIES if where != "4d" else ("point",):
+            methods = [name for name in ("aabb", "obb", "sphere", "kdop", "bvh") if wb.METHODS[name].supports(query)]
+            choice = wb.choose(
+                shape, query, narrow_ns=1000.0, methods=methods, budget=600.0, device="cpu", progress=False
+            )
+            for row in choice.rows:
+                told = f"{row.nbytes} {row.share!r} {row.certificate} {row.missed} {row.why_not}"
+                found[f"choose {row.label} {query} {where}"] = told
+
+
 def bundled() -> None:
     """What the bounders of the demos answer on numbers in their domains."""
     for path in sorted(BUNDLED.glob("*.safetensors")):
@@ -259,6 +341,7 @@ def main() -> int:
     parser.add_argument("--compare", type=Path)
     parser.add_argument("--only", nargs="*", choices=PARTS, default=list(PARTS))
     parser.add_argument("--demos", nargs="*", choices=list(DEMOS), default=list(DEMOS))
+    parser.add_argument("--gone", type=Path)
     parser.add_argument("--slow", action="store_true")
     parser.add_argument("--kept", action="store_true")
     reported = parser.parse_args()
@@ -269,8 +352,16 @@ def main() -> int:
     try:
         if "answers" in reported.only:
             answers(reported.folder)
+        if "fits" in reported.only and not reported.kept:
+            fits()
         if "bundled" in reported.only:
             bundled()
+        if "edges" in reported.only:
+            edges()
+        if "pairs" in reported.only:
+            pairs()
+        if "choose" in reported.only:
+            chosen()
         if "certify" in reported.only:
             certified(reported.slow)
         if "demos" in reported.only:
@@ -287,11 +378,13 @@ def main() -> int:
     before = {key: value for key, value in before.items() if key.split()[0] in kinds}
     differ = [key for key in sorted(before) if key in found and before[key] != found[key]]
     gone, new = sorted(before.keys() - found.keys()), sorted(found.keys() - before.keys())
-    for word, keys in (("differs", differ), ("gone", gone), ("new", new)):
+    expected = set() if reported.gone is None else set(reported.gone.read_text().splitlines())
+    still, gone = sorted(expected & found.keys()), [key for key in gone if key not in expected]
+    for word, keys in (("differs", differ), ("gone", gone), ("new", new), ("not gone", still)):
         for key in keys:
             print(f"{word}: {key}: {before.get(key, '')} -> {found.get(key, '')}")
     print(f"{len(found)} hashes, {len(differ)} differ, {len(gone)} gone, {len(new)} new")
-    return 1 if differ or gone else 0
+    return 1 if differ or gone or still else 0
 
 
 if __name__ == "__main__":
