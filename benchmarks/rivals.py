@@ -223,7 +223,6 @@ def rays(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
         ("kdop", "kdop", {}),
         ("bvh 64", "bvh", {"leaves": 64}),
         ("bvh 256", "bvh", {"leaves": 256}),
-        ("mlp 50-50", "mlp", {"hidden": (50, 50), "steps": 20}),
     ):
         bounder, out = (
             wb.fit(mesh, "ray", method, length=LENGTH, resolution=32, device=device, progress=False, **options),

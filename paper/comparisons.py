@@ -60,7 +60,6 @@ class PaperTrainer(NetworkTrainer):
                     clean = clean + 1 if missed == 0 else 0
                 if (step + 1) % paper.note_every == 0:
                     clock.tell(clock.fraction(), f"stage {stage}, FN {missed} in a batch")
-            self._refresh(1.0)
         finally:
             self._best = (float("inf"), self.network.flat.clone())  # the last, after an interrupt too
 

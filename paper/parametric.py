@@ -34,6 +34,12 @@ def to_local(domain: RegionDomain, q: np.ndarray) -> np.ndarray:
     return np.concatenate(parts, axis=1)
 
 
+def numbers_of_domain(domain: RegionDomain, more: int) -> int:
+    """Bytes of the map to v, of a threshold, and of so many float32 numbers."""
+    own = 0 if domain.query == "box" else domain.space_ndim
+    return 4 * (3 * domain.space_ndim + 1 + own + int(domain.time) + more)
+
+
 @dataclass(frozen=True)
 class ParametricVolume:
     """``low <= D v <= high``, or ``|A v + b|^2 <= high``; v are a region's numbers (``to_local``)."""
@@ -57,8 +63,7 @@ class ParametricVolume:
     @property
     def nbytes(self) -> int:
         """Bytes that a query reads: the map to v, a threshold, and the volume."""
-        own = 0 if self.domain.query == "box" else self.domain.space_ndim
-        return 4 * (3 * self.domain.space_ndim + 1 + own + int(self.domain.time) + self.numbers)
+        return numbers_of_domain(self.domain, self.numbers)
 
 
 def fit(grid, query, method, *, length=1.0, seed=0, seconds=10.0, steps=None) -> ParametricVolume:

@@ -19,8 +19,9 @@ from paper.results import Rows, markdown
 from paper.table import COLUMNS, Variant, budget_text, column_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
-from warp_bounding.proof.stress import Walk, queries_at
-from warp_bounding.queries import QUERIES, oracle, sample
+from warp_bounding.proof.planes import SupportGap
+from warp_bounding.proof.stress import Walk
+from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.hard import draw_positives
 
 NAME = "proofs"
@@ -99,8 +100,7 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
     rates = Thresholds.of(bounder, grid, s["samples"], seed + 1)
     hard, lowest = hard_positives(bounder, grid, s["positives"], seed + 424_243)  # no fit has this seed
     sampled, copy, started = float(hard.min()), bounder.to(str(bounder.device)), time.perf_counter()
-    # others are searched over other numbers
-    points = as_queried(bounder, lowest) if has_output and cell.variant.method == "mlp" else None
+    points = bounder.domain.to_local(lowest) if has_output and cell.variant.method == "mlp" else None
     search = prove(copy, grid, budget=s["seconds"], eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     certificate = bounder.certificate
@@ -108,7 +108,8 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
         shown = f"f >= {certificate.lower_bound:.6g}, the prover found a positive with f = {search.upper_bound:.6g}"
         raise BounderError(f"the certificate says {shown}")
     walk = Walk(copy, grid, seed)
-    start = walk.around(queries_at(copy, grid, search.worst))[0] if len(search.worst) else lowest[:0]
+    worst = search.worst if has_output else SupportGap(copy, grid).touching(search.worst)
+    start = walk.around(copy.domain.to_object(worst))[0] if len(worst) else lowest[:0]
     found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}
     x, f, found_by = counterexample(copy, grid, found, sampled)
     missed, proven, shipped = x is not None, float(copy.threshold), float(bounder.threshold)
@@ -149,15 +150,6 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
         "samples": s["samples"],
         "seconds": s["seconds"],
     }
-
-
-def as_queried(bounder: Any, x: np.ndarray) -> np.ndarray:
-    """``v`` of queries, without rays from outside the domain: a device moves these to where they enter it first."""
-    v = bounder.domain.to_local(x)
-    if not QUERIES[bounder.query_kind].has_length:
-        return v
-    base = bounder.domain.base
-    return v[(np.abs(v[:, : base.ndim]) <= base.limit).all(axis=1)]
 
 
 def hard_positives(bounder: Any, grid: Any, count: int, seed: int) -> tuple[np.ndarray, np.ndarray]:

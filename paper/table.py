@@ -24,6 +24,7 @@ from warp_bounding.queries import QUERIES
 
 HIDDEN = {2: (25, 25), 3: (50, 50), 4: (75, 75)}  # hidden layers by dimension
 OBJECTS = {2: 9, 3: 9, 4: 3}  # the paper's objects by dimension
+REGIONS = tuple(name for name, kind in QUERIES.items() if kind.is_region)
 PROTOCOLS = ("exact", "sampled")  # how truth is found; the second as in the paper
 SPACES = ("geometric", "parametric")  # a volume lies around the object, or around the numbers of the queries
 DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that such a query of a distance may take at most
@@ -101,6 +102,7 @@ def classes_of(method: str) -> list[Any]:
 LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in classes_of(m)))  # a fit takes a budget
 CLASSIC = tuple(m for m in PAPER["fp_rate"] if m not in LEARNED)
 IN_BOTH = tuple(m for m in (*CLASSIC, "learned-kdop") if issubclass(bounders.METHODS[m], VolumeBounder))  # spaces
+AS_TRAINED = {"mlp": ("ray", "box")}  # networks over a region's numbers, as the paper trains them (``regions``)
 
 
 class Variant(NamedTuple):
@@ -143,7 +145,7 @@ class Variant(NamedTuple):
     def space_in(self, column: Column) -> str | None:
         """This row's space in a column, ``None`` where there is no such bounder; points have the geometric one."""
         if self.parametric:
-            return SPACES[1] if column.kind.is_region else None
+            return SPACES[1] if column.query in AS_TRAINED.get(self.method, REGIONS) else None
         if self.method == DISTANCE:
             known = column.query in ASKED and MlpDistance.supports("distance", column.ndim)
         elif made := MADE.get(self.method):
@@ -154,7 +156,7 @@ class Variant(NamedTuple):
 
     def paper(self, column: Column, what: str = "fp_rate") -> float | None:
         """The paper's number beside this row, if there is one: beside the parametric one, where there are two."""
-        both = self.method in IN_BOTH and column.kind.is_region
+        both = column.query in AS_TRAINED.get(self.method, REGIONS if self.method in IN_BOTH else ())
         belongs = self.leaves is None and self.parametric == both
         return PAPER[what].get(self.method, {}).get(column) if belongs else None
 
@@ -164,7 +166,7 @@ VARIANTS = tuple(
     Variant(method, leaves, parametric)
     for method in ROWS
     for leaves in ((None, 16, 64, 256) if method == "bvh" else (None,))
-    for parametric in ((False, True) if method in IN_BOTH else (False,))
+    for parametric in ((False, True) if method in IN_BOTH or method in AS_TRAINED else (False,))
 )
 
 
@@ -175,7 +177,7 @@ def column_of(row: dict[str, Any]) -> Column:
 
 def variant_of(row: dict[str, Any]) -> Variant:
     """The method of a row of a file."""
-    parametric = row["method"] in IN_BOTH and row.get("space") == SPACES[1]
+    parametric = row.get("space") == SPACES[1]
     return Variant(row["method"], row.get("leaves"), parametric)
 
 

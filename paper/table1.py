@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from paper import parametric, results
+from paper import parametric, regions, results
 from paper import table as t
 from paper.cells import Cell, about, fitted, missing, select
 from paper.drawing import INK, PALE, page_of
@@ -95,7 +95,11 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
     if variant.parametric:
         seconds = min(t.budget_of(s, column, variant), KDOP_SECONDS) if variant.learned else 0.0
         own = {"length": s["length"], "seed": s["seed"], "seconds": seconds}
-        bounder = parametric.fit(cell.grid, column.query, variant.method, **own)
+        if variant.method in t.AS_TRAINED:
+            own["seconds"] = t.budget_of(s, column, variant)
+            bounder = regions.fit(cell.grid, column.query, column.hidden, **own)
+        else:
+            bounder = parametric.fit(cell.grid, column.query, variant.method, **own)
         spent = {"fit_seconds": round(time.perf_counter() - started, 3)}
     else:
         bounder, spent = fitted(folder, cell, s), {}
@@ -167,6 +171,7 @@ class Means:
             if variant.conservative and unproven and not parametric:
                 sign = "s" if set(unproven) == {"statistical"} else "u"
                 signs.append(sign if len(unproven) == len(own) else f"{len(unproven)}{sign}")
+            signs += [] if variant.space_in(column) else ["o"]
             signs += [] if len(own) == count else [f"{len(own)}/{count}"]
             text += f"<sup>{' '.join(signs)}</sup>" if signs else ""
         elif parametric and not column.kind.is_region:

@@ -52,11 +52,11 @@ def table() -> str:
     """The rows."""
     package, tests = tracked("warp_bounding"), tracked("tests")
     rows = [
-        ("package: lines of Python, native text and templates", "59,135", f"{lines(package):,}", "30,000"),
+        ("package: lines of Python, native text and templates", "59,135", f"{lines(package):,}", "37,000"),
         ("package: files", "480", f"{len(package):,}", "150"),
-        ("reading path: lines", "none", f"{reading_path():,}", "9,000"),
+        ("reading path: lines", "none", f"{reading_path():,}", "9,500"),
         ("modules loaded by `wb.load` and one `query`", "205", f"{loaded():,}", "60"),
-        ("tests: lines", "34,123", f"{lines(tests):,}", "18,000"),
+        ("tests: lines", "34,123", f"{lines(tests):,}", "17,000"),
         ("paper: lines", "in the package", f"{lines(tracked('paper')):,}", "3,000"),
     ]
     head = "| | before | now | target, at most |\n|---|--:|--:|--:|\n"

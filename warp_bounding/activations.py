@@ -32,8 +32,8 @@ class Activation(ABC):
         bends: Whether bounds enclose it by a cubic rather than by a line (``relaxation``).
         wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells
             apart.
-        support_gains: Gains of the first and of later layers where a plane's supports or a region's occupancy is
-            trained: initial weights are uniform in +-gain / sqrt(inputs).
+        support_gains: Gains of the first and of later layers where a plane's supports are trained, and of what is no
+            wave: initial weights are uniform in +-gain / sqrt(inputs).
     """
 
     name: ClassVar[str]

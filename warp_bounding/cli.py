@@ -330,9 +330,7 @@ def fit(
 ) -> tuple:
     """Fit a bounder to SHAPE, prove that it has no false negative, and save it.
 
-    The proof of an mlp's rays or boxes can take longer than the budget leaves for it (3D rays: some minutes); the
-    certificate is then statistical, and says so. Ctrl-C ends training early; the best bounder so far is proven and
-    saved.
+    Ctrl-C ends training early; the best bounder so far is proven and saved.
 
     Example: warp-bounding fit bunny.obj --method mlp --hidden 24,24 --margin 0.03 -o bunny.safetensors
     """
@@ -370,9 +368,9 @@ def _method_options() -> list[inspect.Parameter]:
     for method, cls in (*wb.METHODS.items(), *wb.DISTANCES.items()):
         for option in cls.options:
             takers.setdefault(option.name, {}).setdefault(method, option)
-    which = f"{', '.join(known)}; or several, asked one after the other, as in learned-kdop+mlp."
-    method = Annotated[str, Option(help=which, autocompletion=lambda: known)]
-    found = [inspect.Parameter("method", KEYWORD, default="mlp", annotation=method)]
+    which = f"{', '.join(known)}; or several, queried in this order, as in learned-kdop+mlp."
+    which += " Without it mlp, and bvh for rays and boxes."
+    found = [_option("method", str, help=which, autocompletion=lambda: known)]
     for name, own in takers.items():
         whose = "distances" if len(own) > len(known) / 2 else "networks" if "mlp" in own else ", ".join(own)
         texts: dict[str, list[str]] = {}

@@ -146,9 +146,9 @@ def counted(kernel: wp.Kernel, queries: int | None = None, turns: int = 1) -> di
 def dry() -> dict:
     """Compile for sm_90, and count what a query costs; needs no card."""
     kernels = {}
-    for query, widths in (("point", (24, 24)), ("point", (32, 32)), ("point", (50, 50)), ("ray", (50, 50))):
-        source = MlpSource(3, False, widths, "sin", query=query)
-        name, turns = f"{query} {'-'.join(map(str, widths))}", widths[-1] // block_of(widths[-1])
+    for widths in ((24, 24), (32, 32), (50, 50)):
+        source = MlpSource(3, False, widths, "sin")
+        name, turns = f"point {'-'.join(map(str, widths))}", widths[-1] // block_of(widths[-1])
         kernels[name] = batch_kernel(source, False, False, tensor_cores.text(source)), 1, 1
         kernels[f"{name}, float32"] = batch_kernel(source, False, False), source.several, turns
     try:

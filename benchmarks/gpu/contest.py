@@ -66,9 +66,6 @@ def prepare(folder: Path) -> None:
     wb.pairs.Balls.of(bunny, 256).save(folder / "bunny-balls.safetensors")
     for name in SHAPES:
         np.savez(folder / f"newton-{name}.npz", vertices=shape(name).vertices, faces=shape(name).faces)
-    wb.fit(bunny, "ray", "mlp", length=3.0, resolution=32, hidden=(50, 50), steps=20, progress=False).save(
-        folder / "rays-50.safetensors"
-    )
     for hidden in ((24, 24), (50, 50)):
         options = {"hidden": hidden, "progress": False}
         wb.fit(bunny, "distance", "mlp", budget=60, **options).save(folder / f"bunny-distance-{hidden[0]}.safetensors")
@@ -124,32 +121,25 @@ def answers(arguments) -> dict:
     """Values on the card against the network in float64: the largest error, and its bound."""
     found, count = {}, 200_003
     frame = np.load(arguments.data / "frame.npz")
-    for name in [*(f"points-{w[0]}" for w in NETWORKS), "rays-50"]:
+    for name in [f"points-{w[0]}" for w in NETWORKS]:
         bounder = loaded(arguments, name)
-        if name.startswith("rays"):
-            x = wp.array(rays_of(arguments, count).reshape(-1), dtype=wp.float32, device=arguments.device)
-        else:
-            x = uniform(frame["low"], frame["high"], count, arguments.device, 3)
-        values = {}
+        x, values = uniform(frame["low"], frame["high"], count, arguments.device, 3), {}
         for cores in (False, True):
             out = wp.full(count, 7e7, dtype=wp.float32, device=arguments.device)
             launch_of(bounder, x, count, out, cores, values=True)()
             values[cores] = out.numpy().astype(np.float64)
         inside = np.isfinite(values[False])
+        v = (x.numpy().reshape(-1, 3) - bounder.domain.center) * bounder.domain.scale
+        exact = bounder.network(v[inside])
         row = {
             "asked": int(inside.sum()),
             "same": bool((np.isfinite(values[True]) == inside).all()),
             "float32": bounder.network.rounding,
             "bound": tensor_cores.rounding(bounder.network),
             "difference": float(np.abs(values[True][inside] - values[False][inside]).max()),
+            "error": float(np.abs(values[True][inside] - exact).max()),
+            "error32": float(np.abs(values[False][inside] - exact).max()),
         }
-        if not name.startswith("rays"):
-            v = (x.numpy().reshape(-1, 3) - bounder.domain.center) * bounder.domain.scale
-            exact = bounder.network(v[inside])
-            row |= {
-                "error": float(np.abs(values[True][inside] - exact).max()),
-                "error32": float(np.abs(values[False][inside] - exact).max()),
-            }
         out = wp.zeros(count, dtype=wp.bool, device=arguments.device)
         launch_of(bounder, x, count, out, True)()
         numbers = bounder.tensor_numbers.numpy()
@@ -262,14 +252,10 @@ def distances(arguments) -> dict:
 
 def rays(arguments) -> dict:
     """Ns a ray."""
-    count, found = arguments.count, {}
+    count = arguments.count
     x = wp.array(rays_of(arguments, count).reshape(-1), dtype=wp.float32, device=arguments.device)
     out = wp.zeros(count, dtype=wp.bool, device=arguments.device)
-    bounder = loaded(arguments, "rays-50")
-    for name, cores in (("float32", False), ("tensor", True)):
-        found[f"50 {name}"] = ns(launch_of(bounder, x, count, out, cores), count, 5, 5)
-    found["bvh"] = ns(launch_of(loaded(arguments, "rays-bvh"), x, count, out, False), count, 5, 5)
-    return found
+    return {"bvh": ns(launch_of(loaded(arguments, "rays-bvh"), x, count, out, False), count, 5, 5)}
 
 
 @wp.kernel(enable_backward=False)
@@ -437,7 +423,7 @@ def graphs(arguments) -> dict:
     """Queries captured in a graph and replayed for others: whether answers are those of a call, and ms of both."""
     found, count, device = {}, min(arguments.count, 1_000_000), arguments.device
     frame = np.load(arguments.data / "frame.npz")
-    for name in ("points-24", "points-bvh", "points-kdop", "rays-50", "rays-bvh", "bunny-distance-24"):
+    for name in ("points-24", "points-bvh", "points-kdop", "rays-bvh", "bunny-distance-24"):
         bounder = loaded(arguments, name)
         if name.startswith("rays"):
             rays = rays_of(arguments, 2 * count)

@@ -7,7 +7,8 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import safetensors.numpy
-from bounding_shapes import domain_points, fitted, fitted_query, random_mlp, shape
+from bounding_shapes import domain_points, fitted, fitted_query, random_layers, random_mlp, shape
+from commands import check_bad, run
 from region_cases import REGIONS, hard_regions
 from rewriting import check_refused, rewrite
 
@@ -15,7 +16,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS, file_format
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, FileFormatError
-from warp_bounding.proof import prove, statistical_test
+from warp_bounding.proof import prove
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.whole_file import check_writable
 
@@ -83,12 +84,44 @@ def test_files_of_what_is_gone_say_what_replaces_it(saved):
     for edit, words in (
         ({"method": "kd-tree"}, "method 'kd-tree' is gone: fit a bvh"),
         ({"method": "composition"}, "cascade, union or hierarchy"),
-        ({"method": "monotone-mlp"}, "fit a bvh or an mlp of boxes"),
+        ({"method": "monotone-mlp"}, "'monotone-mlp' is gone: fit a bvh"),
         ({"method": "aabb", "pieces": [0]}, "pieces of a shape are gone"),
         ({"method": "aabb", "pieces": None, "space": "parametric"}, "volumes in parametric space are gone"),
     ):
         rewrite(saved, lambda document, edit=edit: document.update(edit))
         check_refused(saved, words)
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+@pytest.mark.parametrize("method", ["mlp", "cascade", "relu-field"])
+def test_older_networks_and_fields_over_regions_are_refused_in_one_line(method, query, tmp_path, capsys, rng):
+    """By ``load``, by ``certify`` and on the command line; the line names what answers these queries now."""
+    path, source, box = tmp_path / "old.safetensors", tmp_path / "c.npy", fitted_query("c", "aabb", query, LENGTH)
+    np.save(source, shape("c").occupancy)
+    box.save(path)
+    layers = enumerate(random_layers((box.domain.ndim, 8, 1), rng))
+    tensors = {
+        f"layers.{i}.{name}": x for i, layer in layers for name, x in zip(("weight", "bias"), layer, strict=True)
+    }
+    sizes = {"hidden": [8], "activation": "sin"}
+    if method == "cascade":
+        both = enumerate((box.tensors, tensors))
+        tensors = {f"{i}.{name}": x for i, part in both for name, x in part.items()}
+        sizes = {"parts": [{"method": "aabb", "sizes": {}}, {"method": "mlp", "sizes": sizes}]}
+    rewrite(path, lambda document: document.update(method=method, sizes=sizes), tensors)
+    name, end = "mlp", " can; a network of distances answers rays and boxes, proven: fit(shape, 'distance')"
+    if method == "relu-field":
+        name, end = method, " can"
+    line = f"{path}: {name} does not bound {query} queries of 2D objects; aabb, "
+    for read in (lambda: wb.load(path, device="cpu"), lambda: wb.certify(path, shape("c"))):
+        with pytest.raises(FileFormatError) as error:
+            read()
+        assert str(error.value).startswith(line)
+        assert str(error.value).endswith(end)
+    for command in (("info", path), ("certify", path, source)):
+        status, out, err = run(capsys, *command)
+        check_bad(status, out, err)
+        assert err == f"warp-bounding: {error.value}\n"
 
 
 def test_a_lie_with_a_fitting_digest_loads_but_is_not_certified(saved):
@@ -180,20 +213,17 @@ LENGTH = 0.75
 
 
 @cache
-def network(query: str, name: str) -> Mlp:
-    """Random weights and an honest certificate."""
+def network(name: str) -> Mlp:
+    """Of planes, with random weights and an honest certificate."""
     grid = shape(name)
-    bounder = random_mlp(grid, seed=3, domain=domain_of(grid, query, LENGTH))
-    if query == "plane":
-        prove(bounder, grid, eps=0.1)
-    else:
-        statistical_test(bounder, grid, least=-6.0, room=0.0, count=10_000)
+    bounder = random_mlp(grid, seed=3, domain=domain_of(grid, "plane"))
+    prove(bounder, grid, eps=0.1)
     bounder.info = {"indicator": grid.digest, "margin": 0.0, "seed": 0}
     return bounder
 
 
 CASES = [*((method, "c", "point") for method in METHODS), *((m, "animated", "point") for m in ("bvh", "mlp"))]
-CASES += [each for query in REGIONS for each in (("aabb", "animated", query), ("mlp", "c", query))]
+CASES += [*(("aabb", "animated", query) for query in REGIONS), ("mlp", "c", "plane")]
 
 
 @pytest.mark.parametrize(("method", "name", "query"), CASES)
@@ -202,7 +232,7 @@ def test_round_trip(method, name, query, device, tmp_path, rng):
     if query == "point":
         bounder, x = fitted(method, name), domain_points(shape(name), 5000, rng)
     else:
-        bounder = network(query, name) if method == "mlp" else fitted_query(name, method, query, LENGTH)
+        bounder = network(name) if method == "mlp" else fitted_query(name, method, query, LENGTH)
         x = hard_regions(query, shape(name), rng, LENGTH, 1000)
     bounder.save(path)
     reference = wb.load(path, device=device)
@@ -227,15 +257,15 @@ TENSORS = [  # of a bounder, an edit, and words of the error
     ("box", lambda t: t.update(low=t["low"].astype(np.uint32)), ""),
     ("voxels", lambda t: t.update(bits=t["bits"].astype(np.float32)), "uint32"),
     ("mlp", lambda t: t["layers.0.weight"].__setitem__((0, 0), np.nan), "finite"),
-    ("mlp of boxes", lambda t: t.update({"layers.0.weight": np.zeros((6, 5), np.float32)}), "tensors"),
+    ("mlp of planes", lambda t: t.update({"layers.0.weight": np.zeros((6, 5), np.float32)}), "tensors"),
     ("mlp of planes", lambda t: t.update({"layers.1.bias": t["layers.1.bias"][:1]}), "expected tensors"),
 ]
 
 
 @pytest.mark.parametrize(("of", "change", "words"), TENSORS)
 def test_wrong_tensors_are_refused(saved, of, change, words):
-    if "mlp of" in of:
-        network("box" if "boxes" in of else "plane", "c").save(saved)
+    if of == "mlp of planes":
+        network("c").save(saved)
     elif of != "box":
         fitted(of, "c").save(saved)
     tensors = {name: value.copy() for name, value in safetensors.numpy.load_file(saved).items()}
@@ -247,7 +277,7 @@ def test_wrong_tensors_are_refused(saved, of, change, words):
 
 def test_files_that_speak_of_moments_and_octaves(tmp_path):
     """Older files say that there are none; a network that was given them is refused."""
-    path, bounder = tmp_path / "b.safetensors", network("ray", "c")
+    path, bounder = tmp_path / "b.safetensors", network("c")
     bounder.save(path)
     rewrite(path, lambda d: d["sizes"].update(moments=False, octaves=0))
     reference = wb.load(path, device="cpu")
@@ -255,16 +285,6 @@ def test_files_that_speak_of_moments_and_octaves(tmp_path):
     for name, other in (("moments", True), ("moments", "yes"), ("octaves", 4)):
         rewrite(path, lambda d, name=name, other=other: d["sizes"].update({"moments": False, name: other}))
         check_refused(path, name)
-
-
-def both(**fields):
-    """In the description and in the domain inside it, as one would who knows the format."""
-
-    def change(document):
-        document.update(fields)
-        document["domain"].update(fields)
-
-    return change
 
 
 NAN, INF = float("nan"), float("inf")
@@ -339,20 +359,9 @@ def test_edits_that_do_not_add_up_are_refused(kind, where, field, values, tmp_pa
         check_refused(path)
 
 
-def test_what_networks_cannot_claim(tmp_path, monkeypatch):
-    """To round less, to be conservative, a proof that nobody has; another kind of query is found by ``certify``."""
-    path, bounder = tmp_path / "b.safetensors", network("ray", "c")
-
-    def another_query(document):
-        both(query="box", length=None)(document)  # a network of boxes has as many inputs
-        document["certificate"].update(query="box", length=None, lower_bound=1.0)
-        document["threshold"] = document["certificate"]["threshold"] = 0.5
-
-    bounder.save(path)
-    rewrite(path, another_query)
-    liar = wb.load(path, device="cpu")
-    assert liar.query_kind == "box"
-    assert wb.certify(liar, shape("c")).kind == "refuted"
+def test_what_networks_cannot_claim(tmp_path):
+    """To round less, or to be conservative."""
+    path, bounder = tmp_path / "b.safetensors", network("c")
     for made, edit, words in (
         (fitted("mlp", "c"), claim(rounding_bound=0.0), "rounds by"),
         (bounder, lambda d: d.update(method="occupancy"), "not conservative"),
@@ -360,9 +369,5 @@ def test_what_networks_cannot_claim(tmp_path, monkeypatch):
         made.save(path)
         rewrite(path, edit)
         check_refused(path, words)
-    monkeypatch.setattr(Mlp, "provable", False)
-    bounder.save(path)
-    rewrite(path, claim(kind="proven", lower_bound=1e6))
-    check_refused(path, "claims a proof")
-    with pytest.raises(BounderError, match="no proof"):
-        prove(bounder, shape("c"))
+    with pytest.raises(BounderError, match="not conservative"):
+        prove(METHODS["occupancy"](bounder.domain, bounder.tensors, bounder.sizes, "cpu"), shape("c"))

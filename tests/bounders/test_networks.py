@@ -191,7 +191,7 @@ def test_nothing_is_proven_where_all_is_denied_or_nothing_in_time():
 
 
 def test_what_a_fit_refuses():
-    for query, count in (("point", 0), ("point", 1.5), ("point", 1 << 20), ("plane", 4), ("ray", 4), ("box", 4)):
+    for query, count in (("point", 0), ("point", 1.5), ("point", 1 << 20), ("plane", 4)):
         with pytest.raises(BounderError, match="parts"):
             wb.fit(shape("c"), query, "mlp", parts=count, steps=1, device="cpu", progress=False)
 
@@ -199,7 +199,6 @@ def test_what_a_fit_refuses():
 EXITS = {  # shape, query, hidden, activation: one exit and two
     "points": ("blob", "point", EARLY, "sin"),
     "points-2d": ("c", "point", (9, 17, 6), "relu"),
-    "rays": ("c", "ray", EARLY, "sin"),
     "planes": ("blob", "plane", EARLY, "sin"),
 }
 
@@ -251,8 +250,6 @@ def test_the_reference(case, device):
     bounder, x = early(case, device)
     values = bounder.values(x).numpy().astype(np.float64)
     queried = np.isfinite(values)
-    if bounder.query_kind == "ray":  # those that begin inside: `to_local` does not move the others
-        queried &= (np.abs(bounder.domain.base.to_local(x[:, : bounder.ndim])) <= 1).all(axis=1)
     v = bounder.domain.to_local(x[queried])
     exact, values = bounder.reference(v), values[queried]
     agreed = (exact == DENIED) == (values == DENIED)

@@ -20,8 +20,8 @@ from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
-ACTIVATIONS = {"point": "sin", "ray": "relu", "plane": "sin", "box": "sin"}
-CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+mlp", "ray": "kdop+mlp-early"}
+ACTIVATIONS = {"point": "sin", "plane": "relu"}
+CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp-early", "box": "aabb+bvh", "ray": "kdop+bvh"}
 DISTANT = {  # what distances are told, so that a fit takes no time to speak of
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
@@ -48,7 +48,8 @@ FITTED = {  # of a mesh: query, method, and options of ``fit``
     "cascade": ("point", "kdop+mlp", DILATED | LEARNED),
     "rays of a box": ("ray", "aabb", {"length": LENGTH}),
     "planes of half-spaces": ("plane", "kdop", DILATED),
-    "boxes of a network": ("box", "mlp", {"resolution": 8, **LEARNED}),
+    "planes of a network": ("plane", "mlp", LEARNED),
+    "boxes of a hierarchy": ("box", "bvh", {"leaves": 6, "resolution": 8}),
     "inside, network": ("point", "mlp", {"side": "inside", **LEARNED}),
     "inside, dilated": ("point", "mlp", {"side": "inside", **DILATED, **LEARNED}),
     "distance of a box": ("distance", "aabb", DILATED),

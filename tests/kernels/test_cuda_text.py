@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import ARCHITECTURE, asking_kernel, check_compiles
-from bounding_shapes import domain_points, random_bounder, random_mlp, random_network, random_supports, shape
+from bounding_shapes import domain_points, random_bounder, random_mlp, random_supports, shape
 from distances import far, points_around
+from region_cases import REGIONS, fitted_region
 
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kernel
 from warp_bounding.kernels.functions import batch_kernel, batch_snippet
 from warp_bounding.kernels.source import LABEL
-from warp_bounding.networks.bounds import NetworkShape, PlainParametrization
 from warp_bounding.networks.bounds import _kernel as bound_kernel
 from warp_bounding.networks.inference import MlpSource
-from warp_bounding.networks.parametrizations import BoxParametrization, RayParametrization, SegmentParametrization
-from warp_bounding.proof.search import depth_first_kernel
+from warp_bounding.proof.segments import SegmentParametrization
 from warp_bounding.proof.segments import _kernel as walk_kernel
 from warp_bounding.proof.taylor import _kernel as checked_kernel
 from warp_bounding.queries import QUERIES, registry
@@ -29,7 +28,6 @@ pytestmark = [
     pytest.mark.skipif(not hasattr(wp, "compile_aot_module"), reason="this Warp cannot compile ahead of time"),
     pytest.mark.skipif(sys.platform == "darwin", reason="Warp has no CUDA compiler on macOS"),
 ]
-REGIONS = ("ray", "plane", "box")
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -42,8 +40,8 @@ def test_batches_and_functions(method, tmp_path):
 @pytest.mark.parametrize("query", REGIONS)
 def test_regions_and_their_truth(query, tmp_path):
     grid = shape("blob")
-    network = random_supports(grid) if query == "plane" else random_network(query, grid)
-    check_compiles(batch_kernel(network.source, True, False), tmp_path / "placed")
+    bounder = random_supports(grid) if query == "plane" else fitted_region("bvh", query, grid)
+    check_compiles(batch_kernel(bounder.source, True, False), tmp_path / "placed")
     check_compiles(QUERIES[query].kernel(3), tmp_path / "exact")
     check_compiles(registry._kernel(query, 3), tmp_path / "sampled")
 
@@ -55,15 +53,6 @@ def test_networks(activation, tmp_path):
     check_compiles(bound_kernel(network.network.kernel_shape()), tmp_path / "bound")
     check_compiles(checked_kernel(network.network.kernel_shape()), tmp_path / "checked")
     check_compiles(walk_kernel(network.network.kernel_shape(SegmentParametrization(3))), tmp_path / "walk")
-
-
-@pytest.mark.parametrize(
-    "parametrization", [PlainParametrization(3), RayParametrization(6), BoxParametrization(6)], ids=repr
-)
-def test_searches(parametrization, tmp_path):
-    shape = NetworkShape(parametrization.inputs, ((parametrization.inputs, 5, "sin"), (5, 4, "relu")), parametrization)
-    check_compiles(bound_kernel(shape), tmp_path / "bound")
-    check_compiles(depth_first_kernel(shape), tmp_path / "search")
 
 
 @pytest.mark.parametrize("method", DISTANCES)
@@ -103,7 +92,7 @@ def on_cpu(source, placed: bool, values: bool, x: np.ndarray, parameters: wp.arr
 
 @pytest.mark.parametrize(
     ("kind", "placed", "values"),
-    [("point", True, False), ("ray", False, True), ("distance", True, False), ("distance", False, True)],
+    [("point", True, False), ("point", False, True), ("distance", True, False), ("distance", False, True)],
 )
 def test_threads_with_several_queries_answer_as_those_with_one(kind, placed, values, monkeypatch, rng):
     grid = shape("blob")
@@ -111,8 +100,7 @@ def test_threads_with_several_queries_answer_as_those_with_one(kind, placed, val
         bounder, x = far("mlp", "blob"), points_around(grid, 500, rng)
         placement = rng.uniform(0, 2 * grid.extent.max(), 1000)  # radii
     else:
-        bounder = random_network(kind, grid, hidden=(24, 24))
-        x = domain_points(grid, 2000, rng).reshape(1000, -1)[:, : bounder.domain.columns]
+        bounder, x = random_mlp(grid, (24, 24), gain=2.0), domain_points(grid, 1000, rng)
         placement = Placement.of(bounder.domain, [0.1, 0.0, 0.0, 0.0, 0.0, 0.6, 0.8], None).values
     source, parameters = bounder.source, wp.clone(bounder.data.parameters)
     threshold = LABEL + (8 if kind == "distance" else 9)
@@ -129,17 +117,9 @@ def test_threads_with_several_queries_answer_as_those_with_one(kind, placed, val
     assert len(np.unique(one)) > 250 if values else 0.1 < one.mean() < 0.9
 
 
-@pytest.mark.parametrize(
-    ("query", "hidden", "blocks", "most"),
-    [
-        ("point", (24, 24), 3, 250),
-        ("point", (32, 32), 4, 415),
-        ("point", (50, 50), 5, 1420),
-        ("ray", (50, 50), 5, 1500),
-    ],
-)
-def test_numbers_that_a_query_loads(query, hidden, blocks, most, tmp_path):
-    source = MlpSource(3, False, hidden, "sin", query=query)
+@pytest.mark.parametrize(("hidden", "blocks", "most"), [((24, 24), 3, 250), ((32, 32), 4, 415), ((50, 50), 5, 1420)])
+def test_numbers_that_a_query_loads(hidden, blocks, most, tmp_path):
+    source = MlpSource(3, False, hidden, "sin")
     wp.compile_aot_module(
         batch_kernel(source, False, False).module, arch=[ARCHITECTURE], module_dir=tmp_path, use_ptx=True
     )

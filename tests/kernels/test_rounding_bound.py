@@ -14,13 +14,12 @@ from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.cascade import Lattice, Local
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.queries import QUERIES
+from warp_bounding.networks.network import HEADS
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import UNIT32
 
 FAULT = 20.0  # by how much a bound is too small in a test
 WIDE = 2.0**10  # half-widths of the domain: distances that are asked anywhere are looked at so far
-REGIONS = [name for name, kind in QUERIES.items() if kind.is_region]
 
 
 def threshold_at_median(bounder: Bounder) -> Bounder:
@@ -56,7 +55,7 @@ MADE = {f"{method} {name}": partial(random_bounder, method, name) for method, na
 MADE |= {
     f"mlp {query} {activation} {len(hidden)}": partial(network, hidden, activation, query)
     for hidden, activation in NETWORKS
-    for query in ("point", *REGIONS)
+    for query in HEADS
 }
 MADE |= {"local": local, "cascade": partial(joined, wb.cascade), "union": partial(joined, wb.union)}
 MADE |= {f"distance {method}": partial(far, method, "blob") for method in DISTANCES}

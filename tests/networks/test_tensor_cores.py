@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import run_text
-from bounding_shapes import domain_points, random_layers, random_network, shape
+from bounding_shapes import domain_points, random_layers, random_mlp, shape
 from distances import far, points_around, thing
 
 from warp_bounding.activations import SINE
@@ -106,9 +106,9 @@ for (int l = 0; l < 32; ++l) out.data[8 * (l % 4) + l / 4] = f[l];
     return run_text("_".join(map(str, ("lockstep", m, *source.hidden))), snippet, 1, v, numbers, 32)
 
 
-@pytest.mark.parametrize(("query", "hidden"), [("point", (24, 9)), ("ray", (9, 5))])
-def test_emulated_lanes_stay_within_the_rounding_bound(query, hidden):
-    source, rng = MlpSource(3, False, hidden, "sin", query=query), np.random.default_rng(1)
+@pytest.mark.parametrize(("ndim", "hidden"), [(3, (24, 9)), (6, (9, 5))])
+def test_emulated_lanes_stay_within_the_rounding_bound(ndim, hidden):
+    source, rng = MlpSource(ndim, False, hidden, "sin"), np.random.default_rng(1)
     layers = random_layers((source.inputs, *hidden, 1), rng)
     network = Network(layers, SINE.name, np.ones(source.inputs))
     v = rng.uniform(-1, 1, (32, source.inputs)).astype(np.float32)
@@ -128,12 +128,11 @@ def card():
     return "cuda:0"
 
 
-@pytest.mark.parametrize("query", ["point", "ray", "box"])
+@pytest.mark.parametrize("name", ["c", "blob", "animated"])
 @pytest.mark.parametrize("count", [1, 33, 100_003])
-def test_cuda_answers_are_those_of_values(card, query, count, rng):
-    grid = shape("blob")
-    bounder = random_network(query, grid, hidden=(24, 24)).to(card)
-    x = domain_points(grid, 2 * count, rng).reshape(count, -1)[:, : bounder.domain.columns]
+def test_cuda_answers_are_those_of_values(card, name, count, rng):
+    grid = shape(name)
+    bounder, x = random_mlp(grid, (24, 24), gain=2.0).to(card), domain_points(grid, count, rng)
     values = bounder.values(x).numpy().astype(np.float64)
     bounder.freeze(float(np.median(bounder.reference(np.zeros((1, bounder.domain.ndim))))), None)
     assert bounder.tensor_numbers is not None

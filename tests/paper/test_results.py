@@ -1,10 +1,12 @@
 """Results on disk: rows come back, torn ends are dropped, settings are never mixed, nothing foreign is overwritten."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from bounding_shapes import shape
 
-from paper import results
+from paper import regions, results
 from paper.parametric import SAMPLES, fit, rates
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.queries import oracle, sample
@@ -78,6 +80,26 @@ def test_samples_are_enclosed_and_others_are_hardly_missed(name, methods, query)
         found = rates(volume, shape(name), 20_000, "exact", seed=3)
         assert found.fn < 0.005 * found.samples
         assert 0 < found.fp_rate + found.positives <= 100 + 1e-9
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_networks_over_the_numbers_deny_none_of_the_samples_that_set_their_threshold(query, monkeypatch):
+    drawn, true = [], regions.RegionSamples.labelled
+    monkeypatch.setattr(regions, "DRAWN", 5000)
+    monkeypatch.setattr(regions, "BATCH", 1000)
+    monkeypatch.setattr(regions.RegionSamples, "labelled", lambda self, n: drawn.append(true(self, n)) or drawn[-1])
+    network = regions.fit(shape("c"), query, (8,), steps=60, length=0.7)
+    found = [(network.network(v), truth) for v, truth in drawn]
+    last = [f[truth] for f, truth in found[-regions.LEAST_DRAWS :]]
+    assert min(f.min() for f in last) == network.threshold
+    assert np.mean([f[truth].mean() - f[~truth].mean() for f, truth in found]) > 0  # it has learnt something
+    counted, grid = rates(network, shape("c"), 20_000, "exact", seed=3), shape("c")
+    assert counted.fn < 0.01 * counted.samples
+    x = sample(query, grid, 20_000, np.random.default_rng(3))
+    truth, maybe = oracle(query, grid, "cpu", network.domain.oracle_length)(x), network.query(x)
+    assert (counted.fp_rate, counted.fn) == (pytest.approx(100 * (maybe & ~truth).mean()), (truth & ~maybe).sum())
+    assert rates(replace(network, threshold=np.inf), grid, 20_000, "exact", seed=3).fn == truth.sum() > 0
+    assert network.nbytes > 4 * (8 * 4 + 8 + 8 + 1)
 
 
 def test_points_have_no_other_numbers():

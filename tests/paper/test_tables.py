@@ -8,11 +8,13 @@ import pytest
 from commands import check_bad, run
 
 import warp_bounding as wb
-from paper import proofs, results, speed, table1
+from paper import proofs, regions, results, speed, table1
 from paper.__main__ import parser
+from paper.cells import select
 from paper.gallery import FIGURES
 from paper.table import HIDDEN, Column, Variant, budget_of, budgets_in
 from warp_bounding.errors import BounderError, BoundingError
+from warp_bounding.networks.network import HEADS
 
 QUICK = ("--columns", "2d-point,2d-ray", "--methods", "aabb,voxels", "--samples", "5000")
 
@@ -202,6 +204,20 @@ def test_a_contradiction_and_a_failed_proof_are_told(data, table, capsys, monkey
 
 
 # --- what words select ------------------------------------------------------------------------------------------------
+
+
+def test_the_papers_networks_are_rows_of_rays_and_boxes_only(data, tmp_path, capsys, monkeypatch):
+    cells = select(str(data), "2d", "mlp", "2d/disc")
+    found = {(cell.column.query, cell.variant.label) for cell in cells}
+    assert found == {*((query, "mlp") for query in HEADS), ("ray", "mlp (parametric)"), ("box", "mlp (parametric)")}
+    monkeypatch.setattr(table1, "rank_plot", lambda rows: {})
+    monkeypatch.setattr(regions, "DRAWN", 5000)
+    words = ("table1", "--out", tmp_path, "--data", data, "--columns", "2d-box", "--methods", "mlp", "--budget", "0.3")
+    status, _, err = run(capsys, *words, "--objects", "2d/disc", "--samples", "5000", "--protocol", "sampled")
+    assert status == 0, err
+    (row,) = rows(tmp_path, "table1")
+    assert (row["method"], row["space"], row["certificate"]) == ("mlp", "parametric", "")
+    assert "| mlp (parametric) | " in (tmp_path / "README.md").read_text()
 
 
 POINT, RAY = Column(2, "point"), Column(3, "ray")

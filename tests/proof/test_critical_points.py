@@ -12,14 +12,15 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from asking import ask
-from bounding_shapes import random_mlp, random_network, random_supports, reader, shape
+from bounding_shapes import random_mlp, random_supports, reader, shape
 from fused_activations import FUSED, PLAIN
 from region_cases import placed
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
 from warp_bounding.proof import least_value, settle
-from warp_bounding.proof.stress import Walk, queries_at
+from warp_bounding.proof.planes import SupportGap
+from warp_bounding.proof.stress import Walk
 from warp_bounding.queries import oracle
 from warp_bounding.rounding import round_down, round_up
 
@@ -27,9 +28,6 @@ F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights
     "point": ("blob", partial(random_mlp, activation="relu", seed=2)),
     "point-deep": ("blob", partial(random_mlp, hidden=(13, 30, 5))),
-    "ray-sin": ("c", partial(random_network, "ray")),
-    "ray-relu": ("blob", partial(random_network, "ray", activation="relu")),
-    "box": ("c", partial(random_network, "box", activation="relu")),
     "plane": ("blob", random_supports),
 }
 ORDERS = ("forwards", "backwards", "sorted", "pairs", "fused", "fused backwards")
@@ -42,18 +40,14 @@ def critical(case: str) -> tuple[Mlp, np.ndarray, np.ndarray]:
     bounder = CASES[case][1](grid)
     search = least_value(bounder, grid, eps=1e-3, boxes=60_000)
     settle(bounder, grid, search)
-    q = [queries_at(bounder, grid, search.worst[:120]).astype(F32)]
+    worst = search.worst[:120]
+    worst = SupportGap(bounder, grid).touching(worst) if bounder.query_kind == "plane" else worst
+    q = [bounder.domain.to_object(worst).astype(F32)]
     for _ in range(4):
         q.append(np.nextafter(q[-1], np.where(rng.random(q[0].shape) < 0.5, F32(np.inf), F32(-np.inf))))
-    q = upright(bounder, np.concatenate(q))
+    q = np.concatenate(q)
     positives = Walk(bounder, grid).around(q)[0]
     return bounder, np.concatenate([q, positives[:200]]), positives
-
-
-def upright(bounder, q: np.ndarray) -> np.ndarray:
-    """Boxes with their corners in order; other queries as they are."""
-    low, high = q[:, : bounder.ndim], q[:, bounder.ndim :]
-    return np.hstack([np.minimum(low, high), np.maximum(low, high)]) if bounder.query_kind == "box" else q
 
 
 def coordinates(bounder, q: np.ndarray) -> np.ndarray:
@@ -98,8 +92,8 @@ def float32_affine(h: np.ndarray, weight: np.ndarray, bias: np.ndarray, how: str
 
 
 def moved(bounder, q: np.ndarray, rotated, shift, factors, back: bool = False) -> np.ndarray:
-    """Queries from object space to the world, or back, in extended precision; boxes for permutations."""
-    return upright(bounder, placed(bounder.query_kind, q, bounder.ndim, rotated, shift, factors, back, dtype=EXACT))
+    """Queries from object space to the world, or back, in extended precision."""
+    return placed(bounder.query_kind, q, bounder.ndim, rotated, shift, factors, back, dtype=EXACT)
 
 
 def placement(n: int, seed: int, turned: bool):
@@ -201,10 +195,10 @@ def test_positives_are_never_denied(case, device):
     assert bounder.query(positives).numpy().all()
     assert ask(bounder, positives).all()
     for seed in range(4):
-        *move, xform = placement(bounder.ndim, seed, turned=seed > 1 and bounder.query_kind != "box")
+        *move, xform = placement(bounder.ndim, seed, turned=seed > 1)
         world = moved(bounder, positives, *move).astype(F32)
         back = moved(bounder, world, *move, back=True)
-        near = [upright(bounder, (back * (1 + EXACT(k) / 2**22)).astype(F32)) for k in (-1, 0, 1)]
+        near = [(back * (1 + EXACT(k) / 2**22)).astype(F32) for k in (-1, 0, 1)]
         sure = np.all([truth(x) for x in near], axis=0)  # around what that rounded
         assert sure.mean() > 0.1
         assert bounder.query(world[sure], xform=xform, scale=move[2]).numpy().all()

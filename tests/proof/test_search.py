@@ -12,11 +12,11 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.cascade import Lattice, Local
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.proof import minimum, positive_boxes
+from warp_bounding.proof import least_value, minimum, positive_boxes
 from warp_bounding.proof import search as module
 from warp_bounding.proof.prove import Lost
-from warp_bounding.proof.search import STACK, WORST, ShapePositives, _fill
-from warp_bounding.shapes.grid import blocks_of
+from warp_bounding.proof.search import WORST, ShapePositives
+from warp_bounding.shapes.grid import Grid, blocks_of
 
 
 def brute_force(bounder, lower, upper, rng, count=200_000) -> float:
@@ -60,6 +60,22 @@ def test_minimum_of_networks_is_what_brute_force_finds(hidden, activation, rng):
     assert np.isclose(values[0], search.upper_bound, atol=1e-9)
     x = search.worst[:, None]
     assert ((x >= lower - 1e-12) & (x <= upper + 1e-12)).all(axis=2).any(axis=1).all()
+
+
+@pytest.mark.parametrize("cells", [(5, 4), (3, 4, 3), (2, 3, 2, 3)])
+def test_the_least_value_of_a_network_over_a_grid_is_a_bound_and_complete(cells, rng):
+    occupancy = rng.random(cells) < 0.4
+    occupancy.flat[:2] = True, False
+    grid = Grid(occupancy)
+    bounder = random_mlp(grid)
+    search, boxes = least_value(bounder, grid, eps=1e-3), positive_boxes(bounder, grid)
+    v = device_coordinates(bounder, object_points(grid, rng, 1000))
+    assert search.complete
+    assert search.lower_bound <= min(brute_force(bounder, *boxes, rng), bounder.reference(v).min())
+    assert search.upper_bound - search.lower_bound <= 1e-3
+    assert np.isclose(bounder.reference(search.worst)[0], search.upper_bound, atol=1e-9)
+    inside = [((search.worst >= low) & (search.worst <= high)).all(axis=1) for low, high in zip(*boxes, strict=True)]
+    assert np.any(inside, axis=0).all()
 
 
 def test_it_closes_no_box_whose_bound_is_nan():
@@ -129,27 +145,6 @@ def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng
     for number in halves:
         assert search.by_group[number] <= bounder.reference(positives[part(positives) == number]).min()
     assert search.by_group.min() == search.lower_bound
-
-
-def test_boxes_that_are_dealt_out_anew_are_the_same(rng):
-    for _ in range(20):
-        blocks = int(rng.integers(1, 70))
-        heights = np.where(rng.random(blocks) < 0.5, 0, rng.integers(0, STACK + 1, blocks)).astype(np.int32)
-        reserve = np.arange(1e6, 1e6 + rng.choice([0, 1, 7, 5000])).reshape(-1, 1, 1)
-        stacks = np.arange(blocks * STACK, dtype=np.float64).reshape(blocks, STACK, 1, 1)
-
-        def held(stacks=stacks, heights=heights) -> np.ndarray:
-            return np.concatenate([stack[:height, 0, 0] for stack, height in zip(stacks, heights, strict=True)])
-
-        first = np.minimum(heights, rng.integers(0, STACK, blocks)).astype(np.int32)
-        before, waiting = held(), int(first.sum())
-        taken = _fill(stacks, heights, first, reserve)
-        after = np.concatenate([held(), reserve[: len(reserve) - taken, 0, 0]])
-        assert np.array_equal(np.sort(after), np.sort(np.concatenate([before, reserve[:, 0, 0]])))
-        assert heights.max() <= STACK
-        assert (first <= heights).all()
-        assert first.sum() == waiting + taken
-        assert heights.any() or not len(before) + len(reserve)
 
 
 # --- half-spaces that hold a shape in boxes --------------------------------------------------------------------------

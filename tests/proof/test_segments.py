@@ -160,6 +160,7 @@ def test_segments_that_end_in_the_object_are_never_cleared(rng):
     assert not wb.proof.clear_segments(bounder, ends, ends).any()
 
 
+@pytest.mark.filterwarnings("ignore:.*are they in other units")
 def test_segments_through_the_object_from_far_away_are_not_cleared(rng):
     bounder, grid = fitted("mlp", "c"), shape("c")
     through = grid.position(grid.occupied[rng.integers(len(grid.occupied), size=200)]).astype(np.float64)

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from bounding_shapes import random_network, reloaded
+from bounding_shapes import reloaded
 from plain_shapes import TETRAHEDRON, ball_at, balls_at, box_of, torus_at
 from rewriting import check_refuted
 
@@ -13,7 +13,6 @@ import warp_bounding as wb
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.geometry import few_points, hull_of
 from warp_bounding.proof import least_value, minimum, prove, stress_test
-from warp_bounding.proof.prove import ShapeRegions, coarse_cells
 from warp_bounding.proof.search import ShapePositives
 from warp_bounding.proof.stress import CHUNK
 from warp_bounding.queries import QUERIES
@@ -250,12 +249,11 @@ def test_volumes_of_a_mesh_are_proven_for_regions(method, query):
     assert wb.certify(bounder, larger).kind != "proven"  # a larger object does not fit into the volume
 
 
-@pytest.mark.parametrize("query", ["plane", pytest.param("box", marks=pytest.mark.slow)])
-def test_networks_of_regions_are_proven_over_the_mesh_and_refuted_where_they_are_raised(query, tmp_path):
-    bounder = fit(mesh(), query, "mlp", steps=60, margin=MARGIN)
+def test_networks_of_planes_are_proven_over_the_mesh_and_refuted_where_they_are_raised(tmp_path):
+    bounder = fit(mesh(), "plane", "mlp", steps=60, margin=MARGIN)
     assert bounder.certificate.proven
     assert bounder.info["resolution"] is None
-    x = positives_of(query)
+    x = positives_of("plane")
     assert bounder.query(x).numpy().all()
     assert wb.certify(reloaded(bounder, tmp_path), mesh()).proven
     check_refuted(bounder.freeze(float(bounder.values(x).numpy().min()) + 0.5, None), mesh())
@@ -271,30 +269,6 @@ def test_a_stress_test_asks_certain_positives_only(query):
     assert result.forms["placed"]
     raised = bounder.freeze(float(bounder.threshold) + 0.2, None)
     assert stress_test(raised, mesh(), 300_000, seed=2).missed is not None
-
-
-@pytest.mark.parametrize("query", ["ray", "box"])
-def test_no_positive_is_in_a_box_that_is_called_vacant(query):
-    shape, rng = mesh(MARGIN), np.random.default_rng(1)
-    bounder = random_network(query, shape)
-    regions = ShapeRegions(bounder, shape, coarse_cells(shape, 0.25))
-    lower, upper = regions.boxes()
-    count, n = 4000, shape.ndim
-    chosen = rng.integers(len(lower), size=count)
-    z = lower[chosen] + rng.random((count, lower.shape[1])) * (upper - lower)[chosen]
-    size = np.exp2(rng.uniform(-12, -1, (count, 1)))
-    low = np.maximum(z - size * rng.random(z.shape), lower[chosen])
-    high = np.minimum(z + size * rng.random(z.shape), upper[chosen])
-    vacant = regions.vacant(low, high)
-    assert vacant.any()
-    assert not vacant.all()
-    v = regions.coordinates(z[vacant])
-    if query == "ray":  # from p on: before it there are no cells, or others tell of them
-        p, t, w = z[vacant, :n], z[vacant, n : n + 1], v[:, n:]
-        to_object = bounder.domain.base.to_object
-        assert (shape.decide_segments(to_object(p), to_object(p + (1 - t) * w)) == OUT).all()
-    else:
-        assert (QUERIES["box"].decide(shape, bounder.domain.to_object(v)) == OUT).all()
 
 
 def test_what_needs_cells_and_what_is_undecided():

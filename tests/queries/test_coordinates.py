@@ -9,6 +9,7 @@ from asking import ask, run_text
 from bounding_shapes import random_mlp, shape
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
+from warp_bounding.bounders import Cascade
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import TOOLS
 from warp_bounding.queries import sample
@@ -235,13 +236,16 @@ def test_tiny_and_huge_objects(query, exponent, device, rng):
 
 @cache
 def bounders(name: str, query: str):
-    """A network, whose kernel gathers queries first; in 3D also a volume, whose kernel works on all."""
+    """A network or a cascade, whose kernels gather queries first; in 3D also a volume, whose kernel works on all."""
     grid = shape(name)
-    domain, rng = domain_of(grid, query, ray_length(grid)), np.random.default_rng(0)
-    network = random_mlp(grid, gain=2.0, domain=domain)
-    values = network.values(sample(query, grid, 1000, rng)).numpy()
-    network.freeze(float(np.median(values[np.isfinite(values)])), None)
-    return [network, *([fitted_region("aabb", query, grid)] if name == "blob" else [])]
+    volume = fitted_region("aabb", query, grid)
+    if query != "plane":
+        first = Cascade.of([volume, fitted_region("bvh", query, grid)])
+    else:
+        first, rng = random_mlp(grid, gain=2.0, domain=volume.domain), np.random.default_rng(0)
+        values = first.values(sample(query, grid, 1000, rng)).numpy()
+        first.freeze(float(np.median(values[np.isfinite(values)])), None)
+    return [first, *([volume] if name == "blob" else [])]
 
 
 def outside(query: str, grid) -> np.ndarray:

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 import torch
 import warp as wp
-from bounding_shapes import crossed, fitted, random_mlp, shape
+from bounding_shapes import crossed, fitted, shape
 from region_cases import REGIONS, fitted_region, placed, ray_length
 
-from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import QueryError
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.placement import Placement, placement_error
@@ -188,11 +187,6 @@ def test_placed_regions_are_never_denied(query, name, dtype, device, rng):
                 assert (values >= bounder.threshold).all(), (bounder, world[values < bounder.threshold][:3])
 
 
-def network_of(grid, query: str, length: float) -> Mlp:
-    """Random weights; not proven."""
-    return random_mlp(grid, gain=2.0, domain=domain_of(grid, query, length))
-
-
 @pytest.mark.parametrize("query", REGIONS)
 def test_length_stays_in_object_units(query):
     """A ray that just reaches a shape of ten times the size is ten times as long in the world."""
@@ -246,7 +240,7 @@ def test_placed_special_numbers(query, scale):
     ids=str,
 )
 def test_placements_beyond_the_certificate_are_refused(query, options, dtype):
-    bounder = fitted("aabb", "blob") if query == "point" else network_of(shape("blob"), query, 1.0)
+    bounder = fitted("aabb", "blob") if query == "point" else fitted_region("aabb", query, shape("blob"))
     for ask in (bounder.query, bounder.candidates):
         with pytest.raises(
             QueryError, match=f"move a {query} by a rounding error .* certificate covers|must fit float32"

@@ -90,7 +90,7 @@ def test_a_hull_of_too_many_points_is_held_by_fewer():
 
 
 TURN = trimesh.transformations.euler_matrix(0.3, 0.4, 0.5)[:3, :3]
-DISC = np.array([[np.cos(turn), np.sin(turn), 0.0] for turn in np.linspace(0, 6, 1000)])
+DISC = np.array([[np.cos(turn), np.sin(turn), 0.0] for turn in np.linspace(0, 6, 2000)])
 THIN = np.array([0, 0, 1e-12])
 FLAT = {
     "square": V[:, :3] * [1, 1, 0],
@@ -98,7 +98,7 @@ FLAT = {
     "place": V[:, :3] * 0 + 0.5,
     "disc": DISC,
     "turned disc": DISC @ TURN + 100,
-    "nearly flat": DISC + [0, 0, 2e-16] * np.arange(1000)[:, None],
+    "nearly flat": DISC + [0, 0, 1e-16] * np.arange(2000)[:, None],
     "many on a line": np.linspace(0, 1, 2000)[:, None] * [1.0, 2.0, 3.0],
     "a disc of both sides, as thin as float64 tells": np.concatenate([DISC, DISC + THIN]),
 }
@@ -299,9 +299,6 @@ def test_links_that_are_fixed_to_each_other_are_checked_one_by_one(tmp_path, par
     pairs = {tuple(sorted((one, other))) for one in moved for other in moved if moved[one] != moved[other]}
     assert checked(arm) == pairs - {tuple(pair.split()) for pair in ["base fore", *apart]}
     assert arm.note == note
-    with warnings.catch_warnings(action="ignore"):  # some touch at every angle
-        shape = wb.arms.ArmConfigurations(arm)
-    assert shape.remark.endswith(f"without {1 + len(apart)} pairs of links")
 
 
 def test_a_fixed_tool_that_folds_back_collides(tmp_path):

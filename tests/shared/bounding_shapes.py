@@ -223,22 +223,9 @@ def object_points(grid: Grid, rng: np.random.Generator, count: int = 4000) -> np
     return x[grid.contains(x)]
 
 
-def without_proof(monkeypatch) -> Mlp:
-    """Random weights, and for the time of a test no network has a proof."""
-    monkeypatch.setattr(Mlp, "provable", False)
-    bounder = random_mlp(shape("c"), seed=3, domain=domain_of(shape("c"), "ray"))
-    bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
-    return bounder
-
-
-def random_network(query: str, grid: Grid, seed=0, activation="sin", hidden=(9, 7), gain=2.0) -> Mlp:
-    """Its first layer's weights are larger by ``gain``; of planes it has two outputs."""
-    return random_mlp(grid, hidden, activation, seed=seed, gain=gain, domain=domain_of(grid, query))
-
-
 def random_supports(grid, seed=0, activation="sin", hidden=(9, 7)) -> Mlp:
     """Of planes."""
-    return random_network("plane", grid, seed, activation, hidden, gain=1.5)
+    return random_mlp(grid, hidden, activation, seed=seed, gain=1.5, domain=domain_of(grid, "plane"))
 
 
 def denying(bounder, points):

@@ -15,6 +15,7 @@ from sims.report import Run, kept, verdict
 
 KEYS = {"bounder", "narrow_calls", "missed", "identical", "fp_rate", "fp_rate_cells", "certificate"}
 KEYS |= {"ms_broad", "ms_narrow", "ms_step"}
+PROVEN = {"pile", "shadows"}  # every run of these demos
 SLOW = set(DEMOS) - {"shadows"}  # up to a minute each; their parts have tests of their own
 
 
@@ -34,11 +35,11 @@ def test_the_small_form_keeps_its_promise(name, tmp_path, capsys):
             assert run["missed"] == 0
             assert run["identical"]
     lost = [run for run in answer["runs"] if run["bounder"] == "occupancy"]
-    assert bool(lost) == (name != "pile")  # of which every run is proven
+    assert bool(lost) == (name not in PROVEN)
     assert all(run["missed"] > 0 and not run["identical"] for run in lost)
     text = capsys.readouterr().out
     assert "missed none" in text
-    assert ("occupancy" in text) == (name != "pile")
+    assert ("occupancy" in text) == (name not in PROVEN)
     assert ("UR5" in text or "No robot is shown" in text) == (name == "arm")
 
 

@@ -1,6 +1,8 @@
 """``fit``: the loop runs, is repeatable, keeps its budget and survives Ctrl-C; cascades share their time."""
 
+import time
 import warnings
+from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -13,6 +15,7 @@ import warp_bounding as wb
 from warp_bounding.bounders.bvh import Bvh, build
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.errors import BounderError, BoundingError, QueryError, ShapeError
+from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import prove
 from warp_bounding.queries.domain import Domain
 from warp_bounding.shapes import MovingMesh
@@ -23,8 +26,8 @@ from warp_bounding.training.engine import Evaluator, TrainableNetwork
 @pytest.fixture(autouse=True)
 def _short_proofs(monkeypatch):
     """Three layers of sines that are hardly trained can keep a proof busy for long; it holds wherever it ends."""
-    monkeypatch.setattr(networks, "MINE_POINTS_BOXES", 100_000)
-    monkeypatch.setattr(networks, "PROOF_BOXES", 100_000)
+    monkeypatch.setattr(networks, "SCHEDULE", replace(networks.SCHEDULE, search_boxes=100_000))
+    monkeypatch.setattr(networks, "LIMITS", replace(networks.LIMITS, boxes=100_000))
 
 
 def same(a, b) -> bool:
@@ -80,19 +83,33 @@ def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(rng):
     assert bounder.query(object_points(grid, rng, 1000)).numpy().all()
 
 
-@pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])
-@pytest.mark.parametrize("method", ["learned-kdop+mlp", pytest.param("kdop+mlp-early", marks=pytest.mark.slow)])
-def test_a_cascade_is_fitted_and_says_what_its_parts_say(query, method, tmp_path):
+@pytest.mark.parametrize(
+    ("method", "query"),
+    [
+        *(("learned-kdop+mlp", query) for query in HEADS),
+        *(pytest.param("kdop+mlp-early", query, marks=pytest.mark.slow) for query in HEADS),
+        *(("learned-kdop+bvh", query) for query in ("ray", "box")),
+    ],
+)
+def test_a_cascade_is_fitted_and_says_what_its_parts_say(method, query, tmp_path):
     bounder, grid = few("blob", method, query), shape("blob")
     assert bounder.method == "cascade"
     assert [entry["method"] for entry in bounder.sizes["parts"]] == method.split("+")
-    assert bounder.certificate.kind in ("proven", "statistical")
+    assert bounder.certificate.proven
     assert bounder.info["indicator"] == grid.digest
     assert len(bounder.info["training"]["parts"]) == 2
     assert bounder.info["training"]["seconds"] >= sum(p["seconds"] for p in bounder.info["training"]["parts"]) - 0.01
     assert wb.evaluate(bounder, grid, samples=50_000).fn == 0
     bounder.save(tmp_path / "a.safetensors")
     assert wb.load(tmp_path / "a.safetensors").certificate == bounder.certificate
+
+
+@pytest.mark.parametrize("query", ["ray", "box"])
+def test_networks_of_rays_and_boxes_are_refused_in_one_line_that_names_the_distance(query):
+    for method in ("mlp", "mlp-early", "aabb+mlp", "occupancy"):
+        with pytest.raises(BounderError, match=rf"does not bound {query} queries.*fit\(shape, 'distance'\)$") as error:
+            wb.fit(shape("c"), query, method)
+        assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(
@@ -112,18 +129,18 @@ def test_what_is_no_cascade_is_refused_before_anything_is_fitted(method, message
 
 
 def test_a_last_part_that_is_fitted_already_is_taken_as_it_is_where_it_belongs(monkeypatch):
-    network, grid = few("star", "mlp", "ray", steps=20), shape("star")
+    network, grid = few("star", steps=20), shape("star")
     monkeypatch.setattr(networks, "_Fit", None)
-    whole = few("star", "learned-kdop+mlp", "ray", steps=20, last=network)
+    whole = few("star", "learned-kdop+mlp", steps=20, last=network)
     assert whole.threshold == network.threshold
     assert len(whole.tensors["0.offsets"]) == 40
     assert whole.certificate.kind == network.certificate.kind
     assert whole.info["training"]["seconds"] > network.info["training"]["seconds"]
     assert wb.evaluate(whole, grid).fp_rate < wb.evaluate(network, grid).fp_rate
     for name, method, query, words in (
-        ("star", "mlp+kdop", "ray", "last must be the last of several methods"),
-        ("c", "learned-kdop+mlp", "ray", "same"),
-        ("star", "kdop+mlp", "box", "same queries and domain"),
+        ("star", "mlp+kdop", "point", "last must be the last of several methods"),
+        ("c", "learned-kdop+mlp", "point", "same"),
+        ("star", "kdop+mlp", "plane", "same queries and domain"),
     ):
         with pytest.raises(BounderError, match=words):
             few(name, method, query, last=network)
@@ -183,11 +200,39 @@ def generator(seed):
     return torch.Generator().manual_seed(seed)
 
 
+@pytest.mark.parametrize("method", ["learned-kdop", "relu-field"])
+def test_what_torch_imports_for_its_first_optimiser_is_not_counted(method, monkeypatch):
+    adam = torch.optim.Adam
+
+    def late(*tensors, **options):
+        time.sleep(0.3)
+        return adam(*tensors, **options)
+
+    monkeypatch.setattr(torch.optim, "Adam", late)
+    bounder = wb.fit(shape("c"), method=method, steps=3, device="cpu", progress=False)
+    assert bounder.info["training"]["compile_seconds"] >= 0.3
+
+
+# --- the default method ----------------------------------------------------------------------------------------------
+
+FOUND = {"point": "mlp", "plane": "mlp", "distance": "mlp", "ray": "bvh", "box": "bvh"}
+
+
+@pytest.mark.parametrize("query", FOUND)
+def test_without_a_method_every_kind_of_query_gets_what_is_proven(query):
+    """A network where one answers, and boxes where none does."""
+    options = {"steps": 3, "hidden": (8,)} if FOUND[query] == "mlp" else {}
+    bounder = wb.fit(shape("blob"), query, device="cpu", progress=False, **options)
+    assert bounder.method == FOUND[query]
+    assert bounder.certificate.proven
+    assert wb.certify(bounder, shape("blob")).proven
+
+
 # --- options: every wrong one is one clear line -----------------------------------------------------------------------
 
 WRONG = {
     "query": "cone",
-    "method": ["magic", None, 5],
+    "method": ["magic", "", 5],
     "hidden": [0, (0,), (), (8, -1), (2.5,), (True,), (1025,), "eight", (8,) * 9, (1024,) * 3, None],
     "activation": ["softplus", "", None],
     "budget": [0, float("nan"), float("inf"), "long", None, True],
@@ -220,7 +265,7 @@ TAKEN = {
     ("bvh", "point"): {"leaves", "hidden"},
     ("mlp", "point"): {"hidden", "activation", "parts", "steps"},
     ("mlp-early", "point"): {"hidden", "activation", "steps"},
-    ("mlp", "box"): {"hidden", "activation", "steps"},
+    ("mlp", "plane"): {"hidden", "activation", "steps"},
     ("kdop+mlp", "point"): {"k", "hidden", "activation", "parts", "steps"},
 }
 
@@ -247,7 +292,8 @@ def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypa
 
 def test_what_cannot_be_statistical():
     grid = shape("c")
-    for options in ({"statistical": "yes"}, {"statistical": True, "parts": 16}, {"statistical": True, "query": "box"}):
+    true = {"statistical": True}
+    for options in ({"statistical": "yes"}, true | {"parts": 16}, true | {"query": "plane"}, true | {"query": "box"}):
         with pytest.raises(BounderError):
             wb.fit(grid, **options, steps=2, device="cpu")
 

@@ -204,7 +204,7 @@ def checked_pose(pose, name: str) -> np.ndarray:
 
 # --- Joints and arms --------------------------------------------------------------------------------------------------
 
-MOST_JOINTS = 16  # ``kinematics.ALLOWANCE`` counts on it
+MOST_JOINTS = 16  # ``kernels.ALLOWANCE`` counts on it
 FARTHEST = 4 * np.pi  # of a limit in radians; farther there is nothing new, and sine and cosine are less accurate
 PARALLEL = 1e-12  # by how much the cosine of the angle between parallel axes may miss 1
 OUTWARD = 1 + 2.0**-40  # outweighs what float64 rounds in a reach

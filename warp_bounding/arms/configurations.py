@@ -138,9 +138,7 @@ class ArmConfigurations(Formula):
         own = len(self._own)
         around = f"{len(self.pairs) - own} with obstacles, " if self.obstacles else ""
         itself = f"{own} of the arm itself" if self.self_collision else "the arm is NOT checked against itself"
-        left_out = ["neighbours"] * (not self.arm.neighbours)
-        left_out += [f"{len(self.arm.touching)} pairs of links"] * bool(self.arm.touching)
-        without = f", without {' and '.join(left_out)}" if self.self_collision and left_out else ""
+        without = ", without neighbours" if self.self_collision and not self.arm.neighbours else ""
         return f"pairs of bodies checked: {around}{itself}{without}"
 
     def _shares(self, pairs: np.ndarray, q: np.ndarray) -> np.ndarray:

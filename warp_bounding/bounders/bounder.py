@@ -10,7 +10,7 @@ A bounder maps a query to coordinates ``v`` (``Domain``), computes one float32 n
 * ``rounding_bound()``: ``E >= |f as any device computes it - exact f|`` wherever the domain test lets a query through;
 * ``options``, which users can set, and ``supports``, what it bounds;
 * ``fit(grid, domain, ...)``, where the volume is computed in closed form; where it is learned, an entry in
-  ``training.trainers.TRAINERS``.
+  ``training.fit.TRAINERS``.
 
 It is proven when ``threshold <= (least bound over the widened object) - E``; ``proof`` establishes that, for every
 method by the same code. A new method is one file with a subclass, and its name in ``bounders/__init__.py``
@@ -192,6 +192,7 @@ class Bounder(Queryable):
     bit_fields: ClassVar[tuple[str, ...]] = ()  # how the names of uint32 tensors end, also of members' tensors
     takes_seconds: ClassVar[bool] = False  # ``fit`` has an argument ``seconds``; when they are over it ends, looser
     options: ClassVar[tuple[Option, ...]] = ()  # what ``fit`` and the command line can set
+    instead: ClassVar[str] = ""  # more of the message about a kind of query that the method does not bound
     distance = segments = rays = boxes = OnlyOfDistances()
     distance_func = segment_func = ray_func = box_func = slack = OnlyOfDistances()
 
@@ -236,7 +237,7 @@ class Bounder(Queryable):
     def check_domain(cls, domain: Any) -> None:
         """Refuse a domain that the method has no bounders in, with ``BounderError``."""
         if not cls.supports(domain.query, domain.space_ndim):
-            raise BounderError(unsupported(cls.method, domain.query, domain.space_ndim))
+            raise BounderError(unsupported(cls, domain.query, domain.space_ndim))
 
     @classmethod
     def tensor_types(cls, name: str) -> tuple[type, ...]:
@@ -289,11 +290,6 @@ class Bounder(Queryable):
         For regions that are tested against a volume, the computed ``f(v)`` is at least the largest value that the
         volume's exact f has on the region ``v``, less E.
         """
-
-    @property
-    def provable(self) -> bool:
-        """Whether there is a proof for the method and its kind of query."""
-        return self.conservative
 
     @property
     def parts(self) -> "list[Bounder]":
@@ -541,14 +537,15 @@ def method_class(method: str, query: str = "point", ndim: int = 3) -> type[Bound
             raise BounderError(f"method {method} has no distance of {ndim}D objects")
         return DISTANCES[method]
     if not known_method(method).supports(query, ndim):
-        raise BounderError(f"method {unsupported(method, query, ndim)}")
+        raise BounderError(f"method {unsupported(METHODS[method], query, ndim)}")
     return METHODS[method]
 
 
-def unsupported(method: str, query: str, ndim: int) -> str:
+def unsupported(cls: type[Bounder], query: str, ndim: int) -> str:
     """The message for a method that cannot bound a kind of query of n-dimensional objects; it names those that can."""
     others = [name for name, kind in METHODS.items() if kind.conservative and kind.supports(query, ndim)]
-    return f"{method} does not bound {query} queries of {ndim}D objects; {', '.join(others) or 'none'} can"
+    can = f"{', '.join(others) or 'none'} can{cls.instead}"
+    return f"{cls.method} does not bound {query} queries of {ndim}D objects; {can}"
 
 
 def supports(method: str, query: str, ndim: int) -> bool:

@@ -118,10 +118,6 @@ class Composed(Bounder):
         self.info["training"] = {"parts": [bounder.info.get("training") for bounder in bounders]}
 
     @property
-    def provable(self) -> bool:
-        return all(member.provable for member in self.members)
-
-    @property
     def in_memory(self) -> list[Bounder]:
         """The members in the order in which their words stand behind each other."""
         return self.members

@@ -74,7 +74,7 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
 GONE = {
     "composition": "put together by & and |: fit it anew, with cascade, union or hierarchy",
     "kd-tree": "fit a bvh, which holds the same cells",
-    "monotone-mlp": "fit a bvh or an mlp of boxes",
+    "monotone-mlp": "fit a bvh",
 }
 BALLS = "balls"  # ``pairs.balls``: no bounder
 

@@ -17,7 +17,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
-from warp_bounding.networks.network import Network, head_of
+from warp_bounding.networks.network import HEADS, Network
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.domain import Domain
 
@@ -105,19 +105,20 @@ class Mlp(Layered, Bounder):
 
     method = "mlp"
     exact_on_cells = False
+    instead = "; a network of distances answers rays and boxes, proven: fit(shape, 'distance')"
     options = (HIDDEN, ACTIVATION, PARTS, STATISTICAL, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod
     def supports(cls, query: str, ndim: int) -> bool:
-        return not QUERIES[query].is_region or ndim >= 2
+        return query in HEADS and (not QUERIES[query].is_region or ndim >= 2)
 
     @classmethod
     def takes_shapes(cls, query: str) -> bool:
         return True
 
     def check_tensors(self) -> None:
-        self.head = head_of(self.query_kind)
+        self.head = HEADS[self.query_kind]
         inputs = self.domain.ndim - self.head.offsets
         shapes = self.layer_shapes(inputs, self.head.outputs)
         for name in ("octaves", "moments"):
@@ -136,7 +137,7 @@ class Mlp(Layered, Bounder):
         """The same network of points for another domain: its first layer absorbs the map between both, in float32.
 
         It is not proven: its threshold is this one's, and it has no certificate. Raises ``BounderError`` for networks
-        of regions.
+        of planes.
         """
         if not self.domain.tested_as_point:
             raise BounderError(f"{self.method}: only a network of points can be asked in another domain")

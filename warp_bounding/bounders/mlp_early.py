@@ -6,7 +6,7 @@ shorter network whose layers are shared, and every part is proven by itself, as 
 Where else the second, the *grant*, is above its threshold the answer is *maybe*, and no more is queried. That needs no
 proof, because *maybe* is never wrong; it may cost false positives, of which its threshold allows a few
 (``training.recipes.early``). Without grants an exit would pay only where most queries are denied: where they mostly
-meet the object, as rays, planes and boxes do, it is the *maybe* that can be told early.
+meet the object, as planes do, it is the *maybe* that can be told early.
 
 ``f`` is the output where no exit decides, ``DENIED``, a very low number, where the first to decide denies, and
 ``GRANTED``, a very high one, where it grants. Whatever is certified of the parts together holds: f is lower than

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 ARITHMETIC = (
     "float32, round to nearest, any summation order, with or without fused multiply-add, subnormals kept or flushed"
 )
+FINITE = tuple(float(end) for end in (np.finfo(np.float32).min, np.finfo(np.float32).max))  # JSON has no infinity
 ABOUT = ("object", "margin", "length", "resolution", "placement")  # fields that say what the claim is about
 
 
@@ -30,9 +31,9 @@ class Certificate:
     """A proof that a bounder has no false negative, or an honest account of why there is none.
 
     Attributes:
-        kind: ``"proven"``; ``"statistical"`` where there is no proof, or it did not end in its time; or, from
-            ``certify`` only, ``"refuted"`` (a counterexample is given), ``"undecided"`` (as where time ran out) or
-            ``"inapplicable"`` (the shape cannot be the bounded one, or another claim was expected).
+        kind: ``"proven"``; ``"statistical"`` where there is no proof; or, from ``certify`` only, ``"refuted"`` (a
+            counterexample is given), ``"undecided"`` (as where time ran out) or ``"inapplicable"`` (the shape cannot
+            be the bounded one, or another claim was expected).
         query: Kind of query, such as ``"point"``.
         domain: ``[lower, upper]`` corners in object space.
         threshold: The float32 number that ``f`` is compared with.
@@ -158,7 +159,7 @@ def document(
         query=bounder.query_kind,
         domain=[base.lower.tolist(), base.upper.tolist()],
         threshold=float(np.float32(threshold)),
-        lower_bound=float(least),
+        lower_bound=float(np.clip(least, *FINITE)),
         rounding_bound=bounder.rounding_bound(),
         delta=[] if grid is None else (base.delta / (base.scale / grid.details_per_unit)).tolist(),
         boxes=int(boxes),

@@ -237,8 +237,6 @@ def check_claims(bounder: "Bounder", certificate: Certificate, document: dict[st
                 _refuse(f"it is for {name} {own!r}, the file for {value!r}")
     if not certificate.rounding_bound >= LEAST_ERROR * error:
         _refuse(f"rounding bound {certificate.rounding_bound:.3g}, this bounder rounds by {error:.3g}")
-    if kind == "proven" and not bounder.provable:
-        _refuse(f"it claims a proof, {bounder.method} has none for {bounder.query_kind} queries")
     room = error if kind == "proven" else 0.0
     if not threshold <= round_down(certificate.lower_bound - room) < np.inf:
         _refuse(f"threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {room:.2g}")

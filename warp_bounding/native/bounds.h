@@ -2,9 +2,10 @@
 // layer and back, and then what becomes of the polynomial in zeta to which that leads: its least, or its corners. A
 // part begins behind a line with three slashes.
 //
-// Names in capitals are constants that are written in front of a part, or other parts. The network's chart has K inputs
-// and C columns, and Z numbers a box. A layer has INPUTS and NEURONS, and its numbers begin at the index AT of w. The polynomial's constant is least, its other entries tilt,
-// square and cubes (BACKWARDS); slopes of the inputs are gradient, and of the columns, tilt included, slope.
+// Names in capitals are constants that are written in front of a part, or other parts. The network has K
+// inputs; a box has Z numbers, and C columns of zeta. A layer has INPUTS and NEURONS, and its numbers begin at the index
+// AT of w. The polynomial's constant is least, its other entries tilt, square and cubes (BACKWARDS); slopes of the
+// inputs are gradient, and of the columns, tilt included, slope.
 
 /// CPU
 #pragma clang fp contract(fast)
@@ -21,14 +22,12 @@ constexpr int L = 4;
 /// VECTORS
 typedef double V __attribute__((vector_size(8 * L))); typedef long long I __attribute__((vector_size(8 * L)));
 const V zero = {};
-auto root = [](V x) { return __builtin_elementwise_sqrt(x); };
 
 /// CUDA
 #define LANE(x) x
 constexpr int L = 1;
 typedef double V;
 const V zero = 0.0;
-auto root = [](V x) { return sqrt(x); };
 
 /// LAYER:
 /// What is known of a layer's neurons. The argument of each is a centre plus l + p + y: l = rate . zeta is linear, |l|
@@ -98,7 +97,7 @@ if (PASSES) {
 }
 
 /// FIRST:
-/// The first hidden layer, of the chart's inputs; GENERATORS fills g, whose entries are sparse.
+/// The first hidden layer, of the network's inputs; GENERATORS fills g, whose entries are sparse.
 for (int j = 0; j < NEURONS; ++j) {
     const double* x = weight + j * INPUTS;
     V z = zero + b[j], from = zero, reach = zero, g[C];
@@ -220,28 +219,18 @@ for (int t = 0; t < BLOCKS; ++t) {
     for (int r = 0; r < R; ++r) y[FIRST + t * R + r] = act(sums[r]);
 }
 
-/// AXIS:
-/// The number of z that is best halved in lane l: the owner of the column with most score.
-int axis; {
-    double most = LANE(score[0]); axis = (int)LANE(owner[0]);
-    for (int k = 1; k < C; ++k) if (LANE(score[k]) > most) { most = LANE(score[k]); axis = (int)LANE(owner[k]); }
-}
-
 /// STORE
 const long long o = i + l;
-least_out.data[o] = LANE(dead) != 0.0 ? INFINITY : LANE(least);
-value_out.data[o] = LANE(valid) != 0.0 && LANE(dead) == 0.0 ? LANE(value) : INFINITY;
-level_out.data[o] = LANE(level);
-axes.data[o] = axis;
-double next = -1.0; int second = axis; // the number to halve next, when the columns that axis owns are halved
+least_out.data[o] = LANE(least); value_out.data[o] = LANE(value); level_out.data[o] = LANE(level);
+int axis = 0;
+for (int k = 1; k < C; ++k) if (LANE(score[k]) > LANE(score[axis])) axis = k;
+double next = -1.0; int second = axis; // the axis to halve next, when this one is halved
 for (int k = 0; k < C; ++k) {
-    const double s = LANE(score[k]) * ((int)LANE(owner[k]) == axis ? HALVED : 1.0);
-    if (s > next) { next = s; second = (int)LANE(owner[k]); }
+    const double s = LANE(score[k]) * (k == axis ? HALVED : 1.0);
+    if (s > next) { next = s; second = k; }
 }
-axes.data[count + o] = second;
-for (int k = 0; k < Z; ++k) point.data[o * Z + k] = LANE(z[k]);
-for (int k = 0; k < K; ++k) gradient_out.data[o * K + k] = LANE(gradient[k]);
-for (int k = 0; k < Z; ++k) { rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); }
+axes.data[o] = axis; axes.data[count + o] = second;
+for (int k = 0; k < K; ++k) { point.data[o * K + k] = LANE(z[k]); gradient_out.data[o * K + k] = LANE(gradient[k]); }
 
 /// STRAIGHTEN:
 /// The cubic part of the polynomial, by entries: zeta^3 is within 1/4 of 3/4 zeta, and zeta_k^2 zeta_m within 1/2
@@ -262,26 +251,6 @@ for (int a = 0; a < C; ++a)
             else if (a == b || b == d) { tilt[a == b ? d : a] += q * 1.5; lose(size * 1.5, a, b, d); }
             else if (!MULTILINEAR) lose(size * 6.0, a, b, d);
         }
-
-/// CONSTRAIN:
-/// A constraint excess + q . zeta <= 0 on the columns OF, M of them, added to the linear bound with the multiplier that
-/// serves it best. For any multiplier t >= 0 the bound least - sum |slope + t q| + t excess holds at all points that
-/// obey the constraint; it is concave in t, and largest where an entry of slope + t q vanishes, or at 0. Relative to
-/// the sum of the absolute terms, 1e-14 is above the rounding of the few operations here.
-V best = zero, gain = zero, before = absolute(slope[OF[0]]);
-for (int j = 1; j < M; ++j) before += absolute(slope[OF[j]]);
-#pragma unroll
-for (int k = 0; k < M; ++k) {
-    const V own = q[k] == zero ? zero + 1.0 : q[k];
-    V t = -slope[OF[k]] / own;
-    t = q[k] == zero ? zero : t; t = t > zero ? t : zero;
-    V after = t * excess + before;
-#pragma unroll
-    for (int j = 0; j < M; ++j) after -= absolute(slope[OF[j]] + t * q[j]);
-    best = after > gain ? t : best; gain = after > gain ? after : gain;
-}
-for (int k = 0; k < M; ++k) slope[OF[k]] += best * q[k];
-least += best * excess - (best * absolute(excess) + before + 1.0) * 1e-14;
 
 /// CLOSE:
 /// The least of slope . zeta and the quadratic form over |zeta| <= 1, entry by entry. Of q zeta_k zeta_m, k != m, only

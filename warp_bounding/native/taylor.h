@@ -47,10 +47,9 @@ auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d,
 
 /// LAYER:
 /// Rows of numbers of a layer's neurons. Of the arguments, in of: l and q, linear and quadratic in zeta, |l| <= near,
-/// |q| <= bow. Of the polynomials of activations, which the next layer reads, in top: v + g . zeta + n . noise + the
-/// form s, noise being what a parametrization leaves open of each input. Both begin with the constant, C rows, and K
-/// rows where it is NOISY; the LINES rows end where SQUARES others begin. off is how far an activation may be from its
-/// polynomial, on the way from any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and
+/// |q| <= bow. Of the polynomials of activations, which the next layer reads, in top: v + g . zeta + the form s. Both
+/// begin with the constant and C rows; these LINES rows end where SQUARES others begin. off is how far an activation may
+/// be from its polynomial, on the way from any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and
 /// rest. The derivative is within d of slope + s2 l: of the range that it has within LEAST and 1 where that is less.
 struct {
     V of[LINES + BENT * SQUARES][NEURONS], top[LINES + SQUARES][NEURONS], off[1][NEURONS], near[NEURONS];
@@ -91,7 +90,7 @@ const auto product = [&](const auto& from, const double* weights, auto& to, int 
 product(below.top, x, own.of, INPUTS, 1);
 product(below.off, x + NEURONS * INPUTS, own.off, INPUTS, 1);
 for (int j = 0; j < NEURONS; ++j) {
-    V near = zero, bow = zero, loud = zero, off = own.off[0][j];
+    V near = zero, bow = zero, off = own.off[0][j];
     const V z = own.of[0][j] + w[AT + j];
 #pragma unroll
     for (int k = 1; k <= C; ++k) near += absolute(own.of[k][j]);
@@ -99,10 +98,9 @@ for (int j = 0; j < NEURONS; ++j) {
 #pragma unroll
         for (int e = LINES; e < LINES + SQUARES; ++e) bow += absolute(own.of[e][j]);
     }
-    for (int k = C + 1; k < LINES; ++k) loud += absolute(own.of[k][j]) * rest[k - C - 1];
     V a0, a1, a2, a3, left, d, s2, flat, spread;
-    const V u = near + bow + loud, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
-    const V other = bow + loud, others = other * (near2 * 3.0 + other * (near * 3.0 + other));  // u^3 - near^3
+    const V u = near + bow, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
+    const V others = bow * (near2 * 3.0 + bow * (near * 3.0 + bow));  // u^3 - near^3
     TAYLOR(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, s2, flat, spread);
     const V most = d + absolute(s2) * b;
     V low = a1 - most, high = a1 + most;
@@ -112,7 +110,7 @@ for (int j = 0; j < NEURONS; ++j) {
     own.slope[j] = steady ? low + high : a1; s2 = steady ? zero : s2;
     own.d[j] = (steady ? high : d) * (1 + 1e-9) + 1e-13;
     V turned = absolute(a2) * near * bow * 2.0 + absolute(a3) * near2 * near;
-    V rest = absolute(a2) * (bow2 + loud * (near * 2.0 + bow * 2.0 + loud)) + absolute(a3) * others + left;
+    V rest = absolute(a2) * bow2 + absolute(a3) * others + left;
     if (BENDS) {
         const auto plain = !(rest + turned + (own.d[j] + absolute(s2) * near) * off <= spread);  // NaN too
         own.slope[j] = plain ? zero : own.slope[j]; own.d[j] = plain ? zero : own.d[j];
@@ -185,8 +183,7 @@ if (AT) {
 
 /// CLOSE:
 /// The least of the cubic polynomial slope, square, cubes over |zeta| <= 1. zeta^3 is within 1/4 of 3/4 zeta, zeta_k^2
-/// zeta_m within 1/2 of 1/2 zeta_m; of three different ones nothing is known but the size. CONSTRAINTS hold at
-/// positives.
+/// zeta_m within 1/2 of 1/2 zeta_m; of three different ones nothing is known but the size.
 V all = zero;
 for (int e = 0; e < SQUARES; ++e) all += absolute(square[e]);
 {
@@ -205,7 +202,6 @@ for (int e = 0; e < SQUARES; ++e) all += absolute(square[e]);
                 least -= loss; loss *= 1 / 3.0; score[a] += loss; score[b] += loss; score[e] += loss;
             }
 }
-CONSTRAINTS
 V steep[C];
 for (int k = 0; k < C; ++k) { steep[k] = absolute(slope[k]); all += steep[k]; }
 least -= all * 1e-13;
@@ -234,21 +230,6 @@ level = least;  // of a linear bound, to which a form adds nothing
     }
 }
 
-/// CONSTRAINT:
-/// excess + q . zeta <= 0 at positives, q of the M columns OF: any multiple of it may be added to a bound. The best
-/// multiple is where an entry of the sum vanishes.
-V best = zero, gain = zero, size = zero;
-for (int j = 0; j < M; ++j) size += absolute(slope[OF[j]]);
-for (int k = 0; k < M; ++k) {
-    const V t = -slope[OF[k]] / (q[k] == zero ? zero + 1.0 : q[k]);
-    V more = t * excess;
-    for (int j = 0; j < M; ++j) more += absolute(slope[OF[j]]) - absolute(slope[OF[j]] + t * q[j]);
-    const auto better = (q[k] != zero) & (t > zero) & (more > gain);
-    best = better ? t : best; gain = better ? more : gain;
-}
-for (int j = 0; j < M; ++j) slope[OF[j]] += best * q[j];
-least += best * excess - (best * absolute(excess) + size + 1.0) * 1e-13;
-
 /// VALUES:
 /// f itself, a layer: from y to the activations above.
 for (int j = 0; j < NEURONS; ++j) {
@@ -260,17 +241,11 @@ for (int j = 0; j < NEURONS; ++j) {
 
 /// STORE
 const long long o = i + l;
-least_out.data[o] = LANE(dead) != 0.0 ? INFINITY : LANE(least);
-value_out.data[o] = LANE(valid) != 0.0 && LANE(dead) == 0.0 ? LANE(value) : INFINITY;
-level_out.data[o] = LANE(level);
-int axis = (int)LANE(owner[0]); double most = -1.0;
-for (int k = 0; k < C; ++k) if (LANE(score[k]) > most) { most = LANE(score[k]); axis = (int)LANE(owner[k]); }
+least_out.data[o] = LANE(least); value_out.data[o] = LANE(value); level_out.data[o] = LANE(level);
+int axis = 0;
+for (int k = 1; k < C; ++k) if (LANE(score[k]) > LANE(score[axis])) axis = k;
 axes.data[o] = axis;
-for (int k = 0; k < Z; ++k) point.data[o * Z + k] = LANE(z[k]);
-for (int k = 0; k < Z; ++k) {
-    rows[o * (2 * Z) + k] = LANE(low[k]); rows[o * (2 * Z) + Z + k] = LANE(high[k]); slope_out.data[o * Z + k] = 0.0;
-}
 for (int k = 0; k < C; ++k) {
-    const int by = (int)LANE(owner[k]); const double radius = (LANE(high[by]) - LANE(low[by])) * 0.5;
-    if (radius > 0.0) slope_out.data[o * Z + by] = LANE(slope[k]) / radius;
+    point.data[o * C + k] = LANE(h[k]);
+    slope_out.data[o * C + k] = LANE(radius[k]) > 0.0 ? LANE(slope[k]) / LANE(radius[k]) : 0.0;
 }

@@ -32,21 +32,17 @@ text = native_text("bounds.h")
 
 
 class BoxBounds(NamedTuple):
-    """Bounds of ``f`` over N boxes of m numbers: a query's coordinates, or the numbers of a network's parametrization.
+    """Bounds of ``f`` over N boxes of m numbers: a query's coordinates, or entries of a plane's normal.
 
     Attributes:
-        lower: ``(N,)`` float64, certified lower bounds; infinity where a box of a parametrization holds no positive.
+        lower: ``(N,)`` float64, certified lower bounds.
         axis: ``(N,)`` int, the axis along which halving the box helps the bound most.
-        point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least; of a parametrization, a
-            positive.
-        value: ``(N,)`` float64, ``f`` there; infinity where a box of a parametrization holds no positive.
+        point: ``(N, m)`` float64, a point of the box where ``f`` is likely to be least.
+        value: ``(N,)`` float64, ``f`` there.
         next_axis: ``(N,)`` int, the axis to halve after ``axis``; this and the attributes below may be ``None``.
-        slope: ``(N, K)``, networks only: slopes of a linear bound in the network's inputs. It bounds this very ``f``:
-            bounds of another function that are derived from these must leave out ``slope`` and what follows.
-        level: ``(N,)``, networks only: where the parametrization's numbers are the inputs themselves, ``f >= level +
-            slope . (v - center)`` on the box.
-        boxes: ``(N, 2, m)``, networks only: corners of the boxes without what the parametrization cut off, which holds
-            no positive.
+        slope: ``(N, m)``, networks only: ``f >= level + slope . (v - center)`` on the box. It bounds this very ``f``:
+            bounds of another function that are derived from these must leave out ``slope`` and ``level``.
+        level: ``(N,)``, networks only.
     """
 
     lower: np.ndarray
@@ -56,7 +52,6 @@ class BoxBounds(NamedTuple):
     next_axis: np.ndarray | None = None
     slope: np.ndarray | None = None
     level: np.ndarray | None = None
-    boxes: np.ndarray | None = None
 
     def part(self, rows: np.ndarray) -> "BoxBounds":
         """The bounds of some of the boxes."""
@@ -65,47 +60,36 @@ class BoxBounds(NamedTuple):
 
 # How a box of numbers z becomes inputs of a network: ``center + generators zeta + noise``, ``|zeta| <= 1``.
 #
-# A proof searches over boxes of numbers that parametrise positive queries (a point; the point where a ray enters the
-# object, its parameter there and its direction; a box's corners). The network's inputs are a linear function of these
-# numbers plus a rest. A parametrization writes this down as C text over a type V (a box a SIMD lane on a CPU, a double
-# on CUDA):
+# The boxes of a proof are of the inputs themselves, those of a walk along a segment of its parameter. A parametrization
+# writes this down as C text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
 #
-# * ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero),
-#   ``V noise[K]`` (all that is left over), ``V rest[K]`` (that without the quadratic terms that ``bend`` adds) and ``V
-#   dead`` (1 where the box holds no positive); it may shrink the box;
-# * ``constraints``: linear functions ``q0 + q . zeta`` that are at most 0 at positives, where a box holds other queries
-#   too;
-# * ``realize``: from the signs of ``V slope[C]`` to ``V z[Z]``, a positive near the corner where f looks lowest, its
-#   inputs ``V h[K]`` and ``V valid`` (0 where there is none);
-# * ``owners``: ``V owner[C]``, the number of z that halving a column halves;
-# * ``blame``: what adds to ``V score[C]`` the loss by ``noise`` (``|gradient|`` times it) that smaller boxes avoid;
-# * ``bend``: what adds to ``V square[]`` the inputs' quadratic terms, times ``gradient``; of columns ``k <= m`` its
-#   index is ``entry(k, m)``;
-# * ``split``: what sets ``double middle`` of number ``axis`` between ``double a`` and ``double b``.
+# * ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero)
+#   and ``V noise[K]`` (all that is left over, float64 rounding included);
+# * ``realize``: from the signs of ``V slope[C]`` to ``V z[Z]``, the corner where f looks lowest, and its inputs ``V
+#   h[K]``.
 #
 # K, C and Z are constants: the numbers of inputs, of columns of generators, and of entries of z. ``absolute`` is a
-# function of V. ``numbers.data`` holds float64 parameters, ``table.data`` int32 ones. ``noise`` includes float64
-# rounding.
+# function of V.
 
 
 @dataclass(frozen=True)
 class Parametrization:
-    """What the kernels need to know of a parametrization; the C texts are explained above.
+    """What the kernels need to know of a parametrization, by default that of the inputs themselves.
 
     Attributes:
         inputs: Inputs K of the network.
-        noisy: Whether ``expand`` sets ``noise`` and ``rest``; else they are 0.
+        noisy: Whether ``expand`` sets ``noise``; else it is 0.
+        expand: C text, explained above.
+        realize: C text, explained above.
     """
 
     inputs: int
 
-    noisy = True
-    expand: ClassVar[str]
-    realize: ClassVar[str]
-    owners: ClassVar[str] = "for (int k = 0; k < C; ++k) owner[k] = zero + (double)k;"
-    blame: ClassVar[str] = ""
-    bend: ClassVar[str] = ""
-    split: ClassVar[str] = "middle = (a + b) * 0.5;"
+    noisy: ClassVar[bool] = False
+    expand: ClassVar[str] = """
+for (int k = 0; k < K; ++k) { center[k] = (low[k] + high[k]) * 0.5; gen[k] = (high[k] - low[k]) * 0.5; }
+"""
+    realize: ClassVar[str] = "for (int k = 0; k < K; ++k) h[k] = z[k] = slope[k] > zero ? low[k] : high[k];"
 
     @property
     def size(self) -> int:
@@ -122,43 +106,10 @@ class Parametrization:
         """``(input, column)`` of the generators' entries that may differ from 0, in the order of ``gen``."""
         return [(k, k) for k in range(self.inputs)]
 
-    def constraints(self) -> list[tuple[str, list[tuple[int, str]]]]:
-        """``(q0, [(input, factor), ...])`` for each; the column of an input's generators enters with the factor."""
-        return []
-
-    def middle(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        """The reference implementation of ``split``: where intervals ``(N,)`` of a number are halved."""
-        return (a + b) * 0.5
-
-    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        """Coordinates ``v`` of a query ``(N, K)`` for points ``(N, Z)`` of a parametrization with these ``numbers``.
-
-        Float64.
-        """
-        raise NotImplementedError
-
-    def hull(self, lower: np.ndarray, upper: np.ndarray, numbers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners ``(N, K)`` between which the inputs of all queries of boxes ``(N, Z)`` lie, computed ones too."""
-        raise NotImplementedError
-
-
-@dataclass(frozen=True)
-class PlainParametrization(Parametrization):
-    """The parametrization of points, whose numbers are the inputs themselves."""
-
-    noisy = False
-    expand = "for (int k = 0; k < K; ++k) { center[k] = (low[k] + high[k]) * 0.5; gen[k] = (high[k] - low[k]) * 0.5; }"
-    realize = "for (int k = 0; k < K; ++k) h[k] = z[k] = slope[k] > zero ? low[k] : high[k];"
-
-    def coordinates(self, z: np.ndarray, numbers: np.ndarray) -> np.ndarray:
-        return z
-
 
 # What a layer calls: a line of an activation that does not bend, or a cubic of one that does.
 LINES = "relax(at, near, radius + from + pad, s, m, k2, e);"
 CURVES = "curve(at, near, radius, from + pad, s, m, lean, k2, k3, k4, e);"
-
-AXIS = text.AXIS
 
 BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it is one
 # A box's second axis to halve is chosen as if its first were halved already. The score of that number z falls by this
@@ -179,7 +130,7 @@ MANY, FEW = 28, 12  # sums that are kept at a time, of the 32 vector registers o
 class NetworkShape:
     """What a kernel of bounds is compiled for: of each hidden layer inputs, neurons, activation.
 
-    ``ndim`` are the inputs K of the network, as many as the parametrization has: the length of v, so 2n of rays.
+    ``ndim`` are the inputs K of the network, as many as the parametrization has.
     """
 
     ndim: int
@@ -197,29 +148,25 @@ def lanes_text(shape: NetworkShape, inputs: str) -> tuple[str, str]:
     return tuple(f"{types}{inputs}\n{tools}" for types in (text.CPU + text.LANES + text.VECTORS, text.CUDA))
 
 
-def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False) -> str:
+def body(shape: NetworkShape, *, multilinear: bool = False) -> str:
     """C statements that bound f over one box a lane.
 
-    They read the box ``V low[Z], high[Z]``, which the parametrization may shrink, the weights ``w``
-    (``Network.packed``), the rounding ``padding`` of each layer and the parametrization's ``numbers`` and ``table``.
-    They set, each of type ``V``:
+    They read the box ``V low[Z], high[Z]``, the weights ``w`` (``Network.packed``) and the rounding ``padding`` of each
+    layer. They set, each of type ``V``:
 
     * ``least``, a certified lower bound of f on the box, and ``level``, the constant of the linear bound;
     * ``gradient[K]``, the slopes of the linear bound in the inputs;
-    * ``dead``, 1 where the box holds no positive, else 0;
-    * ``z[Z]``, a positive of the box, ``value``, f there, and ``valid``, 1 where there is one, else 0;
-    * ``score[C]``, how much halving each column should raise the bound, and ``owner[C]``, the number of z to halve for
-      it.
+    * ``z[Z]``, a point of the box where f looks lowest, and ``value``, f there;
+    * ``score[C]``, how much halving each column should raise the bound.
 
     The arrays of a hidden layer are explained at ``LAYER``; ``back`` are the output's coefficients of its
-    neurons. Of the inputs, ``center``, ``gen``, ``noise`` and ``rest`` are explained in ``Parametrization``. ``lost``
-    is what noise takes from the bound; ``tilt``, ``square`` and ``cubes`` are explained at ``BACKWARDS``.
+    neurons. Of the inputs, ``center``, ``gen`` and ``noise`` are explained in ``Parametrization``. ``tilt``,
+    ``square`` and ``cubes`` are explained at ``BACKWARDS``.
 
     Args:
         shape: What the kernel is compiled for.
-        tried: C condition under which f is evaluated where it looks lowest; else ``valid`` is 0.
         multilinear: Leave products of different columns in ``square`` and ``cubes``, for ``CORNERS``: then
-            ``least`` is no bound, and ``level`` the constant of a multilinear one.
+            ``least`` is no bound, ``level`` the constant of a multilinear one, and f is not evaluated.
     """
     parametrization, layers, places = shape.parametrization, list(enumerate(shape.layers)), [0]
     # Where each layer begins in ``w``: its biases, its weights and their absolute values (``Network.packed``).
@@ -237,10 +184,10 @@ def body(shape: NetworkShape, tried: str = "true", *, multilinear: bool = False)
 {sizes}
 constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};
 constexpr double THIRD = {constant(1 / 3)};
-V least = zero, value = zero, valid = zero + 1.0, dead = zero, lost = zero, level = zero, bulk = zero;
-V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K];
-V score[C], slope[C], owner[C], tilt[C], square[SQUARES], cubes[CUBES];
-(void)dead; (void)valid; (void)noise; (void)rest; (void)lost; (void)bulk;
+V least = zero, value = zero, level = zero, bulk = zero;
+V center[K], noise[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K];
+V score[C], slope[C], tilt[C], square[SQUARES], cubes[CUBES];
+(void)noise; (void)bulk; (void)h; (void)z; (void)value;
 const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; const auto place = entry; (void)place;
 const auto triple = [&](int a, int b, int d) {{  // the place of a <= b <= d in cubes
     int before = 0;
@@ -248,7 +195,6 @@ const auto triple = [&](int a, int b, int d) {{  // the place of a <= b <= d in 
     return before + place(b, d) - place(a, a);
 }}; (void)triple;
 {parametrization.expand}
-{parametrization.owners}
 for (int k = 0; k < C; ++k) score[k] = tilt[k] = zero;
 for (int i = 0; i < SQUARES; ++i) square[i] = zero;
 for (int i = 0; i < CUBES; ++i) cubes[i] = zero;
@@ -260,12 +206,11 @@ for (int j = 0; j < {count}; ++j) {{
 }}
 {join(_backwards(shape, index, places[index]) for index, _ in reversed(layers))}
 if (NOISY) {{
-    for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * rest[i];
+    V lost = zero;
+    for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * noise[i];
     least -= lost;
-    {parametrization.blame}
 }}
 {" ".join(f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m)}
-{{ {parametrization.bend} }}
 {{
     V all = absolute(square[0]);
     for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
@@ -273,15 +218,14 @@ if (NOISY) {{
 }}
 {f"{{ {text.STRAIGHTEN} }} {_tilt_to_gradient(parametrization)}" * bends}
 {" ".join(f"slope[{k}] = {_product(parametrization, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(parametrization.columns))}
-{join(_constrain(parametrization, start, factors) for start, factors in parametrization.constraints())}
 {{ {text.CLOSE} }}
-if ({tried}) {{
+if (!MULTILINEAR) {{
     {parametrization.realize}
     const V* y = h;
     {join(_values(shape, index, places[index]) for index, _ in layers)}
     value = zero + w[{at}];
     for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
-}} else {{ valid = zero; }}
+}}
 """  # noqa: E501
 
 
@@ -390,17 +334,6 @@ def _blocks(body: str, neurons: int, sums: int, registers: int) -> str:
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 
 
-def _constrain(parametrization: Parametrization, start: str, factors: list[tuple[int, str]]) -> str:
-    """Add a constraint of the parametrization (``Parametrization.constraints``) to the bound."""
-    terms: dict[int, list[str]] = {}
-    for entry, (i, k) in enumerate(parametrization.pairs):
-        terms.setdefault(k, []).extend(f"{factor} * gen[{entry}]" for j, factor in factors if j == i)
-    moved = [k for k in sorted(terms) if terms[k]]
-    values = ", ".join(" + ".join(terms[k]) for k in moved)
-    names = f"constexpr int M = {len(moved)}, OF[M] = {{{', '.join(map(str, moved))}}};"
-    return "\n".join([f"{{ {names} const V excess = {start}; const V q[M] = {{{values}}};", text.CONSTRAIN, "}"])
-
-
 def load_text(source: str, row: str) -> str:
     """C statement that fills ``low[]`` and ``high[]`` of lane ``l`` from 2 Z numbers of ``source`` at row ``row``."""
     return f"""{{
@@ -411,7 +344,7 @@ def load_text(source: str, row: str) -> str:
 
 def snippet(shape: NetworkShape) -> str:
     """The body of the kernel of ``bound_boxes``: a block of boxes on a CPU, one box on CUDA."""
-    return stored(shape, body(shape), AXIS + text.STORE)
+    return stored(shape, body(shape), text.STORE)
 
 
 def stored(shape: NetworkShape, bounds: str, store: str) -> str:
@@ -455,14 +388,12 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         block: int,
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
-        numbers: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
         least_out: wp.array(dtype=wp.float64),
         value_out: wp.array(dtype=wp.float64),
-        axes: wp.array(dtype=wp.int32),
         point: wp.array(dtype=wp.float64),
         gradient_out: wp.array(dtype=wp.float64),
         level_out: wp.array(dtype=wp.float64),
+        axes: wp.array(dtype=wp.int32),
     ): ...
 
     return bound_all
@@ -474,47 +405,30 @@ def double_array(values: np.ndarray, device: wp.Device) -> wp.array:
 
 
 def bound_boxes(
-    shape: NetworkShape,
-    weights: np.ndarray,
-    padding: np.ndarray,
-    lower: np.ndarray,
-    upper: np.ndarray,
-    numbers: np.ndarray | None = None,
-    table: np.ndarray | None = None,
-    device="cpu",
+    shape: NetworkShape, weights: np.ndarray, padding: np.ndarray, lower: np.ndarray, upper: np.ndarray, device="cpu"
 ) -> BoxBounds:
-    """Bounds of a network over boxes with corners ``(N, Z)`` float64 in the parametrization's numbers.
+    """Bounds of a network over boxes of its inputs with corners ``(N, K)`` float64.
 
-    ``weights`` and ``padding`` are those of a ``Network`` (``packed``); ``numbers`` and ``table`` are float64 and int32
-    parameters of the parametrization.
+    ``weights`` and ``padding`` are those of a ``Network`` (``packed``).
     """
     count, size = lower.shape
     device = wp.get_device(device)
-    numbers = np.zeros(1) if numbers is None else numbers
-    words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
-    outputs = [wp.empty(count, dtype=wp.float64, device=device) for _ in range(2)]
-    outputs += [
-        wp.empty(2 * count, dtype=wp.int32, device=device),
-        wp.empty(count * size, dtype=wp.float64, device=device),
-        wp.empty(count * shape.ndim, dtype=wp.float64, device=device),
-        wp.empty(count, dtype=wp.float64, device=device),
-    ]
-    boxes = _launch(_kernel, shape, (lower, upper), (weights, padding, numbers), [words], outputs, device)
-    least, value, axes, point, slope, level = (o.numpy() for o in outputs)
-    shapes = [(2, count), (count, size), (count,), (count, shape.ndim), (count,)]
-    numbers = (axes, point, value, slope, level)
-    (axis, next_axis), point, value, *linear = (part.reshape(s) for part, s in zip(numbers, shapes, strict=True))
-    return BoxBounds(least, axis, point, value, next_axis, *linear, boxes.reshape(count, 2, size))
+    sizes = (count, count, count * size, count * size, count)
+    outputs = [wp.empty(each, dtype=wp.float64, device=device) for each in sizes]
+    axes = wp.empty(2 * count, dtype=wp.int32, device=device)
+    _launch(_kernel, shape, (lower, upper), (weights, padding), [*outputs, axes], device)
+    least, value, point, slope, level = (o.numpy() for o in outputs)
+    axis, next_axis = axes.numpy().reshape(2, count)
+    return BoxBounds(least, axis, point.reshape(count, size), value, next_axis, slope.reshape(count, size), level)
 
 
-def _launch(kernel_of, shape: NetworkShape, corners, parameters, words: list, outputs: list, device) -> np.ndarray:
-    """Bound the boxes between corners; returns them, ``(N, 2 Z)``, as the kernel has left them."""
+def _launch(kernel_of, shape: NetworkShape, corners, parameters, outputs: list, device) -> None:
+    """Bound the boxes between corners."""
     held = [np.ascontiguousarray(a, dtype=np.float64) for a in (np.concatenate(corners, axis=1), *parameters)]
     boxes, *numbers = (double_array(a, device) for a in held)
     if len(held[0]):
-        inputs = [boxes, len(held[0]), 0, *numbers, *words]
+        inputs = [boxes, len(held[0]), 0, *numbers]
         launch_blocks(kernel_of(shape), len(held[0]), inputs, outputs, device, first_index=2, block=BLOCK)
-    return boxes.numpy()
 
 
 # Multilinear bounds of a network over boxes of its inputs, as their values at the corners: one box per SIMD lane.
@@ -523,7 +437,7 @@ def _launch(kernel_of, shape: NetworkShape, corners, parameters, words: list, ou
 @cache
 def _corner_kernel(shape: NetworkShape) -> wp.Kernel:
     name = named(unique_name(shape, "corners"))
-    bounds = body(shape, "false", multilinear=True) + text.CORNERS
+    bounds = body(shape, multilinear=True) + text.CORNERS
 
     @name.block_kernel(stored(shape, bounds, text.STORE_CORNERS))
     def corners_of_all(
@@ -543,10 +457,10 @@ def bound_corners(
 ) -> np.ndarray:
     """Values at the corners of boxes, whose multilinear interpolation is a certified lower bound of f.
 
-    Boxes are as in ``bound_boxes``, of the plain parametrization. Returns ``(N, 2^n)`` float64; corner i is the upper
+    Boxes are as in ``bound_boxes``. Returns ``(N, 2^n)`` float64; corner i is the upper
     one on axis k if bit k of i is set.
     """
     count, size = lower.shape
     corner = wp.empty(count << size, dtype=wp.float64, device=device)
-    _launch(_corner_kernel, shape, (lower, upper), (weights, padding), [], [corner], wp.get_device(device))
+    _launch(_corner_kernel, shape, (lower, upper), (weights, padding), [corner], wp.get_device(device))
     return corner.numpy().reshape(count, 1 << size)

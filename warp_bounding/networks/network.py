@@ -22,14 +22,7 @@ import numpy as np
 
 from warp_bounding.activations import Activation, activation_of
 from warp_bounding.errors import BounderError
-from warp_bounding.networks.bounds import (
-    BoxBounds,
-    NetworkShape,
-    Parametrization,
-    PlainParametrization,
-    bound_boxes,
-    bound_corners,
-)
+from warp_bounding.networks.bounds import BoxBounds, NetworkShape, Parametrization, bound_boxes, bound_corners
 from warp_bounding.rounding import LARGEST, TINY, UNIT64, gamma
 
 # Rounding of a network: the error of any float32 evaluation, and of bounds in float64, layer by layer.
@@ -68,7 +61,7 @@ class Rounding(NamedTuple):
     largest: float
 
 
-def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = None) -> Rounding:
+def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
     """The rounding of a network, in one walk through its layers.
 
     *float32.* Of a layer, ``largest`` bounds the exact |z|, ``computed`` the sum of the absolute terms that are added
@@ -84,15 +77,13 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
     Args:
         layers: The output last.
         limit: ``(n,)``, largest absolute values of the inputs, which are exact.
-        terms: ``(n,)``, bound of the sum of the absolute terms of which a parametrization makes an input over a box:
-            its centre, linear and quadratic parts and noise; ``limit`` if ``None``.
 
     Raises:
         BounderError: If float32 sums may overflow, or an argument can leave the range in which its activation is
             certified.
     """
     size, error = limit.copy(), np.zeros_like(limit)  # of h: largest absolute value; error of the computed h
-    padding, operations, chain, bent = [], 16, (limit if terms is None else terms).copy(), False
+    padding, operations, chain, bent = [], 16, limit.copy(), False
     for index, layer in enumerate(layers):
         terms, weight = layer.weight.shape[1], np.abs(layer.weight)
         largest = weight @ size + np.abs(layer.bias)
@@ -125,19 +116,13 @@ def measure(layers: list[Layer], limit: np.ndarray, terms: np.ndarray | None = N
 class SearchBounds:
     """Bounds of networks by the kernels of ``networks.bounds``; ``certify`` has others (``proof.taylor``)."""
 
-    def boxes(
-        self, network, parametrization, lower, upper, limit, terms=None, numbers=None, table=None, device="cpu"
-    ) -> BoxBounds:
-        """See ``Network.bound_parametrized``."""
-        padding = np.array(network.padding) if limit is network.limit else network.padding_for(limit, terms)
-        return bound_boxes(
-            network.kernel_shape(parametrization), network.packed, padding, lower, upper, numbers, table, device
-        )
+    def boxes(self, network: "Network", lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """See ``Network.bound``."""
+        return bound_boxes(network.kernel_shape(), network.packed, np.array(network.padding), lower, upper)
 
-    def corners(self, network, parametrization, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        return bound_corners(
-            network.kernel_shape(parametrization), network.packed, np.array(network.padding), lower, upper
-        )
+    def corners(self, network: "Network", lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """See ``Network.corners``."""
+        return bound_corners(network.kernel_shape(), network.packed, np.array(network.padding), lower, upper)
 
 
 class Network:
@@ -182,7 +167,7 @@ class Network:
     def kernel_shape(self, parametrization: Parametrization | None = None) -> NetworkShape:
         """What kernels of bounds are compiled for; without a parametrization, boxes are of the inputs themselves."""
         layers = tuple((x.weight.shape[1], x.weight.shape[0], x.activation.name) for x in self.hidden)
-        return NetworkShape(len(self.limit), layers, parametrization or PlainParametrization(len(self.limit)))
+        return NetworkShape(len(self.limit), layers, parametrization or Parametrization(len(self.limit)))
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
@@ -195,40 +180,22 @@ class Network:
             h = layer.activation.value(h @ layer.weight.T + layer.bias)
         return h
 
-    def padding_for(self, limit: np.ndarray, terms: np.ndarray | None = None) -> np.ndarray:
-        """``padding`` for boxes with centres ``|v| <= limit``, ``(n,)``; ``terms`` and errors as in ``measure``."""
-        return np.array(measure([*self.hidden, self.output], limit, terms).padding)
+    def padding_for(self, limit: np.ndarray) -> np.ndarray:
+        """``padding`` for boxes with centres ``|v| <= limit``, ``(n,)``; errors as in ``measure``."""
+        return np.array(measure([*self.hidden, self.output], limit).padding)
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Lower bounds of f over boxes of its inputs, ``(N, n)`` float64 corners, by the fused kernel."""
-        return self.bound_parametrized(PlainParametrization(len(self.limit)), lower, upper, self.limit)
-
-    def bound_parametrized(
-        self,
-        parametrization: Parametrization,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        limit: np.ndarray,
-        terms: np.ndarray | None = None,
-        numbers: np.ndarray | None = None,
-        table: np.ndarray | None = None,
-        device="cpu",
-    ) -> BoxBounds:
-        """``bound`` over boxes ``(N, Z)`` float64 of a parametrization's numbers.
-
-        ``limit`` ``(K,)`` bounds the inputs' absolute values, ``terms`` the sum of an input's absolute terms over a box
-        (``limit`` if ``None``); ``numbers`` and ``table`` are parameters of the parametrization.
-        """
-        return self.bounds.boxes(self, parametrization, lower, upper, limit, terms, numbers, table, device)
+        return self.bounds.boxes(self, lower, upper)
 
     def corners(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Multilinear lower bounds of f over boxes of its inputs, as ``bound_corners`` gives them."""
-        return self.bounds.corners(self, PlainParametrization(len(self.limit)), lower, upper)
+        return self.bounds.corners(self, lower, upper)
 
 
 # How the outputs of a network become f, by kind of query.
 #
-# For points, rays and boxes f is the only output. Planes ``m . y = c``: a connected object meets all planes of normal m
+# For points f is the only output. Planes ``m . y = c``: a connected object meets all planes of normal m
 # whose c lies between two supports of its hull. So the network has two outputs that depend on m alone, ``H`` and ``G``,
 # a learned support function, and ``f = min(H(m) - c, G(m) + c)``.
 
@@ -270,9 +237,4 @@ class _Supports(Head):
         return max(n.rounding + gamma(2) * (n.largest + n.rounding + offset) for n in networks) + 2 * TINY
 
 
-_VALUE, _HEADS = Head(), {"plane": _Supports()}
-
-
-def head_of(query: str) -> Head:
-    """The head of a network for a kind of query."""
-    return _HEADS.get(query, _VALUE)
+HEADS = {"point": Head(), "plane": _Supports()}  # by the kinds of query that networks answer

@@ -2,8 +2,7 @@
 
 from warp_bounding.certificates import conjunction
 from warp_bounding.proof.check import certify, make_proven
-from warp_bounding.proof.covers import positive_boxes
-from warp_bounding.proof.prove import least_value, parametrized, prove, prove_or_test, settle
+from warp_bounding.proof.prove import least_value, positive_boxes, prove, prove_or_test, settle
 from warp_bounding.proof.search import Search, minimum
 from warp_bounding.proof.segments import Segments, clear_segments
 from warp_bounding.proof.stress import (
@@ -29,7 +28,6 @@ __all__ = [
     "least_value",
     "make_proven",
     "minimum",
-    "parametrized",
     "positive_boxes",
     "prove",
     "prove_or_test",

@@ -1,8 +1,7 @@
 """Prove from scratch what a file claims, ``f >= threshold + E`` over all positives, in a loop of its own (``halving``).
 
-It covers points cell by cell, rays face by face, boxes by all pairs of corners, and halves these covers until every
-bound reaches the target or a counterexample is found. ``taylor`` bounds networks; it shares with the bounds of the
-search only the parametrizations of rays and boxes. A volume has one bound, here and there. Of a shape without cells it
+It covers points cell by cell and planes by normals, and halves these covers until every bound reaches the target or a
+counterexample is found. ``taylor`` bounds networks. A volume has one bound, here and there. Of a shape without cells it
 halves the boxes that the shape does not certify to be empty. Of a distance it proves ``d - F >= threshold + E`` on the
 whole domain, and that the object lies in it. A bounder whose method has no proof answers fresh positives (``stress``).
 """
@@ -21,10 +20,10 @@ from warp_bounding.certificates import Certificate, document, together
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim, outside
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ProofError
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.distances import overestimate_within
 from warp_bounding.proof.halving import Boxes, Checkpoint, Seen, search
-from warp_bounding.proof.prove import TOUCHED, ShapeRegions, coarse_cells, parametrized, settle
+from warp_bounding.proof.planes import SupportGap
+from warp_bounding.proof.prove import TOUCHED, settle
 from warp_bounding.proof.search import NARROWEST, CachedBounds, Search, ShapePositives
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import TaylorBounds
@@ -56,7 +55,7 @@ class Checked(NamedTuple):
         least: The least certified lower bound of the boxes that were looked at.
         boxes: How many boxes were looked at.
         suspects: Where f may lie under the target, candidates for a counterexample: points ``(S, n)`` in object space,
-            or of regions coordinates v ``(S, ndim)``. ``None`` if every bound reached the target.
+            or of planes coordinates v ``(S, n + 1)``. ``None`` if every bound reached the target.
         complete: False if time ran out.
     """
 
@@ -153,7 +152,7 @@ def certify(
         point, threshold = _denied_outside(bounder, bounder, grid), float(bounder.threshold)
         kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
-    if checkpoint is not None and (len(obligations) > 1 or not bounder.provable):
+    if checkpoint is not None and len(obligations) > 1:
         raise BounderError(f"{bounder.method}: a checkpoint is for a proof of one part, this has {len(obligations)}")
     options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
     certificates = []
@@ -239,19 +238,13 @@ def _conclusion(
 
 def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float, result, options: dict) -> Certificate:
     """``certify`` for rays, planes and boxes."""
-    if not bounder.provable:
-        return _statistical(bounder, grid, budget, result)
-    kind = COVERS[bounder.query_kind]
     least, boxes, suspects, complete = Checked(-np.inf, 0)
     text = "f comes closer to the threshold than the proof allows"
     try:
         if bounder.exact_on_cells:
             least, boxes = bounder.least(grid)
-        elif not isinstance(grid, Grid) and kind.pieces:
-            grid.check()
-            least, boxes, suspects, complete = _checked(_regions(bounder, grid), target, budget, options)
         else:
-            least, boxes, suspects, complete = _checked(_parametrized(bounder, grid), target, budget, options)
+            least, boxes, suspects, complete = _checked(_planes(bounder, grid), target, budget, options)
     except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
         text = str(error)
     if target <= least < np.inf:  # infinity: no positive was looked at, which proves nothing
@@ -262,7 +255,6 @@ def _certify_regions(bounder: Bounder, grid: Grid, target: float, budget: float,
     if missed is not None:
         return result("refuted", f"a query {DENIED}", least, boxes, missed)
     text = text if complete else f"no decision within {budget:.3g} s{_goes_on(options)}"
-    least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     return result("undecided", text, least, boxes)
 
 
@@ -296,15 +288,11 @@ def _denied_region(bounder: Bounder, grid: Grid, v: np.ndarray) -> np.ndarray | 
 
 
 def _denied(bounder: Bounder, grid: Grid, x: np.ndarray) -> np.ndarray | None:
-    """The first of these points, as float32, that lies in the object and that the deployed bounder denies.
-
-    A bounder of boxes is queried with the point as a box without extent.
-    """
+    """The first of these points, as float32, that lies in the object and that the deployed bounder denies."""
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
     x = x[grid.contains(x)]
     if not len(x):
         return None
-    x = COVERS[bounder.query_kind].at_points(x, bounder)
     missed = np.flatnonzero(~bounder.query(x).numpy())
     return x[missed[0]] if len(missed) else None
 
@@ -331,15 +319,14 @@ class PositivesOnly:
     """Boxes that hold positives only; as ``ShapePositives``, which is for boxes that may hold none.
 
     Args:
-        f: A bounder, ``SupportGap`` or ``ParametrizedPositives``; the last one cuts its boxes before it bounds them.
+        f: A bounder, or a ``SupportGap``.
     """
 
     def __init__(self, f):
         self.bound = f.bound
 
     def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
-        corners = (lower, upper) if bounds.boxes is None else tuple(bounds.boxes.swapaxes(0, 1))
-        return CachedBounds(bounds.lower, bounds.axis, corners, np.zeros(len(lower), dtype=bool))
+        return CachedBounds(bounds.lower, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return np.zeros(len(lower), dtype=bool)
@@ -362,7 +349,7 @@ class _Positives:
 
     chunk = CHUNK
 
-    def __init__(self, positives: PositivesOnly | ShapePositives | ShapeRegions, target: float):
+    def __init__(self, positives: PositivesOnly | ShapePositives, target: float):
         self.positives, self.target = positives, target
 
     def __call__(self, boxes: Boxes) -> Seen:
@@ -395,7 +382,7 @@ class _Positives:
 class Cover(NamedTuple):
     """Boxes that cover all positives of an object."""
 
-    positives: PositivesOnly | ShapePositives | ShapeRegions
+    positives: PositivesOnly | ShapePositives
     starts: Iterable[tuple[np.ndarray, np.ndarray, float]]  # as ``halving.search`` takes them
     at: Callable[[np.ndarray, np.ndarray], np.ndarray]  # ``Checked.suspects`` of coordinates and owners of boxes
 
@@ -458,29 +445,16 @@ def _cells(f: Bounder, grid: Grid) -> Cover:
     return Cover(PositivesOnly(f), starts(), inside)
 
 
-def _parametrized(bounder: Bounder, grid: Grid) -> Cover:
-    """Covers the positives of a network by boxes of a parametrization, those of planes by boxes of normals."""
-    kind, cover = COVERS[bounder.query_kind], parametrized(bounder, grid)
-    if cover is None:
-        f, lower, upper = kind.best_first(bounder, grid)
-        starts = [(lower, upper, 1.0)]
-        return Cover(PositivesOnly(f), starts, lambda m, _: kind.coordinates(bounder, grid, m))
-    return Cover(PositivesOnly(cover), _anew(kind, bounder, grid, cover), lambda z, _: cover.coordinates(z))
-
-
-def _anew(kind, bounder: Bounder, grid: Grid, cover) -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-    """The starts (``halving.search``) of a parametrization."""
-    before, whole = 0, max(len(grid.occupied), 1)
-    for lower, upper, done in kind.anew(bounder, grid, cover):
-        yield lower, upper, (done - before) / whole
-        before = done
+def _planes(bounder: Bounder, shape: Shape) -> Cover:
+    """Covers the planes that meet an object by boxes of their normals."""
+    gap = SupportGap(bounder, shape)
+    return Cover(PositivesOnly(gap), [(*gap.boxes(), 1.0)], lambda m, _: gap.touching(m))
 
 
 # --- shapes without cells --------------------------------------------------------------------------------------------
 
 
 FINER = 1 / 8  # times the fit's smallest box: the size at which a box counts as object here
-OTHER_CELLS = 0.8  # times the fit's number of cells along the longest side: regions are proven on other cells
 BORDER = 65_536  # points of the border among which some outside the domain are looked for
 INWARD = 1 - 1e-3  # of the way from the domain's middle to a suspect: it is tried there, too
 
@@ -502,13 +476,6 @@ def _points(bounder: Bounder, shape: Shape) -> Cover:
         return bounder.domain.to_object(np.concatenate([v, v * INWARD]) if bounder.domain.unbounded else v)
 
     return Cover(positives, [(*positives.boxes(), 1.0)], inside)
-
-
-def _regions(bounder: Bounder, shape: Shape) -> Cover:
-    """Covers the rays or boxes of a shape by those of cells that hold it; these are not the fit's cells."""
-    positives = ShapeRegions(bounder, shape, coarse_cells(shape, OTHER_CELLS), FINER * NARROWEST)
-    starts = _anew(positives.kind, bounder, positives.cells, positives.cover)
-    return Cover(positives, starts, lambda z, _: positives.coordinates(z))
 
 
 # --- from a statistical threshold to a proven one ---------------------------------------------------------------------
@@ -572,7 +539,7 @@ def make_proven(
         raise BounderError(f"{bounder.method}: {reason}")
     if isinstance(grid, Grid) or bounder.query_kind != "point" or len(bounder.obligations(grid)) > 1:
         raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")
-    if not (bounder.provable and grid.certified):
+    if not (bounder.conservative and grid.certified):
         raise BounderError(f"{bounder.method}: {grid.name} or the method has no proof")
     if checkpoint is not None:
         grid.expect_identified("a checkpoint")
@@ -784,7 +751,6 @@ def certify_distance(
         message = f"Proven from scratch: the distance is never overestimated{TOUCHED if grid.time else ''}."
         return result("proven", message, least, boxes)
     point = None if suspects is None else _overestimated(bounder, grid, suspects)
-    least = max(least, -float(np.finfo(np.float32).max))  # JSON has no infinity
     if point is not None:
         return result("refuted", "a distance is overestimated", least, boxes, point)
     return result("undecided", LOOSE if least == 0 else message, least, boxes)

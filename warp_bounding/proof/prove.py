@@ -6,7 +6,6 @@ meets the object (``least_value``), and sets ``threshold <= minimum - E``.
 
 from collections.abc import Callable
 from dataclasses import replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,25 +16,16 @@ from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.certificates import Certificate, document, shown
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError
-from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.proof.covers import COVERS
 from warp_bounding.proof.distances import largest_overestimate
-from warp_bounding.proof.search import (
-    NARROWEST,
-    CachedBounds,
-    ParametrizedPositives,
-    Search,
-    ShapePositives,
-    minimum,
-    parametrized_minimum,
-)
+from warp_bounding.proof.planes import SupportGap
+from warp_bounding.proof.search import Search, ShapePositives, minimum
 from warp_bounding.proof.stress import Walk, statistical_test
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.shape import OUT, Shape
+from warp_bounding.shapes.grid import Grid, blocks_of
+from warp_bounding.shapes.shape import Shape
 
 # --- prove -----------------------------------------------------------------------------------------------------------
 
@@ -46,12 +36,14 @@ TOUCHED = ", at its time; segments and swept balls that are cleared touch nothin
 CENTERS = 64  # about how many centres of cells a search starts from, unless it is given points
 
 
-def parametrized(bounder: Bounder, grid: Grid) -> ParametrizedPositives | None:
-    """The positives of a network as boxes of a parametrization (``Cover.parametrized``).
+def positive_boxes(bounder: Bounder, grid: Grid) -> tuple[np.ndarray, np.ndarray]:
+    """P_delta, the object widened by delta, as boxes of ``v``: one a cell for closed forms, else few large ones.
 
-    ``None`` where the proof has no parametrization.
+    Returns:
+        Lower and upper corners ``(N, n)`` float64.
     """
-    return COVERS[bounder.query_kind].parametrized(bounder, grid) if type(bounder) is Mlp else None
+    first, last = (grid.occupied, grid.occupied + 1) if bounder.exact_on_cells else blocks_of(grid.occupancy)
+    return bounder.domain.widened(grid.position(first - 0.5), grid.position(last - 0.5))
 
 
 def least_value(
@@ -67,37 +59,33 @@ def least_value(
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
     * Closed forms of cells: one pass over the cells.
-    * Convex volumes, and planes: the object's convex hull alone, where it is known.
-    * Points of a shape without cells: best first over the domain, less what the shape certifies to be empty
-      (``search.ShapePositives``). Its rays and boxes: ``least_region``.
-    * A network's points, rays and boxes over cells: depth first in the numbers of a parametrization (``parametrized``).
-    * The rest, best first: planes over their normals (``covers``).
+    * Convex volumes: the object's convex hull alone, where it is known.
+    * A network's planes, best first over their normals (``planes``).
+    * A network's points, best first: over the cells, or, of a shape without cells, over the domain, less what the shape
+      certifies to be empty (``search.ShapePositives``).
     """
     started = working_seconds()
-    limits = {"eps": eps, "budget": budget, "boxes": boxes, "progress": progress}
-    searched = not isinstance(grid, Grid) and not bounder.exact_on_hull(grid)
-    if searched and not QUERIES[bounder.query_kind].is_region:
-        positives = ShapePositives(bounder, grid)
-        if points is None or not len(points):
-            points = bounder.domain.to_local(border_points(grid, STARTS, np.random.default_rng(0)))
-        return minimum(positives, *positives.boxes(), points=points, positives=positives, **limits)
-    if bounder.exact_on_cells:
+    limits = {"eps": eps, "budget": budget, "boxes": boxes, "progress": progress, "points": points}
+    of_regions = QUERIES[bounder.query_kind].is_region
+    if bounder.exact_on_cells and (of_regions or isinstance(grid, Grid) or bounder.exact_on_hull(grid)):
         least, looked_at = bounder.least(grid)
         return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
-    kind = COVERS[bounder.query_kind]
-    known = np.empty((0, bounder.domain.ndim)) if points is None else points
-    if not isinstance(grid, Grid) and kind.pieces:
-        if not len(known):
-            border = border_points(grid, STARTS, np.random.default_rng(0))
-            known = kind.at_points(bounder.domain.base.to_local(border), bounder)
-        return least_region(bounder, grid, float(bounder.reference(known).min()), **limits)
-    found = parametrized(bounder, grid)
-    if found is None:
-        return minimum(*kind.best_first(bounder, grid), points=points, **limits)
-    if not len(known):
-        centers = grid.position(grid.occupied[:: max(1, len(grid.occupied) // CENTERS)].astype(np.float64))
-        known = kind.at_points(bounder.domain.base.to_local(centers), bounder)
-    return parametrized_minimum(found, upper=float(bounder.reference(known).min()), **limits)
+    if of_regions:
+        gap = SupportGap(bounder, grid)
+        return minimum(gap, *gap.boxes(), **limits)
+    if points is None or not len(points):
+        limits["points"] = bounder.domain.to_local(_starts(grid))
+    if isinstance(grid, Grid):
+        return minimum(bounder, *bounder.cut(*positive_boxes(bounder, grid))[:2], **limits)
+    positives = ShapePositives(bounder, grid)
+    return minimum(positives, *positives.boxes(), positives=positives, **limits)
+
+
+def _starts(shape: Shape) -> np.ndarray:
+    """``(N, n)`` points of a shape, object space, from which a search starts."""
+    if isinstance(shape, Grid):
+        return shape.position(shape.occupied[:: max(1, len(shape.occupied) // CENTERS)].astype(np.float64))
+    return border_points(shape, STARTS, np.random.default_rng(0))
 
 
 def prove(
@@ -126,12 +114,12 @@ def prove(
 
     Raises:
         BounderError: If the bounder was made for another domain; if method or shape have no proof; if it consists of
-            several networks whose regions are proven one by one (``Bounder.parts``); or if the minimum is not finite.
+            several networks whose planes are proven one by one (``Bounder.parts``); or if the minimum is not finite.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
-    if not bounder.provable:
-        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries of networks like this one have no proof")
+    if not bounder.conservative:
+        raise BounderError(f"{bounder.method}: is not conservative, so there is no proof")
     if not grid.certified:
         raise BounderError(
             f"{bounder.method}: {grid.name} certifies no box to be empty, so there is no proof; see statistical_test"
@@ -235,147 +223,6 @@ def settle(bounder: Bounder, grid: Shape, search: Search) -> Certificate:
     return certificate
 
 
-# --- regions of a shape without cells --------------------------------------------------------------------------------
-
-
-CELLS, MOST_CELLS = 2.0**21, 2.0**26  # cells in the box around a shape: usually about, and at most
-MOST_RESOLUTION = 1024
-# Regions of a shape: cells along the longest side of each search, as shares of the usual number; the share of the
-# limits that each search may take; how many times as long as the last one a search of finer cells takes, and one of the
-# shape itself.
-CELL_SHARES, FIRST_SHARE, FINER_TIMES, SHAPE_TIMES = (1.0, 2.0, 3.0), 0.7, 2.5, 8.0
-
-_CELLS: WeakKeyDictionary[Shape, dict[int, Grid]] = WeakKeyDictionary()
-
-
-def coarse_cells(shape: Shape, share: float = 1.0) -> Grid:
-    """Cells that hold a shape, its margin included; a ``share`` of the usual number along its longest side."""
-    usual, most = (count ** (1 / shape.ndim) for count in (CELLS, MOST_CELLS))
-    resolution = round(min(share * usual, most, MOST_RESOLUTION))
-    known = _CELLS.setdefault(shape, {})
-    if resolution not in known:
-        known[resolution] = shape.to_grid(resolution=resolution, margin=shape.margin)
-    return known[resolution]
-
-
-class ShapeRegions:
-    """P_delta of a shape for rays or boxes of a network, as boxes of numbers z of a parametrization.
-
-    Coarse cells hold the shape, and the boxes of their cover hold all positives. Where the bound of f is too low in a
-    box, the shape itself decides whether the box's regions can meet it (``Cover.reach``); the box is dropped if the
-    shape certifies that they cannot. So the shape is queried only where the network is too low on its coarse cells.
-
-    Args:
-        bounder: Its f is bounded.
-        shape: The object.
-        cells: Coarse cells that hold it (``coarse_cells``).
-        narrowest: See ``search.NARROWEST``.
-    """
-
-    def __init__(self, bounder: Mlp, shape: Shape, cells: Grid, narrowest: float = NARROWEST):
-        self.bounder, self.shape, self.cells, self.domain = bounder, shape, cells, bounder.domain
-        self.kind, self._query = COVERS[bounder.query_kind], QUERIES[bounder.query_kind]
-        self.cover = self.kind.parametrized(bounder, cells)
-        self._narrow = narrowest + self._sides(self.cover.lower[:1], self.cover.lower[:1]).max(initial=0.0)
-
-    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """See ``ShapePositives``."""
-        return self.cover.lower, self.cover.upper
-
-    def reference(self, z: np.ndarray) -> np.ndarray:
-        """See ``ShapePositives``."""
-        return self.bounder.reference(self.coordinates(z))
-
-    def coordinates(self, z: np.ndarray) -> np.ndarray:
-        """``v`` of numbers z."""
-        return self.cover.coordinates(z)
-
-    def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``ShapePositives``; ``boxes`` are without what the parametrization has cut off, by the cells."""
-        return self.cover.bound(lower, upper)
-
-    def vacant(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``ShapePositives``; certified: a closed box holds no positives but those that other boxes hold, too."""
-        vacant = np.zeros(len(lower), dtype=bool)
-        for pieces in self.kind.pieces:
-            left = np.flatnonzero(~vacant)
-            low, high = self.kind.reach(self.cover, lower[left], upper[left], pieces)
-            shape = low.shape
-            low, high = self.domain.base.origins(low.reshape(-1, shape[2]), high.reshape(-1, shape[2]))
-            empty = (low > high).any(axis=1)
-            some = np.flatnonzero(~empty)
-            empty[some] = self.shape.empty(low[some], high[some])
-            vacant[left] = empty.reshape(shape[:2]).all(axis=1)
-        return vacant
-
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
-        """See ``ShapePositives``; corners are without what the parametrization has cut off."""
-        low, high = bounds.boxes.swapaxes(0, 1)
-        least = np.where(self.vacant(low, high), np.inf, bounds.lower)
-        return CachedBounds(least, bounds.axis, (low, high), np.zeros(len(low), dtype=bool))
-
-    def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """See ``ShapePositives``."""
-        return self._sides(lower, upper).max(axis=1) <= self._narrow
-
-    def _sides(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-        """``(N, ndim)`` sides of the boxes of v that boxes of z can reach, noise included."""
-        low, high = self.cover.parametrization.hull(lower, upper, self.cover.numbers)
-        return high - low
-
-    def holds(self, z: np.ndarray) -> np.ndarray:
-        """See ``ShapePositives``."""
-        q = self.domain.to_object(self.coordinates(z))
-        return self._query.decide(self.shape, q, self.domain.oracle_length) != OUT
-
-
-def least_region(
-    bounder: Mlp,
-    shape: Shape,
-    known: float,
-    *,
-    eps: float,
-    budget: float,
-    boxes: float,
-    progress: Callable[[int, float, float], None] | None,
-) -> Search:
-    """``least_value`` of rays or boxes of a shape without cells; ``known`` is f at a positive.
-
-    A bound over cells that hold the shape holds for the shape. Coarse cells come first, then finer ones as long as time
-    is expected to suffice, and last the shape itself. ``needed`` of the result is about the first cells alone.
-    """
-    started, cover_of, best = working_seconds(), COVERS[bounder.query_kind].parametrized, None
-
-    def left(share: float = 1.0) -> dict[str, float]:
-        spent, done = working_seconds() - started, best.boxes if best else 0
-        return {"budget": share * (budget - spent), "boxes": share * (boxes - done)}
-
-    for share in CELL_SHARES:
-        before, cells = working_seconds(), coarse_cells(shape, share)
-        found = parametrized_minimum(cover_of(bounder, cells), eps=eps, progress=progress, **left(FIRST_SHARE))
-        best = found if best is None else _better(best, found)
-        took = working_seconds() - before
-        limit = left()
-        if not found.complete or best.lower_bound >= known - eps or limit["budget"] < FINER_TIMES * took:
-            break
-    rest = limit["budget"] >= SHAPE_TIMES * took and limit["boxes"] >= SHAPE_TIMES * found.boxes
-    if found.complete and best.lower_bound < known - eps and rest:
-        positives = ShapeRegions(bounder, shape, cells)
-        own = minimum(
-            positives, *positives.boxes(), positives=positives, known=known, eps=eps, progress=progress, **limit
-        )
-        best, known = _better(best, own), min(known, own.upper_bound)
-    complete = best.lower_bound >= known - eps
-    spent = working_seconds() - started
-    nothing = np.empty((0, bounder.domain.ndim))
-    return replace(best, upper_bound=known, worst=nothing, numbers=None, seconds=spent, complete=complete)
-
-
-def _better(one: Search, other: Search) -> Search:
-    """The first of two searches for the same least value, with the higher of both bounds."""
-    return replace(one, lower_bound=max(one.lower_bound, other.lower_bound), boxes=one.boxes + other.boxes)
-
-
 # --- thresholds of parts: points -------------------------------------------------------------------------------------
 
 
@@ -422,8 +269,8 @@ def prove_local(
         "progress": progress,
     }
     if isinstance(shape, Grid):
-        f, *corners = COVERS[member.query_kind].best_first(member, shape)
-        positives = None
+        f, positives = member, None
+        corners = member.cut(*positive_boxes(member, shape))[:2]
     else:
         f = positives = ShapePositives(member, shape)
         corners = positives.boxes()

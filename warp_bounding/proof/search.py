@@ -4,7 +4,7 @@ Every box gets a certified lower bound of f (``Bounder.bound``) and a few concre
 enough is closed, the others are halved. The result is sound whenever the search ends: it is the least bound over all
 closed *and* open boxes.
 
-*Best first* (``minimum``), on the host: a box is closed if its bound is at most ``eps`` under the least value found.
+Best first (``minimum``): a box is closed if its bound is at most ``eps`` under the least value found.
 Boxes wait in chunks. The chunk of the highest price comes first, by default that of the largest gap, so that a search
 that is stopped early has raised its bound as far as it could. When many boxes wait, the search closes those that are
 not expected to matter by the end; when too many wait, the half that matters least. Their bounds count as they are. So
@@ -16,45 +16,20 @@ included. Vacant boxes are dropped, the others halved. So the shape is queried o
 nearly so, and most of the domain is never refined. A shape that knows half-spaces of its part in a box
 (``Shape.half_spaces``) closes many boxes that are neither vacant nor high enough in f (``bound_in_half_spaces``). A box
 that is at most ``NARROWEST`` wide on every axis counts as object.
-
-*Depth first* (``parametrized_minimum``), in a kernel, over boxes of a parametrization's numbers: it proves ``f >=
-target``, or the highest target that time allows. A box is closed when its bound reaches the target (any bound reaches
-``CLOSE_ALL``, minus infinity), or when it is too narrow to be halved; it is never opened again. The target is proven
-when no box waits and the least bound of a closed box reaches it. Which boxes must be halved depends on the target
-alone, not on the order, so a depth-first search with a few boxes a thread does the same work as one that keeps them all
-in order, and needs no memory. The initial boxes come in random order, so the share of them that is done tells early how
-long the rest will take. A search for the minimum begins with the best target, and goes on with a lower one if that is
-expected to take too long. No target above the least bound of a closed box can be proven any more, so the target falls
-to that bound, too (``Pace.reach``); that is what is proven in the end.
 """
 
-import re
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import cache
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import warp as wp
 
-from warp_bounding.activations import constant, constants
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.networks.bounds import (
-    AXIS,
-    BoxBounds,
-    NetworkShape,
-    Parametrization,
-    body,
-    double_array,
-    lanes_text,
-    load_text,
-)
-from warp_bounding.networks.network import Network
+from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.halving import halve
 from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.rounding import UNIT64
-from warp_bounding.runtime.launch import launch_blocks, working_seconds
-from warp_bounding.runtime.native import named, unique_name
+from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.shapes.shape import HalfSpaces, Shape
 
 # --- best first ------------------------------------------------------------------------------------------------------
@@ -82,8 +57,6 @@ class Search:
         boxes: Boxes that were bounded.
         seconds: Wall time.
         complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
-        needed: Seconds that a complete search is expected to take; infinity where that is not known.
-        numbers: ``(K, Z)``, the lowest points as numbers of a parametrization, where there is one.
         by_group: ``(G,)``, the same as ``lower_bound`` of each group of boxes by itself.
     """
 
@@ -93,8 +66,6 @@ class Search:
     boxes: int
     seconds: float
     complete: bool
-    needed: float = np.inf
-    numbers: np.ndarray | None = None
     by_group: np.ndarray | None = None
 
 
@@ -109,7 +80,6 @@ def minimum(
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     positives: "ShapePositives | None" = None,
-    known: float = float("inf"),
     groups: np.ndarray | None = None,
     group_of: Callable[[np.ndarray], np.ndarray] | None = None,
     group_count: int = 1,
@@ -131,7 +101,6 @@ def minimum(
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
         positives: Certifies which boxes hold no positive; if ``None``, every point of the boxes is a positive.
-        known: A value of f at a positive, where there are no groups.
         groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
         group_of: The groups of ``points``; needed where there are groups.
         group_count: How many groups there are, including those without a box.
@@ -145,7 +114,7 @@ def minimum(
     low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
     low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
     groups = np.zeros(len(lower), np.int64) if groups is None else np.asarray(groups)
-    best, closed, done = np.full(group_count, known), np.full(group_count, np.inf), 0
+    best, closed, done = np.full(group_count, np.inf), np.full(group_count, np.inf), 0
     np.minimum.at(best, np.zeros(len(low_points), np.int64) if group_of is None else group_of(low_points), low_values)
     probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
     resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
@@ -384,8 +353,7 @@ LONGEST_TO_SPLIT = 8.0
 class ShapePositives:
     """Boxes that hold P_delta of a shape for points, and what the shape certifies of them.
 
-    ``minimum`` and ``certify`` search it. ``prove.ShapeRegions`` does the same for regions, whose boxes are of
-    parametrization numbers instead of v.
+    ``minimum`` and ``certify`` search it.
 
     Args:
         bounder: Its f is bounded; v is a point of the object's space.
@@ -444,438 +412,3 @@ def _unless_flat(side: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """The axes ``(N,)`` along which to halve boxes of these sides: as given, but of flat boxes the longest side."""
     longest, row = side.argmax(axis=1), np.arange(len(side))
     return np.where(side[row, longest] > LONGEST_TO_SPLIT * side[row, axis], longest, axis)
-
-
-# --- depth first: the kernel -----------------------------------------------------------------------------------------
-
-
-STACK = 1024  # boxes that a block can hold; a stack grows by one box for each lane and level, of about 60 levels
-RARELY = 4  # f is evaluated in one of so many steps: it takes a quarter of the time of a bound, and seldom finds less
-# in the parametrization's numbers: a box narrower than this is closed, since halving would not raise its bound
-SMALLEST = 1e-8
-KEPT = 8  # low points that a block returns
-
-
-# A block (a thread on CUDA) has a stack of boxes in global memory. It takes as many as it has lanes, bounds them,
-# closes those whose bound reaches the target and halves the others, until the stack is empty or full, the block has
-# bounded as many boxes as it may, or a positive lies under the target. Boxes that are then on the stack wait for the
-# next launch. If the target is -infinity, all boxes are bounded once and closed, however many there are, and a bound
-# that is NaN counts as -infinity. A box that is too narrow to be halved is closed, too: the least bound of a closed box
-# then lies below the target. BODY bounds the boxes of all lanes, SPLIT sets where one is halved.
-_SEARCH = """
-double* stack = stacks.data + (long long)block * (STACK * ROW);
-double* kept_value = low_value.data + block * KEPT; double* kept_point = low_point.data + (long long)block * (KEPT * BOX);
-for (int k = 0; k < KEPT; ++k) kept_value[k] = INFINITY;
-int held = heights.data[block], initial = initials.data[block], turn = 0, rounds = 0;
-long long done = 0; double closed = INFINITY;
-bool refuted = false; // whether a positive lies under the target
-const bool last = isinf(target) && target < 0.0;
-while (held > 0 && (last || (done < most && held + L <= STACK && !refuted))) {
-    const int taken = held < L ? held : L;
-    held -= taken; initial = held < initial ? held : initial;
-    const bool tried = !isfinite(target) || rounds++ % RARELY == 0; turn = (turn + tried) % KEPT;
-    V low[BOX], high[BOX];
-    for (int l = 0; l < L; ++l) { const int j = held + (l < taken ? l : 0); LOAD }
-    BODY
-    done += taken;
-    for (int l = 0; l < taken; ++l) {
-        if (LANE(dead) != 0.0) continue;
-        if (LANE(valid) != 0.0 && LANE(value) < kept_value[turn]) {
-            kept_value[turn] = LANE(value); refuted = refuted || LANE(value) < target;
-            for (int k = 0; k < BOX; ++k) kept_point[turn * BOX + k] = LANE(z[k]);
-        }
-        const double bound = LANE(least);
-        if (last) { const double b = bound == bound ? bound : target; closed = b < closed ? b : closed; continue; }
-        if (bound >= target) { closed = bound < closed ? bound : closed; continue; }
-        AXIS
-        double* one = stack + (long long)held * ROW; double* two = one + ROW;
-        for (int k = 0; k < BOX; ++k) { one[k] = two[k] = LANE(low[k]); one[BOX + k] = two[BOX + k] = LANE(high[k]); }
-        if (one[BOX + axis] - one[axis] < SMALLEST)
-            for (int k = 0; k < BOX; ++k) if (one[BOX + k] - one[k] > one[BOX + axis] - one[axis]) axis = k;
-        if (one[BOX + axis] - one[axis] < SMALLEST) {
-            const double b = bound == bound ? bound : -INFINITY; closed = b < closed ? b : closed; continue;
-        }
-        held += 2;
-        const double a = one[axis], b = one[BOX + axis]; double middle;
-        SPLIT
-        one[BOX + axis] = middle; two[axis] = middle;
-    }
-}
-heights.data[block] = held; initials.data[block] = initial; done_out.data[block] = done; closed_out.data[block] = closed;
-"""  # noqa: E501
-
-
-def _snippet(shape: NetworkShape) -> str:
-    names = "const double* w = weights.data; const double* padding = paddings.data;\n"
-    names += constants(
-        BOX=shape.parametrization.size, ROW=2 * shape.parametrization.size, STACK=STACK, RARELY=RARELY, KEPT=KEPT
-    )
-    names += f" constexpr double SMALLEST = {constant(SMALLEST)};"
-    cpu, cuda = lanes_text(shape, names)
-    parts = {
-        "LOAD": load_text("stack", "j"),
-        "BODY": body(shape, "tried"),
-        "AXIS": AXIS,
-        "SPLIT": shape.parametrization.split,
-    }
-    search = re.sub(r"\b(LOAD|BODY|AXIS|SPLIT)\b", lambda part: parts[part.group()], _SEARCH)
-    return f"""
-#if !defined(__CUDA_ARCH__)
-{cpu}
-{search}
-#else
-{cuda}
-{search}
-#endif
-#undef LANE
-"""
-
-
-@cache
-def depth_first_kernel(shape: NetworkShape) -> wp.Kernel:
-    """The kernel for a network and a parametrization; a thread searches the block ``block + wp.tid()``.
-
-    It reads and writes ``stacks`` ``(blocks, STACK, 2, Z)`` float64, ``heights`` ``(blocks,)`` int32, the number of
-    boxes on each stack, and ``initials`` ``(blocks,)`` int32, how many of the lowest of these are initial boxes. It
-    writes ``done_out``, the number of boxes bounded (int64), ``closed_out``, the least bound of a box that it has
-    closed, ``low_value`` ``(blocks, KEPT)`` and ``low_point`` ``(blocks, KEPT, Z)``, low positives.
-    """
-    name = named(unique_name(shape, "descent"))
-
-    @name.block_kernel(_snippet(shape))
-    def descend(
-        block: int,
-        target: wp.float64,
-        most: int,
-        weights: wp.array(dtype=wp.float64),
-        paddings: wp.array(dtype=wp.float64),
-        numbers: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
-        stacks: wp.array(dtype=wp.float64),
-        heights: wp.array(dtype=wp.int32),
-        initials: wp.array(dtype=wp.int32),
-        done_out: wp.array(dtype=wp.int64),
-        closed_out: wp.array(dtype=wp.float64),
-        low_value: wp.array(dtype=wp.float64),
-        low_point: wp.array(dtype=wp.float64),
-    ): ...
-
-    return descend
-
-
-# --- pace ------------------------------------------------------------------------------------------------------------
-
-
-# The work is taken to grow like (1 / gap)^STEEPNESS until two gaps have been measured, whose exponent is then used,
-# within these bounds.
-STEEPNESS = 0.2
-FLATTEST, STEEPEST = 0.15, 0.7
-END = 0.93  # used fraction of the limits at which a search should be done: the last boxes take longer than the others
-HEADROOM = 1.15  # a new gap is chosen so that its expected time, times this, is what is left
-LATE = 1.03  # a gap is given up where its expected time exceeds what is left by this factor
-SURE = 4096  # initial boxes that must be done before a gap is judged, or
-PATIENCE = 0.25  # this fraction of the time left must have passed: some 512 boxes are in work at any time
-WIDEST = 3.0  # largest factor by which a gap is widened at once
-OVERTIME, WIDER = 0.01, 3.0  # past END, a gap is widened by the factor WIDER after every OVERTIME of the limits
-
-
-class Pace:
-    """The gap between the least value known and the target of a search, widened as time runs short.
-
-    Args:
-        gap: The first gap, which is the best one that is requested.
-        used: Fraction of the limits (time, boxes) that preparations have used.
-
-    Attributes:
-        gap: The present gap.
-        whole: Fraction of the limits that the first gap was expected to take when it was given up; 0 if it was not.
-    """
-
-    def __init__(self, gap: float, used: float = 0.0):
-        self.gap, self.whole = gap, 0.0
-        self._growth, self._judged, self._start = STEEPNESS, None, used
-        self._from = (used, 0.0, 0)
-
-    def update(self, used: float, begun: float, boxes: int, count: int) -> None:
-        """Widen the gap if the search is late.
-
-        What the present gap takes is measured in boxes, and converted to time by the speed of the whole search so far,
-        because machines have slow moments.
-
-        Args:
-            used: Fraction of the limits that is used.
-            begun: Fraction of the initial boxes that are done or begun.
-            boxes: Number of boxes that were bounded.
-            count: Number of initial boxes.
-        """
-        time, done, work = (now - then for now, then in zip((used, begun, boxes), self._from, strict=True))
-        left, here = END - used, (used, begun, boxes)
-        if left <= 0:
-            if time >= OVERTIME:
-                self.gap, self._from = self.gap * WIDER, here
-            return
-        if not work or (done * count < SURE and time < PATIENCE * (left + time)):
-            return
-        whole = work / max(done, 1 / count) * (used - self._start) / boxes
-        expected = whole * (1 - begun)
-        if expected <= LATE * left:
-            return
-        if self._judged:
-            gap, before = self._judged
-            self._growth = float(np.clip(np.log(before / whole) / np.log(self.gap / gap), FLATTEST, STEEPEST))
-        else:
-            self.whole = whole
-        self._judged = (self.gap, whole)
-        self.gap *= min((HEADROOM * expected / left) ** (1 / self._growth), WIDEST)
-        self._from = here
-
-    def reach(self, gap: float) -> None:
-        """Widen the gap to at least one that the search cannot come under any more."""
-        self.gap = max(self.gap, gap)
-
-    def widen(self) -> None:
-        """Widen the gap whatever the time."""
-        self.gap *= 10.0
-
-
-# --- depth first, in a kernel ----------------------------------------------------------------------------------------
-
-
-CPU_BLOCKS, CUDA_BLOCKS = 64, 2048  # blocks of a launch, each with a stack of its own
-MOST = 1024  # boxes that a block bounds before it returns: some 50 ms a launch
-HANDED_OUT = 64  # boxes that an idle block is given at a time
-# Initial boxes of a search: INITIAL_SHARE of those that there is time for, but within these numbers. With fewer, the
-# share that is done would not tell what the rest will take.
-INITIAL, MOST_INITIAL = 4096, 131_072
-INITIAL_SHARE = 0.02
-CLOSE_ALL = -np.inf  # as a target: every box that waits is bounded once and closed
-STATE = 3  # arrays of the blocks' state: stacks, heights, and how many boxes of each are initial ones
-
-
-@dataclass(frozen=True)
-class ParametrizedPositives:
-    """An object's positives as boxes of a parametrization's numbers z, and the network whose f is bounded there."""
-
-    network: Network  # of f
-    parametrization: Parametrization  # how numbers z become a query
-    lower: np.ndarray  # ``(N, Z)`` float64, corners of boxes that cover all positives, with what the pipeline rounds
-    upper: np.ndarray  # ``(N, Z)`` float64
-    numbers: np.ndarray  # float64 parameters of the parametrization
-    limit: np.ndarray  # ``(K,)``, largest inputs of the network that boxes reach, noise included
-    table: np.ndarray = field(default_factory=lambda: np.zeros(1, np.int32))  # int32 parameters of the parametrization
-    terms: np.ndarray | None = None  # ``(K,)``, of the sum of an input's absolute terms over a box; ``None``: limit
-
-    def bound(self, lower: np.ndarray, upper: np.ndarray, device="cpu") -> BoxBounds:
-        """Certified bounds over boxes of z."""
-        more = self.limit, self.terms, self.numbers, self.table, device
-        return self.network.bound_parametrized(self.parametrization, lower, upper, *more)
-
-    @property
-    def padding(self) -> np.ndarray:
-        """What float64 rounds in bounds over boxes, layer by layer."""
-        return self.network.padding_for(self.limit, self.terms)
-
-    def coordinates(self, z: np.ndarray) -> np.ndarray:
-        """Coordinates ``v`` of a query for numbers of the parametrization."""
-        return self.parametrization.coordinates(z, self.numbers)
-
-
-class Descent:
-    """Boxes that wait, in a reserve and on the stacks of the kernel's blocks, and what was found on the way.
-
-    Attributes:
-        boxes: Number of boxes that were bounded.
-        initial_count: Number of initial boxes.
-        least: Least bound of a closed box.
-        begun: Fraction of the initial boxes that are done or begun.
-        stuck: Whether the last step could not do anything, because every stack is full.
-        points: ``(K, Z)``, the lowest positives found, numbers of the parametrization, lowest first.
-        values: ``(K,)``, f there.
-    """
-
-    def __init__(self, cover: ParametrizedPositives, device: str):
-        dev = wp.get_device(device)
-        self._kernel, self._device = depth_first_kernel(cover.network.kernel_shape(cover.parametrization)), dev
-        blocks, size = CPU_BLOCKS if dev.is_cpu else CUDA_BLOCKS, cover.parametrization.size
-        self._stacks = np.empty((blocks, STACK, 2, size))
-        self._heights, self._initial = np.zeros(blocks, np.int32), np.zeros(blocks, np.int32)
-        self._done, self._closed = np.zeros(blocks, np.int64), np.full(blocks, np.inf)
-        self._values, self._points = np.full((blocks, KEPT), np.inf), np.zeros((blocks, KEPT, size))
-        order = np.random.default_rng(0).permutation(len(cover.lower))
-        self._reserve, self._left = np.stack([cover.lower, cover.upper], axis=1)[order], len(order)
-        held = [cover.network.packed, cover.padding, cover.numbers]
-        self._parameters_host = [np.ascontiguousarray(a, dtype=np.float64) for a in held]
-        self._parameters = [double_array(a, dev) for a in self._parameters_host]
-        self._parameters.append(wp.array(cover.table, dtype=wp.int32, device=dev))
-        # What the kernel changes; the first STATE arrays are also what it starts from. On a CPU the Warp arrays share
-        # their memory; on CUDA those are copied before each launch, and all of them after it.
-        self._outputs_host = [self._stacks, self._heights, self._initial]
-        self._outputs_host += [self._done, self._closed, self._values, self._points]
-        kinds = [wp.float64, wp.int32, wp.int32, wp.int64, *[wp.float64] * 3]
-        self._outputs = [
-            wp.array(a.reshape(-1), dtype=t, device=dev, copy=not dev.is_cpu)
-            for a, t in zip(self._outputs_host, kinds, strict=True)
-        ]
-        self.points, self.values = np.empty((0, size)), np.empty(0)
-        self.boxes, self.initial_count, self.least, self.begun, self.stuck = 0, len(order), np.inf, 0.0, False
-        self._target = CLOSE_ALL
-
-    @property
-    def waiting(self) -> bool:
-        """Whether any box is not closed."""
-        return bool(self._left or self._heights.any())
-
-    @property
-    def complete(self) -> bool:
-        """Whether the last target is proven: every box is closed and reaches it."""
-        return not self.waiting and self.least >= self._target
-
-    def step(self, target: float, boxes: float = float("inf")) -> float:
-        """Let each block search on, for some 50 ms in all, and close the boxes that reach a target.
-
-        Args:
-            target: Value of f, or ``CLOSE_ALL``.
-            boxes: About how many boxes to bound at most.
-
-        Returns:
-            The lowest value of f at a positive that this step has found.
-        """
-        self._target = float(target)
-        self._left -= _fill(self._stacks, self._heights, self._initial, self._reserve[: self._left])
-        most = int(min(MOST, max(boxes / len(self._heights), 1)))
-        if not self._device.is_cpu:
-            for array, values in zip(self._outputs[:STATE], self._outputs_host[:STATE], strict=True):
-                array.assign(values.reshape(-1))
-        inputs = [0, self._target, most, *self._parameters]
-        launch_blocks(self._kernel, len(self._heights), inputs, self._outputs, self._device, first_index=0, block=1)
-        if not self._device.is_cpu:
-            for array, values in zip(self._outputs, self._outputs_host, strict=True):
-                values[...] = array.numpy().reshape(values.shape)
-        self.boxes, self.least = self.boxes + int(self._done.sum()), min(self.least, float(self._closed.min()))
-        self.begun = 1 - (self._left + int(self._initial.sum())) / len(self._reserve)
-        self.stuck = not self._done.any()
-        seen = np.isfinite(self._values)
-        self.points, self.values = lowest(self.points, self.values, self._points[seen], self._values[seen])
-        return float(self._values.min())
-
-
-def prove_target(
-    cover: ParametrizedPositives, target: float, *, boxes: float = float("inf"), device: str = "cpu"
-) -> Descent:
-    """Try to prove ``f >= target`` for all positives; ends early where a positive lies under the target.
-
-    Args:
-        cover: The positives.
-        target: Value of f, or ``CLOSE_ALL``.
-        boxes: Limit: the number of boxes after which the search ends.
-        device: Warp device.
-    """
-    descent = Descent(cover, device)
-    while descent.waiting:
-        found = descent.step(target, boxes - descent.boxes)
-        if descent.boxes >= boxes or descent.stuck or min(found, descent.least) < target:
-            break
-    return descent
-
-
-def _fill(stacks: np.ndarray, heights: np.ndarray, initial: np.ndarray, reserve: np.ndarray) -> int:
-    """Give empty blocks boxes from the reserve's end, or else the bottom half of the fullest stack, its largest boxes.
-
-    The lowest ``initial`` boxes of each stack ``(STACK, 2, Z)`` are initial ones, not halved yet. The reserve
-    ``(N, 2, Z)`` has the initial boxes that no block has taken. Returns how many boxes were taken from it.
-    """
-    taken, empty = 0, np.flatnonzero(heights == 0)
-    for place, block in enumerate(empty):
-        left = len(reserve) - taken
-        if left:
-            count = min(HANDED_OUT, -(-left // (len(empty) - place)))
-            stacks[block, :count] = reserve[left - count : left]
-            heights[block] = initial[block] = count
-            taken += count
-            continue
-        donor = int(np.argmax(heights))
-        if heights[donor] < 2:
-            break
-        count = heights[donor] // 2
-        stacks[block, :count] = stacks[donor, :count]
-        stacks[donor, : heights[donor] - count] = stacks[donor, count : heights[donor]].copy()
-        heights[block], heights[donor] = count, heights[donor] - count
-        initial[block] = min(initial[donor], count)
-        initial[donor] -= initial[block]
-    return taken
-
-
-def parametrized_minimum(
-    cover: ParametrizedPositives,
-    *,
-    eps: float,
-    upper: float = float("inf"),
-    budget: float = float("inf"),
-    boxes: float = float("inf"),
-    progress: Callable[[int, float, float], None] | None = None,
-    device: str = "cpu",
-) -> Search:
-    """Certified minimum of f over parametrized positives.
-
-    Args:
-        cover: The positives.
-        eps: Gap between bound and found value at which the search ends.
-        upper: A value of f that is not below the minimum, such as f of a positive that is known.
-        budget: Seconds after which the search ends with what it has. Compiling kernels does not count.
-        boxes: Limit: the number of boxes after which it ends with what it has, the same on every machine.
-        progress: Called with boxes done, the fraction of the initial boxes that are done or begun, and the gap that is
-            aimed at.
-        device: Warp device.
-    """
-    started = working_seconds()
-    cover = divided(cover, INITIAL, device)
-    # Each initial box is bounded once: that tells how many there is time for, and finds low positives to begin with.
-    survey = prove_target(cover, CLOSE_ALL, device=device)
-    spent = working_seconds() - started  # 0 where all of it was compiling
-    affordable = min(boxes, budget * survey.boxes / spent if spent > 0 else np.inf)
-    initial = min(INITIAL_SHARE * affordable, MOST_INITIAL) if np.isfinite(affordable) else INITIAL
-    descent = Descent(divided(cover, initial, device), device)  # no fewer boxes than there are by now
-    best = min(upper, float(survey.values.min(initial=np.inf)))
-
-    def done() -> int:
-        return survey.boxes + descent.boxes
-
-    def used() -> float:
-        spent = working_seconds() - started
-        return max(done() / boxes, spent / budget) if min(boxes, budget) > 0 else 1.0
-
-    pace = Pace(eps, used())
-    while descent.waiting:
-        pace.update(used(), descent.begun, descent.boxes, descent.initial_count)
-        target = best - pace.gap if used() < 1 else CLOSE_ALL
-        best = min(best, descent.step(target, boxes - done()))
-        pace.reach(best - descent.least)  # a closed box is not opened again, so no smaller gap can be proven
-        if descent.stuck:
-            pace.widen()
-        if progress:
-            progress(done(), descent.begun, pace.gap)
-    # Survey and search each cover all positives, so both least bounds hold and the higher one counts. Neither can
-    # exceed a value that was found.
-    proven, spent = min(max(survey.least, descent.least), best), working_seconds() - started
-    numbers = lowest(survey.points, survey.values, descent.points, descent.values)[0]
-    needed = max(pace.whole * budget, spent) if pace.whole else spent
-    return Search(proven, best, cover.coordinates(numbers), done(), spent, best - proven <= eps, needed, numbers)
-
-
-def divided(cover: ParametrizedPositives, count: float, device: str) -> ParametrizedPositives:
-    """The same positives in at least ``count`` boxes, if halving makes so many; halves without positives go."""
-    lower, upper = cover.lower, cover.upper
-    for _ in range(2 * MOST_INITIAL.bit_length()):  # halves without positives do not count
-        if len(lower) >= count:
-            break
-        bounds = cover.bound(lower, upper, device)
-        some = ~np.isposinf(bounds.lower)  # infinity is the bound of a box without positives
-        boxes, axis, row = bounds.boxes[some], bounds.axis[some], np.arange(np.count_nonzero(some))
-        (lower, upper), middle = (
-            boxes.swapaxes(0, 1),
-            cover.parametrization.middle(boxes[row, 0, axis], boxes[row, 1, axis]),
-        )
-        less, more = upper.copy(), lower.copy()
-        less[row, axis] = more[row, axis] = middle
-        lower, upper = np.concatenate([lower, more]), np.concatenate([less, upper])
-    return replace(cover, lower=lower, upper=upper)

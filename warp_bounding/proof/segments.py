@@ -33,8 +33,7 @@ from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.bounders.union import Union
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.networks.bounds import NetworkShape, body, double_array, lanes_text
-from warp_bounding.networks.parametrizations import SegmentParametrization
+from warp_bounding.networks.bounds import NetworkShape, Parametrization, body, double_array, lanes_text
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import BlockLaunch
@@ -294,6 +293,44 @@ class _Any:
             if (stopped | (until == np.inf)).all():
                 break
         return until
+
+
+ROUNDING = 2.0**-50  # relative, of a product and three sums in float64
+
+
+class SegmentParametrization(Parametrization):
+    """Segments of points: ``z = (a, w, t)``, the points ``a + t w`` of one segment for t in an interval.
+
+    Of a box only t has a width; halving it halves the segment. The inputs are linear in t, so there is one column of
+    generators, and the only noise is rounding.
+    """
+
+    noisy = True
+    expand = f"""
+const V middle_ = (low[2 * K] + high[2 * K]) * 0.5, half_ = (high[2 * K] - low[2 * K]) * 0.5;
+for (int k = 0; k < K; ++k) {{
+    center[k] = low[k] + low[K + k] * middle_;
+    gen[k] = low[K + k] * half_;
+    noise[k] = (absolute(low[k]) + absolute(low[K + k])) * {ROUNDING.hex()};
+}}
+"""
+    realize = """
+for (int k = 0; k < 2 * K; ++k) z[k] = low[k];
+z[2 * K] = slope[0] > zero ? low[2 * K] : high[2 * K];
+for (int k = 0; k < K; ++k) h[k] = z[k] + z[K + k] * z[2 * K];
+"""
+
+    @property
+    def size(self) -> int:
+        return 2 * self.inputs + 1
+
+    @property
+    def columns(self) -> int:
+        return 1
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        return [(k, 0) for k in range(self.inputs)]
 
 
 class _Walk:

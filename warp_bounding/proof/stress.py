@@ -38,8 +38,7 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, document, fn_rate_bound
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.proof.covers import COVERS
-from warp_bounding.proof.search import Search, ShapePositives, halve
+from warp_bounding.proof.search import ShapePositives, halve
 from warp_bounding.queries import QUERIES, oracle
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.hard import FORMS, HardPositives, World, draw_positives
@@ -128,7 +127,6 @@ def statistical_test(
     room: float,
     count: int = POSITIVES,
     seed: int = 0,
-    search: Search | None = None,
     budget: float = float("inf"),
 ) -> Certificate:
     """Set a threshold below the least value that a search has found, and give the bounder a statistical certificate.
@@ -140,7 +138,6 @@ def statistical_test(
         room: How far below it the threshold is set, beyond what rounding needs.
         count: How many fresh positives to ask.
         seed: Seed of these positives; every attempt draws others.
-        search: A proof that did not come close enough in its time; the certificate says what it did show.
         budget: Seconds: where they do not suffice for ``count`` positives, there are fewer, but some.
 
     Raises:
@@ -178,17 +175,15 @@ def statistical_test(
         f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to "
         f"{CONFIDENCE:.0%})."
     )
-    tried = "No proof was tried."
-    if search is not None:
-        shows = f"it shows f >= {search.lower_bound:.6g} on all positives"
-        below = f"{least - search.lower_bound:.3g} below the least one known"
-        tried = f"A proof did not end in {search.seconds:.3g} s: {shows}, {below}."
     threshold, spent = float(bounder.threshold), working_seconds() - started
     # No f was computed where every positive was answered without one, or none was queried.
     margin = lowest - threshold if np.isfinite(lowest) else None
     counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE, "worst_margin": margin}
     found = f", which found no denied positive in {opened:,} open boxes at last" if opened else ""
-    counts |= {"numbers": f"The threshold was set by an adversarial search{found}. {tried}", "restarts": restart}
+    counts |= {
+        "numbers": f"The threshold was set by an adversarial search{found}. No proof was tried.",
+        "restarts": restart,
+    }
     certificate = document(bounder, grid, "statistical", threshold, least, 0, spent, message, **counts)
     bounder.freeze(threshold, certificate)
     return certificate
@@ -294,11 +289,6 @@ class Walk:
         x = np.asarray(x, dtype=np.float64)
         move = self._rng.normal(size=x.shape) * steps[:, None] * (self._rng.random(x.shape) < 0.6)
         return QUERIES[self.query].nudged(self.grid, x, move).astype(np.float32)
-
-
-def queries_at(bounder: Bounder, grid: Shape, v: np.ndarray) -> np.ndarray:
-    """Queries ``(N, m)`` float64 in object space at a search's points ``(N, K)`` (``Cover.coordinates``)."""
-    return bounder.domain.to_object(COVERS[bounder.query_kind].coordinates(bounder, grid, v))
 
 
 # --- hard positives --------------------------------------------------------------------------------------------------

@@ -6,8 +6,8 @@ behind it somewhere between polynomial and activation (mean value theorem). That
 what it gains is followed layer by layer: a linear function, and a bound of the rest. So f is one polynomial of third
 degree, in which the terms of all neurons cancel, and a rest of fourth order. The search (``networks.bounds``) fits
 curves to intervals instead, and its bands are carried by linear coefficients. Neither text uses any of the other, nor
-does this one its rounding (``Network.padding``); the parametrizations of rays and boxes are shared. Which bounds a
-network has is a field of it (``Network.bounds``), so it is the same in every process.
+does this one its rounding (``Network.padding``). A network has its bounds as a field (``Network.bounds``), so they are
+the same in every process.
 
 Source: R. E. Moore, *Methods and Applications of Interval Analysis*, 1979, on mean value forms.
 """
@@ -23,7 +23,7 @@ import warp as wp
 from warp_bounding.activations import constants
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError
-from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, Parametrization, double_array, load_text
+from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, double_array, load_text
 from warp_bounding.networks.bounds import text as lanes
 from warp_bounding.networks.network import Network, SearchBounds
 from warp_bounding.rounding import UNIT64, gamma
@@ -64,59 +64,36 @@ class TaylorBounds:
             found.network_bounds = self
         return found
 
-    def boxes(
-        self,
-        network: Network,
-        parametrization: Parametrization,
-        lower: np.ndarray,
-        upper: np.ndarray,
-        limit: np.ndarray,
-        terms: np.ndarray | None = None,
-        numbers: np.ndarray | None = None,
-        table: np.ndarray | None = None,
-        device="cpu",
-    ) -> BoxBounds:
-        """Certified lower bounds over boxes ``(N, Z)`` of a parametrization's numbers.
-
-        See ``networks.bounds.SearchBounds``.
+    def boxes(self, network: Network, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
+        """Certified lower bounds over boxes ``(N, n)`` of a network's inputs; see ``Network.bound``.
 
         Raises:
             BounderError: If arguments of an activation can leave the range in which it is certified.
         """
         if not _known(network):
-            more = limit, terms, numbers, table, device
-            return SearchBounds().boxes(network, parametrization, lower, upper, *more)
-        shape, (count, size) = network.kernel_shape(parametrization), lower.shape
-        device = wp.get_device(device)
-        pads = roundings(network, limit if terms is None else terms, limit)
-        held = [
-            np.concatenate([lower, upper], axis=1),
-            network.packed,
-            pads,
-            np.zeros(1) if numbers is None else numbers,
-        ]
+            return SearchBounds().boxes(network, lower, upper)
+        count, size = lower.shape
+        device = wp.get_device("cpu")
+        held = [np.concatenate([lower, upper], axis=1), network.packed, roundings(network)]
         held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
         boxes, *parameters = (double_array(each, device) for each in held)
         sizes = (count, count, count, count * size, count * size)
         outputs = [wp.empty(each, dtype=wp.float64, device=device) for each in sizes]
         axis = wp.empty(count, dtype=wp.int32, device=device)
         if count:
-            words = wp.array(np.zeros(1, np.int32) if table is None else table, dtype=wp.int32, device=device)
-            inputs = [boxes, count, 0, *parameters, words]
-            launch_blocks(_kernel(shape), count, inputs, [*outputs, axis], device, first_index=2, block=BLOCK)
+            inputs = [boxes, count, 0, *parameters]
+            launch_blocks(
+                _kernel(network.kernel_shape()), count, inputs, [*outputs, axis], device, first_index=2, block=BLOCK
+            )
         least, value, level, point, slope = (each.numpy() for each in outputs)
-        boxes = boxes.numpy().reshape(count, 2, size)
-        return BoxBounds(
-            least, axis.numpy(), point.reshape(count, size), value, None, slope.reshape(count, size), level, boxes
-        )
+        point, slope = point.reshape(count, size), slope.reshape(count, size)
+        return BoxBounds(least, axis.numpy(), point, value, None, slope, level)
 
-    def corners(
-        self, network: Network, parametrization: Parametrization, lower: np.ndarray, upper: np.ndarray
-    ) -> np.ndarray:
-        """Linear bounds under f, as their values at the corners of boxes; see ``networks.bounds.SearchBounds``."""
+    def corners(self, network: Network, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """Linear bounds under f, as their values at the corners of boxes; see ``Network.corners``."""
         if not _known(network):
-            return SearchBounds().corners(network, parametrization, lower, upper)
-        bounds, n = self.boxes(network, parametrization, lower, upper, network.limit), lower.shape[1]
+            return SearchBounds().corners(network, lower, upper)
+        bounds, n = self.boxes(network, lower, upper), lower.shape[1]
         up = (np.arange(1 << n)[:, None] >> np.arange(n)) & 1
         moved = bounds.slope * ((upper - lower) / 2)
         size = (
@@ -132,15 +109,13 @@ def _known(network: Network) -> bool:
     return all(layer.activation.name in ACTIVATIONS for layer in network.hidden)
 
 
-def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndarray:
+def roundings(network: Network) -> np.ndarray:
     """Above what float64 rounds in an argument of each layer, and in the output: of a sum of K products of polynomials.
 
-    Args:
-        network: Its layers.
-        terms: ``(K,)``, the absolute terms of each input over a box, at most.
-        limit: ``(K,)``, the inputs' largest size.
+    Raises ``BounderError`` if arguments of an activation can leave the range in which it is certified.
     """
-    pads, size, operations = [], limit, 256
+    limit = network.limit
+    pads, size, terms, operations = [], limit, limit, 256
     for layer in [*network.hidden, network.output]:
         weight, kept = np.abs(layer.weight), layer.activation
         total, largest = (weight @ each + np.abs(layer.bias) for each in (terms, size))
@@ -163,10 +138,10 @@ def roundings(network: Network, terms: np.ndarray, limit: np.ndarray) -> np.ndar
 
 
 def _body(shape: NetworkShape) -> str:
-    parametrization, at, layers = shape.parametrization, 0, []
-    forwards, backs, backwards, values, c = "", "", "", "", parametrization.columns
+    at, layers, c = 0, [], shape.ndim
+    forwards, backs, backwards, values = "", "", "", ""
     for index, (inputs, neurons, name) in enumerate(shape.layers):
-        bent = bool(parametrization.bend) or any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
+        bent = any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
         own = constants(
             INPUTS=inputs,
             NEURONS=neurons,
@@ -194,44 +169,22 @@ def _body(shape: NetworkShape) -> str:
         layers.append(neurons)
         at += neurons * (2 * inputs + 1)
     last, count = len(layers) - 1, layers[-1]
-    generators = " ".join(
-        f"layer_in.top[{1 + k}][{i}] = gen[{entry}];" for entry, (i, k) in enumerate(parametrization.pairs)
-    )
-    constraints = "".join(_constraint(parametrization, *each) for each in parametrization.constraints())
-    sizes = constants(
-        NOISY=int(parametrization.noisy),
-        K=shape.ndim,
-        C=c,
-        Z=parametrization.size,
-        LINES=1 + c + (shape.ndim if parametrization.noisy else 0),
-        SQUARES=c * (c + 1) // 2,
-        CUBES=c * (c + 1) * (c + 2) // 6,
-    )
+    sizes = constants(C=c, LINES=1 + c, SQUARES=c * (c + 1) // 2, CUBES=c * (c + 1) * (c + 2) // 6)
     return f"""
 {sizes}
-V least = zero, level = zero, value = zero, valid = zero + 1.0, dead = zero;
-V center[K], noise[K], rest[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K];
-V score[C], slope[C], owner[C], square[SQUARES], cubes[CUBES]; (void)valid;
+V least = zero, level = zero, value = zero, score[C], slope[C], radius[C], h[C], square[SQUARES], cubes[CUBES];
 const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry;
 const auto cube = [&](int a, int b, int d) {{  // the place of a <= b <= d in cubes
     int before = 0;
     for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
     return before + entry(b, d) - entry(a, a);
 }};
-for (int i = 0; i < K; ++i) noise[i] = rest[i] = zero;
-{parametrization.expand}
-{parametrization.owners}
-struct {{ V top[LINES + SQUARES][K], off[1][K]; }} layer_in;
-for (int i = 0; i < K; ++i) {{
-    for (int k = 1; k < LINES; ++k) layer_in.top[k][i] = zero + (k == 1 + C + i ? 1.0 : 0.0);
-    layer_in.top[0][i] = center[i]; layer_in.off[0][i] = zero;
-    for (int k = 0; k < K; ++k) gradient[k] = zero + (k == i ? 1.0 : 0.0);
-    for (int e = 0; e < SQUARES; ++e) square[e] = zero;
-    {{ {parametrization.bend} }}
-    for (int e = 0; e < SQUARES; ++e) layer_in.top[LINES + e][i] = square[e];
+struct {{ V top[LINES + SQUARES][C], off[1][C]; }} layer_in;
+for (int i = 0; i < C; ++i) {{
+    radius[i] = (high[i] - low[i]) * 0.5; score[i] = layer_in.off[0][i] = zero;
+    for (int e = 0; e < LINES + SQUARES; ++e) layer_in.top[e][i] = zero;
+    layer_in.top[0][i] = (low[i] + high[i]) * 0.5; layer_in.top[1 + i][i] = radius[i];
 }}
-{generators}
-for (int k = 0; k < C; ++k) score[k] = zero;
 for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
 {text.PRODUCT}
 {forwards}
@@ -241,37 +194,21 @@ V sums[LINES + SQUARES][1];
 product(layer{last}.top, w + {at + 1}, sums, 0, 1);
 least += sums[0][0];
 for (int k = 0; k < C; ++k) slope[k] = sums[1 + k][0];
-for (int k = 0; k < K; ++k) gradient[k] = NOISY ? sums[NOISY * (1 + C + k)][0] : zero;
 for (int e = 0; e < SQUARES; ++e) square[e] = sums[LINES + e][0];
 for (int j = 0; j < {count}; ++j) {{
     for (int k = 0; k <= C; ++k) back{last}.by[k][j] = zero + (k ? 0.0 : w[{at + 1} + j]);
     back{last}.wide[0][j] = zero;
 }}
 {backwards}
-for (int i = 0; i < K; ++i) least -= absolute(gradient[i]) * rest[i] * (1 + 1e-9);
-{parametrization.blame}
-{text.CLOSE.replace("CONSTRAINTS", constraints)}
+{text.CLOSE}
+for (int k = 0; k < C; ++k) h[k] = slope[k] > zero ? low[k] : high[k];
 {{
-    {parametrization.realize}
     const V* y = h;
     {values}
     value = zero + w[{at}];
     for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
 }}
 """
-
-
-def _constraint(parametrization: Parametrization, overestimate: str, factors: list[tuple[int, str]]) -> str:
-    by_column: dict[int, list[str]] = {}
-    for input_, factor in factors:
-        for entry, (i, k) in enumerate(parametrization.pairs):
-            if i == input_:
-                by_column.setdefault(k, []).append(f"({factor}) * gen[{entry}]")
-    names, sums = ", ".join(map(str, by_column)), ", ".join(" + ".join(each) for each in by_column.values())
-    start = (
-        f"constexpr int M = {len(by_column)}, OF[M] = {{{names}}}; const V excess = {overestimate}, q[M] = {{{sums}}};"
-    )
-    return f"{{ {start} {text.CONSTRAINT} }}\n"
 
 
 def _snippet(shape: NetworkShape) -> str:
@@ -314,8 +251,6 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         block: int,
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
-        numbers: wp.array(dtype=wp.float64),
-        table: wp.array(dtype=wp.int32),
         least_out: wp.array(dtype=wp.float64),
         value_out: wp.array(dtype=wp.float64),
         level_out: wp.array(dtype=wp.float64),

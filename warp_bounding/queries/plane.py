@@ -1,11 +1,11 @@
 """Plane queries: 2n numbers, a normal (of any length but zero) and a point in object space: a whole hyperplane.
 
 A plane meets a connected closed set exactly if it meets its convex hull: if the signed distances of the hull's
-vertices do not all have one sign (DESIGN section 5). So the kernel asks each connected component of the closed cells:
-first its bounding box, then the least and the greatest ``normal . (vertex - point)`` of its ``hull_corners``, in
-float64 with an error bound. Planes along the axes compare one coordinate, exactly; of the others those closer to a
-sign change than the bound are looked at again corner by corner (a plane through its own point, a corner, is then
-decided), and what is left goes to integers on the host. Many small components are slower, not wrong.
+vertices do not all have one sign (the hyperplane separation theorem). So the kernel asks each connected component of
+the closed cells: first its bounding box, then the least and the greatest ``normal . (vertex - point)`` of its
+``hull_corners``, in float64 with an error bound. Planes along the axes compare one coordinate, exactly; of the others
+those closer to a sign change than the bound are looked at again corner by corner (a plane through its own point, a
+corner, is then decided), and what is left goes to integers on the host. Many small components are slower, not wrong.
 
 Planes: ``v = (m, c)``, all y with ``m . y = c``; the entry of m that is largest in absolute value is exactly 1.
 

@@ -89,7 +89,7 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
     )
 
 
-# The ``sampled`` protocol: the paper's labels, ``any()`` over random points of the region (DESIGN section 6).
+# The ``sampled`` protocol: the paper's labels, ``any()`` over random points of the region.
 #
 # 500 points of a region, 1500 in four dimensions; of a ray uniform in t over [0, length], of a box uniform inside, of
 # a plane all coordinates but the first uniform in [-3, 3] (in the frame where the grid's outer cell centres are 0 and

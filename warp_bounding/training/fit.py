@@ -15,6 +15,7 @@ import numpy as np
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
 from warp_bounding.bounders.bounder import known_method, resolved
+from warp_bounding.bounders.bvh import Bvh
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import METRIC, REACH, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
@@ -48,9 +49,10 @@ COORDINATE_BYTES = 32  # per occupied cell and axis: its index, two corners and 
 PROOF_SECONDS = 8e-6  # per occupied cell, measured: what training leaves for a proof that is one pass over the cells
 # Limits of a proof without cells of what is not trained: the gap of f, in local units, and the number of boxes.
 SHAPE_EPS, SHAPE_BOXES = 1e-4, 4_000_000
-# Cells along the longest side of a 3D shape for rays, planes and boxes, by default. Networks of the bunny
-# fitted in the same time had 0.58 to 0.77 times the false positives against the mesh that they have with 64.
+# Cells along the longest side of a 3D shape for rays, planes and boxes, by default. A bvh of the bunny has
+# 0.79 (boxes) and 0.87 (rays) times the false positives against the mesh that it has with 64.
 REGION_NDIM, REGION_RESOLUTION = 3, 128
+DEFAULTS, COMMON_NDIM = (MlpDistance, Mlp, Bvh), 3  # ``fit`` takes the first that answers the queries of a 3D shape
 BEHIND_WAVES = (48, 48)  # widths of a network's layers behind that of an arm's angles
 PROOF_SHARE = 0.1  # of a part's seconds: what training leaves for a proof that is a search without cells
 LEAST_SHARE = 0.05  # of the budget: the least that a part of a cascade or a proof gets, however long all else took
@@ -59,7 +61,7 @@ LEAST_SHARE = 0.05  # of the budget: the least that a part of a cascade or a pro
 def fit(
     shape,
     query: str = "point",
-    method: str = "mlp",
+    method: str | None = None,
     *,
     budget: float = 60.0,
     seed: int = 0,
@@ -75,10 +77,10 @@ def fit(
     scheduler: str | int | None = None,
     **options,
 ) -> Bounder:
-    """Fit a bounder to a shape, and prove it where there is a proof for the method and the query.
+    """Fit a bounder to a shape, and prove it.
 
-    The proof of an mlp for rays or boxes can take longer than the budget leaves for it. The certificate is then
-    statistical, and says so.
+    What it returns is proven, unless ``statistical=True`` is given, the shape certifies no box to be empty, or the
+    method, ``occupancy``, promises nothing.
 
     Args:
         shape: What ``load_shape`` returns, or anything that it takes. Of a mesh that is not closed only the surface
@@ -86,6 +88,8 @@ def fit(
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder``
             of the shape, whose distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
+            ``None`` is ``"mlp"`` for points, planes and distances, and ``"bvh"`` for rays and boxes, which networks do
+            not answer: the first of ``DEFAULTS`` that does.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
             the time is over; other closed forms are found at once, up to millions of cells. A third of an arm's time is
@@ -94,8 +98,9 @@ def fit(
         margin: The object is dilated by this length first, object (world) units. A margin under the size of a mesh's
             cells raises a warning, because the cells are what is bounded.
         force: Accept a margin that is larger than the object.
-        resolution: Cells along a mesh's longest axis. ``None`` is 64 for ``bvh``, ``voxels`` and ``relu-field``, and
-            the mesh itself, without cells, for all other methods. Grids have their own.
+        resolution: Cells along a mesh's longest axis. ``None`` is 64 for ``bvh`` (128 for rays, planes and boxes),
+            ``voxels`` and ``relu-field``, and the mesh itself, without cells, for all other methods. Grids have their
+            own.
         length: Length of a ray, object units; 1 if ``None``. Other queries have none.
         side: ``"outside"``: *no* means certainly not in the object. ``"inside"``: *no* means certainly in it; the
             bounder then bounds the shape's complement, and the proof is about that. For points, and methods that do
@@ -145,6 +150,8 @@ def fit(
     if query in METHODS:
         raise QueryError(f"{query!r} is a method, which comes after the query: method={query!r}")
     check_query(query, DISTANCE.name)
+    if method is None:
+        method = next(cls.method for cls in DEFAULTS if cls.supports(query, COMMON_NDIM))
     if "space" in options:
         raise BounderError(
             "space is gone: volumes are fitted around the object; those around queries' numbers: python -m paper table1"
@@ -152,7 +159,7 @@ def fit(
     check_numbers(budget, seed, margin)
     spent = Stopwatch()
     if scheduler is not None:
-        if (query, method) != (POINT.name, "mlp"):
+        if (query, method) != (POINT.name, Mlp.method):
             raise BounderError(f"scheduler is for the proof of an mlp of points, got {query}, {method}")
         if options.get("statistical") or options.get("parts", 1) != 1:
             raise BounderError("scheduler is for the proof of one threshold, got statistical or parts")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from warp_bounding.errors import BounderError
 from warp_bounding.runtime.launch import compiled_for
 
-__all__ = ["torch"]
+__all__ = ["adam", "torch"]
 
 
 class _Torch:
@@ -31,3 +31,11 @@ if TYPE_CHECKING:
     import torch
 else:
     torch = _Torch()
+
+
+def adam(tensors: list, **options):
+    """``torch.optim.Adam``. A process's first optimiser imports torch's compiler; no budget counts that either."""
+    started = perf_counter()
+    optimiser = torch.optim.Adam(tensors, **options)
+    compiled_for(perf_counter() - started)
+    return optimiser

@@ -22,7 +22,7 @@ from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
-from warp_bounding.training.lazy_torch import torch
+from warp_bounding.training.lazy_torch import adam, torch
 from warp_bounding.training.samples import Problem, Trained
 
 HALVINGS = 12  # of the interval in which f is highest along a ray
@@ -203,7 +203,7 @@ def descend(
     """Train from one start until the used fraction ``share[0]``, or for ``STEPS``; ``found[-1]`` keeps the best."""
     end, begin = share
     normals = normals.clone().requires_grad_(True)
-    optimiser = torch.optim.Adam([normals], lr=RATE)
+    optimiser = adam([normals], lr=RATE)
     for step in range(STEPS):
         used = max(step / STEPS, (clock.fraction() - begin) / (end - begin))
         last = used >= 1 or step == STEPS - 1

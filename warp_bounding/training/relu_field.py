@@ -12,19 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.relu_field import (
-    FieldMap,
-    ReluField,
-    break_points,
-    corners_of,
-    field_breaks,
-    positive_boxes,
-)
+from warp_bounding.bounders.relu_field import FieldMap, ReluField, break_points, corners_of, field_breaks
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
-from warp_bounding.training.lazy_torch import torch
+from warp_bounding.training.lazy_torch import adam, torch
 from warp_bounding.training.samples import Problem, Trained
 
 __all__ = ["train_relu_field"]
@@ -52,7 +45,7 @@ GENTLE = 3
 def train_relu_field(
     _, problem: Problem, options: dict[str, Any], seconds: float, progress: Progress | None
 ) -> Trained:
-    """Learn a ``relu-field`` (``fit.Trainer``): of points of 1D to 4D objects, or of regions of 2D objects.
+    """Learn a ``relu-field`` (``fit.Trainer``) of points of 1D to 4D objects.
 
     Ctrl-C ends training; the field as it is is then repaired.
     """
@@ -72,22 +65,18 @@ class _Trainer:
         self.problem, self.domain, self.field = problem, domain, FieldMap.of(grid, domain, nodes)
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
-        boxes = [[self.field.coordinates(side) for side in pair] for pair in positive_boxes(grid, domain, self.field)]
-        self.low, self.high = (np.concatenate(side) for side in zip(*boxes, strict=True))
+        self.low, self.high = self.field.cells(grid, domain)
         self.breaks = field_breaks(self.low, self.high).max(axis=1)
         if (field_breaks(self.low, self.high) < 0).any():
             raise BounderError("relu-field: the field is too fine for the object's cells")
-        marked = np.zeros(self.field.nodes, dtype=bool)
-        first, last = np.floor(self.low).astype(np.int64), np.ceil(self.high).astype(np.int64)
-        for step in np.ndindex(tuple(int(s) + 1 for s in (last - first).max(axis=0))):
-            marked[tuple(np.minimum(first + step, last).T)] = True
+        marked = self.field.touched(self.low, self.high)
         self.values = torch.from_numpy(np.where(marked.reshape(-1), START[1], START[0]).astype(np.float32))
         self.start, self.hard = self.values.clone(), np.zeros((0, len(self.field.nodes)))
 
     def run(self, clock: Clock) -> None:
         """Descend until the clock is at its end, or ``STEPS`` are over."""
         values = self.values.requires_grad_(True)
-        optimiser = torch.optim.Adam([values], lr=RATE[0], betas=(0.9, 0.99))
+        optimiser = adam([values], lr=RATE[0], betas=(0.9, 0.99))
         try:
             for step in range(STEPS):
                 used = max(clock.fraction(), step / STEPS)

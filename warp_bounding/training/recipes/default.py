@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from warp_bounding.bounders.cascade import Lattice
-from warp_bounding.queries import QUERIES
 from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, evaluated, geometric
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Samples
@@ -32,7 +31,7 @@ from warp_bounding.training.samples import Samples
 
 @dataclass(frozen=True)
 class Recipe:
-    """Constants of the default recipe, found on the paper's shapes; some depend on the kind of query.
+    """Constants of the default recipe, found on the paper's shapes.
 
     A schedule "a -> b over [s, e]" goes geometrically from a to b while the used fraction goes from s to e.
     """
@@ -47,7 +46,9 @@ class Recipe:
     explore: int = 16384  # fresh positives that walk down before they compete for the hard pool
     explore_moves: int = 4  # the number of these steps
     saturation: float = 4.0  # |f| beyond which a softplus carries almost no gradient
-    weight: float = 3000.0  # of positives against negatives, 1 -> weight over [0, ramp]
+    # Of positives against negatives, 1 -> weight over [0, ramp]. Of ten pairs of fits around grids, meshes and a motion
+    # eight are tighter than with 3000; 8 % in the mean.
+    weight: float = 1000.0
     ramp: float = 0.83
     sharpness: float = 0.5  # width of the positives' softplus, 1 -> sharpness over [0, ramp]
     boost: float = 10.0  # weight of the worst positives, 1 -> boost over [0.6, 0.95]
@@ -64,26 +65,9 @@ class Recipe:
     later_gain_plain: float = 1.7
 
 
-RECIPES = {
-    # of ten pairs of fits around grids, meshes and a motion eight are tighter than with 3000; 8 % in the mean
-    "point": Recipe(weight=1000.0),
-    "ray": Recipe(first_gain=1.5, sharpness=0.3),  # a ray sweeps over many cells: its truth is smoother than a point's
-    "box": Recipe(first_gain=5.0, sharpness=0.3),
-}
-# Changes for rays and boxes from 8 coordinates on (4D objects). Networks of the paper's sizes are far from the truth
-# there, so that most samples need gradient, and f is low at many places.
-MANY_COORDINATES, FAR_FROM_TRUTH = 8, {"sharpness": 1.0, "hard": 16384, "explore": 32768}
-
-
 # Share of uniform samples that are usually negatives within the domain. Few of a caller's queries are, as most lie far
 # away or touch; with this weight their loss counts against the positives' as that of uniform samples does.
 NEGATIVES = 0.75
-
-
-def recipe_of(query: str, inputs: int) -> Recipe:
-    """The default recipe for a kind of query of so many coordinates."""
-    many = QUERIES[query].is_region and inputs >= MANY_COORDINATES
-    return replace(RECIPES[query], **(FAR_FROM_TRUTH if many else {}))
 
 
 def schedule(end: float, used: float, start: float, stop: float, begin: float = 1.0) -> float:
@@ -202,7 +186,7 @@ class NetworkTrainer:
         activation: str,
         recipe: Recipe | None = None,
     ):
-        self.recipe = recipe or recipe_of(samples.query, samples.ndim)
+        self.recipe = recipe or Recipe()
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation)
         self.decay = 0.0

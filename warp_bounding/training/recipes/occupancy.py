@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from warp_bounding.activations import activation_of
-from warp_bounding.networks.network import head_of
+from warp_bounding.networks.network import HEADS
 from warp_bounding.queries import oracle
 from warp_bounding.training.engine import Clock, RowNetwork, Soap, Team, cosine, geometric, initial_layers, tensors_of
 from warp_bounding.training.lazy_torch import torch
@@ -33,7 +33,7 @@ class OccupancyTrainer:
 
     def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str):
         grid, domain, seed = problem.grid, problem.domain, problem.seed
-        self.problem, self.domain, self.head, self.team = problem, domain, head_of(domain.query), Team()
+        self.problem, self.domain, self.head, self.team = problem, domain, HEADS[domain.query], Team()
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
         act = activation_of(activation)
