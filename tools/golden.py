@@ -39,7 +39,8 @@ LEARNED = {"mlp": FEW, "mlp-early": {"hidden": (6, 5), "steps": 3}, "occupancy":
 LEARNED |= {"learned-kdop": {"steps": 3}, "relu-field": {"steps": 3}}
 MOST = {"voxels": ("point",), "relu-field": ("point",), "learned-kdop": ("point", "ray")}
 DISTANCES = ("aabb", "obb", "kdop", "bvh", "learned-kdop", "distance-grid", "mlp")
-CASCADES = (("point", "aabb+kdop+mlp"), ("point", "learned-kdop+mlp-early"), ("ray", "aabb+mlp"))
+CASCADES = (("point", "aabb+kdop+mlp"), ("point", "learned-kdop+mlp-early"))
+CLOSED = ("aabb", "obb", "sphere", "kdop", "bvh")  # of which ``choose`` counts what no clock decides
 
 kept_only = False
 found: dict[str, str] = {}
@@ -199,8 +200,7 @@ def answers(folder: Path) -> None:
 def fits() -> None:
     """What short fits of every learned method give, in steps, which repeat to the bit: their numbers and verdicts."""
     shapes = objects()
-    with np.errstate(all="ignore"):
-        axes = np.indices((2, 2, 2)).reshape(3, -1).T * 1.0
+    axes = np.indices((2, 2, 2)).reshape(3, -1).T * 1.0
     quads = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
     faces = np.array([[q[0], q[i], q[i + 1]] for q in quads for i in (1, 2)])
     shapes["mesh"] = wb.shapes.Mesh(axes, faces, name="cube")
@@ -268,13 +268,13 @@ def chosen() -> None:
     """What ``choose`` measures that is no time: the share that each closed form leaves, its bytes, and its verdict."""
     for where, shape in objects().items():
         for query in QUERIES if where != "4d" else ("point",):
-            methods = [name for name in ("aabb", "obb", "sphere", "kdop", "bvh") if wb.METHODS[name].supports(query)]
+            methods = [name for name in CLOSED if wb.METHODS[name].supports(query, shape.ndim)]
             choice = wb.choose(
                 shape, query, narrow_ns=1000.0, methods=methods, budget=600.0, device="cpu", progress=False
             )
             for row in choice.rows:
-                told = f"{row.nbytes} {row.share!r} {row.certificate} {row.missed} {row.why_not}"
-                found[f"choose {row.label} {query} {where}"] = told
+                counted = f"{row.nbytes} {row.share!r} {row.certificate} {row.missed} {row.why_not}"
+                found[f"choose {row.label} {query} {where}"] = counted
 
 
 def bundled() -> None:
