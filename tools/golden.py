@@ -48,7 +48,7 @@ native: dict[str, str] = {}
 
 
 def sha(*parts) -> str:
-    """Of arrays (type, shape and bytes) and of text; bool counts as uint8, of which older answers are."""
+    """Hash arrays (type, shape and bytes) and text. Bool counts as uint8, the type of older answers."""
     digest = hashlib.sha256()
     for part in parts:
         if isinstance(part, wp.array):

@@ -25,7 +25,7 @@ def bounders() -> dict[str, wb.Bounder]:
 
 
 def queries(kind: str, count: int, rng) -> np.ndarray:
-    """Of each kind near the ball, as points in metres make them."""
+    """Queries of a kind, near the ball, in metres."""
     a = rng.uniform(-1, 1, (count, 3))
     return np.concatenate([a, a + 0.1][: len(QUERIES[kind].directed)], axis=1).astype(np.float32)
 

@@ -28,7 +28,7 @@ def threshold_at_median(bounder: Bounder) -> Bounder:
 
 
 def network(hidden: tuple[int, ...], activation: str, query: str) -> Mlp:
-    """Of weights of one sign where they are not turned, so that all terms add up, as E must expect."""
+    """A network of random weights. Those of ReLU are positive: all terms then add up, which is E's worst case."""
     made = random_mlp(shape("c"), hidden, activation, domain=domain_of(shape("c"), query, 1.0))
     tensors = made.tensors if activation == "sin" else {name: np.abs(value) for name, value in made.tensors.items()}
     return Mlp(made.domain, tensors, made.sizes, "cpu")

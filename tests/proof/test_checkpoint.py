@@ -29,7 +29,7 @@ def ball(radius: float = 1.0) -> wb.shapes.Mesh:
 
 
 def cells() -> wb.shapes.Grid:
-    """Of a disc."""
+    """The cells of a disc."""
     x = np.indices((10, 10)) - 4.5
     return wb.shapes.Grid((x**2).sum(axis=0) < 4.0**2)
 

@@ -57,7 +57,7 @@ def test_many_processes_find_the_same(client, torus, query, own, tmp_path, monke
 
 
 def test_workers_have_the_bounds_of_the_proof(client, monkeypatch):
-    """Of a learned distance, as one process has them: workers do not prove a fault of the search's bounds either."""
+    """Workers look at the boxes of a learned distance that one process does, and prove no fault of the search."""
     made = trimesh.creation.icosphere(0)
     solid = wb.shapes.Mesh(made.vertices, made.faces)
     bounder = wb.fit(solid, "distance", "mlp", hidden=(8,), steps=200, budget=5.0, **OPTIONS)

@@ -147,7 +147,7 @@ def wrong_curve(pattern: str, new: str):
 
 
 def dropped_halves(monkeypatch):
-    """Of every box the first half is searched twice, and the other one not at all."""
+    """The search takes the first half of each box twice, and never the second half."""
     true = search.halve
 
     def faulty(lower, upper, axis):

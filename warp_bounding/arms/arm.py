@@ -164,7 +164,7 @@ def _enclosed(points: np.ndarray) -> tuple[np.ndarray, float]:
 def _solid(points: np.ndarray) -> tuple[Any, np.ndarray]:
     """The convex hull of points, or of small cubes around them, and what is added to a point for the cube's corners.
 
-    Of what is nearly flat Qhull loses corners, as it joins faces that differ by rounding.
+    Qhull joins faces that differ by rounding only, and so loses corners of nearly flat points.
     """
     from scipy.spatial import ConvexHull, QhullError
 

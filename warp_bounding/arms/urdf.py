@@ -458,7 +458,7 @@ def _points(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, li
     found = _mesh_file(name, path)
     if found is None:
         raise ShapeError(
-            f"mesh {name} is missing: not beside the file nor in the folders above it, or in no package of that name "
+            f"mesh {name} is missing: expected it in the file's folder, in a folder above, or in a package of its name "
             "there"
         )
     vertices, faces, notes = read_mesh_data(found, upright=upright)

@@ -301,8 +301,8 @@ ROUNDING = 2.0**-50  # relative, of a product and three sums in float64
 class SegmentParametrization(Parametrization):
     """Segments of points: ``z = (a, w, t)``, the points ``a + t w`` of one segment for t in an interval.
 
-    Of a box only t has a width; halving it halves the segment. The inputs are linear in t, so there is one column of
-    generators, and the only noise is rounding.
+    Only t varies within a box, so halving the box halves the segment. The inputs are linear in t: there is one column
+    of generators, and rounding is the only noise.
     """
 
     noisy = True
