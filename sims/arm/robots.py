@@ -10,6 +10,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.prefitted import FOLDER
+from warp_bounding.rigid import lengths, matmul, moved, sine_cosine
 
 __all__ = [
     "CELLS",
@@ -62,7 +63,7 @@ class Cell(NamedTuple):
 
 
 def _moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, *, about_x: float = 0.0) -> np.ndarray:
-    c, s = np.cos(about_x), np.sin(about_x)
+    s, c = sine_cosine(about_x)
     return np.array([[1, 0, 0, x], [0, c, -s, y], [0, s, c, z], [0, 0, 0, 1]])
 
 
@@ -77,7 +78,7 @@ def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi)
 
 
 def _turned(angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
+    s, c = sine_cosine(angle)
     return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
@@ -89,14 +90,14 @@ def _links(held: Sequence[float] = ()) -> tuple[list[wb.arms.Joint], list[wb.arm
         if i < free:
             joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
         else:
-            pose = before @ _turned(held[i - free])
+            pose = matmul(before, _turned(held[i - free]))
         parts = {f"link {i}": ([0, 0, d + side], [a, 0, d + side]) if a else ([0, 0, 0], [0, 0, d])}
         if i == 1:
             parts |= {"shoulder": ([0, 0, 0], [0, 0, side]), "elbow": ([a, 0, 0], [a, 0, side])}
         for name, ends in parts.items():
-            ends = [pose[:3, :3] @ end + pose[:3, 3] for end in ends]
+            ends = moved(np.array(ends), pose)
             bodies.append(wb.arms.Body.capsule(*ends, radius, link=min(i, free - 1), name=name))
-        before = pose @ _moved(a, 0.0, d, about_x=alpha)
+        before = matmul(pose, _moved(a, 0.0, d, about_x=alpha))
     return joints, bodies
 
 
@@ -123,7 +124,7 @@ def _post(x: float, y: float, radius: float, height: float = 1.0) -> wb.arms.Bod
 
 def _block(x: float, y: float, width: float, depth: float, turned: float = 0.0) -> wb.arms.Body:
     """A block that stands on the plane, turned about its middle."""
-    c, s = np.cos(turned), np.sin(turned)
+    s, c = sine_cosine(turned)
     pose = np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, 0], [0, 0, 0, 1]])
     return wb.arms.Body.box([-width / 2, -depth / 2, -1], [width / 2, depth / 2, 1], pose=pose, name="block")
 
@@ -150,9 +151,9 @@ def _hanging() -> tuple[wb.arms.Body, ...]:
     rng, found = np.random.default_rng(3), []
     while len(found) < BALLS:
         place = rng.normal(size=3)
-        place *= rng.uniform(0.35, 0.9) / np.linalg.norm(place)
+        place *= rng.uniform(0.35, 0.9) / lengths(place)
         place[2] = abs(place[2])
-        if np.hypot(*place[:2]) > 0.25:
+        if lengths(place[:2]) > 0.25:
             found.append(wb.arms.Body.sphere(place, BALL, name="ball"))
     return tuple(found)
 

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.errors import ShapeError
+from warp_bounding.rigid import lengths, matmul, moved, nearest_rotation, sine_cosine
+from warp_bounding.rounding import round_up
 from warp_bounding.runtime.arrays import Picklable
 
 # --- Bodies -----------------------------------------------------------------------------------------------------------
@@ -114,7 +116,7 @@ class Body(Picklable):
         if pose is None:
             return self
         pose = checked_pose(pose, self.name)
-        return replace(self, points=self.points @ pose[:3, :3].T + pose[:3, 3])
+        return replace(self, points=moved(self.points, pose))
 
     def grown(self, radius: float) -> "Body":
         """This body and all within a further radius of it."""
@@ -134,7 +136,7 @@ def all_of(kind: type, given, name: str) -> tuple:
 def ball_of(points: np.ndarray) -> tuple[np.ndarray, float]:
     """Centre ``(3,)`` and radius of a ball that holds points ``(P, 3)``, up to rounding."""
     center = (points.min(axis=0) + points.max(axis=0)) / 2
-    return center, float(np.linalg.norm(points - center, axis=1).max())
+    return center, float(lengths(points - center).max())
 
 
 def _enclosed(points: np.ndarray) -> tuple[np.ndarray, float]:
@@ -144,21 +146,22 @@ def _enclosed(points: np.ndarray) -> tuple[np.ndarray, float]:
     hull, around = _solid(points)
     if len(around) > 1 and len(few := np.unique(points, axis=0)) <= MOST_POINTS:
         return few, 0.0
-    corners, room = points[np.unique(hull.vertices // len(around))], float(np.linalg.norm(around[0]))
+    corners, grown = points[np.unique(hull.vertices // len(around))], float(lengths(around[0]))
     if len(corners) <= MOST_POINTS:
-        return corners, room
+        return corners, grown
     chosen = corners[_spread(corners)]
     hull, around = _solid(chosen)
-    above = corners @ hull.equations[:, :3].T + hull.equations[:, 3]
+    above = matmul(corners, hull.equations[:, :3].T) + hull.equations[:, 3]
     outside, triangles, off = above.max(axis=1) > 0, hull.points[hull.simplices], 0.0
     x, facing = corners[outside], triangles[above[outside].argmax(axis=1)]
-    most = np.linalg.norm(x - closest_point(facing, x), axis=1)  # any point of the hull is no nearer than the nearest
+    most = lengths(x - closest_point(facing, x))  # any point of the hull is no nearer than the nearest
     for k in np.argsort(-most):
         if most[k] <= off:
             break
         nearest = closest_point(triangles, np.broadcast_to(x[k], (len(triangles), 3)))
-        off = max(off, float(np.linalg.norm(x[k] - nearest, axis=1).min()))
-    return chosen, off * (1 + 1e-6) + 1e-12 * np.abs(corners).max() + room + float(np.linalg.norm(around[0]))
+        off = max(off, float(lengths(x[k] - nearest).min()))
+    off = float(round_up(off * (1 + 1e-6)))  # ``closest_point`` is off by less, and by what the CPU's BLAS rounds
+    return chosen, off + 1e-12 * np.abs(corners).max() + grown + float(lengths(around[0]))
 
 
 def _solid(points: np.ndarray) -> tuple[Any, np.ndarray]:
@@ -194,9 +197,8 @@ def checked_pose(pose, name: str) -> np.ndarray:
     pose = np.array(pose, dtype=np.float64)
     if pose.shape != (4, 4) or not np.isfinite(pose).all() or not (pose[3] == [0, 0, 0, 1]).all():
         raise ShapeError(f"{name}: expected a pose of shape (4, 4) with the last row 0 0 0 1, got {pose.tolist()}")
-    u, _, v = np.linalg.svd(pose[:3, :3])
-    rotation = u @ v
-    if np.abs(rotation - pose[:3, :3]).max() > RIGID or np.linalg.det(rotation) < 0:
+    rotation = nearest_rotation(pose[:3, :3], RIGID)
+    if rotation is None:
         raise ShapeError(f"{name}: expected a rotation without a scale or a mirror, got {pose[:3, :3].tolist()}")
     pose[:3, :3] = rotation
     return pose
@@ -243,7 +245,7 @@ class Joint(Picklable):
 
     def __post_init__(self):
         axis = np.array(self.axis, dtype=np.float64)
-        length = np.linalg.norm(axis) if axis.shape == (3,) else np.nan
+        length = lengths(axis) if axis.shape == (3,) else np.nan
         if not 1e-6 < length < 1e6:
             raise ShapeError(f"{self.name}: expected an axis of 3 numbers that are not all 0, got {self.axis}")
         for what, reported in (("slides", self.slides), ("continuous", self.continuous)):
@@ -275,9 +277,10 @@ class Joint(Picklable):
         if self.slides:
             step[..., :3, 3] = q[..., None] * self.axis
         else:
-            c, s, one, zero = np.cos(q), np.sin(q), np.ones(q.shape), np.zeros(q.shape)
+            s, c = (np.sin(q), np.cos(q)) if q.ndim else sine_cosine(float(q))
+            one, zero = np.ones(q.shape), np.zeros(q.shape)
             about = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=-1).reshape(*q.shape, 3, 3)
-            step[..., :3, :3] = self.turned @ about @ self.turned.T
+            step[..., :3, :3] = matmul(matmul(self.turned, about), self.turned.T)
         return step
 
     @property
@@ -285,7 +288,7 @@ class Joint(Picklable):
         """``(3, 3)`` rotation that takes z to the axis."""
         z, side = self.axis, np.eye(3)[np.abs(self.axis).argmin()]
         x = np.cross(side, z)
-        x = x / np.linalg.norm(x)
+        x = x / lengths(x)
         return np.stack([x, np.cross(z, x), z], axis=1)
 
 
@@ -415,9 +418,9 @@ class Arm:
         values = values[self.coordinate] * self.factor + self.offset
         joints, parents, number, at = [], [], {WORLD: WORLD}, {WORLD: np.eye(4)}
         for i, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
-            origin = at[parent] @ joint.origin
+            origin = matmul(at[parent], joint.origin)
             if i in numbers:
-                number[i], at[i] = number[parent], origin @ joint.motion(values[i])
+                number[i], at[i] = number[parent], matmul(origin, joint.motion(values[i]))
                 continue
             number[i], at[i] = len(joints), np.eye(4)
             joints.append(replace(joint, origin=origin))
@@ -467,10 +470,10 @@ class Arm:
         turns = [joint.turned for joint in self.joints] + [np.eye(3)]  # the last one is that of ``WORLD``
         for joint, parent, turned in zip(self.joints, self.parents, turns[:-1], strict=True):
             origin = joint.origin.copy()
-            origin[:3, 3] = turns[parent].T @ origin[:3, 3]
-            origin[:3, :3] = turns[parent].T @ origin[:3, :3] @ turned
+            origin[:3, 3] = matmul(turns[parent].T, origin[:3, 3:])[:, 0]
+            origin[:3, :3] = matmul(matmul(turns[parent].T, origin[:3, :3]), turned)
             origins.append(origin)
-        return tuple(origins), tuple(body.points @ turns[body.link] for body in self.bodies)
+        return tuple(origins), tuple(matmul(body.points, turns[body.link]) for body in self.bodies)
 
     @property
     def angles(self) -> np.ndarray:
@@ -538,17 +541,17 @@ class Arm:
         while back and onward and back[-1] == onward[-1]:
             back, onward = back[:-1], onward[:-1]
         origins, points = self._moved[0], self._moved[1][body]
-        far = float(np.linalg.norm(points, axis=1).max()) * OUTWARD  # from the origin of the link
-        near = float(np.hypot(*points[:, :2].T).max()) * OUTWARD  # from its axis
+        far = float(lengths(points).max()) * OUTWARD  # from the origin of the link
+        near = float(lengths(points[:, :2]).max()) * OUTWARD  # from its axis
         found = []
         for i in onward:
             found.append((i, 1.0, 1.0 if slides[i] else near))
-            x, y, z = origins[i][:3, 3]
+            shift = origins[i][:3, 3]
             # Seen from the frame before, the body lies within ``far`` (and the slide) of the joint's origin.
-            near = (np.hypot(x, y) + far + slide[i]) * OUTWARD
-            far = (np.sqrt(x * x + y * y + z * z) + far + slide[i]) * OUTWARD
+            near = (float(lengths(shift[:2])) + far + slide[i]) * OUTWARD
+            far = (float(lengths(shift)) + far + slide[i]) * OUTWARD
         for i in reversed(back):  # from the link that both ways have in common, outwards
-            far = (float(np.linalg.norm(origins[i][:3, 3])) + far) * OUTWARD  # from the joint's origin
+            far = (float(lengths(origins[i][:3, 3])) + far) * OUTWARD  # from the joint's origin
             found.append((i, -1.0, 1.0 if slides[i] else far))
             far = (far + slide[i]) * OUTWARD
         return found[::-1]

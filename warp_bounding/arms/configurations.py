@@ -18,10 +18,11 @@ import warp as wp
 from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, all_of, ball_of
 from warp_bounding.arms.kernels import ALLOWANCE, BLUR, FREE, FULL, HALVES, Bodies, Chain, Collisions, kernels_of
 from warp_bounding.errors import ShapeError, warn
+from warp_bounding.rigid import TWO_PI, lengths, matmul, moved, ring, sine_cosine
 from warp_bounding.rounding import round_down, round_up
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.shapes.formula import Formula
-from warp_bounding.shapes.joints import BEYOND, TWO_PI, WIDER, Joints, turned_back
+from warp_bounding.shapes.joints import BEYOND, WIDER, Joints, turned_back
 from warp_bounding.shapes.shape import UNDECIDED, HalfSpaces, Shape, checked_margin, checked_number
 
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
@@ -469,11 +470,10 @@ def _ends(joint: int, pairs: np.ndarray, paths: list) -> set[int]:
 def _revolved(body: Body, joint: Joint, behind: bool) -> Body:
     """A solid of revolution about a joint that holds a body of the joint's link, or of the link that carries it."""
     frame = np.eye(4) if behind else joint.origin.copy()
-    frame[:3, :3] = frame[:3, :3] @ joint.turned
-    x = (body.points - frame[:3, 3]) @ frame[:3, :3]
-    around = np.hypot(x[:, 0], x[:, 1]) / np.cos(np.pi / ROUND) * OUTWARD
-    turn = 2 * np.pi * np.arange(ROUND) / ROUND
-    ring = np.stack(np.broadcast_arrays(np.cos(turn), np.sin(turn), 0.0), axis=1)
-    x = (around[:, None, None] * ring + x[:, None, 2:] * [0, 0, 1]).reshape(-1, 3) @ frame[:3, :3].T + frame[:3, 3]
-    hull = Body.hull(x, link=body.link, name=body.name)
+    frame[:3, :3] = matmul(frame[:3, :3], joint.turned)
+    x = matmul(body.points - frame[:3, 3], frame[:3, :3])
+    around = lengths(x[:, :2]) / sine_cosine(np.pi / ROUND)[1] * OUTWARD
+    circles = np.pad(ring(ROUND), [(0, 0), (0, 1)])
+    x = (around[:, None, None] * circles + x[:, None, 2:] * [0, 0, 1]).reshape(-1, 3)
+    hull = Body.hull(moved(x, frame), link=body.link, name=body.name)
     return replace(hull, radius=hull.radius + body.radius, part=body.part)

@@ -24,6 +24,7 @@ import numpy as np
 
 from warp_bounding.arms.arm import MOST_JOINTS, WORLD, Arm, Body, Joint, Mimic
 from warp_bounding.errors import ShapeError
+from warp_bounding.rigid import about, matmul, ring, sine_cosine
 from warp_bounding.runtime.progress import slow
 from warp_bounding.shapes.formats.meshes import read_mesh_data
 
@@ -214,10 +215,8 @@ def _read(text: str, name: str, counts: tuple[int, ...]) -> str | float | np.nda
 def _pose(whole: Element) -> np.ndarray:
     """``(4, 4)`` of an element's origin: a turn by roll, pitch and yaw, about x, then y, then z, and a shift."""
     origin, pose = _only(whole, "origin"), np.eye(4)
-    (si, sj, sk), (ci, cj, ck) = (turn(origin.get("rpy", np.zeros(3))) for turn in (np.sin, np.cos))
-    pose[0, :3] = cj * ck, sj * (si * ck) - ci * sk, sj * (ci * ck) + si * sk
-    pose[1, :3] = cj * sk, sj * (si * sk) + ci * ck, sj * (ci * sk) - si * ck
-    pose[2, :3] = -sj, cj * si, cj * ci
+    roll, pitch, yaw = (about(axis, angle) for axis, angle in enumerate(origin.get("rpy", np.zeros(3))))
+    pose[:3, :3] = matmul(matmul(yaw, pitch), roll)
     pose[:3, 3] = origin.get("xyz", 0.0)
     return pose
 
@@ -319,11 +318,11 @@ class _Robot:
                 at, number = np.eye(4), len(self.steps) - 1
             self.placed[link], fixed, moving = (number, at), [], []
             for joint in self.carried[link]:
-                origin, value = at @ joint.origin, self._standing(joint)
+                origin, value = matmul(at, joint.origin), self._standing(joint)
                 if value is None:
                     moving.append(_Step(joint.child, joint, origin, number))
                 else:
-                    fixed.append(_Step(joint.child, None, origin @ _moved(joint, value), number))
+                    fixed.append(_Step(joint.child, None, matmul(origin, _moved(joint, value)), number))
                     self.fixed[link].append(joint.child)
                     self.fixed[joint.child].append(link)
             todo += reversed(fixed + moving)
@@ -395,7 +394,7 @@ class _Robot:
                         got = ", ".join(kinds) or "none"
                         raise ShapeError(f"expected one geometry of one shape, of {', '.join(shapes)}, got {got}")
                     body = shapes[kinds[0]](**_only(part.find("geometry"), kinds[0]))
-                    pose = at @ _pose(part)
+                    pose = matmul(at, _pose(part))
                 bodies.append(replace(body, link=number, name=part.get("name") or link, part=link).moved(pose))
         return bodies, notes
 
@@ -439,9 +438,8 @@ def _moved(joint: _Joint, value: float) -> np.ndarray:
 
 def _prism(radius: float, length: float) -> Body:
     """Holds a cylinder about z."""
-    turn, around = 2 * np.pi * np.arange(SIDES) / SIDES, radius / np.cos(np.pi / SIDES) * OUTWARD
-    ring = np.stack([np.cos(turn) * around, np.sin(turn) * around], axis=1)
-    ends = [np.column_stack([ring, np.full(SIDES, side * length / 2)]) for side in (-1, 1)]
+    around = ring(SIDES) * (radius / sine_cosine(np.pi / SIDES)[1] * OUTWARD)
+    ends = [np.column_stack([around, np.full(SIDES, side * length / 2)]) for side in (-1, 1)]
     return Body(np.concatenate(ends))
 
 

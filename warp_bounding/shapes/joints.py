@@ -33,7 +33,6 @@ WIDER = 1 + 2.0**-10  # of one turn: what a query that is turned back may be; se
 BEYOND = 2.0**-21
 HEAD_BITS, HEAD_BITS64 = 12, 30  # times a number of turns exact in float32, in float64
 LARGEST_TURN = 2.0**60  # coordinates: of a period
-TWO_PI = Fraction("6.283185307179586476925286766559005768394338798750211641949889")
 MAGIC = 1.5 * 2**23  # a sum with it is a whole number, to nearest, for any rounding of ties
 FAR = 4  # ranges of a joint: what lies farther beyond its limits is of another unit
 PER_JOINT = "; it has a value for each joint that is not held: of a whole robot's configurations q[:, shape.columns]"

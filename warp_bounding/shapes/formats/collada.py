@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from warp_bounding.rigid import lengths, matmul, sine_cosine
 from warp_bounding.shapes.formats.reading import MeshData, joined, placed, triangulated
 
 Element = ElementTree.Element
@@ -76,7 +77,7 @@ class _File:
         matrix = above
         for child in node:
             if child.tag in TRANSFORMS:
-                matrix = matrix @ _transform(child)
+                matrix = matmul(matrix, _transform(child))
         for child in node:
             if child.tag == "node":
                 yield from self._node(child, matrix)
@@ -153,8 +154,8 @@ def _transform(element: Element) -> np.ndarray:
     elif element.tag == "scale":
         matrix[:3, :3] = np.diag(numbers)
     elif numbers[3]:
-        axis, angle = numbers[:3], np.deg2rad(numbers[3])
-        x, y, z = axis / np.linalg.norm(axis)  # not finite without an axis, which is refused
+        axis, (sine, cosine) = numbers[:3], sine_cosine(np.deg2rad(numbers[3]))
+        x, y, z = axis / lengths(axis)  # not finite without an axis, which is refused
         cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        matrix[:3, :3] = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        matrix[:3, :3] = np.eye(3) + sine * cross + (1 - cosine) * matmul(cross, cross)
     return matrix

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.errors import ShapeError
+from warp_bounding.rigid import moved
 
 LONGEST_REASON = 200  # characters of a foreign error message that go into ours
 DAMAGED = (AssertionError, AttributeError, IndexError, NameError, TypeError)  # raised where a reader has no words
@@ -119,8 +120,7 @@ def placed(vertices: np.ndarray, faces: np.ndarray, matrix: np.ndarray) -> tuple
     """Vertices where a matrix ``(4, 4)`` puts them, and their faces, turned where it mirrors."""
     if (matrix == np.eye(4)).all():
         return vertices, faces
-    moved = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    return moved, faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces
+    return moved(vertices, matrix), faces[:, ::-1] if np.linalg.det(matrix[:3, :3]) < 0 else faces
 
 
 def triangulated(counts: np.ndarray, indices: np.ndarray, vertices: int) -> np.ndarray:
