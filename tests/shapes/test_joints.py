@@ -12,7 +12,8 @@ from shape_kinds import around
 import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
 from warp_bounding.errors import BoundingError
-from warp_bounding.shapes.joints import NUMBERS, TEXT, TURNS, TWO_PI, WIDER, Joints
+from warp_bounding.rigid import TWO_PI
+from warp_bounding.shapes.joints import NUMBERS, TEXT, TURNS, WIDER, Joints
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
 
 LIMIT = 2.0
