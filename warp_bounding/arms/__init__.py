@@ -11,8 +11,9 @@ Example:
     array([ True, False])
 """
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Joint, Mimic
+from warp_bounding.arms.arm import WORLD, Arm, Body, Cylinder, Joint, Mimic
 from warp_bounding.arms.configurations import ArmConfigurations
+from warp_bounding.arms.motions import Motions
 from warp_bounding.arms.urdf import load_urdf
 
-__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Joint", "Mimic", "load_urdf"]
+__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Cylinder", "Joint", "Mimic", "Motions", "load_urdf"]

@@ -123,13 +123,54 @@ class Body(Picklable):
         return replace(self, radius=self.radius + radius)
 
 
+@dataclass(frozen=True, eq=False)
+class Cylinder(Picklable):
+    """A cylinder in the world, exactly: an obstacle of ``Motions``.
+
+    Attributes:
+        radius: Metres.
+        length: Metres, along its z axis.
+        pose: ``(4, 4)``, of its middle.
+        name: For people.
+
+    Raises:
+        ShapeError: For numbers that are none.
+
+    Example:
+        >>> can = wb.arms.Cylinder(0.03, 0.12, name="can")
+        >>> can.radius, can.pose.shape
+        (0.03, (4, 4))
+    """
+
+    radius: float
+    length: float
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    name: str = "cylinder"
+
+    def __post_init__(self):
+        for what in ("radius", "length"):
+            value = float(getattr(self, what))
+            if not 0 <= value <= LARGEST:
+                raise ShapeError(f"{self.name}: expected a {what} from 0 to {LARGEST:g}, got {value!r}")
+            object.__setattr__(self, what, value)
+        pose = checked_pose(self.pose, self.name)
+        pose.setflags(write=False)
+        object.__setattr__(self, "pose", pose)
+
+    def moved(self, pose) -> "Cylinder":
+        """This cylinder at a pose ``(4, 4)``; itself for ``None``."""
+        return self if pose is None else replace(self, pose=matmul(checked_pose(pose, self.name), self.pose))
+
+
 def all_of(kind: type, given, name: str) -> tuple:
     """Objects of a kind, such as bodies, or one of them, as a tuple; ``ShapeError`` for others."""
+    kinds = getattr(kind, "__args__", (kind,))
     found = tuple(given) if isinstance(given, Iterable) else (given,)
     for each in found:
         if not isinstance(each, kind):
-            mend = "; Body.hull(mesh.vertices) holds a mesh, and moves with link=" if kind is Body else ""
-            raise ShapeError(f"{name}: expected objects of {kind.__name__}, got {type(each).__name__}{mend}")
+            mend = "; Body.hull(mesh.vertices) holds a mesh, and moves with link=" if Body in kinds else ""
+            named = " or ".join(each.__name__ for each in kinds)
+            raise ShapeError(f"{name}: expected objects of {named}, got {type(each).__name__}{mend}")
     return found
 
 
@@ -206,7 +247,7 @@ def checked_pose(pose, name: str) -> np.ndarray:
 
 # --- Joints and arms --------------------------------------------------------------------------------------------------
 
-MOST_JOINTS = 16  # ``kernels.ALLOWANCE`` counts on it
+MOST_JOINTS = 64  # the rounding of ``Motions`` counts on it
 FARTHEST = 4 * np.pi  # of a limit in radians; farther there is nothing new, and sine and cosine are less accurate
 PARALLEL = 1e-12  # by how much the cosine of the angle between parallel axes may miss 1
 OUTWARD = 1 + 2.0**-40  # outweighs what float64 rounds in a reach
@@ -411,6 +452,25 @@ class Arm:
         return (
             f"<Arm {self.name}: {len(self.free)} joints, {len(self.bodies)} bodies{', ' * bool(self.note)}{self.note}>"
         )
+
+    def pairs(self) -> np.ndarray:
+        """``(P, 2)`` int32: numbers of the bodies that are checked against each other, the lower link first."""
+        found, links = [], [body.link for body in self.bodies]
+        for one, a in enumerate(links):
+            for other, b in enumerate(links):
+                parts = tuple(sorted((self.bodies[one].part, self.bodies[other].part)))
+                apart = a < b and (self.neighbours or self.parents[b] != a)
+                if apart and (a, b) not in self.touching and parts not in self.touching:
+                    found.append((one, other))
+        return np.array(found, dtype=np.int32).reshape(-1, 2)
+
+    def with_bodies(self, bodies: Iterable[Body], touching: Iterable[tuple] = ()) -> "Arm":
+        """The arm with more bodies behind its own, and pairs that are not checked besides its own."""
+        found = copy(self)
+        found.bodies = (*self.bodies, *all_of(Body, bodies, self.name))
+        found.touching = self.touching | {tuple(sorted(pair)) for pair in touching}
+        found.__dict__.pop("_moved", None)
+        return found
 
     def _held(self, numbers: Iterable[int]) -> "Arm":
         """The arm with these joints fixed in the middle of their limits; bodies keep their order."""

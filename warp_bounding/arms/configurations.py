@@ -25,6 +25,7 @@ from warp_bounding.shapes.formula import Formula
 from warp_bounding.shapes.joints import BEYOND, WIDER, Joints, turned_back
 from warp_bounding.shapes.shape import UNDECIDED, HalfSpaces, Shape, checked_margin, checked_number
 
+MOST_JOINTS = 16  # ``kernels.ALLOWANCE`` counts on it
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
 LEAST_WEIGHT = 2.0**-20  # and the largest one over it: limits are normal float32 numbers then
 DEVICE = "cpu"
@@ -83,6 +84,11 @@ class ArmConfigurations(Formula):
     ):
         if not isinstance(arm, Arm):
             raise ShapeError(f"{name}: expected an Arm, got {type(arm).__name__}; wb.arms.load_urdf reads files")
+        if len(arm.joints) > MOST_JOINTS:
+            raise ShapeError(
+                f"{name}: expected at most {MOST_JOINTS} joints that move, got {len(arm.joints)}; hold others by held= "
+                "of load_urdf, or ask Motions, which takes more"
+            )
         self.arm, self.obstacles, self.name, self.note = arm, all_of(Body, obstacles, name), name, arm.note
         self._lay_out(safety, self_collision, weights)
         self._warn_if_it_touches_itself()
@@ -112,21 +118,10 @@ class ArmConfigurations(Formula):
 
     def _paired(self) -> np.ndarray:
         """Pairs of bodies ``(P, 2)`` that are checked: numbers of the arm's, and behind these of the obstacles."""
-        own, links, touching = self.arm.bodies, [body.link for body in self.arm.bodies], self.arm.touching
-        found = [
-            (len(own) + k, number)
-            for number, link in enumerate(links)
-            if link != WORLD
-            for k in range(len(self.obstacles))
-        ]
-        if self.self_collision:
-            for one, a in enumerate(links):
-                for other, b in enumerate(links):
-                    parts = sorted((own[one].part, own[other].part))
-                    apart = a < b and (self.arm.neighbours or self.arm.parents[b] != a)
-                    if apart and (a, b) not in touching and tuple(parts) not in touching:
-                        found.append((one, other))
-        return np.array(found, dtype=np.int32).reshape(-1, 2)
+        own, obstacles = self.arm.bodies, range(len(self.obstacles))
+        found = [(len(own) + k, i) for i, body in enumerate(own) if body.link != WORLD for k in obstacles]
+        around = np.array(found, dtype=np.int32).reshape(-1, 2)
+        return np.concatenate([around, self.arm.pairs()]) if self.self_collision else around
 
     @property
     def _own(self) -> np.ndarray:

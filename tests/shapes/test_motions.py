@@ -1,0 +1,176 @@
+"""Whole motions: what is proven free is free at every sample of it, by Coal, without any tolerance."""
+
+import numpy as np
+import pytest
+from arm_cases import BRANCHES, posed, random_arm, random_body, robot
+
+import warp_bounding as wb
+from warp_bounding.arms import Arm, Body, Cylinder, Joint, Motions
+from warp_bounding.rigid import lengths
+
+coal_clearance = pytest.importorskip("coal_clearance", reason="needs Coal: pip install 'warp-bounding[arms]'")
+clearance = coal_clearance.clearance
+COAL = 2e-6  # metres: how accurate Coal's distances are
+
+
+def cylinders(rng, count: int) -> list[Cylinder]:
+    return [Cylinder(*rng.uniform(0.02, 0.3, 2), posed(rng, 0.6), f"can {k}") for k in range(count)]
+
+
+def edges(arm: Arm, rng, count: int, length: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
+    q0 = rng.uniform(arm.lower, arm.upper, (count, len(arm.free)))
+    return q0, np.clip(q0 + rng.normal(size=q0.shape) * length * rng.uniform(size=(count, 1)), arm.lower, arm.upper)
+
+
+def along(q0: np.ndarray, q1: np.ndarray, count: int) -> np.ndarray:
+    return q0 + np.linspace(0, 1, count)[:, None] * (q1 - q0)
+
+
+CASES = {f"{n} joints": (n, n % 2 == 1) for n in (1, 3, 6, 10)}
+
+
+@pytest.mark.parametrize("case", [*CASES, "branches"])
+def test_what_is_proven_is_free_at_every_sample(case, rng):
+    arm = robot(rng) if case == "branches" else random_arm(rng, *CASES[case])[0]
+    obstacles = [random_body(rng, -1, place) for place in rng.normal(size=(4, 3)) * 0.8] + cylinders(rng, 2)
+    base = Motions(arm, obstacles)
+    q0, q1 = edges(arm, rng, 25)
+    proven = 0
+    for a, b in zip(q0, q1, strict=True):
+        x = along(a, b, 30)
+        least = clearance(arm, obstacles, base.pairs, x).min()
+        clear, share = (each[0] for each in base.segments(a[None], b[None], until=True))
+        assert clear == (share == 1.0)
+        assert not clear or least > -COAL
+        if share > 0.0:
+            assert clearance(arm, obstacles, base.pairs, along(a, a + share * (b - a), 20)).min() > -COAL
+        if least > COAL:  # a margin that is a little too large for this motion is never proven
+            proven += clear
+            assert not Motions(arm, obstacles, margin=least + COAL).segments(a[None], b[None])[0][0]
+    assert proven or case in ("6 joints", "10 joints")  # whose bodies touch each other nearly everywhere
+
+
+@pytest.mark.parametrize("n", [2, 7])
+def test_what_is_free_by_far_is_proven(n, rng):
+    arm, _ = random_arm(rng, n)
+    obstacles = [random_body(rng, -1, place) for place in rng.normal(size=(3, 3))] + cylinders(rng, 1)
+    motions = Motions(arm, obstacles, self_collision=False)
+    q0, q1 = edges(arm, rng, 80)
+    least = np.array(
+        [clearance(arm, obstacles, motions.pairs, along(a, b, 15)).min() for a, b in zip(q0, q1, strict=True)]
+    )
+    free = least > 0.02
+    assert free.sum() > 5
+    assert motions.segments(q0[free], q1[free])[0].all()
+
+
+def test_configurations_are_those_of_the_shape(rng):
+    arm, obstacles = random_arm(rng, 3)
+    motions, shape = Motions(arm, obstacles), wb.arms.ArmConfigurations(arm, obstacles)
+    q = rng.uniform(arm.lower, arm.upper, (20_000, 3))
+    states, hits = motions.configurations(q), shape.contains(q)
+    assert (states[~hits] != 2).all()
+    assert (states[hits] != 0).all()
+    assert (states == 1).mean() < 1e-3
+    assert {0, 2} <= set(states.tolist())
+    assert [named is None for named in motions.culprits(q[:200])] == (states[:200] == 0).tolist()
+
+
+def test_many_at_once_are_those_one_by_one(rng):
+    arm, obstacles = random_arm(rng, 4)
+    motions = Motions(arm, obstacles)
+    q0, q1 = edges(arm, rng, 200)
+    clear, share = motions.segments(q0, q1)
+    one = [motions.segments(a[None], b[None]) for a, b in zip(q0, q1, strict=True)]
+    assert clear.tolist() == [each[0][0] for each in one]
+    assert share.tolist() == [each[1][0] for each in one]
+    back = motions.segments(q1, q0, until=True)[0]
+    assert (back == motions.segments(q0, q1, until=True)[0]).mean() > 0.99
+
+
+def test_motions_of_more_joints_than_a_shape_may_have(rng):
+    step = np.eye(4)
+    step[0, 3] = 0.1
+    joints = [Joint(step, rng.normal(size=3), -0.5, 0.5) for _ in range(64)]
+    links = [Body.capsule([0, 0, 0], [0.1, 0, 0], 0.02, link=i) for i in range(64)]
+    arm = Arm(joints, links, touching=[(i, j) for i in range(64) for j in range(i + 2, min(i + 4, 64))])
+    motions = Motions(arm, [Body.sphere([20, 0, 0], 1.0)], self_collision=False)
+    q0, q1 = edges(arm, rng, 10, 0.2)
+    assert motions.segments(q0, q1)[0].all()
+    with pytest.raises(wb.BoundingError, match="at most 16 joints"):
+        wb.arms.ArmConfigurations(arm, [Body.sphere([20, 0, 0], 1.0)])
+    with pytest.raises(wb.BoundingError, match="1 to 64 joints, got 65"):
+        Arm([*joints, Joint()], links)
+
+
+def test_obstacles_come_move_and_go(rng):
+    arm, _ = random_arm(rng, 2)
+    ball = Body.sphere([0, 0, 0], 0.6, name="ball")
+    away, can = np.eye(4), Cylinder(0.1, 0.2, posed(rng, 0.3), "can")
+    away[:3, 3] = 100.0
+    motions, (q0, q1) = Motions(arm, self_collision=False), edges(arm, rng, 300)
+    assert motions.segments(q0, q1)[0].all()
+    motions.add([ball, can])
+    both = motions.segments(q0, q1)[0]
+    assert not both.all()
+    motions.move("ball", away)
+    assert np.array_equal(motions.segments(q0, q1)[0], Motions(arm, can, self_collision=False).segments(q0, q1)[0])
+    motions.move("ball", np.eye(4))
+    assert np.array_equal(motions.segments(q0, q1)[0], both)
+    motions.remove("can")
+    assert np.array_equal(motions.segments(q0, q1)[0], Motions(arm, ball, self_collision=False).segments(q0, q1)[0])
+    with pytest.raises(wb.BoundingError, match="name of an obstacle, ball, got can"):
+        motions.move("can", away)
+
+
+def test_what_is_attached_is_checked(rng):
+    arm = Arm(
+        [Joint(), Joint()], [Body.box([-0.1, -0.1, 0], [0.1, 0.1, 1], link=i, name=f"link {i}") for i in range(2)]
+    )
+    tool = Body.capsule([0, 0, 1], [1, 0, 1], 0.05, name="tool")
+    carrying = Motions(arm, [Body.sphere([1, 0, 1], 0.1, name="ball")], attached={"link 1": tool})
+    q = np.array([[0.0, 0.0], [1.0, 1.0]])
+    assert carrying.configurations(q).tolist() == [2, 0]
+    assert carrying.culprits(q)[0] == ("tool", "ball")
+    with pytest.raises(wb.BoundingError, match="a part that carries what is attached, of link 0, link 1, got hand"):
+        Motions(arm, attached={"hand": tool})
+
+
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda arm: Motions(arm.joints), "expected an Arm, got tuple"),
+        (lambda arm: Motions(arm, ["box"]), "expected objects of Body or Cylinder, got str"),
+        (lambda arm: Motions(arm, [Body.sphere([0, 0, 0], 1, link=0)]), "is an obstacle, and it is of link 0"),
+        (lambda arm: Motions(arm, halvings=25), "expected halvings from 0 to 24, got 25"),
+        (lambda arm: Motions(arm, margin=-1), "margin"),
+        (lambda arm: Motions(arm).segments([[0.0]], [[0.0]]), r"expected configurations \(N, 4\), got \(1, 1\)"),
+        (lambda arm: Motions(arm).segments(np.zeros((2, 4)), np.zeros((1, 4))), "as many ends as starts, got 1 and 2"),
+        (lambda arm: Cylinder(-1.0, 1.0), "expected a radius from 0"),
+    ],
+)
+def test_bad_input_gets_one_clear_error(make, match, rng):
+    arm, _ = random_arm(rng, len(BRANCHES))
+    with pytest.raises(wb.BoundingError, match=match):
+        make(arm)
+
+
+def test_of_numbers_that_are_none_nothing_is_proven(rng):
+    arm, _ = random_arm(rng, 2)
+    motions = Motions(arm, self_collision=False)
+    for bad in (np.nan, np.inf, 1e7):
+        assert motions.segments([[0.0, bad]], [[0.0, 0.0]])[0].tolist() == [False]
+        assert motions.segments([[0.0, 0.0]], [[0.0, bad]])[1].tolist() == [0.0]
+        assert motions.configurations([[0.0, bad]]).tolist() == [1]
+
+
+def test_balls_around_bodies_hold_them_and_lie_in_their_hulls(rng):
+    from warp_bounding.arms.motions import _box_around, _center_of
+
+    for _ in range(50):
+        points = random_body(rng, 0).points
+        frame, half = _box_around(points)
+        x = (points - frame[9:]) @ frame[:9].reshape(3, 3)
+        assert (np.abs(x) <= half * (1 + 1e-12) + 1e-15).all()
+        center = _center_of(points)
+        assert lengths(points - center).max() <= lengths(points - points.mean(axis=0)).max() * 1.01

@@ -1,0 +1,443 @@
+"""Whole motions of an arm, proven to touch nothing: any number of joints, nothing fitted, obstacles that may change.
+
+*What is proven.* For every t in [0, 1], as a real number, at ``q0 + t (q1 - q0)`` no body of the arm is within
+``margin`` of an obstacle, or of another body that it is checked against.
+
+*How.* In an interval of half-length h around its middle, a point p of a link moves by ``s v``, ``|s| <= h``, and by
+``h^2 / 2 A`` more at most. v is its velocity at the middle, and A the largest acceleration: the sum over joints j and k
+of ``|dq_j| |dq_k| R``, R the largest distance that p can have from the axis of the one of the two joints that is nearer
+to p. (For a joint that slides R is 1, and it counts with those before it that turn only.) Let n be a unit vector from
+one body towards another. Points of the second have ``n . (p + s v) - h^2 / 2 A`` at least, which is linear in p and in
+s, so that its least value lies at a corner and at ``s = -h`` or ``s = h``. If that is above all of the first body by
+the radii and the margin, the two are apart in the whole interval. Else the interval is halved, for these two bodies
+alone. n comes from a box around one body and a ball around the other, then from the search of Gilbert, Johnson and
+Keerthi; the proof holds for any n.
+
+*Rounding.* Everything is float64. Let u = 2^-53, S the sum of all lengths of the arm and the farthest coordinate of an
+obstacle, and D the sum of all ``|dq_j|``. With up to 64 joints, a rotation is off by 32 u for each joint before it, a
+position by ``2^12 u S``, and a velocity, which sums products of ``dq_j`` and such numbers, by ``2^14 u S D``. That
+values are computed at the rounded ``q0 + t (q1 - q0)``, of up to 1000, moves a point by ``2^17 u S`` more. The
+allowance is ``2^19 u S (1 + D)``, more than the sum of all.
+
+The idea is that of Schwarzer, Saha and Latombe, "Adaptive dynamic collision checking" (2005); new are directions and
+corners, and that it holds in float64.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+import warp as wp
+
+from warp_bounding.arms.arm import WORLD, Arm, Body, Cylinder, all_of, checked_pose
+from warp_bounding.errors import ShapeError
+from warp_bounding.rigid import lengths, matmul
+from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.native import named, native_text
+from warp_bounding.shapes.shape import checked_margin
+
+__all__ = ["Motions"]
+
+FREE, UNDECIDED, COLLIDING = 0, 1, 2  # states of configurations and motions
+ALLOWANCE = 2.0**-34  # of the size S: by how much a gap may be off, see above
+OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
+LANES = 8  # corners of a group
+DEEPEST = 24  # times that a motion is halved, at most
+DEVICE = "cpu"
+
+Obstacle = Body | Cylinder
+
+
+class Motions:
+    """Whether motions of an arm are free of obstacles and of the arm itself, all along, by proof.
+
+    Args:
+        arm: The arm; see ``load_urdf``.
+        obstacles: Bodies and cylinders that stand in the world.
+        attached: What links carry, such as a grasped object, by the names of parts of the arm: bodies in the frame of
+            the joint that moves the part (``Body.link`` is not heeded). They are checked against what the part is
+            checked against.
+        self_collision: Whether the arm is checked against itself, as ``Arm.pairs`` says.
+        margin: Metres: what comes closer counts as touching.
+        halvings: How often a motion is halved at most; each halving doubles the time that a hopeless one takes.
+
+    Attributes:
+        arm: With what is attached.
+        margin: As given.
+        pairs: ``(P, 2)`` numbers of bodies of the arm that are checked against each other.
+
+    Raises:
+        ShapeError: For obstacles of another kind, or attached bodies on a part that the arm does not have.
+
+    Example:
+        >>> arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
+        >>> motions = wb.arms.Motions(arm, [wb.arms.Body.sphere([0.5, 0, 0], 0.1, name="ball")])
+        >>> clear, share = motions.segments([[1.0], [1.0]], [[2.0], [0.0]])
+        >>> clear, share
+        (array([ True, False]), array([1. , 0.5]))
+        >>> motions.move("ball", [[1, 0, 0, 0], [0, 1, 0, -1], [0, 0, 1, 0], [0, 0, 0, 1]])
+        >>> motions.segments([[1.0]], [[0.0]])[0]
+        array([ True])
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        obstacles: Sequence[Obstacle] | Obstacle = (),
+        *,
+        attached: Mapping[str, Sequence[Body] | Body] | None = None,
+        self_collision: bool = True,
+        margin: float = 0.0,
+        halvings: int = 12,
+    ):
+        if not isinstance(arm, Arm):
+            raise ShapeError(f"motions: expected an Arm, got {type(arm).__name__}; wb.arms.load_urdf reads files")
+        if not 0 <= halvings <= DEEPEST:
+            raise ShapeError(f"{arm.name}: expected halvings from 0 to {DEEPEST}, got {halvings}")
+        self.arm, self.margin, self.halvings = _carrying(arm, attached or {}), checked_margin(margin), int(halvings)
+        self.pairs = self.arm.pairs() if self_collision else np.empty((0, 2), dtype=np.int32)
+        self._given: list[tuple[Obstacle, np.ndarray | None]] = []
+        self._fixed = self._layout_of_arm()
+        turning = np.array([self.arm.joints[i].continuous for i in self.arm.free])
+        self._limits = np.where(turning, -np.inf, self.arm.lower), np.where(turning, np.inf, self.arm.upper)
+        self.add(obstacles)
+
+    def __repr__(self) -> str:
+        return f"<Motions of {self.arm.name}: {len(self._given)} obstacles, {len(self.pairs)} pairs of its own>"
+
+    # --- Obstacles ---------------------------------------------------------------------------------------------------
+
+    @property
+    def obstacles(self) -> tuple[Obstacle, ...]:
+        """The obstacles where they are now."""
+        return tuple(body.moved(pose) for body, pose in self._given)
+
+    def add(self, obstacles: Sequence[Obstacle] | Obstacle) -> None:
+        """Put more obstacles into the world."""
+        given = all_of(Obstacle, obstacles, self.arm.name)
+        for body in given:
+            if getattr(body, "link", WORLD) != WORLD:
+                raise ShapeError(f"{self.arm.name}: {body.name} is an obstacle, and it is of link {body.link}")
+        self._given += [(body, None) for body in given]
+        self._arrays = None
+
+    def move(self, name: str, pose) -> None:
+        """Move the obstacles of a name from where they were given by a pose ``(4, 4)``."""
+        self._of_name(name)
+        pose = checked_pose(pose, name)
+        self._given = [(body, pose if body.name == name else before) for body, before in self._given]
+        self._arrays = None
+
+    def remove(self, name: str) -> None:
+        """Take the obstacles of a name away."""
+        gone = self._of_name(name)
+        self._given = [each for each in self._given if each[0] not in gone]
+        self._arrays = None
+
+    def _of_name(self, name: str) -> list[Obstacle]:
+        found = [body for body, _ in self._given if body.name == name]
+        if not found:
+            known = ", ".join(dict.fromkeys(body.name for body, _ in self._given)) or "none"
+            raise ShapeError(f"{self.arm.name}: expected the name of an obstacle, {known}, got {name}")
+        return found
+
+    # --- Questions ---------------------------------------------------------------------------------------------------
+
+    def segments(self, q0, q1, *, until: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Whether straight motions from configurations to others are proven free, and how far.
+
+        Args:
+            q0: ``(N, n)`` configurations, radians or metres. Beyond the joints' limits nothing is proven.
+            q1: ``(N, n)``.
+            until: Go on halving motions that collide, to find how far they are free; that takes longer.
+
+        Returns:
+            ``(N,)`` bool, and ``(N,)`` float64, the share from the start that is proven free, 1 where all of it is.
+            With ``until=False`` it may be far too small.
+
+        Raises:
+            ShapeError: For arrays of other shapes. Of numbers that are none nothing is proven.
+        """
+        q0, q1 = self._configurations(q0), self._configurations(q1)
+        if q0.shape != q1.shape:
+            raise ShapeError(f"{self.arm.name}: expected as many ends as starts, got {len(q1)} and {len(q0)}")
+        states, _, shares = self._ask(bool(until), q0, q1)
+        return states == FREE, shares
+
+    def configurations(self, q) -> np.ndarray:
+        """Whether configurations ``(N, n)`` are free, 0, collide, 2, or neither can be proven, 1: ``(N,)`` int32."""
+        return self._ask(None, self._configurations(q))[0]
+
+    def culprits(self, q) -> list[tuple[str, str] | None]:
+        """Of configurations ``(N, n)`` the names of two bodies that collide, or are too close; ``None`` if free."""
+        return [self._named(each) for each in self._ask(None, self._configurations(q))[1].tolist()]
+
+    def _configurations(self, q) -> np.ndarray:
+        q, n = np.ascontiguousarray(q, dtype=np.float64), len(self.arm.free)
+        if q.ndim != 2 or q.shape[1] != n:
+            raise ShapeError(f"{self.arm.name}: expected configurations (N, {n}), got {q.shape}")
+        low, high = self._limits
+        return q if ((q >= low) & (q <= high)).all() else np.where((q >= low) & (q <= high), q, np.nan)
+
+    def _named(self, item: int) -> tuple[str, str] | None:
+        own, around = self.arm.bodies, len(self._given)
+        if item < 0:
+            return None
+        if item < len(own) * around:
+            return own[item // around].name, self._given[item % around][0].name
+        return tuple(own[k].name for k in self.pairs[item - len(own) * around])
+
+    def _ask(self, until: bool | None, *given: np.ndarray) -> list[np.ndarray]:
+        """States, culprits and, of motions, shares; the launch for one is kept."""
+        if self._arrays is None:
+            self._arrays, self._kept = self._laid_out(), {}
+        count = len(given[0])
+        if (call := self._kept.get(until)) is None or count != 1:
+            call = _Call(self._arrays, count, given[0].shape[1], until, self.halvings)
+            if count == 1:
+                self._kept[until] = call
+        for array, values in zip(call.given, given, strict=True):
+            array[:] = values
+        call.launch.launch()
+        return [answer.copy() for answer in call.answers] if count == 1 else call.answers
+
+    # --- Arrays, as native/motions.h reads them ----------------------------------------------------------------------
+
+    def _layout_of_arm(self) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], float]:
+        """Whole numbers and numbers of the joints, the numbers of each body, and the size of the arm."""
+        arm, (origins, moved) = self.arm, self.arm.moved
+        paths = [arm.path(WORLD, k) for k in range(len(arm.bodies))]
+        paths += [arm.path(arm.bodies[one].link, other) for one, other in self.pairs]
+        whole = [
+            np.array(arm.parents),
+            np.array([joint.slides for joint in arm.joints]),
+            arm.coordinate,
+            np.cumsum([0, *map(len, paths)]),
+            np.array([step[0] for path in paths for step in path]),
+            self.pairs.ravel(),
+        ]
+        poses = [np.concatenate([origin[:3, :3].ravel(), origin[:3, 3]]) for origin in origins]
+        numbers = [arm.factor, arm.offset, np.concatenate(poses), np.array([s[2] for path in paths for s in path])]
+        bodies = [_Laid.of(points, body.radius) for points, body in zip(moved, arm.bodies, strict=True)]
+        limits = np.stack([arm.lower, arm.upper])[:, arm.coordinate] * arm.factor + arm.offset
+        slides = sum(np.abs(ends).max() for joint, ends in zip(arm.joints, limits.T, strict=True) if joint.slides)
+        size = slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins) + max(body.size for body in bodies)
+        return whole, numbers, bodies, size
+
+    def _laid_out(self) -> tuple[wp.array, wp.array]:
+        (parent, slides, coordinate, first, path, pairs), (factor, offset, origin, reach), own, size = self._fixed
+        around = [_Laid.around(body) for body in self.obstacles]
+        bodies, links = [*own, *around], [*(body.link for body in self.arm.bodies), *([WORLD] * len(around))]
+        size += self.margin + max((body.size for body in around), default=0.0)
+        lanes = [body.lanes for body in bodies]
+        whole = [
+            parent,
+            slides,
+            coordinate,
+            links,
+            [body.cylinder for body in bodies],
+            np.cumsum([0, *map(len, lanes)]),
+        ]
+        numbers = [factor, offset, origin, [body.frame for body in bodies], [body.half for body in bodies]]
+        numbers += [[body.radius for body in bodies], [body.ball for body in bodies], np.zeros(3 * len(bodies)), reach]
+        counts = [len(parent), len(self.arm.free), len(own), len(bodies), len(self.pairs)]
+        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(lanes))]
+        whole = [np.ravel(each).astype(np.int32) for each in (*whole, first, path, pairs)]
+        header = len(counts) + len(whole) + len(numbers)
+        at = header + np.cumsum([0, *map(len, whole[:-1])])
+        places = 2 + np.cumsum([0, *map(len, numbers[:-1])])
+        constants = [self.margin, ALLOWANCE * size]
+        return (
+            wp.array(np.concatenate([counts, at, places, *whole]), dtype=wp.int32, device=DEVICE),
+            wp.array(np.concatenate([constants, *numbers]), dtype=wp.float64, device=DEVICE),
+        )
+
+
+class _Call:
+    """A launch and its memory.
+
+    Attributes:
+        given: Configurations, or starts and ends ``(N, n)``.
+        answers: States and culprits ``(N,)`` int32, and shares ``(N,)`` float64 of motions.
+        launch: A recorded launch.
+    """
+
+    def __init__(self, arrays: tuple[wp.array, wp.array], count: int, n: int, until: bool | None, halvings: int):
+        of_motions, device = until is not None, wp.get_device(DEVICE)
+        self.given = [np.empty((count, n)) for _ in range(1 + of_motions)]
+        self.answers = [np.empty(count, dtype=np.int32) for _ in range(2)] + [np.empty(count)] * of_motions
+        inputs = [*arrays, *(wp.array(x.reshape(-1), device=device, copy=False) for x in self.given)]
+        inputs += [halvings, int(until)] if of_motions else []
+        outputs = [wp.array(x, device=device, copy=False) for x in self.answers]
+        kernel = _kernels().segments if of_motions else _kernels().configurations
+        self.launch = BlockLaunch(kernel, count, [0, *inputs], outputs, device, first_index=0, block=1)
+
+
+class _Laid:
+    """A body as the kernels read it: corners, a box or cylinder around them, and a ball."""
+
+    def __init__(self, frame: np.ndarray, half: np.ndarray, radius: float, lanes: np.ndarray, cylinder: bool):
+        self.frame, self.half, self.radius, self.lanes, self.cylinder = frame, half, radius, lanes, cylinder
+        self.ball, self.size = np.append(frame[9:], lengths(half) * OUTWARD), 0.0
+
+    @classmethod
+    def around(cls, body: Obstacle) -> "_Laid":
+        """Of an obstacle."""
+        if isinstance(body, Body):
+            return cls.of(body.points, body.radius)
+        half = np.array([body.radius, body.radius, body.length / 2])
+        found = cls(np.concatenate([body.pose[:3, :3].ravel(), body.pose[:3, 3]]), half, 0.0, np.empty(0), True)
+        found.size = float(np.abs(body.pose[:3, 3]).sum() + half.sum())
+        return found
+
+    @classmethod
+    def of(cls, points: np.ndarray, radius: float) -> "_Laid":
+        """Of a rounded hull."""
+        frame, half = _box_around(points)
+        count = -(-len(points) // LANES) * LANES
+        padded = np.concatenate([points, np.broadcast_to(points[:1], (count - len(points), 3))])
+        found = cls(frame, half, radius, padded.reshape(-1, LANES, 3).transpose(0, 2, 1).ravel(), False)
+        center = _center_of(points)
+        found.ball = np.append(center, lengths(points - center).max() * OUTWARD)
+        found.size = float(np.abs(points).sum(axis=1).max() + radius)
+        return found
+
+
+def _center_of(points: np.ndarray) -> np.ndarray:
+    """The centre of a small ball that holds points ``(P, 3)``, a point of their hull (Badoiu and Clarkson 2003)."""
+    center = best = points.mean(axis=0)
+    least = lengths(points - center).max()
+    for step in range(2, 100):
+        center = center + (points[lengths(points - center).argmax()] - center) / step
+        if (radius := lengths(points - center).max()) < least:
+            best, least = center, radius
+    return best
+
+
+def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The frame, twelve numbers, of a small box around points ``(P, 3)``, and half its sides.
+
+    The axes are the world's, the points' principal ones, or edges at the first point, as a box has them.
+    """
+    candidates = [
+        np.eye(3),
+        np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2] if len(points) > 1 else None,
+    ]
+    if len(points) == 8:
+        edges = points[[4, 2, 1]] - points[0]
+        if (size := lengths(edges)).all() and np.abs(
+            matmul(edges, edges.T) - np.diag(size**2)
+        ).max() < 1e-9 * size.max() ** 2:
+            candidates.append(edges / size[:, None])
+    best = None
+    for axes in candidates:
+        if axes is None:
+            continue
+        axes = np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
+        x = matmul(points, axes.T)
+        low, high = x.min(axis=0), x.max(axis=0)
+        half = (high - low) / 2 * OUTWARD
+        cost = half[0] * half[1] + half[1] * half[2] + half[2] * half[0] + 1e-9 * half.sum()
+        if best is None or cost < best[0] * (1 - 1e-9):
+            center = matmul(axes.T, ((low + high) / 2)[:, None])[:, 0]
+            best = cost, np.concatenate([axes.T.ravel(), center]), half
+    return best[1], best[2]
+
+
+def _carrying(arm: Arm, attached: Mapping[str, Sequence[Body] | Body]) -> Arm:
+    """The arm with more bodies on its parts."""
+    bodies, touching = [], set(arm.touching)
+    for part, given in attached.items():
+        link = next((body.link for body in arm.bodies if body.part == part), None)
+        if link is None:
+            known = ", ".join(dict.fromkeys(body.part for body in arm.bodies))
+            raise ShapeError(f"{arm.name}: expected a part that carries what is attached, of {known}, got {part}")
+        for body in all_of(Body, given, arm.name):
+            bodies.append(replace(body, link=link, part=f"{body.name} on {part}"))
+            touching.add(tuple(sorted((bodies[-1].part, part))))
+            touching |= {
+                tuple(sorted((bodies[-1].part, other)))
+                for pair in arm.touching
+                if part in pair
+                for other in pair
+                if other != part
+            }
+    return arm.with_bodies(bodies, touching) if bodies else arm
+
+
+class _Kernels(NamedTuple):
+    segments: wp.Kernel
+    configurations: wp.Kernel
+
+
+@cache
+def _kernels() -> _Kernels:
+    """Of whole motions, and of configurations."""
+    text = f"struct Text {{{native_text('motions.h').MOTIONS}}};\n"
+    text += "const auto c = Text::cell_of(whole.data, numbers.data);\n"
+    at = "c.coordinates * (long long)i"
+
+    @named("arm_motion").func_native(
+        f"{text}shares.data[i] = Text::segment(&c, q0.data + {at}, q1.data + {at}, deepest, until, states.data + i, "
+        "culprits.data + i);"
+    )
+    def segment(
+        whole: wp.array(dtype=wp.int32),
+        numbers: wp.array(dtype=wp.float64),
+        q0: wp.array(dtype=wp.float64),
+        q1: wp.array(dtype=wp.float64),
+        deepest: int,
+        until: int,
+        states: wp.array(dtype=wp.int32),
+        culprits: wp.array(dtype=wp.int32),
+        shares: wp.array(dtype=wp.float64),
+        i: int,
+    ): ...
+
+    @named("arm_configuration").func_native(
+        f"{text}states.data[i] = Text::configuration(&c, q.data + {at}, culprits.data + i);"
+    )
+    def configuration(
+        whole: wp.array(dtype=wp.int32),
+        numbers: wp.array(dtype=wp.float64),
+        q: wp.array(dtype=wp.float64),
+        states: wp.array(dtype=wp.int32),
+        culprits: wp.array(dtype=wp.int32),
+        i: int,
+    ): ...
+
+    @named("arm_motions").kernel
+    def segments(
+        first: int,
+        # inputs
+        whole: wp.array(dtype=wp.int32),
+        numbers: wp.array(dtype=wp.float64),
+        q0: wp.array(dtype=wp.float64),
+        q1: wp.array(dtype=wp.float64),
+        deepest: int,
+        until: int,
+        # outputs
+        states: wp.array(dtype=wp.int32),
+        culprits: wp.array(dtype=wp.int32),
+        shares: wp.array(dtype=wp.float64),
+    ):
+        i, _ = wp.tid()
+        segment(whole, numbers, q0, q1, deepest, until, states, culprits, shares, first + i)
+
+    @named("arm_configurations").kernel
+    def configurations(
+        first: int,
+        # inputs
+        whole: wp.array(dtype=wp.int32),
+        numbers: wp.array(dtype=wp.float64),
+        q: wp.array(dtype=wp.float64),
+        # outputs
+        states: wp.array(dtype=wp.int32),
+        culprits: wp.array(dtype=wp.int32),
+    ):
+        i, _ = wp.tid()
+        configuration(whole, numbers, q, states, culprits, first + i)
+
+    return _Kernels(segments, configurations)
