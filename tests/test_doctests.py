@@ -3,7 +3,8 @@
 Names have theirs in their docstrings; others stand on the pages of the API reference, and those of the many methods of
 a bounder that only authors of methods call in ``authors.md``. They share a few names, which each example may use
 without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``, ``far``, a distance bounder of
-the ball, and ``ball_distances``, those of the points; ``balls``, which hold the mesh, and ``pair``, of both.
+the ball, and ``ball_distances``, those of the points; ``balls``, which hold the mesh, and ``pair``, of both; and
+``motions`` of an arm of one joint beside a ball.
 """
 
 import doctest
@@ -30,6 +31,7 @@ METHODS = {
     wb.baking.BounderStack: ("query",),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
+    wb.arms.Motions: ("path",),
     wb.pairs.Balls: ("certify", "load", "of", "save"),
     wb.pairs.Pair: ("contact_time", "distance", "func", "query"),
     wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),
@@ -66,7 +68,15 @@ def made() -> dict:
     far = wb.fit(ball, "distance", "kdop", device="cpu")
     ball_distances = grid.distances(points)[:, 1]
     balls = wb.pairs.Balls.of(mesh, 16)
-    names = {"far": far, "ball_distances": ball_distances, "balls": balls, "pair": wb.pairs.Pair(far, balls)}
+    arm = wb.arms.Arm([wb.arms.Joint()], [wb.arms.Body.capsule([0, 0, 0], [0.5, 0, 0], 0.05, link=0)])
+    motions = wb.arms.Motions(arm, [wb.arms.Body.sphere([0.5, 0, 0], 0.1, name="ball")])
+    names = {
+        "motions": motions,
+        "far": far,
+        "ball_distances": ball_distances,
+        "balls": balls,
+        "pair": wb.pairs.Pair(far, balls),
+    }
     names |= {"ball": ball, "grid": grid, "mesh": mesh, "motion": motion, "bounder": bounder, "points": points}
     return names | {"np": np, "wp": wp, "wb": wb, "stress_test": stress_test, "__name__": __name__}
 

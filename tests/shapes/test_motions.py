@@ -1,5 +1,7 @@
 """Whole motions: what is proven free is free at every sample of it, by Coal, without any tolerance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from arm_cases import BRANCHES, posed, random_arm, random_body, robot
@@ -134,6 +136,70 @@ def test_what_is_attached_is_checked(rng):
     assert carrying.culprits(q)[0] == ("tool", "ball")
     with pytest.raises(wb.BoundingError, match="a part that carries what is attached, of link 0, link 1, got hand"):
         Motions(arm, attached={"hand": tool})
+
+
+def test_obstacles_that_move_are_avoided_at_their_times(rng):
+    arm, _ = random_arm(rng, 3)
+    obstacles = [random_body(rng, -1, place) for place in rng.normal(size=(9, 3)) * 0.4] + cylinders(rng, 3)
+    obstacles = [replace(body, name=f"thing {k}") for k, body in enumerate(obstacles)]
+    velocities = {body.name: rng.normal(size=3) * 0.5 for body in obstacles[1:]}
+    motions, (q0, q1) = Motions(arm, obstacles), edges(arm, rng, 40, 1.5)
+    before = motions.segments(q0, q1)[0]
+    clear, _ = motions.segments(q0, q1, velocities=velocities)
+    assert 0 < clear.sum() < len(clear)
+    t = np.linspace(0, 1, 30)
+    shifts = np.stack([t[:, None] * velocities.get(body.name, np.zeros(3)) for body in obstacles], axis=1)
+    for a, b, free in zip(q0, q1, clear, strict=True):
+        least = clearance(arm, obstacles, motions.pairs, a + t[:, None] * (b - a), shifts).min()
+        assert free or least < 0.02
+        assert not free or least > -COAL
+    assert np.array_equal(motions.segments(q0, q1)[0], before)
+    with pytest.raises(wb.BoundingError, match=r"expected a velocity \(3,\) of thing 1"):
+        motions.segments(q0, q1, velocities={"thing 1": [1, 2]})
+
+
+def test_a_plan_is_kept_and_proven_again(tmp_path, rng):
+    arm, obstacles = random_arm(rng, 3)
+    motions = Motions(arm, obstacles)
+    q = rng.uniform(arm.lower, arm.upper, (4000, 3))
+    free = q[motions.configurations(q) == 0]
+    near = free + np.clip(rng.normal(size=free.shape) * 0.02, arm.lower - free, arm.upper - free)
+    start, end = next((a, b) for a, b in zip(free, near, strict=True) if motions.segments(a[None], b[None])[0][0])
+    hit = q[motions.configurations(q) == 2][0]
+    good, bad = motions.path([start, end, start]), motions.path([start, end, hit])
+    assert good.proven
+    assert "Proven free: 2 motions" in good.statement
+    assert not bad.proven
+    assert bad.end[0] == 1
+    assert 0 <= bad.end[1] < 1
+    assert " and ".join(bad.between) in bad.statement
+    for plan in (good, bad):
+        plan.save(tmp_path / "plan.json")
+        again = wb.arms.Plan.load(tmp_path / "plan.json")
+        assert again.statement == plan.statement
+        assert again.certify(motions).statement == plan.statement
+    motions.add(Body.sphere([50, 0, 0], 0.1))
+    with pytest.raises(wb.BoundingError, match="a plan among other things"):
+        good.certify(motions)
+    (tmp_path / "plan.json").write_text("{}")
+    with pytest.raises(wb.BoundingError, match=r"expected a plan that Plan\.save wrote"):
+        wb.arms.Plan.load(tmp_path / "plan.json")
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "match"),
+    [
+        ([[0.0, 0.0]], r"expected waypoints \(W, 2\), at least 2, got \(1, 2\)"),
+        ([[0.0], [1.0]], r"expected waypoints \(W, 2\)"),
+        ([[0.0, 0.0], [0.0, np.nan]], "waypoint 1 is not finite"),
+        ([[0.0, 0.0], [0.0, 9.0]], "waypoint 1 has elbow at 9.0, limits -1.0 to 1.0"),
+    ],
+)
+def test_bad_waypoints_get_one_clear_error(waypoints, match):
+    joints = [Joint(lower=-1.0, upper=1.0, name=name) for name in ("shoulder", "elbow")]
+    arm = Arm(joints, [Body.sphere([1, 0, 0], 0.1, link=1)])
+    with pytest.raises(wb.BoundingError, match=match):
+        Motions(arm, self_collision=False).path(waypoints)
 
 
 @pytest.mark.parametrize(

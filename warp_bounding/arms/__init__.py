@@ -13,7 +13,7 @@ Example:
 
 from warp_bounding.arms.arm import WORLD, Arm, Body, Cylinder, Joint, Mimic
 from warp_bounding.arms.configurations import ArmConfigurations
-from warp_bounding.arms.motions import Motions
+from warp_bounding.arms.motions import Motions, Plan
 from warp_bounding.arms.urdf import load_urdf
 
-__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Cylinder", "Joint", "Mimic", "Motions", "load_urdf"]
+__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Cylinder", "Joint", "Mimic", "Motions", "Plan", "load_urdf"]

@@ -472,6 +472,25 @@ class Arm:
         found.__dict__.pop("_moved", None)
         return found
 
+    def hash_into(self, sha, obstacles: Sequence["Body | Cylinder"] = ()) -> None:
+        """Add all numbers of joints, bodies and obstacles to a hash; names do not enter."""
+        for joint in self.joints:
+            numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
+            numbers += [joint.continuous] * joint.continuous
+            sha.update(np.array(numbers, dtype="<f8").tobytes())
+        for body in (*self.bodies, *obstacles):
+            if isinstance(body, Body):
+                numbers = [*body.points.ravel(), body.radius, body.link]
+            else:
+                numbers = [*body.pose.ravel(), body.radius, body.length]
+            sha.update(np.array(numbers, dtype="<f8").tobytes() + b";")
+
+    def hash_tree_into(self, sha) -> None:
+        """Add who carries and who follows whom, of an arm that is no chain."""
+        if self.parents != tuple(range(-1, len(self.joints) - 1)) or self.mimics:
+            for array in (self.parents, self.coordinate, self.factor, self.offset):
+                sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+
     def _held(self, numbers: Iterable[int]) -> "Arm":
         """The arm with these joints fixed in the middle of their limits; bodies keep their order."""
         values = np.array([(self.joints[i].lower + self.joints[i].upper) / 2 for i in self.free])

@@ -209,17 +209,10 @@ class ArmConfigurations(Formula):
     def geometry(self) -> str:
         """SHA-256 of all numbers of joints, bodies, obstacles, pairs, weights and the safety; names do not enter."""
         sha = hashlib.sha256(b"warp-bounding arm 1")
-        for joint in self.arm.joints:
-            numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
-            numbers += [joint.continuous] * joint.continuous
-            sha.update(np.array(numbers, dtype="<f8").tobytes())
-        for body in (*self.arm.bodies, *self.obstacles):
-            sha.update(np.array([*body.points.ravel(), body.radius, body.link], dtype="<f8").tobytes() + b";")
+        self.arm.hash_into(sha, self.obstacles)
         for array in (self.pairs, self.weights, self.safety):
             sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
-        if self.arm.parents != tuple(range(-1, len(self.arm.joints) - 1)) or self.arm.mimics:
-            for array in (self.arm.parents, self.arm.coordinate, self.arm.factor, self.arm.offset):
-                sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+        self.arm.hash_tree_into(sha)
         return sha.hexdigest()
 
     # --- what it is --------------------------------------------------------------------------------------------------

@@ -23,22 +23,27 @@ The idea is that of Schwarzer, Saha and Latombe, "Adaptive dynamic collision che
 corners, and that it holds in float64.
 """
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import warp as wp
 
-from warp_bounding.arms.arm import WORLD, Arm, Body, Cylinder, all_of, checked_pose
-from warp_bounding.errors import ShapeError
+from warp_bounding.arms.arm import LARGEST, WORLD, Arm, Body, Cylinder, all_of, checked_pose
+from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.rigid import lengths, matmul
+from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.runtime.native import named, native_text
+from warp_bounding.runtime.whole_file import write_whole
 from warp_bounding.shapes.shape import checked_margin
 
-__all__ = ["Motions"]
+__all__ = ["Motions", "Plan"]
 
 FREE, UNDECIDED, COLLIDING = 0, 1, 2  # states of configurations and motions
 ALLOWANCE = 2.0**-34  # of the size S: by how much a gap may be off, see above
@@ -99,6 +104,7 @@ class Motions:
         self.arm, self.margin, self.halvings = _carrying(arm, attached or {}), checked_margin(margin), int(halvings)
         self.pairs = self.arm.pairs() if self_collision else np.empty((0, 2), dtype=np.int32)
         self._given: list[tuple[Obstacle, np.ndarray | None]] = []
+        self._velocities: dict[str, Sequence[float]] = {}
         self._fixed = self._layout_of_arm()
         turning = np.array([self.arm.joints[i].continuous for i in self.arm.free])
         self._limits = np.where(turning, -np.inf, self.arm.lower), np.where(turning, np.inf, self.arm.upper)
@@ -145,13 +151,17 @@ class Motions:
 
     # --- Questions ---------------------------------------------------------------------------------------------------
 
-    def segments(self, q0, q1, *, until: bool = False) -> tuple[np.ndarray, np.ndarray]:
+    def segments(
+        self, q0, q1, *, until: bool = False, velocities: Mapping[str, Sequence[float]] | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Whether straight motions from configurations to others are proven free, and how far.
 
         Args:
             q0: ``(N, n)`` configurations, radians or metres. Beyond the joints' limits nothing is proven.
             q1: ``(N, n)``.
             until: Go on halving motions that collide, to find how far they are free; that takes longer.
+            velocities: By what ``(3,)`` obstacles move while the arm does, metres, by their names. They start where
+                they are; meanwhile the base is checked against them, too.
 
         Returns:
             ``(N,)`` bool, and ``(N,)`` float64, the share from the start that is proven free, 1 where all of it is.
@@ -163,8 +173,21 @@ class Motions:
         q0, q1 = self._configurations(q0), self._configurations(q1)
         if q0.shape != q1.shape:
             raise ShapeError(f"{self.arm.name}: expected as many ends as starts, got {len(q1)} and {len(q0)}")
-        states, _, shares = self._ask(bool(until), q0, q1)
+        try:
+            self._set_velocities(velocities or {})
+            states, _, shares = self._ask(bool(until), q0, q1)
+        finally:
+            self._set_velocities({})
         return states == FREE, shares
+
+    def _set_velocities(self, velocities: Mapping[str, Sequence[float]]) -> None:
+        if not velocities and not self._velocities:
+            return
+        for name, velocity in velocities.items():
+            self._of_name(name)
+            if np.shape(velocity) != (3,) or not (np.abs(velocity) <= LARGEST).all():
+                raise ShapeError(f"{self.arm.name}: expected a velocity (3,) of {name}, got {velocity}")
+        self._velocities, self._arrays = dict(velocities), None
 
     def configurations(self, q) -> np.ndarray:
         """Whether configurations ``(N, n)`` are free, 0, collide, 2, or neither can be proven, 1: ``(N,)`` int32."""
@@ -173,6 +196,49 @@ class Motions:
     def culprits(self, q) -> list[tuple[str, str] | None]:
         """Of configurations ``(N, n)`` the names of two bodies that collide, or are too close; ``None`` if free."""
         return [self._named(each) for each in self._ask(None, self._configurations(q))[1].tolist()]
+
+    def path(self, waypoints) -> "Plan":
+        """Prove a whole plan: straight motions from each waypoint ``(n,)`` to the next.
+
+        Args:
+            waypoints: ``(W, n)``, at least two.
+
+        Raises:
+            ShapeError: For waypoints of another size, numbers that are none, or values beyond limits of joints.
+
+        Example:
+            >>> plan = motions.path([[1.5], [2.0], [3.0]])
+            >>> plan.proven, plan.statement
+            (True, 'Proven free: 2 motions of arm, among 1 obstacles, margin 0 m.')
+        """
+        given, name = np.array(waypoints, dtype=np.float64), self.arm.name
+        if given.ndim != 2 or given.shape[1] != len(self.arm.free) or len(given) < 2:
+            raise ShapeError(f"{name}: expected waypoints (W, {len(self.arm.free)}), at least 2, got {given.shape}")
+        if not np.isfinite(given).all():
+            raise ShapeError(f"{name}: waypoint {int(np.argwhere(~np.isfinite(given))[0, 0])} is not finite")
+        low, high = self._limits
+        if (beyond := np.argwhere(~((given >= low) & (given <= high)))).size:
+            at, column = beyond[0].tolist()
+            joint, value = self.arm.joints[self.arm.free[column]], float(given[at, column])
+            raise ShapeError(
+                f"{name}: waypoint {at} has {joint.name} at {value}, limits {joint.lower} to {joint.upper}"
+            )
+        clear, share = self.segments(given[:-1], given[1:], until=True)
+        between = None
+        if not clear.all():
+            at = int(np.argmin(clear))
+            between = self._named(int(self._ask(False, given[at : at + 1], given[at + 1 : at + 2])[1][0]))
+        return Plan(given, share, self.margin, self.digest, name, len(self._given), between)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all numbers of the arm, the obstacles where they are, the pairs and the margin."""
+        sha = hashlib.sha256(b"warp-bounding motions 1")
+        self.arm.hash_into(sha, self.obstacles)
+        for array in (self.pairs, self.margin):
+            sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+        self.arm.hash_tree_into(sha)
+        return sha.hexdigest()
 
     def _configurations(self, q) -> np.ndarray:
         q, n = np.ascontiguousarray(q, dtype=np.float64), len(self.arm.free)
@@ -241,7 +307,10 @@ class Motions:
             np.cumsum([0, *map(len, lanes)]),
         ]
         numbers = [factor, offset, origin, [body.frame for body in bodies], [body.half for body in bodies]]
-        numbers += [[body.radius for body in bodies], [body.ball for body in bodies], np.zeros(3 * len(bodies)), reach]
+        velocities = np.zeros((len(bodies), 3))
+        velocities[len(own) :] = [self._velocities.get(body.name, (0.0, 0.0, 0.0)) for body, _ in self._given] or 0.0
+        size += np.abs(velocities).sum(axis=1).max()
+        numbers += [[body.radius for body in bodies], [body.ball for body in bodies], velocities, reach]
         counts = [len(parent), len(self.arm.free), len(own), len(bodies), len(self.pairs)]
         numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(lanes))]
         whole = [np.ravel(each).astype(np.int32) for each in (*whole, first, path, pairs)]
@@ -253,6 +322,91 @@ class Motions:
             wp.array(np.concatenate([counts, at, places, *whole]), dtype=wp.int32, device=DEVICE),
             wp.array(np.concatenate([constants, *numbers]), dtype=wp.float64, device=DEVICE),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Plan(Picklable):
+    """What is proven of a plan; ``Motions.path`` makes one.
+
+    Attributes:
+        waypoints: ``(W, n)`` float64.
+        shares: ``(W - 1,)``, of each motion the share from its start that is proven free; 1 where all of it is.
+        margin: Metres.
+        digest: Of the arm and what was around it, ``Motions.digest``.
+        name: Of the arm.
+        obstacles: How many there were.
+        between: Names of the two bodies that are in the way first, if it is not proven.
+
+    Example:
+        >>> plan = motions.path([[1.5], [2.0]])
+        >>> plan.save("plan.json")
+        >>> wb.arms.Plan.load("plan.json").certify(motions).proven
+        True
+    """
+
+    waypoints: np.ndarray
+    shares: np.ndarray
+    margin: float
+    digest: str
+    name: str = "arm"
+    obstacles: int = 0
+    between: tuple[str, str] | None = None
+
+    @property
+    def proven(self) -> bool:
+        """Whether all of it is."""
+        return bool((np.asarray(self.shares) == 1.0).all())
+
+    @property
+    def end(self) -> tuple[int, float]:
+        """Up to where it is proven: the number of a motion, and the share of that."""
+        at = int(np.argmin(np.asarray(self.shares) == 1.0)) if not self.proven else len(self.shares) - 1
+        return at, float(self.shares[at])
+
+    @property
+    def statement(self) -> str:
+        """What is known, in a sentence."""
+        what = f"{len(self.shares)} motions of {self.name}, among {self.obstacles} obstacles, margin {self.margin:g} m"
+        if self.proven:
+            return f"Proven free: {what}."
+        at, share = self.end
+        return f"Proven up to {share:.3f} of motion {at}, where {' and '.join(self.between)} are too close: {what}."
+
+    def save(self, path) -> None:
+        """Write it as JSON; what is written is proven again by ``certify``."""
+        document = {"plan": asdict(self) | {"waypoints": self.waypoints.tolist(), "shares": self.shares.tolist()}}
+        write_whole(path, json.dumps(document, indent=1).encode(), ".json")
+
+    @classmethod
+    def load(cls, path) -> "Plan":
+        """Read what ``save`` wrote.
+
+        Raises:
+            FileFormatError: If it is something else.
+        """
+        try:
+            fields = json.loads(Path(path).read_text(encoding="utf-8"))["plan"]
+            fields["waypoints"], fields["shares"] = (
+                np.array(fields["waypoints"], float),
+                np.array(fields["shares"], float),
+            )
+            fields["between"] = fields["between"] and tuple(fields["between"])
+            plan = cls(**fields)
+        except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+            raise FileFormatError(f"{path}: expected a plan that Plan.save wrote") from error
+        if plan.waypoints.ndim != 2 or plan.shares.shape != (len(plan.waypoints) - 1,):
+            raise FileFormatError(f"{path}: expected waypoints (W, n) and a share for each motion between them")
+        return plan
+
+    def certify(self, motions: Motions) -> "Plan":
+        """Prove it again, of the arm and obstacles given here.
+
+        Raises:
+            ShapeError: If they are others than those of the plan, or stand elsewhere.
+        """
+        if (digest := motions.digest) != self.digest:
+            raise ShapeError(f"{self.name}: a plan among other things, of digest {self.digest[:12]}, got {digest[:12]}")
+        return motions.path(self.waypoints)
 
 
 class _Call:
