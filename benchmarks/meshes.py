@@ -41,10 +41,6 @@ METHODS = {
     "mlp 24-24": {"hidden": (24, 24)},
     "mlp 32-32": {"hidden": (32, 32)},
     "mlp 50-50": {"hidden": (50, 50)},
-    "mlp-early 50-50": {"hidden": (50, 50)},
-    # ``wb.hierarchy``: eight networks, each of its part, with one threshold or more
-    "hierarchy 8 x 16-16": {"hidden": (16, 16), "levels": 3},
-    "hierarchy 8 x 15-15 x 48": {"hidden": (15, 15), "levels": 3, "parts": 48},
 }
 SAMPLES, TIMED, ROUNDS = 1_000_000, 1_000_000, 9  # random points; points of a timed batch, and how often it is asked
 DASH = "-"
@@ -90,7 +86,7 @@ def measure(mesh: wb.shapes.Mesh, label: str, budget: float, seed: int, attacked
         warnings.simplefilter("ignore", wb.BoundingWarning)  # of cells that are wider than the margin: the page says so
         method = label.split()[0]
         reported = {"margin": margin, "budget": budget, "seed": seed, "device": "cpu", **METHODS[label]}
-        fitted = wb.fit(mesh, method=method, **reported) if method in wb.METHODS else wb.hierarchy(mesh, **reported)
+        fitted = wb.fit(mesh, method=method, **reported)
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "bounder.safetensors"
         fitted.save(file)
@@ -145,7 +141,7 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every "
         "side;",
         "the truth is the mesh's own (`Mesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
-        "`voxels` and `relu-field` are made of cells.",
+        "`voxels` and `relu-field` are made of cells. `mlp-early`, `hierarchy` and `parts=` have been removed since.",
         "",
         "![False positives against memory, by mesh](meshes.png)",
         "",

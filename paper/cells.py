@@ -1,18 +1,17 @@
 """A cell of the paper's tables: a method, a kind of query, an object; and how the bounder of one is fitted."""
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from paper.data import Object, grid_of, objects_in, select_objects
 from paper.results import Folder, finished, say, versions
-from paper.table import DISTANCE, MADE, SPACES, VARIANTS, Column, Variant, budget_of, select_columns, select_methods
+from paper.table import DISTANCE, SPACES, VARIANTS, Column, Variant, budget_of, select_columns, select_methods
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance
-from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, BoundingError
-from warp_bounding.queries.distance import METRICS
 from warp_bounding.runtime.launch import cpu_threads
 
 DIGEST = 16  # characters of the SHA-256 of an object's cells
@@ -109,7 +108,7 @@ def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
     except BoundingError as error:
         say(f"{error}; fitted again")
         return None
-    grid = as_fitted(bounder, cell.grid) if bounder.of_distances else cell.grid
+    grid = replace(cell.grid, time=False) if bounder.of_distances else cell.grid  # time is one more coordinate
     if (bounder.info.get("indicator"), bounder.info.get("seed")) == (grid.digest, settings["seed"]):
         return bounder
     say(f"{path}: fitted to another object or with another seed; fitted again")
@@ -117,29 +116,25 @@ def load(path: Path, cell: Cell, settings: dict[str, Any]) -> Any | None:
 
 
 def fitted(folder: Folder, cell: Cell, settings: dict[str, Any]) -> Any:
-    """The bounder of a cell: an earlier run's, or fitted and stored; a cascade's last part is its row's, if there."""
+    """The bounder of a cell: an earlier run's, or fitted and stored."""
     path, variant, query = folder.bounder(cell.file), cell.variant, cell.column.kind
     if (bounder := load(path, cell, settings)) is not None:
         return bounder
-    from warp_bounding import training
     from warp_bounding.bounders import save
+    from warp_bounding.training import fit
 
-    made, device = MADE.get(variant.method), settings.get("device", "cpu")
-    widths = tuple(width // (made.narrower if made else 1) for width in cell.column.hidden)
-    reported = {"hidden": widths, "activation": settings.get("activation"), "leaves": variant.leaves}
+    device, grid = settings.get("device", "cpu"), cell.grid
+    reported = {"hidden": cell.column.hidden, "activation": settings.get("activation"), "leaves": variant.leaves}
     if variant.method == DISTANCE:
-        known = [option.name for option in MlpDistance.options]
-        options = {"query": "distance", "method": MlpDistance.method, "metric": METRICS[1]}
+        known, grid = [option.name for option in MlpDistance.options], replace(grid, time=False)
+        options = {"query": "distance", "method": MlpDistance.method}
     else:
-        method, last = "mlp" if made else variant.method, cell._replace(variant=Variant(variant.last))
-        known = taken((METHODS[name] for name in method.split("+")), query.name)
-        options = {"query": query.name, "method": method} | ({"length": settings["length"]} if query.has_length else {})
-        if variant.last != variant.method and (found := load(folder.bounder(last.file), last, settings)) is not None:
-            options["last"] = found
+        known = taken((METHODS[name] for name in variant.method.split("+")), query.name)
+        options = {"query": query.name, "method": variant.method}
+        options |= {"length": settings["length"]} if query.has_length else {}
     options |= {name: value for name, value in reported.items() if name in known and value is not None}
     options |= {"budget": budget_of(settings, cell.column, variant), "seed": settings["seed"], "device": device}
-    make = getattr(training, made.by if made else "fit")
-    bounder = finished(make(cell.grid, **options, **(made.options if made else {})))
+    bounder = finished(fit(grid, **options))
     path.parent.mkdir(exist_ok=True)
     save(bounder, path)
     return bounder

@@ -104,7 +104,7 @@ class _Recorded(PaperTrainer):
     def _iterate(self, optimiser, stage):
         if self.step % self.every == 0:
             v, truth = self.held_out
-            f = self._evaluate(self.workers, self.network.encode(v))
+            f = self._evaluate(self.network.encode(v))
             self.steps.append(self.step)
             self.fp.append(round(100 * float(((f >= 0) & ~truth).float().mean()), 4))
             self.fn.append(round(100 * float(((f < 0) & truth).float().mean()), 4))

@@ -7,6 +7,7 @@ they return is JSON. The second one is given these parts, and returns files by t
 
 import base64
 import tempfile
+from collections.abc import Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -15,12 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from paper import drawing as d
-from paper.drawing import TINTS, Panel, layer, numbered, packed, raster, scene, unpack
+from paper.drawing import TINTS, Panel, layer, numbered, pack, packed, raster, scene, unpack
 from paper.results import finished
 from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import BoundingError
+from warp_bounding.queries import sample
 from warp_bounding.shapes import Grid
-from warp_bounding.shapes.parts import SIDES
+from warp_bounding.shapes.complement import SIDES
 
 
 def labels_of(parts) -> list[str]:
@@ -347,20 +349,36 @@ def fish(points: np.ndarray, centre=(0.5, 0.5), size: float = 0.9, angle: float 
     return body | tail | back | below
 
 
+def halved(cells: np.ndarray, axes: Sequence[int]) -> list[np.ndarray]:
+    """Cells cut along each of the axes in turn, so that both sides have about as many of them."""
+    if not axes:
+        return [cells]
+    at = np.indices(cells.shape)[axes[0]]
+    below = at <= np.median(at[cells])
+    return [part for side in (below, ~below) for part in halved(cells & side, axes[1:])]
+
+
 def hierarchy_parts(work, labels):
     def levels() -> dict:
-        from warp_bounding.bounders import cascade
-        from warp_bounding.training import fit, hierarchy
+        from warp_bounding.training import fit
 
         at = np.stack(np.meshgrid(*[np.linspace(0, 1, 160)] * 2, indexing="ij"), axis=-1)
         cells = np.any([fish(at, (x, y), 1.25 * size, angle) for x, y, size, angle in SCHOOL], axis=0)
-        grid, steps = Grid(cells, name="school"), max(1, round(work.choose(4000, 500) * work.settings["effort"]))
-        own, bounders = {"method": "mlp", "steps": steps, "seed": work.settings["seed"], "device": "cpu"}, {}
+        grid, s = Grid(cells, name="school"), work.settings
+        steps = max(1, round(work.choose(4000, 500) * s["effort"]))
+        own, maybe = {"method": "mlp", "steps": steps, "seed": s["seed"], "device": "cpu"}, {}
         for depth, (level, (hidden, _)) in enumerate(LEVELS.items()):
-            bounders[level] = finished((partial(hierarchy, levels=depth) if depth else fit)(grid, hidden=hidden, **own))
-        bounders["together"] = cascade(bounders["root"], bounders["leaves"])
-        points = raster(grid, 400)
-        found = {name: {**work.rates(b, grid), "maybe": packed(b, points)} for name, b in bounders.items()}
+            parts = [Grid(part, name="school") for part in halved(cells, (1, 0)[:depth])]
+            networks = [finished(fit(part, hidden=hidden, **own)) for part in parts]
+            maybe[level] = lambda x, networks=networks: np.any([n.query(x).numpy() for n in networks], axis=0)
+        maybe["together"] = lambda x: maybe["root"](x) & maybe["leaves"](x)
+        x = sample("point", grid, s["samples"], np.random.default_rng(s["seed"] + 1)).astype(np.float32)
+        truth, points, found = grid.contains(x), raster(grid, 400), {}
+        for name, test in maybe.items():
+            answers = test(x)
+            rates = {"fp": 100 * float((answers & ~truth).mean()), "fn": int((truth & ~answers).sum())}
+            rates |= {"positives": 100 * float(truth.mean()), "samples": len(x), "certificate": "proven"}
+            found[name] = rates | {"maybe": pack(test(points))}
         return {"inside": packed(grid, points), "levels": found}
 
     return {"school": levels}

@@ -1,11 +1,10 @@
-"""The paper's Table 2, its supplement's table of speeds and its early-out plot: methods raced on every device.
+"""The paper's Table 2 and its supplement's table of speeds: methods raced on every device.
 
-Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 2, Eq. 6, Section *Early-out*; its
-supplement.
+Source: Liu, Fischer, Yoo, Ritschel, *Neural Bounding* (SIGGRAPH 2024), Table 2, Eq. 6; its supplement.
 
 A machine's speed drifts with whatever else it does. So what is compared is taken within a round, in which every
-method is asked once, and the median over rounds counts. Every race has the network without exits among its methods:
-what is added to a folder later is compared by the ratio to that.
+method is asked once, and the median over rounds counts. Every race has the network among its methods: what is added to
+a folder later is compared by the ratio to that.
 """
 
 import math
@@ -19,9 +18,19 @@ import numpy as np
 from paper import results
 from paper.cells import Cell, about, fitted, missing, select
 from paper.data import objects_in, usual
-from paper.drawing import INK, PALE, page_of
 from paper.results import Rows, markdown
-from paper.table import COLUMNS, MADE, PAPER, VARIANTS, Column, Variant, budget_text, budgets_in, column_of, variant_of
+from paper.table import (
+    COLUMNS,
+    DISTANCE,
+    PAPER,
+    VARIANTS,
+    Column,
+    Variant,
+    budget_text,
+    budgets_in,
+    column_of,
+    variant_of,
+)
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import sample
 
@@ -32,12 +41,11 @@ CSV = """dimension object query method space leaves device device_name ns ratio 
 DEFAULTS = {"queries": 2_000_000, "rounds": 9, "samples": 400_000, "budget": 20.0, "budgets": "", "seed": 0}
 DEFAULTS |= {"length": 1.0}
 QUICK = {"budget": "2,relu-field=1,learned-kdop=1", "queries": 200_000, "rounds": 5, "samples": 50_000}
-REFERENCE, EARLY, BOX = Variant("mlp"), Variant("mlp-early"), Variant("aabb")
+REFERENCE = Variant("mlp")
 # Where no methods are named: an occupancy network has the code of the reference, and distances are asked otherwise.
-RACED = [v for v in VARIANTS if v.conservative and v.leaves is None and v.method not in MADE and not v.parametric]
+RACED = [v for v in VARIANTS if v.conservative and v.leaves is None and v.method != DISTANCE and not v.parametric]
 QUERY_SEED = 2  # added to the fits' for the queries of a race
 TABLE_2, QUERIES = Column(3, "ray"), 10_000_000  # the column of Table 2; what a time in milliseconds is for
-PAPER_DEVICE = "RTX 3090"
 
 
 def run(line, output, data, quick=False, columns=None, methods=None, objects=None, devices=None, budget=None,
@@ -73,9 +81,6 @@ def run(line, output, data, quick=False, columns=None, methods=None, objects=Non
 
     titles = {key: f"{COLUMNS[key[0]].name} {key[1].name} on {key[2]}" for key in groups}
     done = results.work(folder, sorted(groups), measure, titles.get)
-    of_gpu = results.read_rows(folder.path / "cuda" / f"{NAME}.csv", CSV)  # of a run there, which the chart shows, too
-    for kind, content in early_plot(devices_of([*folder.rows, *of_gpu])).items():
-        folder.write(f"early_out.{kind}", content)
     folder.write(results.PAGE, page(folder))
     missed = sum(r["fn"] for r in folder.rows if variant_of(r).conservative)
     if missed:
@@ -179,44 +184,32 @@ def _mean(rows: Rows) -> Mean:
     return Mean(ns, ratio, float(np.mean([row["fp_rate"] for row in rows])))
 
 
-def gains_of(cells: Mapping[tuple[Variant, Column], Mean]) -> dict[Column, float]:
-    """Time of ``mlp`` over that of ``mlp-early``, by column, the largest last."""
-    both = [c for c in COLUMNS if (REFERENCE, c) in cells and (EARLY, c) in cells]
-    found = {c: cells[REFERENCE, c].ratio / cells[EARLY, c].ratio for c in both}
-    return dict(sorted(found.items(), key=lambda pair: pair[1]))
-
-
-# --- the page and the plot --------------------------------------------------------------------------------------------
+# --- the page --------------------------------------------------------------------------------------------------------
 
 
 def page(folder: results.Folder) -> str:
     """The whole page."""
-    lines, gained, names = [], [], {r["device"]: r["device_name"] for r in folder.rows}
+    lines, names = [], {r["device"]: r["device_name"] for r in folder.rows}
     for device, cells in devices_of(folder.rows).items():
         lines += [f"## {device}: {names[device]}", ""]
         if any(column == TABLE_2 for _, column in cells):
             lines += [f"### {TABLE_2.title}s (the paper's Table 2)", "", *_table_2(cells), ""]
         lines += ["### Every column: time over that of `mlp`", "", *_every(cells), ""]
-        if gains := gains_of(cells):
-            faster, mean = sum(gain > 1 for gain in gains.values()), 100 * (float(np.mean(list(gains.values()))) - 1)
-            gained += [f"On {device}, `mlp-early` is faster than `mlp` in {faster} of {len(gains)} columns;"]
-            gained += [f"the mean gain is {mean:.0f} %."]
     objects = ", ".join(f"{name} in {n}D" for n, name in sorted({(r["dimension"], r["object"]) for r in folder.rows}))
-    values = {"objects": objects or "none", "budget_text": budget_text(folder.settings), "gained": gained}
+    values = {"objects": objects or "none", "budget_text": budget_text(folder.settings)}
     return folder.page(NAME, devices=lines or ["Nothing has been measured yet."], **values)
 
 
 def _table_2(cells: Mapping[tuple[Variant, Column], Mean]) -> list[str]:
     heads = "|ms for 10 million|billions a second|time / mlp|FP %|pays from, ms|pays from, × a query".split("|")
-    lines, whole, ours = [], PAPER["ms"]["mlp"][TABLE_2], cells.get((EARLY, TABLE_2))
-    mlp = cells.get((REFERENCE, TABLE_2))
+    lines, whole, mlp = [], PAPER["ms"]["mlp"][TABLE_2], cells.get((REFERENCE, TABLE_2))
     for variant, cell in ((v, cell) for (v, column), cell in cells.items() if column == TABLE_2):
         ms, price, factor = variant.paper(TABLE_2, "ms"), "–", "–"
         texts = [_ms(cell.ns * QUERIES / 1e6, 1), f"{1 / cell.ns:.3f}", f"{cell.ratio:.3f}", f"{cell.fp_rate:.2f}"]
-        if ours and mlp and variant != EARLY:  # prices in milliseconds for ``QUERIES`` tests
-            unit = mlp.ns * QUERIES / 1e6
-            own, other = ours.ratio * unit, cell.ratio * unit
-            least, most = break_even(own, ours.fp_rate / 100, other, cell.fp_rate / 100)
+        if mlp and variant != REFERENCE:  # prices in milliseconds for ``QUERIES`` tests
+            own = mlp.ns * QUERIES / 1e6
+            other = cell.ratio * own
+            least, most = break_even(own, mlp.fp_rate / 100, other, cell.fp_rate / 100)
             never, always = least >= most, least == 0 and most == math.inf
             price = _ms(least, 1) if math.isinf(most) else f"below {_ms(most, 1)}"
             price = "always" if always else "never" if never else price
@@ -250,46 +243,3 @@ def _every(cells: Mapping[tuple[Variant, Column], Mean]) -> list[str]:
     columns = [c for c in COLUMNS if any(c == column for _, column in cells)]
     variants = dict.fromkeys(variant for variant, _ in cells)
     return markdown([None, *(c.title for c in columns)], ([v.label, *(told(v, c) for c in columns)] for v in variants))
-
-
-def early_plot(devices: Mapping[str, Mapping[tuple[Variant, Column], Mean]]) -> dict[str, bytes]:
-    """The paper's early-out plot: time without exits over that with exits, by column; file content by format."""
-    series = {
-        f"ours, {'CPU' if device == 'cpu' else 'GPU'}": gains
-        for device, cells in devices.items()
-        if (gains := gains_of(cells))
-    }
-    if not series:
-        return {}
-    columns, first = list(next(iter(series.values()))), next(iter(devices.values()))
-    theirs = {c: PAPER["ms"]["mlp"][c] / PAPER["ms"]["mlp-early"][c] for c in columns}
-    series = {f"the paper's, {PAPER_DEVICE}": theirs} | series
-
-    def named(column: Column) -> str:
-        """† where the network is hardly tighter than a box: it had no time to learn."""
-        box, own = first.get((BOX, column)), first[REFERENCE, column].fp_rate
-        return column.title.replace(" ", "\n") + (" †" if box and own >= 0.9 * box.fp_rate else "")
-
-    def fill(figure) -> None:
-        figure.set_size_inches(8.6, 4.2)
-        figure.set_layout_engine("constrained")
-        panel = figure.subplots()
-        width, places = 0.8 / len(series), np.arange(len(columns))
-        colours = ("#8a939b", "#d1420a", "#f0a30a", "#a8323e", "#7a2f00")
-        for number, ((name, gains), colour) in enumerate(zip(series.items(), colours, strict=False)):
-            values = np.array([gains.get(c, np.nan) for c in columns])
-            bars = panel.bar(places + (number + 0.5) * width - 0.4, values, width * 0.92, color=colour)
-            bars.set_label(f"{name} (mean gain {100 * (np.nanmean(values) - 1):+.0f} %)")
-            text = panel.bar_label(bars, fmt="%.2f", fontsize=7, padding=2, color=INK)
-            for label in text:  # readable where the line at 1 runs behind it
-                label.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.4})
-        panel.axhline(1.0, color=INK, linewidth=1, zorder=0.9)
-        panel.set_xticks(places, [named(c) for c in columns])
-        panel.set_ylabel("time without exits / time with exits")
-        panel.set_title("Early exits: how many times as fast, by column (under 1 they cost time)", loc="left")
-        panel.grid(axis="y", color=PALE, linewidth=0.8)
-        panel.set_axisbelow(True)
-        panel.legend(frameon=False)
-        panel.spines[["top", "right"]].set_visible(False)
-
-    return page_of(fill)

@@ -14,9 +14,7 @@ from typing import Any, NamedTuple
 
 from warp_bounding import bounders
 from warp_bounding.bounders.bounder import STEPS
-from warp_bounding.bounders.cascade import Local
 from warp_bounding.bounders.mlp_distance import MlpDistance
-from warp_bounding.bounders.union import Union
 from warp_bounding.bounders.volumes import VolumeBounder
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.evaluation import ASKED
@@ -30,22 +28,7 @@ SPACES = ("geometric", "parametric")  # a volume lies around the object, or arou
 DISTANCE_STEPS = {"ray": 128, "box": 512}  # evaluations that such a query of a distance may take at most
 
 
-class Made(NamedTuple):
-    """What makes the bounder of a row that is not named after its method."""
-
-    kind: Any  # the class of its bounder
-    options: dict[str, Any]  # of ``fit``, besides those of the table
-    by: str = "fit"  # the function of ``training`` that makes it
-    narrower: int = 1  # how many times as narrow as the column's its hidden layers are
-    queries: tuple[str, ...] = tuple(QUERIES)  # that it answers, if its class does
-
-
-LOCAL, TREE, DISTANCE = "mlp-local", "hierarchy", "distance"
-MADE = {
-    LOCAL: Made(Local, {"parts": 256}),
-    TREE: Made(Union, {"levels": 3}, "hierarchy", 3, ("point",)),
-    DISTANCE: Made(MlpDistance, {}),
-}
+DISTANCE = "distance"  # the row of a network of distances
 
 
 class Column(NamedTuple):
@@ -90,17 +73,18 @@ def _paper() -> dict[str, dict[str, dict[Column, float]]]:
 
 PAPER = _paper()
 EXACT = ("voxels",)  # on its own grid, at the price of its memory
-NETWORKS = ("mlp", "mlp-early", LOCAL, TREE, "learned-kdop+mlp", DISTANCE)  # compared with the paper's best
-ROWS = (*PAPER["fp_rate"], *NETWORKS[2:], "occupancy", *EXACT)  # methods, in the table's order
+NETWORKS = ("mlp", "learned-kdop+mlp", DISTANCE)  # compared with the paper's best
+COMPARED = tuple(m for m in PAPER["fp_rate"] if m in bounders.METHODS)  # all of the paper's but ``mlp-early``
+ROWS = (*COMPARED, *NETWORKS[1:], "occupancy", *EXACT)  # methods, in the table's order
 
 
 def classes_of(method: str) -> list[Any]:
     """The registered classes of a method, or of the parts of a cascade."""
-    return [bounders.METHODS[name] for name in ("mlp" if method in MADE else method).split("+")]
+    return [bounders.METHODS[name] for name in ("mlp" if method == DISTANCE else method).split("+")]
 
 
 LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in classes_of(m)))  # a fit takes a budget
-CLASSIC = tuple(m for m in PAPER["fp_rate"] if m not in LEARNED)
+CLASSIC = tuple(m for m in COMPARED if m not in LEARNED)
 IN_BOTH = tuple(m for m in (*CLASSIC, "learned-kdop") if issubclass(bounders.METHODS[m], VolumeBounder))  # spaces
 AS_TRAINED = {"mlp": ("ray", "box")}  # networks over a region's numbers, as the paper trains them (``regions``)
 
@@ -148,8 +132,6 @@ class Variant(NamedTuple):
             return SPACES[1] if column.query in AS_TRAINED.get(self.method, REGIONS) else None
         if self.method == DISTANCE:
             known = column.query in ASKED and MlpDistance.supports("distance", column.ndim)
-        elif made := MADE.get(self.method):
-            known = column.query in made.queries and made.kind.supports(column.query, column.ndim)
         else:
             known = bounders.supports(self.method, column.query, column.ndim)
         return SPACES[0] if known else None
@@ -233,9 +215,8 @@ def budgets_in(text: str, default: float) -> dict[str, Any]:
 
 
 def budget_of(settings: dict[str, Any], column: Column, variant: Variant) -> float:
-    """Seconds of a learned fit: a cascade takes its last part's; thresholds of parts and a hierarchy one network's."""
+    """Seconds of a learned fit: a cascade takes its last part's."""
     seconds, names = settings["budget"], {variant.method, variant.last}
-    names |= {"mlp"} if variant.method in (LOCAL, TREE) else set()
     for word in settings["budgets"].split(",") if settings["budgets"] else ():
         name, _, value = word.partition("=")
         if all(part in names or column in columns_named(part) for part in name.split(":")):

@@ -248,7 +248,7 @@ def page(folder: results.Folder) -> str:
 # --- the rank plot ----------------------------------------------------------------------------------------------------
 
 HIGHLIGHTED = {"mlp": "#d1420ao", "learned-kdop+mlp": "#7a2f00*", "kdop": "#00846b^", "bvh": "#4aa3dfv"}
-GREYS = ("mlp-early", "mlp-local", "hierarchy", "distance", "relu-field", "learned-kdop", "aabb", "obb",
+GREYS = ("distance", "relu-field", "learned-kdop", "aabb", "obb",
     "sphere", "ellipsoid", "oriented-ellipsoid")  # fmt: skip
 STYLES = dict.fromkeys(GREYS, "#c3c8cc,") | HIGHLIGHTED  # colour and marker; the highlighted ones are drawn last
 AROUND = "volumes around the object", "volumes around query parameters,\nas in the paper"

@@ -19,7 +19,7 @@ __all__ = ["page"]
 
 STEP = {"particles": "step", "cloth": "step", "path": "world", "shadows": "picture", "digits": "batch", "arm": "cell"}
 STEP["pile"] = "step"
-BOXES, NETWORKS = ("moving aabb", "aabb"), ("mlp", "mlp-early", "distance", "pairs")
+BOXES, NETWORKS = ("moving aabb", "aabb"), ("mlp", "learned-kdop+mlp", "distance", "pairs")
 CLASSIC = ("kdop", "bvh", "obb", "bvh-1500", "voxels", *BOXES)
 HEAD = """# What the demos measured
 

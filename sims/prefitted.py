@@ -53,11 +53,6 @@ class FitSpec:
     kept: bool = False
 
     @property
-    def made(self) -> str:
-        """The method that its bounder's file names: a network with thresholds of parts is one of its own."""
-        return "local" if self.options.get("parts", 1) > 1 and self.query != "distance" else self.method
-
-    @property
     def closed(self) -> bool:
         """Whether a fit takes no time to speak of, so that nothing is stored."""
         return self.method in CLOSED and not self.kept
@@ -98,8 +93,8 @@ def check_fit(bounder: wb.Bounder, shape: Shape, spec: FitSpec, source: str) -> 
         got = f"{bounder.query_kind} queries in {bounder.ndim}D"
         expected = f"{spec.query} queries in {shape.ndim}D"
         raise wb.BounderError(f"{source}: expected a bounder of {expected}, got one of {got}")
-    if bounder.method != spec.made:
-        raise wb.BounderError(f"{source}: expected a bounder of method {spec.made}, got {bounder.method}")
+    if bounder.method != spec.method:
+        raise wb.BounderError(f"{source}: expected a bounder of method {spec.method}, got {bounder.method}")
     length = spec.options.get("length", 1.0)
     if spec.query == "ray" and bounder.domain.length != length:
         raise wb.BounderError(

@@ -20,6 +20,7 @@ import re
 import signal
 import sys
 import tempfile
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 
@@ -35,11 +36,11 @@ PARTS = ("answers", "fits", "bundled", "edges", "pairs", "choose", "certify", "d
 QUERIES = ("point", "ray", "plane", "box")
 SLOW = ("arm-planar-4-", "digits-10-", "shadows-", "cloth-")  # files whose proofs take longest
 FEW = {"hidden": (8,), "steps": 3}
-LEARNED = {"mlp": FEW, "mlp-early": {"hidden": (6, 5), "steps": 3}, "occupancy": FEW}
+LEARNED = {"mlp": FEW, "occupancy": FEW}
 LEARNED |= {"learned-kdop": {"steps": 3}, "relu-field": {"steps": 3}}
 MOST = {"voxels": ("point",), "relu-field": ("point",), "learned-kdop": ("point", "ray")}
 DISTANCES = ("aabb", "obb", "kdop", "bvh", "learned-kdop", "distance-grid", "mlp")
-CASCADES = (("point", "aabb+kdop+mlp"), ("point", "learned-kdop+mlp-early"))
+CASCADES = (("point", "aabb+kdop+mlp"),)
 CLOSED = ("aabb", "obb", "sphere", "kdop", "bvh")  # of which ``choose`` counts what no clock decides
 
 kept_only = False
@@ -156,7 +157,7 @@ def query_distance(name: str, bounder, shape) -> None:
 
 
 def answers(folder: Path) -> None:
-    """Every method, kind of query and dimension; distances; cascades, parts, both sides; functions' text."""
+    """Every method, kind of query and dimension; distances; cascades, both sides; functions' text."""
     folder.mkdir(parents=True, exist_ok=True)
     shapes = objects()
     methods = ("aabb", "obb", "sphere", "ellipsoid", "oriented-ellipsoid", "kdop", "bvh", "voxels", *LEARNED)
@@ -178,17 +179,13 @@ def answers(folder: Path) -> None:
         for method in DISTANCES:
             if where == "4d" and method not in ("distance-grid", "mlp"):
                 continue
-            reported = (FEW if method == "mlp" else LEARNED.get(method, {})) | (
-                {"metric": "spacetime"} if where == "4d" else {}
-            )
-            bounder = made(folder, f"{method}-distance-{where}", shape, query="distance", method=method, **reported)
+            options, still = FEW if method == "mlp" else LEARNED.get(method, {}), replace(shape, time=False)
+            bounder = made(folder, f"{method}-distance-{where}", still, query="distance", method=method, **options)
             query_distance(f"{method} {where}", bounder, shape)
     three = shapes["3d"]
     for query, method in CASCADES:
         bounder = made(folder, f"{method}-{query}-3d", three, query=query, method=method, **FEW | {"hidden": (6, 5)})
         ask(f"{method} {query} 3d", bounder, query, three)
-    parts = made(folder, "local-point-3d", three, parts=8, **FEW)
-    ask("thresholds point 3d", parts, "point", three)
     inner = made(folder, "inside-3d", three, side="inside", **FEW)
     ask("inside point 3d", inner, "point", three)
     outer = made(folder, "mlp-point-3d", three, **FEW)

@@ -48,14 +48,12 @@ __all__ = [
     "device_of",
     "evaluate",
     "fit",
-    "hierarchy",
     "launch_on_cores",
     "load",
     "load_shape",
     "pairs",
     "shapes",
     "two_sided",
-    "union",
 ]
 
 _HOMES = {
@@ -80,13 +78,12 @@ _HOMES = {
         "cascade",
         "compact",
         "load",
-        "union",
     ),
     "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
     "warp_bounding.shapes": ("load_shape",),
     "warp_bounding.proof": ("certify",),
     "warp_bounding.evaluation": ("Rates", "evaluate"),
-    "warp_bounding.training": ("fit", "hierarchy"),
+    "warp_bounding.training": ("fit",),
     "warp_bounding.choice": ("Choice", "choose"),
     "warp_bounding.runtime.launch": ("device_of", "launch_on_cores"),
 }

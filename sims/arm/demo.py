@@ -46,10 +46,8 @@ __all__ = [
 ]
 
 HIDDEN = (50, 50)
-# Of the proven network of four joints on: hidden layers behind one of the joints' angles; parts with thresholds of
-# their own.
-BEHIND_ANGLES, PARTS = (44, 44), 2048
-FEW_JOINTS = 3  # up to so many, two layers and one threshold are tighter in the same time, since their proof ends
+BEHIND_ANGLES = (44, 44)  # of the proven network of four joints on: hidden layers behind one of the joints' angles
+FEW_JOINTS = 3  # up to so many, two layers are tighter in the same time, since their proof ends
 PROVEN_JOINTS, OF_MANY = 4, (66, 66)  # up to so many a proof is tight; hidden layers of arms of more
 CELLS_OF_BOXES = (64, 32)  # a side, of the grid that a hierarchy of boxes is made of; of few joints and of more
 BUDGETS = (240.0, 400.0)  # seconds a network, of few joints and of more
@@ -83,7 +81,7 @@ def specs_of(shape: wb.arms.ArmConfigurations, specs: dict[str, FitSpec] = SPECS
     if shape.ndim <= FEW_JOINTS:
         return specs
     waves = 2 * len(shape.arm.angles)
-    angles = {"hidden": (waves, *BEHIND_ANGLES), "parts": PARTS}
+    angles = {"hidden": (waves, *BEHIND_ANGLES), "scheduler": 2}
     if shape.ndim > PROVEN_JOINTS:
         angles = {"hidden": (waves, *OF_MANY), "statistical": True}
     boxes = {"bvh": replace(specs["bvh"], resolution=CELLS_OF_BOXES[1])}

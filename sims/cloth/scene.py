@@ -60,7 +60,6 @@ SPECS = {
     "voxels": FitSpec("voxels", **CELLS),
     "learned-kdop": FitSpec("learned-kdop", budget=20.0),
     "mlp": FitSpec("mlp", budget=90.0, options={"hidden": HIDDEN}),
-    "mlp-early": FitSpec("mlp-early", budget=90.0, options={"hidden": HIDDEN}),
     "distance": FitSpec("mlp", "distance", 60.0, {"hidden": WIDER}),  # which serves any gap
     "aabb+mlp": FitSpec("aabb+mlp"),
     "occupancy": FitSpec("occupancy", budget=30.0, options={"hidden": SMALLER}),

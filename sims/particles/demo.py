@@ -47,7 +47,6 @@ SPECS = {
     "voxels": FitSpec("voxels", **CELLS),
     "learned-kdop": FitSpec("learned-kdop", budget=20.0, options={"k": 40}),
     "mlp": FitSpec("mlp", budget=900.0, options={"hidden": (50, 50)}),
-    "mlp-early": FitSpec("mlp-early", budget=600.0, options={"hidden": (50, 50)}),
     "bvh-1500": FitSpec("bvh", budget=120.0, options={"leaves": 1500}, **CELLS, kept=True),  # a tenth of voxels
     "aabb+mlp": FitSpec("aabb+mlp"),
     "learned-kdop+mlp": FitSpec("learned-kdop+mlp"),

@@ -36,7 +36,6 @@ SPECS: dict[str, FitSpec] = {
     "bvh": FitSpec("bvh", query="box", options={"hidden": HIDDEN}),
     "learned-kdop": FitSpec("learned-kdop", query="box", budget=5.0),
     "mlp": FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN}),
-    "mlp-early": FitSpec("mlp-early", budget=30.0, options={"hidden": HIDDEN}),
     "distance": FitSpec("mlp", query="distance", budget=30.0, options={"hidden": HIDDEN}),
     "distance-grid": FitSpec("distance-grid", query="distance", options=NODES),
     INSIDE: FitSpec("mlp", budget=30.0, options={"hidden": HIDDEN, "side": INSIDE}),

@@ -71,9 +71,7 @@ def test_of_what_is_put_together(rng):
     x = sample("point", shape(NAME), COUNT, rng).astype(np.float32)
     x[::50] = np.nan
     first, other = (fitted(method, NAME) for method in ("kdop", "aabb"))
-    either = check(wb.union(first, other).query(x, out=unset()), x)
     both = check(wb.cascade(first, other).query(x, out=unset()), x)
-    assert (either == first.query(x).numpy() | other.query(x).numpy()).all()
     assert (both == first.query(x).numpy() & other.query(x).numpy()).all()
     stack = wb.baking.BounderStack([first, other])
     assert (check(stack.query(np.zeros(COUNT, int), x, out=unset()), x) == first.query(x).numpy()).all()

@@ -14,23 +14,19 @@ from region_cases import hard_regions
 from rewriting import changed
 
 import warp_bounding as wb
-from warp_bounding.bounders import Cascade, Union, united
-from warp_bounding.bounders.mlp_early import MlpEarly
+from warp_bounding.bounders import Cascade
 from warp_bounding.bounders.two_sided import MAYBE, NO, YES
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import DENIED, GRANTED
-from warp_bounding.proof import prove, stress_test
-from warp_bounding.shapes.parts import Complement, part_of
+from warp_bounding.kernels.source import DENIED
+from warp_bounding.proof import stress_test
+from warp_bounding.shapes.complement import Complement
 from warp_bounding.shapes.shape import IN, OUT
 
-CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp-early"), ("voxels", "mlp")]
-UNITED = ("aabb", "mlp", "kdop", "mlp-early")
+CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp"), ("voxels", "mlp")]
 
 
 def raised(bounder: wb.Bounder, x: np.ndarray, share: float) -> wb.Bounder:
     """A bounder that denies a share of some points, so that every part has something to do."""
-    if isinstance(bounder, MlpEarly):  # what an exit grants has no f
-        bounder = bounder.granting([], [GRANTED] * (len(bounder.hidden) - 1))
     values = bounder.values(x).numpy()
     return bounder.to("cpu").freeze(float(np.quantile(values[np.isfinite(values)], share)), None)
 
@@ -65,10 +61,9 @@ def test_all_parts_must_pass(methods, device, rng):
     assert (values[~answers[:-1].all(axis=0)] <= DENIED).all()
 
 
-@pytest.mark.parametrize("methods", [*CHAINS, UNITED], ids="+".join)
+@pytest.mark.parametrize("methods", CHAINS, ids="+".join)
 def test_what_is_proven_of_the_parts_is_proven_of_all(methods, tmp_path, rng):
-    grid, join = shape("blob"), wb.union if methods == UNITED else wb.cascade
-    whole = join(*(fitted(m, "blob") for m in methods))
+    grid, whole = shape("blob"), wb.cascade(*(fitted(m, "blob") for m in methods))
     assert whole.certificate.proven
     inside = object_points(grid, rng)
     assert whole.query(inside).numpy().all()
@@ -83,9 +78,7 @@ def test_what_is_proven_of_the_parts_is_proven_of_all(methods, tmp_path, rng):
 def test_a_wrong_part_is_refuted(rng):
     grid, right = shape("blob"), fitted("mlp", "blob")
     wrong = raised(fitted("aabb", "blob"), object_points(grid, rng), 0.2)
-    union = Union.of([wrong, right]).freeze(0.0, None)
-    union.info = right.info
-    for whole in (wb.cascade(wrong, right), wb.cascade(right, wrong), union):
+    for whole in (wb.cascade(wrong, right), wb.cascade(right, wrong)):
         assert whole.certificate is None
         certificate = wb.certify(whole, grid)
         assert certificate.kind == "refuted"
@@ -105,9 +98,8 @@ def test_regions(query, rng):
         assert wb.certify(whole, grid).proven
 
 
-@pytest.mark.parametrize("join", [Cascade.of, Union.of])
-def test_bounds_are_those_of_the_whole(join, rng):
-    whole = join([fitted("aabb", "blob"), fitted("mlp", "blob")])
+def test_bounds_are_those_of_the_whole(rng):
+    whole = Cascade.of([fitted("aabb", "blob"), fitted("mlp", "blob")])
     low = rng.uniform(-1, 1, (500, 3))
     high = low + 10 ** rng.uniform(-4, 0, (500, 1))
     bounds = whole.bound(low, high)
@@ -119,18 +111,13 @@ def test_several_parts_may_have_bit_fields(tmp_path, device, rng):
     """In any order, and in a cascade within a cascade, every part reads its own words."""
     grid, x, first = shape("blob"), domain_points(shape("blob"), 5000, rng), fitted("voxels", "blob")
     parts = [lost_bits(first, rng), fitted("aabb", "blob"), first]
-    wholes = [wb.cascade(parts[0], wb.cascade(*parts[1:]))]
-    lossy = [raised(fitted("kdop", "blob"), x, 0.7), lost_bits(first, rng), lost_bits(first, rng)]
-    wholes += [Union.of(lossy).freeze(0.0, None)]
-    wholes[-1].info = first.info
-    for whole in wholes:
-        join, own = (np.any, lossy) if whole.method == "union" else (np.all, parts)
-        expected = join([part.query(x).numpy() for part in own], axis=0)
-        assert 0 < expected.sum() < len(x)
-        for each in (whole, reloaded(whole, tmp_path).to(device)):
-            assert (each.query(x).numpy() == expected).all()
-            assert (ask(each, x) == expected).all()
-        assert wb.certify(whole, grid).kind == "refuted"
+    whole = wb.cascade(parts[0], wb.cascade(*parts[1:]))
+    expected = np.all([part.query(x).numpy() for part in parts], axis=0)
+    assert 0 < expected.sum() < len(x)
+    for each in (whole, reloaded(whole, tmp_path).to(device)):
+        assert (each.query(x).numpy() == expected).all()
+        assert (ask(each, x) == expected).all()
+    assert wb.certify(whole, grid).kind == "refuted"
     assert wb.certify(wb.cascade(first, first), grid).proven
 
 
@@ -140,167 +127,32 @@ def fit(of, *query, method="aabb", **told) -> wb.Bounder:
 
 def test_what_cannot_be_put_together():
     aabb, kdop, mlp, occupancy = (fitted(method, "blob") for method in ("aabb", "kdop", "mlp", "occupancy"))
-    whole, other, foreign = wb.union(aabb, kdop), aabb.to("cpu"), aabb.to("cpu")
+    whole, other, foreign = wb.cascade(aabb, kdop), aabb.to("cpu"), aabb.to("cpu")
     other.info = aabb.info | {"indicator": "another"}
     foreign.freeze(float(aabb.threshold), replace(aabb.certificate, indicator="0" * 64))
-    for join, parts, message in (
-        (wb.cascade, (aabb,), "2 to 8"),
-        (wb.cascade, (aabb, fitted("mlp", "c")), "same queries and domain"),  # of another dimension
-        (wb.cascade, (aabb, occupancy), "not conservative"),
-        (wb.cascade, (fitted("mlp-early", "blob"), mlp), "exits"),
-        (wb.cascade, (other, mlp), "same object"),
-        (wb.cascade, (foreign, mlp), "certificates of the same object"),
-        (wb.cascade, (whole, aabb), "only the last part may have"),
-        (wb.union, (aabb,), "at least 2"),
-        (wb.union, (aabb, 3), "got int"),
-        (wb.union, (aabb, occupancy), "not conserv"),
-        (wb.union, (aabb, fit(shape("blob"), "box")), "same queries and domain"),
-        (wb.union, [fit(shape("blob"), "ray", length=length) for length in (2.0, 0.5)], "same queries and domain"),
-        (wb.union, (aabb, fit(shape("blob"), margin=0.05)), "of the same"),
-        (wb.union, (aabb, fit(shape("blob"), "distance")), "union: "),
+    for parts, message in (
+        ((aabb,), "2 to 8"),
+        ((aabb, fitted("mlp", "c")), "same queries and domain"),  # of another dimension
+        ((aabb, occupancy), "not conservative"),
+        ((other, mlp), "same object"),
+        ((foreign, mlp), "certificates of the same object"),
+        ((whole, aabb), "only the last part may have"),
+        ((aabb, fit(shape("blob"), "box")), "same queries and domain"),
+        ([fit(shape("blob"), "ray", length=length) for length in (2.0, 0.5)], "same queries and domain"),
+        ((aabb, fit(shape("blob"), margin=0.05)), "of the same"),
+        ((aabb, fit(shape("blob"), "distance")), "cascade: "),
     ):
         with pytest.raises(BounderError, match=message):
-            join(*parts)
-    with pytest.raises(BounderError, match="its parts have thresholds"):
-        whole.freeze(2.0, None)
-    nested = {"parts": [{"method": "union", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}
+            wb.cascade(*parts)
+    nested = {"parts": [{"method": "cascade", "sizes": whole.sizes}, *whole.sizes["parts"][1:]]}
     chain = wb.cascade(aabb, mlp)
     for kind, tensors, sizes in (
-        (Union, whole.tensors, nested),
+        (Cascade, whole.tensors, nested),
         (Cascade, chain.tensors | {"9.low": np.zeros(3, np.float32)}, chain.sizes),
         (Cascade, chain.tensors, {"parts": []}),
     ):
         with pytest.raises(BounderError):
             kind(whole.domain, dict(tensors), sizes, "cpu")
-
-
-BALL = ball_at((0.2, 0.1, 0.0), 0.7)
-
-
-@cache
-def in_two(first_end: float = 0.25) -> tuple[list, list]:
-    """Two boxes around both halves of a ball, cut at 0.25: parts and regions; the first may end before the cut."""
-    regions = [([-np.inf] * 3, [first_end, np.inf, np.inf]), ([0.25, -np.inf, -np.inf], [np.inf] * 3)]
-    regions, domain, parts = np.float64(np.array(regions, np.float32)), fit(BALL).domain, []
-    for region in regions:
-        own = part_of(BALL, region)
-        parts.append(wb.METHODS["aabb"].fit(own, domain, device="cpu"))
-        prove(parts[-1], own, eps=0.1, boxes=5_000)
-    return parts, [tuple(region) for region in regions]
-
-
-def test_any_part_may_pass(device, rng):
-    x = domain_points(shape("blob"), 5000, rng)
-    parts = [raised(fitted(method, "blob"), x, 0.6 + 0.1 * i) for i, method in enumerate(UNITED)]
-    parts.append(Cascade.of([raised(fitted(m, "blob"), x, share) for m, share in (("aabb", 0.3), ("mlp", 0.5))]))
-    whole = Union.of(parts).freeze(0.0, None).to(device)
-    x = x[~near([*parts[:4], *parts[4].parts], x)]
-    expected = np.any([part.to(device).query(x).numpy() for part in parts], axis=0)
-    assert 0.05 < expected.mean() < 0.95
-    assert (ask(whole, x) == expected).all()
-    values = whole.values(x).numpy()
-    assert (values[expected] >= 1.0).all()
-    assert (values[~expected] <= DENIED).all()
-    for count in (1, 17, 300, len(x)):  # the ends of blocks
-        assert (whole.query(x[:count]).numpy() == expected[:count]).all()
-
-
-def test_parts_in_regions_hold_all_of_it_together(tmp_path, rng):
-    whole = united(*in_two(), BALL)
-    x = rng.uniform(-1, 1, (20_000, 3)).astype(np.float32)
-    for each in (whole, reloaded(whole, tmp_path)):
-        assert each.certificate.proven
-        assert wb.certify(each, BALL).proven
-        assert each.query(x[BALL.contains(x)]).numpy().all()
-    part = whole.parts[0]
-    assert not part.query(x[BALL.contains(x)]).numpy().all()
-    assert wb.certify(part.freeze(part.threshold, None), BALL).kind == "refuted"
-
-
-def test_regions_that_do_not_cover_the_object_are_refused_with_a_point():
-    parts, regions = in_two(first_end=0.2)
-    with pytest.raises(BounderError, match=r"do not cover the object, which is at \(0\.2"):
-        united(parts, regions, BALL)
-    certificate = wb.certify(Union.of(parts, regions).freeze(0.0, None), BALL)
-    assert certificate.kind == "undecided"
-    assert "do not cover" in certificate.message
-    parts, regions = in_two()
-    with pytest.raises(BounderError, match="part 0 has no certificate for its region"):
-        united(parts[::-1], regions, BALL)
-    whole = united(parts, regions, BALL)
-    for region in ([[1.0] * 3, [0.0] * 3], [[0.0] * 2, [1.0] * 2], [[0.0] * 3], "box", [["x"] * 3] * 2):
-        entries = [whole.sizes["parts"][0] | {"region": region}, whole.sizes["parts"][1]]
-        with pytest.raises(BounderError, match="corners of a box"):
-            Union(whole.domain, whole.tensors, {"parts": entries}, "cpu")
-
-
-def test_a_root_and_any_child(device, tmp_path, rng):
-    x = domain_points(shape("blob"), 5000, rng)
-    root, *children = (raised(fitted(m, "blob"), x, 0.5 + 0.1 * i) for i, m in enumerate(UNITED[:3]))
-    children = Union.of(children).freeze(0.0, None)
-    expected = root.query(x).numpy() & children.query(x).numpy()
-    assert 0.05 < expected.mean() < 0.95
-    whole = Cascade.of([root, children]).to(device)
-    assert (whole.query(x).numpy() == expected).all()
-    assert (ask(whole, x) == expected).mean() > 0.999
-    assert ((whole.values(x).numpy() >= 0) == expected).all()
-    whole.info = fitted("mlp", "blob").info
-    assert wb.certify(whole, shape("blob")).kind == "refuted"
-    honest = wb.cascade(fitted("aabb", "blob"), wb.union(fitted("mlp", "blob"), fitted("kdop", "blob")))
-    again = reloaded(honest, tmp_path)
-    assert wb.certify(again, shape("blob")).proven
-    assert again.query(object_points(shape("blob"), rng)).numpy().all()
-
-
-def test_exits_of_a_part_are_proven_too():
-    grid = shape("c")
-    early = wb.fit(grid, "plane", "mlp-early", hidden=(6, 5), steps=3, device="cpu", progress=False)
-    exits = early.tensors | {"exits.thresholds": np.float32([1e5])}
-    lying = type(early)(early.domain, exits, early.sizes, "cpu").freeze(early.threshold, None)
-    for part, kind in ((lying, "refuted"), (early, "proven")):
-        whole = Union.of([part]).freeze(0.0, None)
-        whole.info = early.info
-        assert wb.certify(whole, grid).kind == kind
-
-
-@pytest.mark.parametrize(
-    ("told", "parts"),
-    [
-        ({"method": "learned-kdop", "levels": 1, "steps": 10}, {"aabb", "learned-kdop"}),
-        ({"levels": 1, "hidden": (8,), "steps": 50, "parts": 9}, {"aabb", "local"}),
-    ],
-)
-def test_a_hierarchy_is_proven(told, parts):
-    ball = ball_at((0.2, 0.1), 0.7)
-    tree = wb.hierarchy(ball, **told, device="cpu", progress=False)
-    assert {each.method for part in tree.parts for each in part.parts} == parts
-    assert tree.certificate.proven
-    assert wb.certify(tree, ball).proven
-    assert wb.evaluate(tree, ball, 20_000).fn == 0
-
-
-@pytest.mark.parametrize(
-    ("told", "message"),
-    [
-        ({"query": "ray"}, "point queries"),
-        *(({"levels": levels}, "levels") for levels in (0, 2.0, 20)),
-        *(({"method": method}, "cannot be a leaf") for method in ("voxels", "occupancy")),
-        ({"leaves": 8}, "did you mean 'levels'"),
-        ({"levels": 1, "k": 8}, "takes"),
-    ],
-)
-def test_what_a_hierarchy_refuses(told, message):
-    with pytest.raises(wb.BoundingError, match=message):
-        wb.hierarchy(ball_at((0.0, 0.0), 1.0), **told, device="cpu", progress=False)
-
-
-def test_a_union_around_a_shape_that_moves(rng):
-    whole = wb.union(fitted("aabb", "animated"), fitted("kdop", "animated"))
-    assert whole.certificate.proven
-    x = object_points(shape("animated"), rng)
-    assert whole.query(x).numpy().all()
-    x[:, 0] = rng.choice(np.float32([-9.0, 9.0]), len(x))  # times of which nothing is known
-    assert whole.query(x).numpy().all()
 
 
 SIDED = ("touching", "mesh")

@@ -12,8 +12,7 @@ from edges import COUNT, check_until
 from plain_shapes import LEANING, TETRAHEDRON
 
 import warp_bounding as wb
-from warp_bounding.bounders.cascade import Lattice, packed, unpacked
-from warp_bounding.bounders.mlp_distance import MlpDistance
+from warp_bounding.bounders.mlp_distance import Lattice, MlpDistance, packed, unpacked
 from warp_bounding.errors import BounderError, QueryError, ShapeError
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.shapes.shape import IN
@@ -213,7 +212,7 @@ def closing() -> tuple[wb.shapes.MovingMesh, wb.DistanceBounder]:
         for k, layer in enumerate(layers)
         for name, value in zip(("weight", "bias"), layer, strict=True)
     }
-    sizes = {"hidden": [12, 12], "activation": "relu", "metric": "space"}
+    sizes = {"hidden": [12, 12], "activation": "relu"}
     bounder = MlpDistance(domain, tensors, sizes, "cpu").freeze(-1e-4, None)
     bounder.info = {"margin": 0.0}
     return motion, bounder

@@ -35,7 +35,7 @@ def pointers(prepared) -> list[int]:
     return [array.ptr for array in (prepared.out, prepared.indices, prepared.count) if array is not None]
 
 
-@pytest.mark.parametrize("method", ["aabb", "voxels", "mlp-early"])
+@pytest.mark.parametrize("method", ["aabb", "voxels", "mlp"])
 def test_it_answers_as_query_does_and_what_is_written_to_x_next(method, device, rng):
     bounder, x = random_bounder(method, "blob", device), points_at(device, rng)
     out = wp.zeros(len(x), dtype=wp.bool, device=device)

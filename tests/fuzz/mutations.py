@@ -369,12 +369,8 @@ def tighten(file: File, bounder: Bounder, grid: Grid, rng: np.random.Generator) 
     if any(isinstance(part, Voxels) for part in tests):  # whole numbers: the threshold that tells them apart
         kinds = zip(bounder.parts, thresholds, strict=True)
         thresholds = [np.float32(0.75) if isinstance(part, Voxels) else t for part, t in kinds]
-    exits = len(thresholds) - 1
-    for name in ("thresholds", "exits.thresholds", f"{len(tests) - 2}.exits.thresholds"):
-        if name in file.tensors:
-            count = min(file.tensors[name].size, exits)
-            start = 0 if name == "thresholds" else exits - count
-            file.tensors[name] = np.array(thresholds[start : start + count], np.float32)
+    if "thresholds" in file.tensors:
+        file.tensors["thresholds"] = np.array(thresholds[: file.tensors["thresholds"].size], np.float32)
     file.document["threshold"] = float(thresholds[-1])
 
 

@@ -6,14 +6,13 @@ from functools import cache, partial
 
 import numpy as np
 import trimesh
-from bounding_shapes import EARLY, HIDDEN, random_mlp
+from bounding_shapes import HIDDEN, random_mlp
 from bounding_shapes import shape as grid_named
 from plain_shapes import balls_at
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, Cascade
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.proof import least_value
 from warp_bounding.queries import QUERY_KINDS
 from warp_bounding.queries.region_domain import domain_of
@@ -21,7 +20,7 @@ from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
 ACTIVATIONS = {"point": "sin", "plane": "relu"}
-CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp-early", "box": "aabb+bvh", "ray": "kdop+bvh"}
+CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+bvh", "ray": "kdop+bvh"}
 DISTANT = {  # what distances are told, so that a fit takes no time to speak of
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
@@ -41,8 +40,6 @@ FITTED = {  # of a mesh: query, method, and options of ``fit``
     "oriented box, dilated": ("point", "obb", DILATED),
     "network": ("point", "mlp", LEARNED),
     "network, dilated": ("point", "mlp", DILATED | LEARNED),
-    "exits": ("point", "mlp-early", {"hidden": EARLY, "steps": 5}),
-    "parts": ("point", "mlp", {"parts": 8, **LEARNED}),
     "cells": ("point", "voxels", {"resolution": 8}),
     "hierarchy": ("point", "bvh", {"leaves": 6, "resolution": 8}),
     "cascade": ("point", "kdop+mlp", DILATED | LEARNED),
@@ -58,10 +55,10 @@ FITTED = {  # of a mesh: query, method, and options of ``fit``
     "distance by nodes": ("distance", "distance-grid", {"nodes": 4, "budget": 4.0}),
 }
 # of every other shape without cells: each kind of claim once
-ALSO = ("network", "parts", "cells", "half-spaces, dilated", "network, dilated", "rays of a box", "inside, dilated")
+ALSO = ("network", "cells", "half-spaces, dilated", "network, dilated", "rays of a box", "inside, dilated")
 ALSO = (*ALSO, "distance of a network, dilated")
 # configurations of an arm have no dilation in metres, no rays and no distance
-UNFIT = {"arm": ALSO[3:]}
+UNFIT = {"arm": ALSO[2:]}
 
 
 def _mesh():
@@ -127,10 +124,7 @@ def _made(subject: Subject) -> Bounder:
     bounder = subject.make()
     if subject.shape in OTHERS:  # ``fit`` has told what it bounds
         return bounder
-    digest = subject.grid.digest
-    if bounder.of_distances:  # it may bound the cells in another metric
-        digest = bounder.info["indicator"]
-    bounder.info = {"indicator": digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
+    bounder.info = {"indicator": subject.grid.digest, "margin": 0.0, "grid_shape": list(subject.grid.shape), "seed": 0}
     return bounder
 
 
@@ -148,11 +142,6 @@ def network(name: str, query: str, hidden=HIDDEN) -> Mlp:
 def made(method: str, name: str, query: str) -> Bounder:
     """A bounder at its threshold."""
     grid, kind = shape(name), METHODS[method]
-    if method == "mlp-early":
-        whole, first = network(name, query, EARLY), network(name, query, EARLY[:1])
-        shared = {k: v for k, v in whole.tensors.items() if k.startswith("layers.0.")}
-        first = Mlp(first.domain, first.tensors | shared, first.sizes, "cpu")
-        return MlpEarly.of([resolved(first, name), resolved(whole, name)])
     fit = kind.fit if not issubclass(kind, Mlp) else lambda *_, **__: network(name, query)
     return resolved(fit(grid, domain_of(grid, query, LENGTH), device="cpu"), name)
 
@@ -166,12 +155,7 @@ def _fit(name: str, *which: str, **told) -> Bounder:
 
 
 def _distance(method: str, name: str, **options) -> Bounder:
-    own = DISTANT.get(method, {}) | options
-    return _fit(name, "distance", method, budget=4.0, metric="spacetime", **own)
-
-
-def _hierarchy(name: str) -> Bounder:
-    return wb.hierarchy(shape(name), method="aabb", levels=1, margin=MARGIN, device="cpu", progress=False)
+    return _fit(name, "distance", method, budget=4.0, **DISTANT.get(method, {}) | options)
 
 
 def subjects() -> list[Subject]:
@@ -181,8 +165,6 @@ def subjects() -> list[Subject]:
         for what in FITTED if name == "mesh" else [each for each in ALSO if each not in UNFIT.get(name, ())]:
             query, method, told = FITTED[what]
             found.append(Subject(f"{method} {query} {name}: {what}", name, partial(_fit, name, query, method, **told)))
-    for name in ("balls", "function"):
-        found.append(Subject(f"union point {name}: hierarchy of boxes", name, partial(_hierarchy, name)))
     for name in SHAPES:
         ndim = shape(name).ndim
         for method, kind in METHODS.items():
@@ -190,7 +172,7 @@ def subjects() -> list[Subject]:
                 if kind.conservative and kind.supports(query, ndim):
                     found.append(Subject(f"{method} {query} {name}", name, partial(made, method, name, query)))
         for method, kind in DISTANCES.items():
-            if kind.supports("distance", ndim):
+            if kind.supports("distance", ndim) and not shape(name).time:
                 found.append(Subject(f"{method} distance {name}", name, partial(_distance, method, name)))
     found.append(Subject("mlp distance c in parts", "c", partial(_distance, "mlp", "c", parts=20)))
     for query, methods in CASCADES.items():

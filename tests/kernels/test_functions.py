@@ -8,7 +8,7 @@ import pytest
 import rebound
 import warp as wp
 from asking import asking_kernel
-from bounding_shapes import EARLY, HIDDEN, random_mlp, shape
+from bounding_shapes import HIDDEN, random_mlp, shape
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
@@ -25,14 +25,9 @@ FAR = 1e3  # outside of every domain
 
 
 def network(kind: type[Mlp], query: str, device: str) -> Mlp:
-    early, domain = kind.method == "mlp-early", domain_of(shape("c"), query)
-    made = random_mlp(None, EARLY if early else HIDDEN, domain=domain)
-    tensors, outputs = dict(made.tensors), made.head.outputs
-    if early:
-        tensors["exits.0.weight"] = np.ones((outputs, EARLY[0]), np.float32)
-        tensors["exits.0.bias"] = np.ones(outputs, np.float32)
-        tensors["exits.thresholds"] = np.array([-1.0], np.float32)
-    return kind(domain, tensors, made.sizes, device)
+    domain = domain_of(shape("c"), query)
+    made = random_mlp(None, HIDDEN, domain=domain)
+    return kind(domain, made.tensors, made.sizes, device)
 
 
 @cache

@@ -23,7 +23,7 @@ from warp_bounding.bounders import METHODS
 from warp_bounding.kernels.plain import kdop_kernel, mlp_kernel
 
 COUNTS = (1, 511, 513, 2049)
-DEEP = ("bvh", "learned-kdop", "relu-field", "voxels", "mlp", "mlp-early")  # in other dimensions than three
+DEEP = ("bvh", "learned-kdop", "relu-field", "voxels", "mlp")  # in other dimensions than three
 
 
 def check_values(bounder, x: np.ndarray) -> None:

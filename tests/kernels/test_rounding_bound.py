@@ -1,6 +1,5 @@
 """``rounding_bound`` against bounds that are derived from the C text of f, operation by operation (``tracked``)."""
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -12,7 +11,6 @@ from tracked import tracked
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.bounders.cascade import Lattice, Local
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks.network import HEADS
 from warp_bounding.queries.region_domain import domain_of
@@ -34,15 +32,8 @@ def network(hidden: tuple[int, ...], activation: str, query: str) -> Mlp:
     return Mlp(made.domain, tensors, made.sizes, "cpu")
 
 
-def local() -> Local:
-    whole = threshold_at_median(random_mlp(shape("blob")))
-    limit = whole.domain.limit.astype(np.float64)
-    lattice = Lattice.of(-limit, limit, (2, 3, 1))
-    return Local.of(whole, lattice, float(whole.threshold) + np.arange(-3, 3) / 8.0, 2.0**-8)
-
-
-def joined(join: Callable) -> Bounder:
-    return join(*(threshold_at_median(random_bounder(method, "blob")) for method in ("kdop", "sphere", "mlp")))
+def joined() -> Bounder:
+    return wb.cascade(*(threshold_at_median(random_bounder(method, "blob")) for method in ("kdop", "sphere", "mlp")))
 
 
 def parts_of_a_distance() -> Bounder:
@@ -57,7 +48,7 @@ MADE |= {
     for hidden, activation in NETWORKS
     for query in HEADS
 }
-MADE |= {"local": local, "cascade": partial(joined, wb.cascade), "union": partial(joined, wb.union)}
+MADE |= {"cascade": joined}
 MADE |= {f"distance {method}": partial(far, method, "blob") for method in DISTANCES}
 MADE |= {"distance in parts": parts_of_a_distance}
 

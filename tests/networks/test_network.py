@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 import warp as wp
 from bounding_shapes import (
-    EARLY,
     HIDDEN,
     NETWORKS,
     crossed,
@@ -30,7 +29,6 @@ from region_cases import hard_regions
 import warp_bounding as wb
 from warp_bounding.activations import ACTIVATIONS, SINE, SINE_LIMIT
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.network import Network
 from warp_bounding.queries import oracle, sample
@@ -285,7 +283,7 @@ def test_bounds_hold_near_the_end_of_the_certified_sine(width, rng):
 
 CASES = [  # each method with each query, with each activation, and in each dimension
     *(("mlp", "point", name, act) for name, act in (("c", "sin"), ("animated", "relu"), ("blob", "sin"))),
-    *(("mlp", "plane", "c", "relu"), ("mlp-early", "point", "animated", "sin"), ("mlp-early", "plane", "c", "sin")),
+    *(("mlp", "plane", "c", "relu"), ("mlp", "plane", "c", "sin")),
     *(("occupancy", "point", "c", "relu"), ("occupancy", "plane", "c", "relu")),
 ]
 
@@ -295,8 +293,7 @@ def test_every_activation_in_every_network(method, query, name, activation, monk
     # these are hardly trained: a proof holds wherever it ends
     monkeypatch.setattr(networks, "LIMITS", replace(networks.LIMITS, boxes=100_000))
     grid, kind = shape(name), METHODS[method]
-    hidden = EARLY if issubclass(kind, MlpEarly) else HIDDEN
-    reported = report_of(method, query, activation=activation, hidden=hidden, steps=3)
+    reported = report_of(method, query, activation=activation, hidden=HIDDEN, steps=3)
     bounder = wb.fit(grid, query, method, device="cpu", **reported)
     assert bounder.activation == activation
     loaded = reloaded(bounder, tmp_path)

@@ -18,7 +18,6 @@ from warp_bounding.errors import BounderError, FileFormatError, ShapeError
 from warp_bounding.networks import network_shape
 from warp_bounding.proof import check, distances
 from warp_bounding.proof.halving import KEY, Checkpoint
-from warp_bounding.shapes.parts import Clipped
 from warp_bounding.shapes.recentred import Frame, Recentred
 
 
@@ -176,7 +175,6 @@ FUNCTIONS = {  # whatever a function of the user's decides
     "function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=disc),
     "dilated": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=disc).dilated(0.25),
     "outside": lambda: wb.shapes.Complement(FUNCTIONS["function"]()),
-    "part": lambda: Clipped(FUNCTIONS["function"](), [-9, -9], [0.5, 9]),
     "far away": lambda: Recentred(FUNCTIONS["function"](), Frame((500000.0, 4e6), (0.0, 0.0))),
 }
 

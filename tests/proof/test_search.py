@@ -5,16 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bounding_shapes import device_coordinates, object_points, random_bounder, random_mlp, shape
-from rewriting import changed
 from shape_kinds import network as network_of_sines
 
 import warp_bounding as wb
 from warp_bounding.bounders import METHODS
-from warp_bounding.bounders.cascade import Lattice, Local
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof import least_value, minimum, positive_boxes
 from warp_bounding.proof import search as module
-from warp_bounding.proof.prove import Lost
 from warp_bounding.proof.search import WORST, ShapePositives
 from warp_bounding.shapes.grid import Grid, blocks_of
 
@@ -113,7 +110,7 @@ def test_boxes_hold_all_that_devices_compute(name, rng):
         assert grid.time or queried.all()
 
 
-# --- many boxes, and groups of them ----------------------------------------------------------------------------------
+# --- many boxes ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("many", "too_many"), [(1000, 2000), (10**9, 10**9)])
@@ -126,25 +123,11 @@ def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng
     bounder = random_mlp(own)
     x = rng.uniform(own.lower, own.upper, (100_000, 3))
     held = own.contains(x)
-    positives, negatives = bounder.domain.to_local(x[held]), bounder.domain.to_local(x[~held][:20_000])
+    positives = bounder.domain.to_local(x[held])
     found = ShapePositives(bounder, own)
     reported = {"eps": 1e-4, "boxes": 20_000, "points": positives[:100], "positives": found}
     search = minimum(found, *found.boxes(), **reported)
     assert -np.inf < search.lower_bound <= bounder.reference(positives).min()
-    halves = np.arange(2)
-    lower, upper = (np.repeat(side, 2, axis=0) for side in found.boxes())
-    upper[0, 0] = lower[1, 0] = 0.0
-
-    def part(v):
-        return (v[:, 0] > 0).astype(np.int64)
-
-    least = np.full(2, np.inf)
-    np.minimum.at(least, part(positives[:100]), bounder.reference(positives[:100]))
-    price = Lost(bounder.reference(negatives), part(negatives), least)
-    search = minimum(found, lower, upper, groups=halves, group_of=part, group_count=2, price=price, **reported)
-    for number in halves:
-        assert search.by_group[number] <= bounder.reference(positives[part(positives) == number]).min()
-    assert search.by_group.min() == search.lower_bound
 
 
 # --- half-spaces that hold a shape in boxes --------------------------------------------------------------------------
@@ -173,24 +156,3 @@ def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
     assert (holds & ~kept).any()
     assert ((found.lower > bounds.lower) & (found.lower < np.inf)).any()
     assert (found.cut == ((inside > low) | (outside < high)).any(axis=1)).all()
-
-
-def test_a_network_with_thresholds_by_region_has_bounds_of_its_own():
-    """The network's slopes are not those less a threshold: with them everything would seem to be proven."""
-    own = network_of_sines(2, -0.332)
-    fitted = wb.fit(own, hidden=(8,), steps=100, device="cpu", progress=False)
-    higher = fitted.tensors["layers.1.bias"] + np.float32(5)  # thresholds above 0 are what the slopes would leave out
-    network = changed(fitted, {"layers.1.bias": higher}).freeze(float(fitted.threshold) + 4.999, None)
-    x = np.random.default_rng(1).uniform(own.lower, own.upper, (20_000, 2)).astype(np.float32)
-    x = x[own.contains(x)]
-    limit = network.domain.limit.astype(np.float64)
-    lattice, lowest = Lattice.of(-limit, limit, (3, 3)), float(network.threshold)
-    assert network.values(x).numpy().min() > lowest
-    highest = float(network.values(x).numpy().max())
-    for thresholds, kind in ((lowest - 0.01, "proven"), (highest, "refuted"), (np.inf, "refuted")):
-        local = Local.of(network, lattice, np.full(lattice.count, thresholds), 2.0**-10)
-        local.info = dict(network.info)
-        local.freeze(-1e-3, None)
-        assert (local.query(x).numpy() == 1).all() == (kind == "proven")
-        for bounder in (local, wb.cascade(wb.fit(own, method="aabb", device="cpu"), local)):
-            assert wb.certify(bounder, own).kind == kind

@@ -4,30 +4,27 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
-from bounding_shapes import CONSERVATIVE, EARLY, HIDDEN, fitted_query, random_mlp, shape
+from bounding_shapes import CONSERVATIVE, DEEP, fitted_query, random_mlp, shape
 from bounding_shapes import fitted as hardly_fitted
 from distances import far
 from edges import COUNT, check_until, met
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, METHODS
-from warp_bounding.bounders.cascade import Lattice, Local
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof import prove
 from warp_bounding.shapes import Grid
 
-CASES = [("mlp", "c"), *((m, "blob") for m in ("mlp", "mlp-early", "local", "mlp-early|mlp&local", "kdop", "bvh"))]
+CASES = [("mlp", "c"), *((m, "blob") for m in ("mlp", "mlp&deep", "kdop", "bvh"))]
 
 
 @cache
 def fitted(method: str, name: str) -> wb.Bounder:
-    for sign, joined in (("|", wb.union), ("&", wb.cascade)):
-        if sign in method:
-            return joined(*[fitted(part, name) for part in method.split(sign)])
-    if method == "local":
-        return wb.fit(shape(name), hidden=HIDDEN, steps=100, parts=20, device="cpu")
+    if "&" in method:
+        return wb.cascade(*[fitted(part, name) for part in method.split("&")])
+    if method == "deep":
+        return wb.fit(shape(name), hidden=DEEP, steps=100, device="cpu")
     return fitted_query(name, method, "point", 1.0, 100) if method.startswith("mlp") else hardly_fitted(method, name)
 
 
@@ -60,7 +57,7 @@ def test_cleared_segments_meet_no_point_of_the_object(method, name, rng):
     assert (quick != clear).mean() < 1e-2  # an end so near to the object that float32 does not deny it
 
 
-@pytest.mark.parametrize(("method", "name"), [("mlp", "c"), *((m, "blob") for m in ("local", "mlp-early|mlp&local"))])
+@pytest.mark.parametrize(("method", "name"), [("mlp", "c"), ("mlp&deep", "blob")])
 def test_one_segment_at_a_time_is_cleared_as_in_a_batch_or_farther(method, name, rng):
     """A network's lanes share a segment, of which they take shorter pieces."""
     bounder, grid = fitted(method, name), shape(name)
@@ -97,7 +94,7 @@ def test_no_place_of_a_distance_is_behind_the_object(method, rng):
 
 def network(share: float, activation: str, seed: int) -> Mlp:
     """A random one, of small bends, that denies about this share of all points."""
-    made = random_mlp(shape("c"), EARLY, activation, seed, gain=8.0)
+    made = random_mlp(shape("c"), DEEP, activation, seed, gain=8.0)
     return denying(made, share, seed)
 
 
@@ -107,38 +104,14 @@ def denying(made: Mlp, share: float, seed: int) -> Mlp:
     return made.freeze(float(np.float32(np.quantile(f, share) - 0.05 * np.ptp(f))), None)
 
 
-def exits(share: float, activation: str, seed: int) -> MlpEarly:
-    """The same behind an exit, that of another one's output."""
-    last, other = (network(share, activation, seed + more) for more in (0, 100))
-    first = {f"layers.0.{name}": last.tensors[f"layers.0.{name}"] for name in ("weight", "bias")}
-    first |= {"layers.1.weight": other.tensors["layers.1.weight"][:1], "layers.1.bias": np.zeros(1, np.float32)}
-    early = Mlp(last.domain, first, last.sizes | {"hidden": [EARLY[0]]}, "cpu")
-    return MlpEarly.of([denying(early, share, seed), last])
-
-
-def parted(share: float, activation: str, seed: int) -> Local:
-    """The same with thresholds of parts, at random around its own, and a part of which it denies nothing."""
-    whole, rng = network(share, activation, seed), np.random.default_rng(seed)
-    limit = whole.domain.limit.astype(np.float64)
-    lattice = Lattice.of(-limit, limit, (5, 5))
-    thresholds = float(whole.threshold) + rng.normal(size=lattice.count) * 0.2
-    thresholds[0] = -np.inf
-    return Local.of(whole, lattice, thresholds, 2.0**-8).freeze(0.0, None)
-
-
-def several(join, share: float, *kinds):
+def several(share: float, *kinds):
     """Some of them, put together."""
-    return lambda activation, seed: join(*[k(share, activation, 10 * seed + i) for i, k in enumerate(kinds)])
+    return lambda activation, seed: wb.cascade(*[k(share, activation, 10 * seed + i) for i, k in enumerate(kinds)])
 
 
 OF_NETWORKS = {
     "one": partial(network, 0.8),
-    "exits": partial(exits, 0.5),
-    "parts": partial(parted, 0.8),
-    "all": several(wb.cascade, 0.4, network, network, exits),
-    "all, with parts": several(wb.cascade, 0.5, network, parted),
-    "any": several(wb.union, 0.9, network, network, parted),
-    "any of all": several(wb.union, 0.8, lambda *own: wb.cascade(network(*own), network(0.3, *own[1:])), exits),
+    "all": several(0.4, network, network, network),
 }
 
 

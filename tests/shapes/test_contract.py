@@ -82,7 +82,7 @@ def test_what_is_no_point_and_no_box(name):
 
 
 # the whole is dilated there
-@pytest.mark.parametrize("name", [name for name in KINDS if dilates(name) and name not in ("outside", "part")])
+@pytest.mark.parametrize("name", [name for name in KINDS if dilates(name) and name != "outside"])
 def test_a_margin_holds_what_is_near(name, rng):
     """All points within it in space, and nothing beyond the box; cells that are laid over it hold it."""
     shape, wide = made(name), made(name, MARGIN)

@@ -9,15 +9,13 @@ import warp_bounding as wb
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.bounders.mlp_early import MlpEarly
-from warp_bounding.evaluation import quick_rates
 from warp_bounding.networks import tensor_cores
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.shapes import Grid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
-EARLY = (6, 5)  # of one with exits
+DEEP = (6, 5)  # of one with two hidden layers
 # of random weights, where sizes matter: below, on and above multiples of the lanes; activation
 NETWORKS = [(hidden, name) for hidden in ((25, 25), (13, 30, 5)) for name in ("sin", "relu")]
 
@@ -86,18 +84,7 @@ def fitted(method: str, name: str) -> wb.Bounder:
 
 @cache
 def _fitted(method: str, name: str) -> wb.Bounder:
-    return without_grants(fitted_query(name, method, "point", 1.0), shape(name))
-
-
-def without_grants(bounder: wb.Bounder, grid: Grid) -> wb.Bounder:
-    """The same without grants: the exits of a network that has learnt nothing would grant every query."""
-    if not isinstance(bounder, MlpEarly):
-        return bounder
-    kept = {name: tensor for name, tensor in bounder.tensors.items() if not name.startswith("grants.")}
-    plain = type(bounder)(bounder.domain, kept, bounder.sizes, "cpu")
-    plain.freeze(float(bounder.threshold), bounder.certificate)
-    plain.info = bounder.info | {"rates": quick_rates(plain, grid)}
-    return plain
+    return fitted_query(name, method, "point", 1.0)
 
 
 def report_of(method: str, query: str = "point", **options) -> dict:
@@ -110,8 +97,7 @@ def report_of(method: str, query: str = "point", **options) -> dict:
 @cache
 def fitted_query(name: str, method: str, query: str, length: float, steps: int = 3) -> wb.Bounder:
     """A bounder of any kind of query, of few steps, on the CPU; never change it."""
-    hidden = EARLY if method == "mlp-early" else HIDDEN
-    told = report_of(method, query, hidden=hidden, steps=steps, length=length)
+    told = report_of(method, query, hidden=HIDDEN, steps=steps, length=length)
     return wb.fit(shape(name), query, method, device="cpu", **told)
 
 
@@ -180,14 +166,8 @@ def random_bounder(method: str, name: str, device: str = "cpu"):
     grid, kind = shape(name), METHODS[method]
     if not issubclass(kind, Mlp):
         return kind.fit(grid, Domain.of(grid), device=device)
-    network = random_mlp(grid, hidden=EARLY if method == "mlp-early" else HIDDEN, device=device)
-    tensors = dict(network.tensors)
-    if method == "mlp-early":
-        rng = np.random.default_rng(7)
-        tensors["exits.0.weight"] = rng.normal(size=(1, EARLY[0])).astype(np.float32)
-        tensors["exits.0.bias"] = rng.normal(size=1).astype(np.float32)
-        tensors["exits.thresholds"] = np.array([-1.0], np.float32)
-    return kind(network.domain, tensors, network.sizes, device)
+    network = random_mlp(grid, device=device)
+    return kind(network.domain, network.tensors, network.sizes, device)
 
 
 def rounding_of_answers(bounder) -> float:

@@ -14,8 +14,6 @@ POINTS = 500  # of a segment
 
 def met(bounder: Bounder, v: np.ndarray) -> np.ndarray:
     """Whether f is so high at coordinates that a proven object may be there: what segments must stay out of."""
-    if isinstance(bounder, wb.bounders.Union):
-        return np.any([met(part, v) for part in bounder.members], axis=0)
     if len(bounder.parts) > 1:
         return np.all([met(part, v) for part in bounder.parts], axis=0)
     within = (np.abs(v) <= bounder.domain.limit).all(axis=1)

@@ -10,7 +10,6 @@ from bounding_shapes import shape as grid
 
 import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
-from warp_bounding.shapes.parts import Clipped
 from warp_bounding.shapes.recentred import Frame, Recentred
 from warp_bounding.shapes.shape import IN
 
@@ -89,7 +88,6 @@ KINDS = {
     "short function": lambda: wb.shapes.Function(None, [-1, -1], [1, 1], distance=lambda x: 0.25 * distance(x)),
     "network": network,
     "outside": lambda: wb.shapes.Complement(mesh(TORUS)),
-    "part": lambda: Clipped(mesh(TORUS), [0, -9, -9], [9, 9, 9]),
     "far away": lambda: Recentred(grid("blob"), Frame((500000.13, 4649776.37, 12.7), (1e-4, 0.0, 0.0))),
 }
 

@@ -40,7 +40,7 @@ def place():
 @pytest.fixture(scope="module")
 def bounders(place):
     own = {"bvh": {"leaves": 24}, "learned-kdop": {"steps": 20}}
-    own["mlp"] = {"hidden": (4, 12, 12), "steps": 200, "parts": 16}
+    own["mlp"] = {"hidden": (4, 12, 12), "steps": 200}
     own["occupancy"] = {"hidden": (16, 16), "steps": 120}
     made = {}
     for name, spec in SPECS.items():

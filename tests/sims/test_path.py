@@ -22,7 +22,7 @@ from sims.prefitted import FitSpec
 
 STATES, PROBLEMS = 400, 12
 SMALL = {"hidden": (16, 16), "steps": 60}
-PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "mlp-early", "distance", "distance-grid", "aabb+mlp")
+PROVEN = ("aabb", "kdop", "bvh", "learned-kdop", "mlp", "distance", "distance-grid", "aabb+mlp")
 PROVEN += ("mlp+inside", "bvh+inside", "distance+inside", "distance-grid+inside")
 
 

@@ -37,7 +37,7 @@ def test_what_does_not_fit_is_refused_with_both_numbers():
         (MLP, grid, MLP, disc(0.35), "another shape, array; expected"),
         (MLP, grid, MLP, grid.to_grid(margin=0.05), r"too small a margin, expected 0\.05, got 0"),
         (MLP, grid, inner, grid, "from the inside, got one from the other side"),
-        (MLP, grid, FitSpec("mlp-early"), grid, "of method mlp-early, got mlp"),
+        (MLP, grid, FitSpec("kdop"), grid, "of method kdop, got mlp"),
         (cells, mesh, whole, mesh, "itself, got one of its cells at resolution 8"),
         (whole, mesh, cells, mesh, "cells at resolution 8, got one of the shape itself"),
         (rays, grid, FitSpec("aabb", query="ray"), grid, "rays of length 1, got 2"),

@@ -87,7 +87,6 @@ def test_a_hierarchy_whose_time_is_over_has_fewer_boxes_and_is_proven(rng):
     ("method", "query"),
     [
         *(("learned-kdop+mlp", query) for query in HEADS),
-        *(pytest.param("kdop+mlp-early", query, marks=pytest.mark.slow) for query in HEADS),
         *(("learned-kdop+bvh", query) for query in ("ray", "box")),
     ],
 )
@@ -106,7 +105,7 @@ def test_a_cascade_is_fitted_and_says_what_its_parts_say(method, query, tmp_path
 
 @pytest.mark.parametrize("query", ["ray", "box"])
 def test_networks_of_rays_and_boxes_are_refused_in_one_line_that_names_the_distance(query):
-    for method in ("mlp", "mlp-early", "aabb+mlp", "occupancy"):
+    for method in ("mlp", "aabb+mlp", "occupancy"):
         with pytest.raises(BounderError, match=rf"does not bound {query} queries.*fit\(shape, 'distance'\)$") as error:
             wb.fit(shape("c"), query, method)
         assert "\n" not in str(error.value)
@@ -116,7 +115,6 @@ def test_networks_of_rays_and_boxes_are_refused_in_one_line_that_names_the_dista
     ("method", "message"),
     [
         ("aabb+occupancy", "occupancy is not conservative"),
-        ("mlp-early+mlp", "only the last part may have exits"),
         ("aabb+", "method must be one of"),
         ("aabb+magic", "method must be one of"),
         ("+".join(["aabb"] * 9), "2 to 8"),
@@ -126,24 +124,6 @@ def test_what_is_no_cascade_is_refused_before_anything_is_fitted(method, message
     monkeypatch.setattr(networks, "_Fit", None)
     with pytest.raises(BounderError, match=message):
         few("c", method)
-
-
-def test_a_last_part_that_is_fitted_already_is_taken_as_it_is_where_it_belongs(monkeypatch):
-    network, grid = few("star", steps=20), shape("star")
-    monkeypatch.setattr(networks, "_Fit", None)
-    whole = few("star", "learned-kdop+mlp", steps=20, last=network)
-    assert whole.threshold == network.threshold
-    assert len(whole.tensors["0.offsets"]) == 40
-    assert whole.certificate.kind == network.certificate.kind
-    assert whole.info["training"]["seconds"] > network.info["training"]["seconds"]
-    assert wb.evaluate(whole, grid).fp_rate < wb.evaluate(network, grid).fp_rate
-    for name, method, query, words in (
-        ("star", "mlp+kdop", "point", "last must be the last of several methods"),
-        ("c", "learned-kdop+mlp", "point", "same"),
-        ("star", "kdop+mlp", "plane", "same queries and domain"),
-    ):
-        with pytest.raises(BounderError, match=words):
-            few(name, method, query, last=network)
 
 
 # --- what trains: gradients, and weights that are copied --------------------------------------------------------------
@@ -263,10 +243,9 @@ TAKEN = {
     ("kdop", "point"): {"k"},
     ("kdop", "ray"): {"k", "length"},
     ("bvh", "point"): {"leaves", "hidden"},
-    ("mlp", "point"): {"hidden", "activation", "parts", "steps"},
-    ("mlp-early", "point"): {"hidden", "activation", "steps"},
+    ("mlp", "point"): {"hidden", "activation", "steps"},
     ("mlp", "plane"): {"hidden", "activation", "steps"},
-    ("kdop+mlp", "point"): {"k", "hidden", "activation", "parts", "steps"},
+    ("kdop+mlp", "point"): {"k", "hidden", "activation", "steps"},
 }
 
 
@@ -293,7 +272,7 @@ def test_options_that_a_method_does_not_take_are_refused(method, query, monkeypa
 def test_what_cannot_be_statistical():
     grid = shape("c")
     true = {"statistical": True}
-    for options in ({"statistical": "yes"}, true | {"parts": 16}, true | {"query": "plane"}, true | {"query": "box"}):
+    for options in ({"statistical": "yes"}, true | {"query": "plane"}, true | {"query": "box"}):
         with pytest.raises(BounderError):
             wb.fit(grid, **options, steps=2, device="cpu")
 
@@ -301,8 +280,6 @@ def test_what_cannot_be_statistical():
 def test_a_name_that_is_typed_wrong_is_told_with_the_one_that_was_meant(tmp_path):
     with pytest.raises(BounderError, match="there is no option 'marign'; did you mean 'margin'"):
         wb.fit(shape("blob"), method="kdop", device="cpu", marign=2.0)
-    with pytest.raises(BounderError, match="did you mean 'levels'"):
-        wb.hierarchy(shape("blob"), method="kdop", device="cpu", level=1)
     with pytest.raises(BounderError, match="there is no option 'sample'"):
         wb.baking.bake(tmp_path, tmp_path / "out", method="kdop", sample=1000)
 

@@ -1,37 +1,13 @@
-"""Exits and grants, occupancies, first layers of waves, and fits to the queries that a caller asks."""
+"""Occupancies, first layers of waves, and fits to the queries that a caller asks."""
 
 import numpy as np
 import pytest
-from bounding_shapes import shape
 from plain_shapes import ball_at
 
 import warp_bounding as wb
 from sims.arm.robots import CELLS
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.kernels.source import GRANTED
-from warp_bounding.queries import oracle, sample
-from warp_bounding.training.recipes.early import COST
 from warp_bounding.training.samples import samples_of
-
-STEPS = {"point": 200, "plane": 300}
-
-
-@pytest.mark.parametrize("query", STEPS)
-def test_a_fit_grants_much_and_costs_little(query):
-    grid = shape("c")
-    bounder = wb.fit(grid, query, "mlp-early", hidden=(12, 10), steps=STEPS[query], device="cpu", progress=False)
-    x = sample(query, grid, 100_000, np.random.default_rng(9)).astype(np.float32)
-    truth = oracle(query, grid, "cpu", bounder.domain.oracle_length)(x)
-    never = bounder.granting([], [GRANTED])
-    assert never.threshold == bounder.threshold
-    answers, before = bounder.query(x).numpy() != 0, never.query(x).numpy() != 0
-    assert answers[truth].all()
-    assert answers[before].all()
-    granted = bounder.values(x).numpy() == np.float32(GRANTED)
-    assert granted.mean() > 0.2 * before.mean()
-    allowed = COST * (before & ~truth).sum()
-    assert (answers & ~before).sum() <= allowed + 5 * np.sqrt(allowed) + 10  # other queries than those it was chosen by
-    assert never.certificate == bounder.certificate
 
 
 def test_a_network_of_waves_is_proven():

@@ -12,9 +12,7 @@ from warp_bounding.bounders.learned_kdop import LearnedKdop, LearnedKdopDistance
 from warp_bounding.bounders.load import bounder_of, load
 from warp_bounding.bounders.mlp import Mlp, Occupancy
 from warp_bounding.bounders.mlp_distance import MlpDistance
-from warp_bounding.bounders.mlp_early import MlpEarly
 from warp_bounding.bounders.relu_field import ReluField
-from warp_bounding.bounders.union import Union, union, united
 from warp_bounding.bounders.volumes import Aabb, Kdop, Obb
 from warp_bounding.bounders.voxels import Voxels
 from warp_bounding.certificates import Certificate
@@ -30,7 +28,6 @@ __all__ = [
     "Data",
     "DistanceBounder",
     "Prepared",
-    "Union",
     "bounder_of",
     "cascade",
     "compact",
@@ -39,15 +36,13 @@ __all__ = [
     "register",
     "save",
     "supports",
-    "union",
-    "united",
     "unregister",
 ]
 
 # In the order in which they are listed everywhere.
 for _method in (
     *(Aabb, Obb, Sphere, Ellipsoid, OrientedEllipsoid, Kdop, Bvh, LearnedKdop, Voxels),
-    *(ReluField, Mlp, MlpEarly, Occupancy),
+    *(ReluField, Mlp, Occupancy),
     *(AabbDistance, ObbDistance, KdopDistance, BvhDistance, LearnedKdopDistance, DistanceGrid, MlpDistance),
 ):
     register(_method)

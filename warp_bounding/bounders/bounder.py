@@ -185,7 +185,6 @@ class Bounder(Queryable):
     method: ClassVar[str]
     highest_threshold: ClassVar[float] = np.inf  # the highest that a proof may set
     exact_on_cells: ClassVar[bool] = True  # one pass over the cells (``least``) is the proof, without a search
-    composed: ClassVar[bool] = False  # a union of bounders, with an f and a threshold of its own
     of_volume: ClassVar[bool] = False  # regions are tested against a volume of points
     lays_cells: ClassVar[bool] = False  # it is made of cells, also where the shape has none
     conservative: ClassVar[bool] = True  # False: it has false negatives, for comparison, and never a certificate
@@ -276,13 +275,6 @@ class Bounder(Queryable):
             other fields of ``BoxBounds`` are for networks.
         """
 
-    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes ``(N, n)`` of v cut where f jumps: corners of the pieces, and the index of each piece's box.
-
-        By default f does not jump.
-        """
-        return lower, upper, np.arange(len(lower))
-
     @abstractmethod
     def rounding_bound(self) -> float:
         """``E``: bound of the error of ``f`` as any device computes it, for ``|v| <= domain.limit``.
@@ -295,13 +287,6 @@ class Bounder(Queryable):
     def parts(self) -> "list[Bounder]":
         """The bounders whose conjunction this is, each at its threshold; they are proven one by one."""
         return [self]
-
-    def obligations(self, shape: Shape) -> "list[tuple[Bounder, Shape]]":
-        """The parts, each with the shape that it must be proven for; together they prove this for ``shape``.
-
-        Raises ``BounderError`` if no proofs of parts can.
-        """
-        return [(part, shape) for part in self.parts]
 
     @cached_property
     def volume(self) -> "Bounder | None":
@@ -475,7 +460,7 @@ _distances: dict[str, type[Bounder]] = {}
 METHODS: Mapping[str, type[Bounder]] = MappingProxyType(_registered)  # in the order in which they were registered
 DISTANCES: Mapping[str, type[Bounder]] = MappingProxyType(_distances)  # of distances; a name in both is of one volume
 Kind = TypeVar("Kind", bound=Bounder)
-COMPOSED: dict[str, type[Bounder]] = {}  # made of others (``cascade.Composed``): files name them, ``fit`` does not
+COMPOSED: dict[str, type[Bounder]] = {}  # made of others (``cascade``): files name them, ``fit`` does not
 
 
 def register(kind: type[Kind]) -> type[Kind]:

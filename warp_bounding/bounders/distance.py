@@ -45,7 +45,7 @@ from warp_bounding.kernels.distances import (
 )
 from warp_bounding.kernels.source import Lanes, fill
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain
+from warp_bounding.queries.distance import DISTANCE, DistanceDomain
 from warp_bounding.queries.domain import Domain, json_number
 from warp_bounding.queries.placement import numbers_of
 from warp_bounding.queries.point import POINT
@@ -120,8 +120,6 @@ def _rows(flat: wp.array, count: int, columns: int) -> np.ndarray:
 
 # --- the base --------------------------------------------------------------------------------------------------------
 
-METRIC = Option("metric", METRICS[0], f"of a shape whose coordinate 0 is time: {' or '.join(METRICS)}")
-
 
 def _is_reach(value) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= 4
@@ -148,14 +146,8 @@ class DistanceBounder(Bounder):
 
     of_distances = True
     highest_threshold = 0.0  # a higher one does not account for rounding
-    options = (METRIC,)
     moving: ClassVar[bool] = False  # whether it has distances of shapes that move
     domain: DistanceDomain
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        if METRIC not in cls.options:
-            cls.options = (*cls.options, METRIC)
 
     @classmethod
     def check_domain(cls, domain: Any) -> None:
@@ -600,10 +592,10 @@ class VolumeDistance(DistanceBounder):
         return super().supports(query, ndim) and cls.bounds.supports(POINT.name, ndim)
 
     @classmethod
-    def around(cls, volume: Bounder, domain: DistanceDomain, sizes: dict[str, Any], device: str | None = None):
+    def around(cls, volume: Bounder, domain: DistanceDomain, device: str | None = None):
         """The distance to the volume of a bounder of points, with a threshold that covers rounding and nothing else."""
         told = {"domain": volume.domain.to_dict(), "sizes": volume.sizes, "threshold": float(volume.threshold)}
-        return cls(domain, volume.tensors, {**sizes, "volume": told}, device)
+        return cls(domain, volume.tensors, {"volume": told}, device)
 
     def check_tensors(self) -> None:
         told = self.sizes.get("volume")

@@ -72,9 +72,12 @@ def load(path: str | os.PathLike, device: str | None = None) -> Bounder:
 
 # Methods of older files that are gone, and what does their work now.
 GONE = {
-    "composition": "put together by & and |: fit it anew, with cascade, union or hierarchy",
+    "composition": "put together by & and |: fit it anew, or put proven parts together by cascade",
     "kd-tree": "fit a bvh, which holds the same cells",
+    "local": "fit an mlp, which has one threshold",
+    "mlp-early": "fit an mlp behind a learned-kdop, learned-kdop+mlp",
     "monotone-mlp": "fit a bvh",
+    "union": "fit the shape as a whole",
 }
 BALLS = "balls"  # ``pairs.balls``: no bounder
 

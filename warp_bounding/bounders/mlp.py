@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from warp_bounding.activations import ACTIVATIONS, DEFAULT, activation_of
-from warp_bounding.bounders.bounder import STEPS, Bounder, Option, one_of, truth, whole
+from warp_bounding.bounders.bounder import STEPS, Bounder, Option, one_of, truth
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
 from warp_bounding.networks import tensor_cores
@@ -19,7 +19,6 @@ from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
 from warp_bounding.networks.network import HEADS, Network
 from warp_bounding.queries import QUERIES
-from warp_bounding.queries.domain import Domain
 
 # --- networks --------------------------------------------------------------------------------------------------------
 
@@ -55,13 +54,9 @@ def _widths(text: str) -> tuple[int, ...]:
 
 
 _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
-MOST_PARTS = 65_536  # parts of a domain, each with a threshold
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
-PARTS = Option(
-    "parts", 1, "parts of the domain, each with a threshold of its own", whole("parts", 1, MOST_PARTS), int, ("point",)
-)
 STATISTICAL = Option(
     "statistical",
     False,
@@ -100,13 +95,13 @@ class Mlp(Layered, Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
     Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes.
-    Sizes: ``hidden``, ``activation``; older files also hold ``octaves`` and ``moments``, 0 and false.
+    Sizes: ``hidden``, ``activation``.
     """
 
     method = "mlp"
     exact_on_cells = False
     instead = "; a network of distances answers rays and boxes, proven: fit(shape, 'distance')"
-    options = (HIDDEN, ACTIVATION, PARTS, STATISTICAL, STEPS)
+    options = (HIDDEN, ACTIVATION, STATISTICAL, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod
@@ -121,9 +116,6 @@ class Mlp(Layered, Bounder):
         self.head = HEADS[self.query_kind]
         inputs = self.domain.ndim - self.head.offsets
         shapes = self.layer_shapes(inputs, self.head.outputs)
-        for name in ("octaves", "moments"):
-            if self.sizes.get(name, 0) != 0:
-                raise BounderError(f"networks with {name}={self.sizes[name]!r} are no longer read; fit wider layers")
         self.expect_shapes(shapes | self.more_shapes())
         limit, (*hidden, (weight, bias)) = self.domain.limit[:inputs].astype(np.float64), self.layers
         outputs = [(weight[o : o + 1], bias[o : o + 1]) for o in range(self.head.outputs)]
@@ -132,24 +124,6 @@ class Mlp(Layered, Bounder):
     def more_shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the tensors besides the layers'."""
         return {}
-
-    def rebased(self, domain: Domain) -> "Mlp":
-        """The same network of points for another domain: its first layer absorbs the map between both, in float32.
-
-        It is not proven: its threshold is this one's, and it has no certificate. Raises ``BounderError`` for networks
-        of planes.
-        """
-        if not self.domain.tested_as_point:
-            raise BounderError(f"{self.method}: only a network of points can be asked in another domain")
-        own, scale = self.domain, self.domain.scale.astype(np.float64)
-        weight, bias = (self.tensors[f"layers.0.{name}"].astype(np.float64) for name in ("weight", "bias"))
-        shift = (domain.center.astype(np.float64) - own.center) * scale
-        first = {
-            "layers.0.weight": weight * (scale / domain.scale.astype(np.float64)),
-            "layers.0.bias": bias + weight @ shift,
-        }
-        tensors = self.tensors | {name: value.astype(np.float32) for name, value in first.items()}
-        return type(self)(domain, tensors, self.sizes, self._device).freeze(float(self.threshold), None)
 
     @property
     def network(self) -> Network:

@@ -6,20 +6,151 @@ parts: then each part has a *relief*, a byte, by which its own slack is smaller 
 network's output and the relief, and jumps at the edges.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import prod
 
 import numpy as np
 
-from warp_bounding.bounders.bounder import STEPS
-from warp_bounding.bounders.cascade import PER_WORD, Lattice, checked_parts, level_text, packed, unpacked
+from warp_bounding.bounders.bounder import STEPS, Bounder, Option, whole
 from warp_bounding.bounders.distance import REACH, DistanceBounder
-from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, PARTS, Layered, Mlp
+from warp_bounding.bounders.mlp import ACTIVATION, HIDDEN, Layered, Mlp
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import FLUSHED, DistanceSource
-from warp_bounding.kernels.source import Lanes
+from warp_bounding.kernels.source import Lanes, fill
 from warp_bounding.networks.inference import MlpSource
 from warp_bounding.networks.network import Network
 from warp_bounding.rounding import UNIT32, UNIT64
+
+# --- a lattice of parts ----------------------------------------------------------------------------------------------
+
+MOST_PARTS = 65_536  # parts of a domain
+# Edges keep this far from 0, so that a device that takes tiny v for 0 finds the same part.
+NEAREST_TO_ZERO = 2.0**-64
+
+
+class Lattice:
+    """The domain cut at edges.
+
+    Args:
+        edges: For each axis of v, its inner edges in ascending order, float32.
+    """
+
+    def __init__(self, edges: list[np.ndarray]):
+        self.edges = [np.array(axis, dtype=np.float32) for axis in edges]
+        for axis in self.edges:
+            axis[np.abs(axis) < NEAREST_TO_ZERO] = NEAREST_TO_ZERO
+        self.shape = tuple(len(axis) + 1 for axis in self.edges)
+
+    @classmethod
+    def of(cls, lower: np.ndarray, upper: np.ndarray, shape: tuple[int, ...]) -> "Lattice":
+        """Parts of equal size between two corners ``(n,)``; the outer ones go on to the end of the domain."""
+        ends = zip(lower, upper, shape, strict=True)
+        return cls([np.linspace(low, high, count + 1)[1:-1].astype(np.float32) for low, high, count in ends])
+
+    @property
+    def count(self) -> int:
+        """Number of parts."""
+        return prod(self.shape)
+
+    def place(self, v: np.ndarray) -> np.ndarray:
+        """``(N,)`` int64: index of the part that holds each v ``(N, n)``."""
+        along = [np.searchsorted(axis, v[:, k], side="right") for k, axis in enumerate(self.edges)]
+        return np.ravel_multi_index(along, self.shape) if along else np.zeros(len(v), np.int64)
+
+    def cut(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Boxes ``(N, n)`` cut at the edges: each piece lies in the closure of one part, its lower corner in it.
+
+        A box that ends on an edge has a piece without width beyond it. Returns corners of the pieces, ``(K, n)``
+        float64 each, and which box each one is a piece of.
+        """
+        owner = np.arange(len(lower))
+        for k, axis in enumerate(self.edges):
+            first = np.searchsorted(axis, lower[:, k], side="right")
+            last = np.searchsorted(axis, upper[:, k], side="right")
+            times = last - first + 1
+            row = np.repeat(np.arange(len(lower)), times)
+            step = np.arange(len(row)) - np.repeat(np.cumsum(times) - times, times)
+            ends = np.concatenate([[-np.inf], axis.astype(np.float64), [np.inf]])
+            lower, upper, owner = lower[row], upper[row], owner[row]
+            lower[:, k] = np.maximum(lower[:, k], ends[first[row] + step])
+            upper[:, k] = np.minimum(upper[:, k], ends[first[row] + step + 1])
+        return lower, upper, owner
+
+    @classmethod
+    def stored(cls, edges: np.ndarray, shape: tuple[int, ...], method: str) -> "Lattice":
+        """The lattice of a file: the edges of each axis in turn.
+
+        Raises ``BounderError`` if they do not ascend, or one of them is too near to 0.
+        """
+        lattice = cls(np.split(edges, np.cumsum([count - 1 for count in shape])[:-1]))
+        if not (all((np.diff(axis) > 0).all() for axis in lattice.edges) and (np.abs(edges) >= NEAREST_TO_ZERO).all()):
+            raise BounderError(f"{method}: edges must ascend, none of them 0")
+        return lattice
+
+
+def checked_parts(bounder: Bounder) -> tuple[list[int], dict[str, tuple[int, ...]]]:
+    """How many parts there are along each axis, as the sizes say, and the shapes of the lattice's tensors.
+
+    Raises ``BounderError`` for what cannot be.
+    """
+    shape, ndim = bounder.sizes.get("shape"), bounder.domain.ndim
+    whole = isinstance(shape, list) and all(type(count) is int and count >= 1 for count in shape)
+    if not whole or len(shape) != ndim or prod(shape) > MOST_PARTS:
+        raise BounderError(f"{bounder.method}: expected {ndim} counts, at most {MOST_PARTS} parts, got {shape!r}")
+    return shape, {"edges": (sum(shape) - ndim,), "levels": (-(-prod(shape) // PER_WORD),)}
+
+
+def packed(levels: np.ndarray) -> np.ndarray:
+    """``(ceil(parts / 4),)`` uint32, words of levels ``(parts,)`` uint8."""
+    return np.pad(levels, (0, -len(levels) % PER_WORD)).view("<u4").astype(np.uint32)
+
+
+def unpacked(words: np.ndarray, count: int) -> np.ndarray:
+    """``(count,)`` uint8, the levels in words."""
+    return words.astype("<u4").view(np.uint8)[:count]
+
+
+# Native text.
+#
+# A lattice of parts in native code: where v lies among the edges of each axis, and the level, a byte, that stands
+# there.
+#
+# Comparisons with edges are exact, so every device finds the same part of the domain, and what is proven of a part
+# holds for each v in it.
+
+PER_WORD = 4  # levels, a byte each, in a word
+
+# The index of v's part, in array order: along each axis, how many edges v has reached.
+_PLACE = {True: "I part_ = {};\n$axes", False: "int part_ = 0;\n$axes"}
+_AXIS = {
+    True: "{ I i = {}; for (int e = $first; e < $last; ++e) i -= v[$k] >= w[e]; part_ = part_ * $count + i; }",
+    False: "{ int i = 0; for (int e = $first; e < $last; ++e) i += v[$k] >= w[e]; part_ = part_ * $count + i; }",
+}
+_LEVEL = {
+    True: """
+V level_;
+{
+    int at_[L]; float found_[L];  // in memory: lanes of a vector are dear one by one
+    *(J*)at_ = part_;
+    for (int l = 0; l < L; ++l) found_[l] = (float)(words.data[at_[l] >> 2] >> (8 * (at_[l] & 3)) & 255u);
+    level_ = *(const V*)found_;
+}
+""",
+    False: "const float level_ = (float)(words.data[part_ >> 2] >> (8 * (part_ & 3)) & 255u);\n",
+}
+
+
+def level_text(shape: tuple[int, ...], first: int, vector: bool) -> str:
+    """C statements that compute ``level_`` from ``v``, ``w``, where edges begin at ``first``, and ``words``."""
+    lines = []
+    for k, count in enumerate(shape):
+        if count > 1:
+            lines.append(fill(_AXIS[vector], k=k, first=first, last=first + count - 1, count=count))
+        first += count - 1
+    return fill(_PLACE[vector], axes="\n".join(lines)) + _LEVEL[vector]
+
+
+# --- the distance -----------------------------------------------------------------------------------------------------
 
 MOST_AXES = 8  # 2^n corners of each box are requested
 RELIEF_ROUNDING = 4.0  # units: more than a sum rounds in float64
@@ -71,7 +202,7 @@ class MlpDistanceSource(DistanceSource, MlpSource):
         )
 
 
-SLACKS = replace(PARTS, default=None, help="parts of the domain, each with a slack of its own")
+PARTS = Option("parts", None, "parts of the domain, each with a slack of its own", whole("parts", 1, MOST_PARTS), int)
 
 
 class MlpDistance(Layered, DistanceBounder):
@@ -85,7 +216,7 @@ class MlpDistance(Layered, DistanceBounder):
 
     method = Mlp.method
     bit_fields = ("levels",)
-    options = (HIDDEN, ACTIVATION, SLACKS, STEPS, REACH)
+    options = (HIDDEN, ACTIVATION, PARTS, STEPS, REACH)
     moving = True
 
     @classmethod

@@ -228,24 +228,3 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
         fn_rate_bound=sum(c.fn_rate_bound or 0.0 for c in certificates) if statistical else None,
         confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,
     )
-
-
-def together(bounder: "Bounder", certificates: list[Certificate], indicator: str) -> Certificate:
-    """What is known of a bounder whose ``obligations`` for the object of this digest these certificates are about.
-
-    A chain of tests has the threshold of its last part; what ends in a union has one of its own.
-    """
-    known = conjunction(certificates)
-    if not bounder.composed:
-        return known
-    if known.kind not in ("proven", "statistical"):
-        return replace(known, threshold=float(bounder.threshold))
-    reported = f"{len(certificates)} tests put together, each proven by itself, and they cover the object; the last: "
-    return replace(
-        known,
-        threshold=float(bounder.threshold),
-        lower_bound=1.0,  # f of a union where it says *maybe*
-        rounding_bound=bounder.rounding_bound(),
-        indicator=indicator,
-        message=reported + certificates[-1].message,
-    )

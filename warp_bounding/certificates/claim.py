@@ -17,10 +17,10 @@ import numpy as np
 from warp_bounding import shapes
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import FileFormatError, ShapeError
-from warp_bounding.queries.distance import DISTANCE, METRICS, in_metric
+from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.rounding import round_down
+from warp_bounding.shapes.complement import SIDES, Complement, outside_of
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.parts import SIDES, Complement, outside_of
 from warp_bounding.shapes.recentred import Frame, own_coordinates, parted
 from warp_bounding.shapes.shape import Shape
 
@@ -51,11 +51,11 @@ def _framed(frame: Frame | None) -> str:
 
 
 def of_side(bounder: "Bounder", shape) -> Shape:
-    """The shape that is given, in a distance's metric; its complement where the bounder is about that."""
+    """The shape that is given; its complement where the bounder is about that."""
     shape = own_coordinates(shapes.load_shape(shape), "this")
     bounder.expect_local("this")
     if bounder.query_kind == DISTANCE.name:
-        return in_metric(shape, bounder.sizes.get("metric", METRICS[0]))
+        return shape
     return Complement(shape) if bounder.domain.unbounded and not shape.unbounded else shape
 
 

@@ -8,7 +8,7 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.kernels.source import DENIED, GRANTED, LABEL, Early, Lanes, Source, fill, text
+from warp_bounding.kernels.source import DENIED, LABEL, Early, Lanes, Source, fill, text
 from warp_bounding.runtime.native import Numbers, literal, named, unique_name, vector_type
 
 _UNASKED = {False: text.UNASKED_ANSWERS, True: text.UNASKED_VALUES}
@@ -53,17 +53,8 @@ def _shuffles(columns: int, lanes: int) -> str:
 
 def _early(test: Early, values: bool) -> str:
     """The C text of an early test. Answers are *no* from the start, so a denial writes only where f is wanted."""
-    grants = test.sure_bar is not None
-    grant = answer = ""
-    if grants:
-        grant = f"const I yes = (sure > {test.sure_bar}) & ~no; int granted[L]; *(J*)granted = yes;"
-    if values:
-        decided = f"granted[l] ? {literal(GRANTED)} : {literal(DENIED)}" if grants else literal(DENIED)
-        answer = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {decided};"
-    elif grants:
-        answer = "for (int l = 0; l < m; ++l) out.data[where[g + l]] = granted[l] & 1;"
-    masks = "(no | yes)" if grants else "no"
-    return fill(text.EARLY, test=test.code, bar=test.bar, grant=grant, decided=masks, answer=answer)
+    denied = f"for (int l = 0; l < m; ++l) if (!passes[l]) out.data[where[g + l]] = {literal(DENIED)};"
+    return fill(text.EARLY, test=test.code, bar=test.bar, answer=denied if values else "")
 
 
 def read_rows(columns: int, width: dict[str, int]) -> str:
@@ -81,12 +72,10 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
     texts = _shared(source, placed, values)
     texts |= {"block": source.block, "lanes": lanes_of(source), "read": read_rows(source.columns, source.width)}
     if source.packed:
-        early, ask = "\n".join(_early(test, values) for test in source.early()), source.ask(values)
-        if ask is None:
-            decision = "f[l]" if values else "!(f[l] < threshold)"
-            own = {"body": source.body(Lanes(vector=True)), "early": early, "lane_decision": decision}
-            ask, early = fill(text.TOGETHER, **own), ""
-        loop = fill(text.GATHERED, **texts, unasked=_UNASKED[values], ask=early + ask)
+        texts["early"] = "\n".join(_early(test, values) for test in source.early())
+        decision = "f[l]" if values else "!(f[l] < threshold)"
+        own = {"body": source.body(Lanes(vector=True)), "lane_decision": decision}
+        loop = fill(text.GATHERED, **texts, **own, unasked=_UNASKED[values])
     else:
         loop = fill(text.ALL, **texts, body=source.body(Lanes(vector=True)))
     if source.several == 1:

@@ -29,7 +29,6 @@ from warp_bounding.shapes.joints import NUMBERS
 text = native_text("batch.h")
 
 DENIED = -(2.0**127)  # f where an early test has said no
-GRANTED = -DENIED / 2  # f where an early test has said maybe; halved, so that GRANTED - DENIED is finite in float32
 ALIGN = 16  # floats: the numbers of a bounder, or of one of its members, begin at a multiple of this
 LABEL = 4  # numbers at the very beginning of ``parameters``, see ``Source.label``
 FINITE = 0xBFFFFFFF  # a mask: float32 bits under it are never infinity or NaN, whose bits a copy might change
@@ -52,11 +51,10 @@ class Lanes:
 
 
 class Early(NamedTuple):
-    """A cheaper test that the CPU batch path runs before ``body``: it may answer *no*, or *maybe* at once."""
+    """A cheaper test that the CPU batch path runs before ``body``: it may answer *no* at once."""
 
-    code: str  # C statements that compute ``V f``, and ``V sure`` if it grants
+    code: str  # C statements that compute ``V f``
     bar: str  # C text of a float: f below it denies
-    sure_bar: str | None = None  # C text of a float: ``sure`` above it grants; ``None`` for a test that only denies
 
 
 @dataclass(frozen=True)
@@ -159,23 +157,12 @@ class Source:
         return texts | {"located": located, "unknown": "true", "returned": "return !(f < threshold);"}
 
     def body(self, lanes: Lanes) -> str:
-        """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``.
-
-        A source with an ``ask`` needs no body for lanes.
-        """
+        """C statements that compute ``V f`` from ``V v[]``, ``const float* w`` (parameters + start) and ``words``."""
         raise TypeError(f"{type(self).__name__} does not define body")
 
     def early(self) -> list[Early]:
         """Cheaper tests that the CPU batch path (a ``packed`` one) runs before ``body``, which sees the rest only."""
         return []
-
-    def ask(self, values: bool) -> str | None:
-        """C statements of the CPU batch path that answer the gathered queries, in place of ``body``.
-
-        They read ``held[k][g]``, ``kept`` and ``where[g]`` (``batch.h``) and write ``out.data``: f where ``values``,
-        else 0 and 1. ``None``, as for most sources: lanes of queries go through ``early`` and ``body`` together.
-        """
-        return None
 
     def function_body(self) -> str:
         """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""

@@ -196,9 +196,6 @@ auto end_of_held = [&]() {  // lanes behind the last one ask something finite
     for (int l = kept; l < kept + L; ++l) for (int k = 0; k < M; ++k) held[k][l] = 0.0f;
 };
 end_of_held();
-$ask
-
-/// TOGETHER
 $early
 for (int g = 0; g < kept; g += L) {
     V v[M];
@@ -233,10 +230,9 @@ for (int g = 0; g < kept; g += L) {
         V f;
         $test
         const I no = f < $bar;
-        $grant
         const int m = kept - g < L ? kept - g : L;
         int passes[L], pick[L], n = 0;  // in memory: lanes of a vector are dear one by one
-        *(J*)passes = $decided + 1;
+        *(J*)passes = no + 1;
         $answer
         for (int l = 0; l < m; ++l) { pick[n] = g + l; n += passes[l]; }
         for (int l = 0; l < n; ++l) {

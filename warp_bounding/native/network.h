@@ -4,7 +4,7 @@
 /// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``). Here are
 /// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
 /// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
-/// at OUTPUT_AT and at SECOND_AT, and to those that stand at SURE_AT and at SURER_AT.
+/// at OUTPUT_AT and at SECOND_AT.
 #if defined(SEVERAL)
 #pragma unroll (KEEP ? BLOCKS : 1)
 #endif
@@ -28,8 +28,6 @@ for (int b = 0; b < BLOCKS; ++b) {
         if (KEEP) y[j] = h;
         if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
         if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
-        if (SURES > 0) sure += h * w[SURE_AT + 1 + j];
-        if (SURES > 1) surer += h * w[SURER_AT + 1 + j];
     }
 }
 

@@ -36,7 +36,6 @@ class MlpSource(Source):
     activation: str
 
     packed = True
-    exits: ClassVar[tuple[int, ...]] = ()
     # Lanes of a block, two registers: each weight that is loaded serves both.
     width: ClassVar[dict[str, int]] = {"avx512": 32, "other": 16}
 
@@ -45,7 +44,7 @@ class MlpSource(Source):
         """As many as have room in registers; one where f is not sums and activations alone."""
         kept = self.hidden[:-1]
         largest = max([self.inputs, *kept, *map(sum, pairwise(kept))])
-        return max(1, min(MOST, KEPT // largest)) if self.head.outputs == 1 and not self.exits else 1
+        return max(1, min(MOST, KEPT // largest)) if self.head.outputs == 1 else 1
 
     @property
     def head(self) -> Head:
@@ -76,66 +75,45 @@ class MlpSource(Source):
         starts = zip(self.places, self.layers, strict=False)
         return [(place + h * (k + 1) + _filling(h, k), _row(h)) for place, (k, h) in starts]
 
-    def head_size(self, index: int) -> int:
-        """How many numbers the outputs after hidden layer ``index`` have."""
-        return self.head.outputs * (1 + padded(self.hidden[index]))
-
     # --- a query in each lane ----------------------------------------------------------------------------------------
 
     def body(self, lanes: Lanes) -> str:
-        return self.chain(lanes, len(self.hidden), self.places[-1])
-
-    def chain(self, lanes: Lanes, depth: int, output_at: int, sure_at: int | None = None) -> str:
-        """C statements from ``v`` to ``f``: the first ``depth`` hidden layers, and the output at ``w[output_at]``.
-
-        Where another output stands at ``w[sure_at]``, they compute ``sure`` by it as well.
-        """
-        last = depth - 1
-        layers = [self.layer(index, None, keep=True) for index in range(last)]
-        layers.append(self.layer(last, output_at, keep=False, sure_at=sure_at))
-        return "\n".join([self.begin(lanes), *layers])
-
-    def begin(self, lanes: Lanes) -> str:
-        """C statements from ``v`` to the inputs ``h0``, and the activation that the layers behind call."""
         act = _function("act", activation_of(self.activation), lanes)
-        return "\n".join([act, "const V none = {}; V other = none, sure, surer;", self.inputs_text("V")])
+        lines = [act, "const V none = {}; V other = none;", self.inputs_text("V")]
+        lines += [self.layer(index) for index in range(len(self.hidden))]
+        for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
+            lines.append(f"{name} = {name} + w[{self.places[-1] + output * self.head_row}];")
+        return "\n".join([*lines, self._finish()])
+
+    @property
+    def head_row(self) -> int:
+        """How many numbers an output has: its bias, and a weight of each neuron of the last layer."""
+        return 1 + padded(self.hidden[-1])
 
     def inputs_text(self, type_: str) -> str:
         """C statements from ``v`` to the inputs ``h0``, numbers of this type."""
         return f"{type_} h0[{self.inputs}]; for (int k = 0; k < {self.inputs}; ++k) h0[k] = v[k];"
 
-    def layer(self, index: int, output_at: int | None, *, keep: bool, sure_at: int | None = None) -> str:
-        """C statements of a hidden layer: ``keep`` its activations, add them up to ``f`` by an output, or both.
-
-        Where an output stands at ``sure_at``, they add them up to ``sure`` as well.
-        """
-        (k, h), at, row = self.layers[index], self.places[index], 1 + padded(self.layers[index][1])
-        heads = {"OUTPUT": output_at, "SURE": sure_at}
-        counts = {f"{name}S": self.head.outputs if place is not None else 0 for name, place in heads.items()}
-        places = {"OUTPUT_AT": output_at or 0, "SECOND_AT": (output_at or 0) + row}
-        places |= {"SURE_AT": sure_at or 0, "SURER_AT": (sure_at or 0) + row}
-        lines = [f"V h{index + 1}[{h if keep else 1}];", "f = other = sure = surer = none;"]
+    def layer(self, index: int) -> str:
+        """C statements of a hidden layer: keep its activations, or of the last one add them up to the outputs."""
+        (k, h), at, last = self.layers[index], self.places[index], index == len(self.hidden) - 1
+        places = {"OUTPUTS": self.head.outputs if last else 0, "OUTPUT_AT": self.places[-1]}
+        places |= {"SECOND_AT": self.places[-1] + self.head_row, "KEEP": int(not last)}
+        lines = [f"V h{index + 1}[{1 if last else h}];", "f = other = none;"]
         lines.append(f"{{ const V* x = h{index}; V* y = h{index + 1}; (void)y;")
         j = _block(h)
         for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
             if size:
                 place = at + first * (k + 1)
-                own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place, KEEP=int(keep))
-                lines += ["{", own, constants(**counts, **places), text.QUERIES_IN_LANES, "}"]
-        lines.append("}")
-        for place, names in ((output_at, ("f", "other")), (sure_at, ("sure", "surer"))):
-            if place is not None:
-                both = zip(names, (place, place + row), strict=True)
-                biases = [f"{name} = {name} + w[{at}];" for name, at in both][: self.head.outputs]
-                lines += [*biases, self._finish(*names)]
-        return "\n".join(lines)
+                own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place)
+                lines += ["{", own, constants(**places), text.QUERIES_IN_LANES, "}"]
+        return "\n".join([*lines, "}"])
 
     # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
 
     def function_body(self) -> str:
-        last = len(self.hidden) - 1
-        layers = (self.function_layer(index) for index in range(last + 1))
-        return "\n".join([self.inputs_text("float"), *layers, self.function_output(last, self.places[-1])])
+        layers = (self.function_layer(index) for index in range(len(self.hidden)))
+        return "\n".join([self.inputs_text("float"), *layers, self.function_output()])
 
     def function_layer(self, index: int) -> str:
         """One hidden layer, a register of neurons at a time."""
@@ -146,21 +124,20 @@ class MlpSource(Source):
         act = _function("act", activation_of(self.activation), Lanes(vector=True))
         return "\n".join([f"float h{index + 1}[{row}]; {{", own, text.LANES, act, names, text.NEURONS_IN_LANES, "}"])
 
-    def function_output(self, index: int, output_at: int) -> str:
-        """``float f``, the output behind hidden layer ``index`` that stands at ``w[output_at]``; in its own block."""
-        row, lines = padded(self.hidden[index]), ["float f, other = 0.0f; (void)other;"]
+    def function_output(self) -> str:
+        """``float f``, by the outputs behind the last layer."""
+        row, lines = padded(self.hidden[-1]), ["float f, other = 0.0f; (void)other;"]
         for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
-            own = constants(ROW=row, AT=output_at + output * (1 + row))
-            names = f"const float* x = h{index + 1}; float& OUTPUT = {name};"
+            own = constants(ROW=row, AT=self.places[-1] + output * self.head_row)
+            names = f"const float* x = h{len(self.hidden)}; float& OUTPUT = {name};"
             lines += ["{", own, names, text.SUM, "}"]
         return "\n".join([*lines, self._finish()])
 
-    def _finish(self, first: str = "f", second: str = "other") -> str:
-        """C statements that combine two outputs, under these names, into the first (``Head.finish``)."""
+    def _finish(self) -> str:
+        """C statements that combine two outputs into f (``Head.finish``)."""
         if not self.head.finish:
             return ""
-        names = "" if first == "f" else f"V& f = {first}; V& other = {second};"
-        return f"{{ {constants(OFFSET=self.coordinates - 1)} {names} {self.head.finish} }}"
+        return f"{{ {constants(OFFSET=self.coordinates - 1)} {self.head.finish} }}"
 
 
 def _function(name: str, activation, lanes: Lanes) -> str:

@@ -171,14 +171,10 @@ class Network:
 
     def __call__(self, v: np.ndarray) -> np.ndarray:
         """``f`` of ``(N, n)`` float64 coordinates, ``(N,)`` float64."""
-        return (self.activations(v) @ self.output.weight.T + self.output.bias)[:, 0]
-
-    def activations(self, v: np.ndarray) -> np.ndarray:
-        """``(N, H)`` float64, of the last hidden layer."""
         h = np.asarray(v, dtype=np.float64)
         for layer in self.hidden:
             h = layer.activation.value(h @ layer.weight.T + layer.bias)
-        return h
+        return (h @ self.output.weight.T + self.output.bias)[:, 0]
 
     def padding_for(self, limit: np.ndarray) -> np.ndarray:
         """``padding`` for boxes with centres ``|v| <= limit``, ``(n,)``; errors as in ``measure``."""

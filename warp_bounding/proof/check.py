@@ -16,7 +16,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.certificates import Certificate, document, together
+from warp_bounding.certificates import Certificate, conjunction, document
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch, other_claim, outside
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ProofError
 from warp_bounding.networks.bounds import BoxBounds
@@ -40,7 +40,7 @@ from warp_bounding.shapes.shape import IN, Shape
 PULL = 1e-4  # share of the way to its cell's centre: each suspect is also tried there, farther inside
 LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
 DENIED = "that meets the object is answered with no"
-GRANTED = "a part denies a query that meets the object, which an exit before it grants"
+UNLIKE = "a part by itself denies a query that meets the object, and the whole does not"
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a counterexample is searched for
 CHUNK = 16384  # boxes or cells of one step
 TRIED = 512  # points of a chunk, those of the least f, that are tested for being positives
@@ -144,26 +144,20 @@ def certify(
         reason = f"{bounder.method} is not conservative"
     if reason and reason != OUTSIDE:
         return _inapplicable(bounder, grid, reason)
-    try:
-        obligations = bounder.obligations(grid)
-    except BoundingError as error:
-        return document(bounder, grid, "undecided", float(bounder.threshold), 0.0, 0, 0.0, str(error))
     if reason:  # the object reaches out of the domain, where the bounder answers before any part does
         point, threshold = _denied_outside(bounder, bounder, grid), float(bounder.threshold)
         kind, spent = "undecided" if point is None else "refuted", working_seconds() - started
         return document(bounder, grid, kind, threshold, threshold, 0, spent, OUTSIDE, point)
-    if checkpoint is not None and len(obligations) > 1:
-        raise BounderError(f"{bounder.method}: a checkpoint is for a proof of one part, this has {len(obligations)}")
+    if checkpoint is not None and len(bounder.parts) > 1:
+        raise BounderError(f"{bounder.method}: a checkpoint is for a proof of one part, this has {len(bounder.parts)}")
     options["checkpoint"] = None if checkpoint is None else Checkpoint(checkpoint, bounder, grid)
     certificates = []
-    for part, own in obligations:
+    for part in bounder.parts:
         left = budget - (working_seconds() - started)
-        # where an early exit of a network grants, no later part of it can deny
-        deployed = part if bounder.composed else bounder
-        certificates.append(_certify(part, own, max(left, 0.0), options, deployed))
+        certificates.append(_certify(part, grid, max(left, 0.0), options, bounder))
         if certificates[-1].kind not in ("proven", "statistical"):
             break
-    return together(bounder, certificates, grid.digest)
+    return conjunction(certificates)
 
 
 def _check_budget(budget: float) -> None:
@@ -189,11 +183,9 @@ def _certify(bounder: Bounder, grid: Grid, budget: float, options: dict, deploye
     def result(status: str, message: str, bound: float, boxes: int = 0, counterexample=None) -> Certificate:
         spent = working_seconds() - started
         if counterexample is not None and deployed.query(np.float32(counterexample)[None]).numpy()[0]:
-            status, message, counterexample = "undecided", GRANTED, None
+            status, message, counterexample = "undecided", UNLIKE, None
         return document(bounder, grid, status, threshold, bound, boxes, spent, message, counterexample)
 
-    if len(bounder.parts) > 1:  # ``Bounder.obligations`` has them one by one
-        return result("undecided", f"{bounder.method}: a part of several tests", threshold)
     if reason := mismatch(bounder, grid):
         point = _denied_outside(deployed, bounder, grid) if reason == OUTSIDE else None
         return result("refuted" if point is not None else "undecided", reason, threshold, 0, point)
@@ -431,17 +423,15 @@ def _cells(f: Bounder, grid: Grid) -> Cover:
 
     def starts() -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
         for start in range(0, len(grid.occupied), CHUNK):
-            lower, upper, owner = f.cut(*reachable(f.domain, *corners(slice(start, start + CHUNK))))
-            cells.append(start + owner)
-            yield lower, upper, CHUNK / max(len(grid.occupied), CHUNK)
+            boxes = reachable(f.domain, *corners(slice(start, start + CHUNK)))
+            yield *boxes, CHUNK / max(len(grid.occupied), CHUNK)
 
     def inside(v: np.ndarray, box: np.ndarray) -> np.ndarray:
-        first, last = corners(np.concatenate(cells)[box])
+        first, last = corners(box)
         x = np.clip(f.domain.to_object(v), first, last)  # boxes of v are wider than cells, by delta
         # rounded to float32, a point of a corner may lie outside its cell
         return np.concatenate([x, x + PULL * ((first + last) / 2 - x)])
 
-    cells: list[np.ndarray] = []  # the number of the cell of each box
     return Cover(PositivesOnly(f), starts(), inside)
 
 
@@ -537,7 +527,7 @@ def make_proven(
     grid = as_fitted(bounder, shape)
     if reason := mismatch(bounder, grid) or uncovered(bounder.domain.base):
         raise BounderError(f"{bounder.method}: {reason}")
-    if isinstance(grid, Grid) or bounder.query_kind != "point" or len(bounder.obligations(grid)) > 1:
+    if isinstance(grid, Grid) or bounder.query_kind != "point" or len(bounder.parts) > 1:
         raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")
     if not (bounder.conservative and grid.certified):
         raise BounderError(f"{bounder.method}: {grid.name} or the method has no proof")

@@ -5,14 +5,11 @@ meets the object (``least_value``), and sets ``threshold <= minimum - E``.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.bounders.cascade import EVERYWHERE, Lattice, Local
 from warp_bounding.bounders.distance import DistanceBounder
-from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.certificates import Certificate, document, shown
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError
@@ -76,7 +73,7 @@ def least_value(
     if points is None or not len(points):
         limits["points"] = bounder.domain.to_local(_starts(grid))
     if isinstance(grid, Grid):
-        return minimum(bounder, *bounder.cut(*positive_boxes(bounder, grid))[:2], **limits)
+        return minimum(bounder, *positive_boxes(bounder, grid), **limits)
     positives = ShapePositives(bounder, grid)
     return minimum(positives, *positives.boxes(), positives=positives, **limits)
 
@@ -221,140 +218,3 @@ def settle(bounder: Bounder, grid: Shape, search: Search) -> Certificate:
     certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)
     bounder.freeze(threshold, certificate)
     return certificate
-
-
-# --- thresholds of parts: points -------------------------------------------------------------------------------------
-
-
-STEPS = 8  # steps between levels that are tried, each half of the one before; the first reaches the highest threshold
-TOLERATED = 0.1  # negatives on average that a part's gap may turn into false positives
-FINEST = 2.0**-10  # relative to the thresholds, the least size of the first step
-
-
-def prove_local(
-    member: Mlp,
-    lattice: Lattice,
-    shape: Shape,
-    negatives: np.ndarray,
-    *,
-    points: np.ndarray,
-    eps: float,
-    budget: float = float("inf"),
-    boxes: float = float("inf"),
-    progress: Callable[[int, float, float], None] | None = None,
-) -> tuple[Local, Search]:
-    """A network of points at proven thresholds of its domain's parts, found in one search, with its certificate.
-
-    Args:
-        member: The network, of points; its own threshold is not used.
-        lattice: The parts.
-        shape: The object.
-        negatives: ``(N, n)`` coordinates v that are no positives: they show which step between levels denies most.
-        points: As in ``prove``.
-        eps: Largest gap, in f, of a part; larger where that denies no fewer of the negatives.
-        budget: As in ``prove``; parts whose search has not ended are looser, the others are not.
-        boxes: As in ``prove``.
-        progress: As in ``prove``.
-
-    Raises:
-        BounderError: If levels cannot express the thresholds.
-    """
-    values, place = member.reference(negatives), lattice.place(negatives)
-    found = np.full(lattice.count, np.inf)
-    np.minimum.at(found, lattice.place(points), member.reference(points))
-    limits = {
-        "eps": worthwhile(lattice, found, values, place, eps),
-        "budget": budget,
-        "boxes": boxes,
-        "progress": progress,
-    }
-    if isinstance(shape, Grid):
-        f, positives = member, None
-        corners = member.cut(*positive_boxes(member, shape))[:2]
-    else:
-        f = positives = ShapePositives(member, shape)
-        corners = positives.boxes()
-    lower, upper, _ = lattice.cut(*corners)
-    kinds = {"groups": lattice.place(lower), "group_of": lattice.place, "group_count": lattice.count}
-    lost = Lost(values, place, found)
-    search = minimum(f, lower, upper, points=points, positives=positives, price=lost, **kinds, **limits)
-    least = search.by_group
-    bounder, proven = at_least(member, lattice, needless(least, values, place), values, place)
-    settle(bounder, shape, replace(search, lower_bound=proven))
-    return bounder, search
-
-
-class Lost:
-    """The cost of a bound below the least f in a part: how many more negatives are *maybe* for it.
-
-    Args:
-        values: f of negatives ``(N,)``.
-        place: Their parts.
-        least: ``(parts,)``, the least f of positives that is known in each.
-    """
-
-    def __init__(self, values: np.ndarray, place: np.ndarray, least: np.ndarray):
-        self._span = max(float(np.ptp(values)), 1e-30) * 4
-        self._first, self._least = float(values.min()), least
-        self._sorted = np.sort(self._key(values, place))
-        self._denied = np.searchsorted(self._sorted, self._key(least, np.arange(len(least))))
-
-    def _key(self, f: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """Grows with the part, and in a part with f."""
-        return place + np.clip((f - self._first) / self._span, -0.25, 0.5) + 0.25
-
-    def __call__(self, bound: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """``(K,)``; of bounds that cost no negative, those farther from the least f cost more."""
-        with np.errstate(invalid="ignore"):
-            gap = np.nan_to_num((self._least[place] - bound) / self._span, nan=1.0, posinf=1.0)
-        denied = np.searchsorted(self._sorted, self._key(bound, place))
-        return np.maximum(self._denied[place] - denied, 0) + np.clip(gap, 0.0, 0.5)
-
-
-def at_least(
-    member: Mlp, lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray
-) -> tuple[Local, float]:
-    """A network at thresholds under the least f ``(parts,)`` of the parts' positives, and the least f of the whole.
-
-    Args:
-        member: The network.
-        lattice: The parts.
-        least: Infinity where no positive lies, minus infinity where nothing is to be denied.
-        values: Of the network at negatives ``(N,)``, by which the step between levels is chosen.
-        place: Their parts.
-
-    Raises:
-        BounderError: If levels cannot express the thresholds.
-    """
-    bounder, some = _finest(member, lattice, least, values, place), np.isfinite(least)
-    # Where nothing is denied, f is ``CERTAIN``; without training that may be every part that has positives.
-    return bounder, float(np.nextafter((least[some] - bounder.thresholds[some]).min(initial=1.0), -np.inf))
-
-
-def needless(least: np.ndarray, values: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """The least f ``(parts,)``, but minus infinity where no negative lies below; arguments as in ``at_least``."""
-    denied = np.bincount(place[values < least[place]], minlength=len(least))
-    return np.where((denied == 0) & (least < np.inf), -np.inf, least)
-
-
-def worthwhile(lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray, eps: float) -> np.ndarray:
-    """``(parts,)``, each part's gap that makes some ``TOLERATED`` more negatives false positives; at least ``eps``.
-
-    Arguments as in ``at_least``; ``eps`` where no positive is known.
-    """
-    below = values < least[place]
-    nearest = np.full(lattice.count, -np.inf)
-    np.maximum.at(nearest, place[below], values[below])
-    gap = np.where(
-        np.isfinite(least), TOLERATED * (least - nearest), eps
-    )  # infinite where nothing is there to be denied
-    return np.maximum(np.minimum(gap, np.ptp(values)), eps)
-
-
-def _finest(member: Mlp, lattice: Lattice, least: np.ndarray, values: np.ndarray, place: np.ndarray) -> Local:
-    """The bounder with the step that denies most of some negatives, given by f and their parts."""
-    some = least[np.isfinite(least)]
-    reach = float(np.ptp(some) if len(some) else 0.0) / (EVERYWHERE - 2)
-    largest = 2.0 ** np.ceil(np.log2(max(reach, FINEST * float(np.abs(some).max(initial=0.0)), FINEST)))
-    tried = [Local.of(member, lattice, least, largest * 0.5**halved) for halved in range(STEPS)]
-    return max(tried, key=lambda bounder: int((values < bounder.thresholds[place]).sum()))

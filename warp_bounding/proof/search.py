@@ -5,10 +5,10 @@ enough is closed, the others are halved. The result is sound whenever the search
 closed *and* open boxes.
 
 Best first (``minimum``): a box is closed if its bound is at most ``eps`` under the least value found.
-Boxes wait in chunks. The chunk of the highest price comes first, by default that of the largest gap, so that a search
-that is stopped early has raised its bound as far as it could. When many boxes wait, the search closes those that are
-not expected to matter by the end; when too many wait, the half that matters least. Their bounds count as they are. So
-memory stays bounded and the search goes on where it counts, but it can no longer reach the requested gap.
+Boxes wait in chunks. The chunk of the largest gap comes first, so that a search that is stopped early has raised its
+bound as far as it could. When many boxes wait, the search closes those that are not expected to matter by the end; when
+too many wait, the half that matters least. Their bounds count as they are. So memory stays bounded and the search goes
+on where it counts, but it can no longer reach the requested gap.
 
 *A shape without cells* (``ShapePositives``): the search begins with the whole domain. Where the bound of f is too low
 in a box, the shape decides whether the box is vacant: whether no v in it can come from a point of the object, rounding
@@ -38,8 +38,8 @@ from warp_bounding.shapes.shape import HalfSpaces, Shape
 CHUNK = 32768  # boxes that are bounded at a time
 MANY, TOO_MANY = 5_000_000, 15_000_000  # boxes that wait (a million takes about 0.1 GB in 4D)
 AGAIN = 1.2  # waiting boxes are pruned again when there are this many times as many as after the last pruning
-# The gap falls about as this power of the number of bounded boxes; pruning closes boxes whose price is below this share
-# of the highest price, scaled by that fall.
+# The gap falls about as this power of the number of bounded boxes; pruning closes boxes whose gap is below this share
+# of the largest one, scaled by that fall.
 FALLS, SHARE = 0.6, 0.5
 QUARTER = 1.7  # a box whose bound is too loose by more than this factor is quartered at once
 NEAR = 16.0  # gaps above the least value found: positives of a shape under it are kept as samples
@@ -57,7 +57,6 @@ class Search:
         boxes: Boxes that were bounded.
         seconds: Wall time.
         complete: Whether the two bounds agree within ``eps``, or as nearly as float64 can tell.
-        by_group: ``(G,)``, the same as ``lower_bound`` of each group of boxes by itself.
     """
 
     lower_bound: float
@@ -66,7 +65,6 @@ class Search:
     boxes: int
     seconds: float
     complete: bool
-    by_group: np.ndarray | None = None
 
 
 def minimum(
@@ -74,38 +72,26 @@ def minimum(
     lower: np.ndarray,
     upper: np.ndarray,
     *,
-    eps: float | np.ndarray,
+    eps: float,
     budget: float = float("inf"),
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
     positives: "ShapePositives | None" = None,
-    groups: np.ndarray | None = None,
-    group_of: Callable[[np.ndarray], np.ndarray] | None = None,
-    group_count: int = 1,
-    price: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> Search:
     """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
-
-    Boxes may belong to groups, each with a minimum of its own. No group is refined below its own minimum, and a search
-    that runs out of time is loose only in unfinished groups.
 
     Args:
         bounder: The bounder of ``f``.
         lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
         upper: ``(N, n)`` float64 upper corners.
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what
-            the bounds of single points resolve, or the search would not end. Of groups there may be one for each.
+            the bounds of single points resolve, or the search would not end.
         budget: Seconds after which the search ends with what it has; the given boxes are bounded once in any case.
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
         positives: Certifies which boxes hold no positive; if ``None``, every point of the boxes is a positive.
-        groups: ``(N,)`` int, the group of each box, from 0 on; all are one group if ``None``.
-        group_of: The groups of ``points``; needed where there are groups.
-        group_count: How many groups there are, including those without a box.
-        price: The cost of a bound as the proven minimum of its group: called with bounds ``(K,)`` and their groups, it
-            grows as bounds fall. Boxes of the highest price come first. The gap if ``None``.
 
     Returns:
         The result; sound also where it is not complete.
@@ -113,107 +99,95 @@ def minimum(
     started = working_seconds()
     low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
     low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
-    groups = np.zeros(len(lower), np.int64) if groups is None else np.asarray(groups)
-    best, closed, done = np.full(group_count, np.inf), np.full(group_count, np.inf), 0
-    np.minimum.at(best, np.zeros(len(low_points), np.int64) if group_of is None else group_of(low_points), low_values)
+    best, closed, done = low_values.min(initial=np.inf), np.inf, 0
     probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
     resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
-    eps = np.broadcast_to(np.maximum(eps, resolved), best.shape)
+    eps = max(eps, resolved)
 
-    def targets() -> np.ndarray:
-        """The bound that closes a box, by group: near the least value found, or the least bound of a closed box."""
-        return np.minimum(best - eps, closed)
+    def target() -> float:
+        """The bound that closes a box: near the least value found, or the least bound of a closed box."""
+        return min(best - eps, closed)
 
-    def prices(bound: np.ndarray, group: np.ndarray) -> np.ndarray:
-        with np.errstate(invalid="ignore"):  # without a known value of a group its best value and price are infinite
-            gap = np.nan_to_num(best[group] - bound, nan=np.inf)
-            return gap if price is None else price(bound, group)
-
-    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, group: np.ndarray, _) -> list[_Chunk]:
+    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, _) -> list[_Chunk]:
         """Bound a chunk; its halves that stay open, in chunks."""
-        nonlocal done, low_points, low_values
-        open_ = parent < targets()[group]
-        np.minimum.at(closed, group[~open_], parent[~open_])
-        low, high, parent, group = low[open_], high[open_], parent[open_], group[open_]
+        nonlocal best, closed, done, low_points, low_values
+        open_ = parent < target()
+        closed = parent[~open_].min(initial=closed)
+        low, high, parent = low[open_], high[open_], parent[open_]
         if not len(low):
             return []
         bounds = bounder.bound(low, high)
         done += len(low)
         bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
-        points, values, of_points, axis = bounds.point, bounds.value, group, bounds.axis.copy()
+        points, values, axis = bounds.point, bounds.value, bounds.axis.copy()
         if positives is not None:
             small = positives.too_small(low, high)  # of whole boxes, as the bounds are: ``held`` may cut parts off
-            queried = np.flatnonzero(bound < targets()[group])
-            goal = targets()[group[queried]]
-            held = positives.held(low[queried], high[queried], bounds.part(queried), goal)
+            goal = target()
+            queried = np.flatnonzero(bound < goal)
+            held = positives.held(low[queried], high[queried], bounds.part(queried), np.full(len(queried), goal))
             bound[queried], axis[queried] = np.fmax(held.lower, bound[queried]), held.axis
             low[queried], high[queried] = held.corners
-            np.minimum.at(closed, group[queried[held.cut]], goal[held.cut])
-            near = np.flatnonzero((bound < np.inf) & (values < (best + NEAR * eps)[group]))
+            closed = min(closed, goal) if held.cut.any() else closed
+            near = np.flatnonzero((bound < np.inf) & (values < best + NEAR * eps))
             near = near[positives.holds(points[near])]
-            points, values, of_points = points[near], values[near], group[near]
+            points, values = points[near], values[near]
         low_points, low_values = lowest(low_points, low_values, points, values)
-        np.minimum.at(best, of_points, values)
-        open_ = bound < targets()[group]
+        best = values.min(initial=best)
+        open_ = bound < target()
         if positives is not None:
             open_ &= ~small
-        np.minimum.at(closed, group[~open_], bound[~open_])
+        closed = bound[~open_].min(initial=closed)
         # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
         with np.errstate(invalid="ignore"):  # no positive of a box is known: its value is infinite
-            loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)[group]))
+            loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)))
         loose &= bounds.next_axis is not None
         once, parts = open_ & ~loose, []
         if once.any():
             halves = halve(low[once], high[once], axis[once])
-            parts.append((*halves, np.tile(bound[once], 2), np.tile(group[once], 2)))
+            parts.append((*halves, np.tile(bound[once], 2)))
         if loose.any():
             halves = halve(low[loose], high[loose], axis[loose])
             halves = halve(*halves, np.tile(bounds.next_axis[loose], 2))
-            parts.append((*halves, np.tile(bound[loose], 4), np.tile(group[loose], 4)))
+            parts.append((*halves, np.tile(bound[loose], 4)))
         if not parts:
             return []
-        low, high, bound, group = (np.concatenate(part) for part in zip(*parts, strict=True))
-        return _chunks(low, high, bound, group, prices(bound, group))
+        low, high, bound = (np.concatenate(part) for part in zip(*parts, strict=True))
+        with np.errstate(invalid="ignore"):  # as long as no value is known, every gap is infinite
+            return _chunks(low, high, bound, np.nan_to_num(best - bound, nan=np.inf))
 
-    def least() -> np.ndarray:
-        found = closed.copy()
-        for chunk in waiting:
-            np.minimum.at(found, chunk.group, chunk.bound)
-        return found
+    def least() -> float:
+        return min([closed, *(chunk.bound.min() for chunk in waiting)])
 
     nowhere = np.full(len(lower), -np.inf)
-    start = _chunks(lower, upper, nowhere, groups, -nowhere)
+    start = _chunks(lower, upper, nowhere, -nowhere)
     waiting, gave_up = [rest for chunk in start for rest in advance(*chunk)], False
     looked_at = MANY
     while waiting and done < boxes and working_seconds() - started < budget:
-        waiting += advance(*waiting.pop(max(range(len(waiting)), key=lambda i: waiting[i].price[0])))
+        waiting += advance(*waiting.pop(max(range(len(waiting)), key=lambda i: waiting[i].gap[0])))
         count = sum(len(chunk.bound) for chunk in waiting)
         if count > looked_at * AGAIN:
             spent = working_seconds() - started
             used = max(done / boxes, spent / budget) if min(boxes, budget) > 0 else 1.0
-            known = [float(chunk.price[0]) for chunk in waiting if np.isfinite(chunk.price[0])]
+            known = [float(chunk.gap[0]) for chunk in waiting if np.isfinite(chunk.gap[0])]
             level = SHARE * max(known, default=0.0) * used**FALLS
             waiting, rest = _split(waiting, level, TOO_MANY // 2 if count > TOO_MANY else count)
             looked_at = max(MANY, sum(len(chunk.bound) for chunk in waiting))
             for chunk in rest:
-                np.minimum.at(closed, chunk.group, chunk.bound)
-                gave_up = True
+                closed, gave_up = chunk.bound.min(initial=closed), True
         if progress:
-            progress(done, sum(len(chunk.bound) for chunk in waiting), float(best.min() - least().min()))
+            progress(done, sum(len(chunk.bound) for chunk in waiting), float(best - least()))
     # At most the least value found: its point may lie in no box that was closed.
     found, spent = np.minimum(least(), best), working_seconds() - started
-    complete = not waiting and not gave_up
-    return Search(float(found.min()), float(best.min()), low_points, done, spent, complete, by_group=found)
+    return Search(float(found), float(best), low_points, done, spent, complete=not waiting and not gave_up)
 
 
 class _Chunk(NamedTuple):
-    """Boxes that wait: corners, bounds, groups, and prices, the highest first."""
+    """Boxes that wait: corners, bounds, and gaps, the largest first."""
 
     low: np.ndarray
     high: np.ndarray
     bound: np.ndarray
-    group: np.ndarray
-    price: np.ndarray
+    gap: np.ndarray
 
 
 def _chunks(*columns: np.ndarray) -> list[_Chunk]:
@@ -224,15 +198,15 @@ def _chunks(*columns: np.ndarray) -> list[_Chunk]:
 
 
 def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk], list[_Chunk]]:
-    """The boxes of prices above a level, the ``most`` highest if there are more, and the others."""
-    price = np.concatenate([chunk.price for chunk in chunks])
-    expensive = price > level
-    if expensive.sum() > most:
-        expensive = np.zeros(len(price), dtype=bool)
-        expensive[np.argpartition(-price, most)[:most]] = True
+    """The boxes of gaps above a level, the ``most`` largest if there are more, and the others."""
+    gap = np.concatenate([chunk.gap for chunk in chunks])
+    large = gap > level
+    if large.sum() > most:
+        large = np.zeros(len(gap), dtype=bool)
+        large[np.argpartition(-gap, most)[:most]] = True
     kept, rest, begin = [], [], 0
     for chunk in chunks:
-        own, begin = expensive[begin : begin + len(chunk.price)], begin + len(chunk.price)
+        own, begin = large[begin : begin + len(chunk.gap)], begin + len(chunk.gap)
         for part, held in ((own, kept), (~own, rest)):
             if part.any():
                 held.append(_Chunk(*(each[part] for each in chunk)))
@@ -366,9 +340,9 @@ class ShapePositives:
         self.domain = bounder.domain
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """``(N, n)`` corners of boxes that hold every v of a positive that the domain test passes: the domain, cut."""
+        """``(N, n)`` corners of boxes that hold every v of a positive that the domain test passes: the domain."""
         limit = self.domain.limit.astype(np.float64)[None]
-        return self.bounder.cut(-limit, limit)[:2]
+        return -limit, limit
 
     def reference(self, v: np.ndarray) -> np.ndarray:
         """``f`` at ``(N, n)``; see ``Bounder.reference``."""

@@ -27,11 +27,10 @@ import warp as wp
 
 from warp_bounding.activations import constant, constants
 from warp_bounding.bounders.bounder import DISTANCES, Bounder
-from warp_bounding.bounders.cascade import Cascade, Local
+from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
-from warp_bounding.bounders.union import Union
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.networks.bounds import NetworkShape, Parametrization, body, double_array, lanes_text
 from warp_bounding.queries.distance import DistanceDomain
@@ -63,9 +62,9 @@ def clear_segments(
     """Which segments are proven to meet the object nowhere, and how far each is proven to be clear.
 
     Args:
-        bounder: A network (``mlp``, ``mlp-early``, with thresholds of parts or one) of points, several of them in a
-            cascade or a union, a volume of points that has a distance (``DISTANCES``), or a distance bounder, proven or
-            not; if it is proven, so is the answer. Of a shape that moves segments are of time and space.
+        bounder: A network of points (``mlp``), several of them in a cascade, a volume of points that has a distance
+            (``DISTANCES``), or a distance bounder, proven or not; if it is proven, so is the answer. Of a
+            shape that moves segments are of time and space.
         starts: ``(N, n)``, object space; taken as they are, float32 or float64. Of continuous joints they are not
             turned back: from 3 to 4 is another way than from 3 to 4 - 2 pi.
         ends: ``(N, n)``, object space.
@@ -223,15 +222,15 @@ def _with_distance(bounder) -> DistanceBounder | None:
     domain = bounder.domain
     if domain is not domain.base or domain.time or domain.unbounded:
         return None
-    far = cls.around(bounder, DistanceDomain.around(domain.lower, domain.upper), {}, str(bounder.device))
+    far = cls.around(bounder, DistanceDomain.around(domain.lower, domain.upper), str(bounder.device))
     return far.freeze(min(float(round_down(np.nextafter(-far.rounding_bound(), -np.inf))), 0.0), None)
 
 
 def _of_networks(bounder: Bounder) -> bool:
     """Whether a bounder is a network, or consists of some, all asked about coordinates of the whole."""
-    if isinstance(bounder, Cascade | Union):
+    if isinstance(bounder, Cascade):
         return all(map(_of_networks, bounder.members))
-    return isinstance(bounder, Mlp | Local)
+    return isinstance(bounder, Mlp)
 
 
 class _March:
@@ -252,29 +251,11 @@ class _March:
         return until
 
 
-def _walks(bounder: Bounder, count: int, depth: int, first: bool) -> "_Walk | _All | _Any":
+def _walks(bounder: Bounder, count: int, depth: int, first: bool) -> "_Walk | _Any":
     """What asks a network, or several, about so many segments."""
-    if isinstance(bounder, Union):
-        return _All([_walks(part, count, depth, first) for part in bounder.members], first)
-    if isinstance(bounder, Local | MlpDistance) or len(bounder.parts) == 1:
+    if isinstance(bounder, MlpDistance) or len(bounder.parts) == 1:
         return _Walk(bounder, count, depth, first)
     return _Any([_walks(part, count, depth, True) for part in bounder.parts])
-
-
-class _All:
-    """Several networks, of which each must clear a segment."""
-
-    def __init__(self, walks: list, first: bool):
-        self._walks, self._first = walks, first
-
-    def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
-        until, left = np.full(len(starts), np.inf), begin
-        for walk in self._walks:
-            if not self._first:  # this one need not ask about what another has not cleared, and so may clear none of it
-                stopped = until < np.inf
-                until, left = np.where(stopped, begin, until), np.where(stopped, np.inf, begin)
-            until = np.minimum(until, walk(starts, ends, left))
-        return until
 
 
 class _Any:
@@ -336,9 +317,9 @@ for (int k = 0; k < K; ++k) h[k] = z[k] + z[K + k] * z[2 * K];
 class _Walk:
     """One network along segments: the native walk (``native/segments.h``) with its numbers, and its launch.
 
-    Of points it bounds -f, which must lie above -(threshold + E); of thresholds of parts that of the parts counts. Of a
-    distance to a shape that moves it bounds F, which must lie above 0 all along. It is not enough that no face touches
-    the point on its way, which a march would tell: a hole may close around it.
+    Of points it bounds -f, which must lie above -(threshold + E). Of a distance to a shape that moves it bounds F,
+    which must lie above 0 all along. It is not enough that no face touches the point on its way, which a march would
+    tell: a hole may close around it.
     """
 
     _numbers: ClassVar[WeakKeyDictionary] = WeakKeyDictionary()  # of a bounder, kept as long as it is
@@ -373,13 +354,12 @@ class _Walk:
 
 def _walk_numbers(bounder: Bounder) -> tuple[wp.Kernel, int, list[wp.array], list[np.ndarray]]:
     """The kernel of a network, how many edges its lattice has, and arrays, with what these share."""
-    member = bounder.member if isinstance(bounder, Local) else bounder
-    network, moving, domain = member.network, isinstance(bounder, MlpDistance), bounder.domain
+    network, moving, domain = bounder.network, isinstance(bounder, MlpDistance), bounder.domain
     weights = network.packed.copy()
     if not moving:  # the output layer's, so that -f is bounded
         weights[-1 - network.output.weight.shape[1] :] *= -1.0
     limit = domain.limit.astype(np.float64)
-    least, most = np.full((2, member.ndim), [[-np.inf], [np.inf]])
+    least, most = np.full((2, bounder.ndim), [[-np.inf], [np.inf]])
     if domain.joints is not None:
         least, most = (np.array(each, dtype=np.float64) for each in (domain.joints.lower, domain.joints.upper))
     if domain.time:  # beyond its range nothing is known
@@ -387,15 +367,15 @@ def _walk_numbers(bounder: Bounder) -> tuple[wp.Kernel, int, list[wp.array], lis
     reach = (limit + 2 * AROUND * moving) * (1 + INSIDE)  # a distance's domain has no delta
     lattice = getattr(bounder, "lattice", None)
     edges = [] if lattice is None else lattice.edges
-    values = np.zeros(1) if lattice is None else (bounder.relief if moving else bounder.thresholds)
+    values = np.zeros(1) if lattice is None else bounder.relief
     padding = network.padding_for((limit + 4 * AROUND * moving) * (1 + 2 * INSIDE))
     place = np.concatenate([domain.center, domain.scale, reach, least, most])
     held = [weights, padding, np.concatenate([*edges, values]), place]
     held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
-    counts = np.ones(member.ndim, np.int32) if lattice is None else np.array(lattice.shape, np.int32)
+    counts = np.ones(bounder.ndim, np.int32) if lattice is None else np.array(lattice.shape, np.int32)
     arrays = [double_array(each, bounder.device) for each in held]
     arrays.append(wp.array(counts, dtype=wp.int32, device=bounder.device))
-    kernel = _kernel(network.kernel_shape(SegmentParametrization(member.ndim)))
+    kernel = _kernel(network.kernel_shape(SegmentParametrization(bounder.ndim)))
     return kernel, sum(map(len, edges)), arrays, held
 
 

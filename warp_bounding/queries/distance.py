@@ -4,19 +4,16 @@ It is no kind of query with a yes or no (``QUERIES``), so there is no oracle of 
 (``Shape.distances``), and a radius makes a yes or no of it.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from warp_bounding.errors import QueryError, ShapeError
+from warp_bounding.errors import ShapeError
 from warp_bounding.queries.domain import EXTENTS, PointMap, json_number
 from warp_bounding.rounding import UNIT32, round_up
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
-
-# Where coordinate 0 is time: distances in space at a time, or in all coordinates alike.
-METRICS = ("space", "spacetime")
 
 
 @dataclass(frozen=True)
@@ -37,17 +34,6 @@ class DistanceQuery:
 
 
 DISTANCE = DistanceQuery()
-
-
-def in_metric(shape: Shape, metric: str) -> Shape:
-    """A shape whose distances are those of a metric: of a grid with a time, in ``"spacetime"``, one without."""
-    if metric not in METRICS:
-        raise QueryError(f"metric must be one of {', '.join(METRICS)}, got {metric!r}")
-    if metric == METRICS[0] or not shape.time:
-        return shape
-    if not isinstance(shape, Grid):
-        raise ShapeError(f"{shape.name}: metric={metric} is for grids; give the shape's cells, to_grid(resolution=...)")
-    return replace(shape, time=False)
 
 
 # From object coordinates to those that a distance is computed in, which are larger or smaller alike on all axes.

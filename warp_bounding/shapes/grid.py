@@ -47,16 +47,13 @@ def block_counts(table: np.ndarray, first: np.ndarray, end: np.ndarray) -> np.nd
     return count
 
 
-def blocks_of(occupancy: np.ndarray, flat: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def blocks_of(occupancy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Disjoint boxes of cells that cover what is occupied: halved along the longest axis until all are full or empty.
 
-    First cells ``(N, n)`` int64 and one past the last. Along an axis ``flat`` boxes are one cell thick.
+    First cells ``(N, n)`` int64 and one past the last.
     """
     table, ndim = summed_area(occupancy), occupancy.ndim
-    layers = 1 if flat is None else occupancy.shape[flat]
-    first, last = np.zeros((layers, ndim), np.int64), np.tile(occupancy.shape, (layers, 1)).astype(np.int64)
-    if flat is not None:
-        first[:, flat], last[:, flat] = np.arange(layers), np.arange(layers) + 1
+    first, last = np.zeros((1, ndim), np.int64), np.array([occupancy.shape], np.int64)
     found = []
     while len(first):
         count = block_counts(table, first, last)

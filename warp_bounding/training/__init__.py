@@ -1,6 +1,5 @@
 """``fit``: bounders from shapes. torch lives here only, and is imported where a bounder is learned (``lazy_torch``)."""
 
 from warp_bounding.training.fit import fit
-from warp_bounding.training.hierarchy import hierarchy
 
-__all__ = ["fit", "hierarchy"]
+__all__ = ["fit"]

@@ -26,10 +26,10 @@ CHUNK = 1024  # things that a thread does at a time, such as samples that it eva
 
 
 class Team:
-    """Runs ``job(k)`` for k in 0 .. size - 1, the number of threads; as many as launches use if ``None``."""
+    """Runs ``job(k)`` for k in 0 .. size - 1, on as many threads as launches use."""
 
-    def __init__(self, size: int | None = None):
-        self.size = size or cpu_threads()
+    def __init__(self):
+        self.size = cpu_threads()
 
     def run(self, job: Callable[[int], None]) -> None:
         """Run a job on every thread, without autograd, and wait for all; an error in one is raised here."""
@@ -100,12 +100,9 @@ class Clock:
             used = self.seconds / self.total if self.timed else 0.0
             self.progress(min(max(used, self.share), 1.0), 1.0, note)
 
-    def reserve(self, seconds: float, used: float | None = None) -> None:
-        """Keep other seconds at the end for the proof; the used fraction goes on evenly, so that schedules do not jump.
-
-        It goes on from ``used``, where the time since then was not training; from the present one if ``None``.
-        """
-        now, used = self.seconds, min(self.fraction() if used is None else used, 1.0)
+    def reserve(self, seconds: float) -> None:
+        """Keep other seconds at the end for the proof; the used fraction goes on evenly, so schedules do not jump."""
+        now, used = self.seconds, self.fraction()
         left = max(self.total - self.reserved - now, 0.0)
         self._from = (now, used)
         self.reserved = min(seconds, self.total - now - left / FASTER)
@@ -274,26 +271,19 @@ def initial_layers(widths: list[int], gains: tuple[float, float], generator: tor
 
 
 class RowNetwork:
-    """Hidden layers and linear outputs: ``fixed`` hidden layers are not trained."""
+    """Hidden layers and linear outputs."""
 
-    def __init__(self, layers: list[torch.Tensor], activation: Activation, fixed: tuple[torch.Tensor, ...] = ()):
-        self.layers, self.activation, self.fixed = [layer.requires_grad_(True) for layer in layers], activation, fixed
+    def __init__(self, layers: list[torch.Tensor], activation: Activation):
+        self.layers, self.activation = [layer.requires_grad_(True) for layer in layers], activation
 
     def __call__(self, h: torch.Tensor) -> torch.Tensor:
         """Outputs ``(N, outputs)`` of rows ``(N, inputs)``."""
-        with torch.no_grad():
-            for layer in self.fixed:
-                h = self.hidden(layer, h)
         for layer in self.layers[:-1]:
-            h = self.hidden(layer, h)
+            h = self.activation.torch_value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
         return torch.addmm(self.layers[-1][:, -1], h, self.layers[-1][:, :-1].T)
 
-    def hidden(self, layer: torch.Tensor, h: torch.Tensor) -> torch.Tensor:
-        """Activations behind a layer."""
-        return self.activation.torch_value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
-
     def copy(self) -> list[torch.Tensor]:
-        """The layers that are trained, as they are now."""
+        """The layers as they are now."""
         return [layer.detach().clone() for layer in self.layers]
 
 
@@ -342,9 +332,9 @@ class TrainableNetwork:
         out[: self.ndim] = v
         return out
 
-    def tensors(self, flat: torch.Tensor | None = None) -> dict[str, np.ndarray]:
+    def tensors(self) -> dict[str, np.ndarray]:
         """The parameters as a bounder stores them."""
-        return tensors_of(self.layers if flat is None else self.split(flat))
+        return tensors_of(self.layers)
 
 
 class Evaluator:

@@ -17,7 +17,7 @@ from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_
 from warp_bounding.bounders.bounder import known_method, resolved
 from warp_bounding.bounders.bvh import Bvh
 from warp_bounding.bounders.cascade import Cascade
-from warp_bounding.bounders.distance import METRIC, REACH, DistanceBounder, VolumeDistance
+from warp_bounding.bounders.distance import REACH, DistanceBounder, VolumeDistance
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.mlp import HIDDEN, Mlp
 from warp_bounding.bounders.mlp_distance import MlpDistance
@@ -29,13 +29,13 @@ from warp_bounding.proof import prove_or_test
 from warp_bounding.proof.distances import excesses
 from warp_bounding.proof.prove import prove_distance
 from warp_bounding.queries import QUERIES, check_query
-from warp_bounding.queries.distance import DISTANCE, METRICS, DistanceDomain, in_metric
+from warp_bounding.queries.distance import DISTANCE, DistanceDomain
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.launch import compile_seconds, device_of
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.shapes import Grid, Mesh, MovingMesh, load_shape
-from warp_bounding.shapes.parts import SIDES, Complement
+from warp_bounding.shapes.complement import SIDES, Complement
 from warp_bounding.shapes.recentred import parted
 from warp_bounding.shapes.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.training.fit_network import fit_network
@@ -71,7 +71,6 @@ def fit(
     length: float | None = None,
     side: str = SIDES[0],
     workload=None,
-    last: Bounder | None = None,
     device: str | None = None,
     progress: Progress | bool | None = None,
     scheduler: str | int | None = None,
@@ -109,7 +108,6 @@ def fit(
             methods (networks, a ``learned-kdop``, a ``relu-field``) then avoid false positives among these first; of
             planes only the normals count. Proofs are about all queries all the same. Some thousands are enough; of more
             than a million a part is used.
-        last: The last part of a cascade, if it is fitted already; then only the parts before it are fitted.
         device: Warp device of the bounder; the default device if ``None``.
         progress: Called with done, total and a note. ``None`` shows a bar on standard error if that is a terminal,
             ``False`` nothing. Ctrl-C ends training; the best network so far is then proven.
@@ -118,12 +116,10 @@ def fit(
         **options: The method's own (``METHODS[method].options``); an option that no part of a cascade takes is refused.
             ``hidden``: widths of an mlp's hidden layers, ``(50, 50)``; a bvh gets the memory of such a network. Of an
             arm's configurations ``(2 K, 48, 48)``: the first layer begins as sines and cosines of its K angles.
-            ``activation``: ``"sin"`` or ``"relu"`` for an mlp. ``parts``: of an mlp of points, about how many parts of
-            the domain get a threshold each. ``statistical``: of an mlp of points, ``True`` for a threshold from
-            samples, unproven, where in many dimensions a proven one denies nothing. ``metric``: of a distance, where
-            coordinate 0 of a grid is time: ``"spacetime"`` takes it as one more coordinate. ``k``: half-spaces of a
-            kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of seconds; the
-            result is then repeatable to the bit on the same machine.
+            ``activation``: ``"sin"`` or ``"relu"`` for an mlp. ``statistical``: of an mlp of points, ``True`` for a
+            threshold from samples, unproven, where in many dimensions a proven one denies nothing. ``k``:
+            half-spaces of a kdop or learned-kdop. ``leaves``: leaf boxes of a bvh. ``steps``: training steps instead of
+            seconds; the result is then repeatable to the bit on the same machine.
 
     Returns:
         The bounder, with ``certificate`` and ``info``. ``info["training"]`` reports how training went, with ``seconds``
@@ -161,10 +157,10 @@ def fit(
     if scheduler is not None:
         if (query, method) != (POINT.name, Mlp.method):
             raise BounderError(f"scheduler is for the proof of an mlp of points, got {query}, {method}")
-        if options.get("statistical") or options.get("parts", 1) != 1:
-            raise BounderError("scheduler is for the proof of one threshold, got statistical or parts")
+        if options.get("statistical"):
+            raise BounderError("scheduler is for a proof, got statistical")
     far = query == DISTANCE.name
-    check_asked(query, method, length, side, last, workload)
+    check_asked(query, method, length, side, workload)
     length = length or 1.0
     known = [method_class(method, query)] if far else [known_method(name) for name in method.split("+")]
     resolved(known, query, options, [fit])
@@ -186,8 +182,6 @@ def fit(
     classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
-    if last is not None and (len(classes) < 2 or type(last) is not classes[-1] or last.frame != frame):
-        raise BounderError(f"last must be the last of several methods, {method!r}, got {last!r}")
     chosen = resolved(classes, query, options, [fit])
     if grid.waves is not None and HIDDEN.name not in options:
         for cls, own in zip(classes, chosen, strict=True):
@@ -197,21 +191,17 @@ def fit(
     callers = None if workload is None else CallersQueries(workload, grid, domain, int(seed), frame)
     more = {"callers": callers, "repeatable": repeatable, "scheduler": scheduler}
     problem = Problem(grid, domain, query, int(seed), device, **more)
-    wanted = classes if last is None else classes[:-1]
     with reported(progress, f"fit {method}") as update:
         try:
-            parts = _fit_parts(problem, wanted, classes, chosen, budget, spent, update)
+            parts = _fit_parts(problem, classes, chosen, budget, spent, update)
         except ProofError as error:
             error.bounder.info = described(grid, int(seed), spent.seconds())
             error.bounder = error.bounder.in_frame(frame)
             raise
-    if last is not None:
-        parts.append(last.local.to(str(parts[0].device)))
     bounder = parts[0] if len(classes) == 1 else cascade(*parts)
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
     warn_of_little(bounder)
-    before = {} if last is None else last.info.get("training") or {}
-    bounder.info["training"] |= {key: round(value + before.get(key, 0.0), 3) for key, value in spent.seconds().items()}
+    bounder.info["training"] |= spent.seconds()
     return bounder.in_frame(frame)
 
 
@@ -239,16 +229,15 @@ class Stopwatch:
 
 def _fit_parts(
     problem: Problem,
-    wanted: list[type[Bounder]],
     classes: list[type[Bounder]],
     chosen: list[dict[str, Any]],
     budget: float,
     spent: Stopwatch,
     progress: Progress | None,
 ) -> list[Bounder]:
-    """Bounders of the ``wanted`` classes, the first ones of ``classes``; all of ``classes`` share the budget."""
+    """Bounders of the classes, which share the budget."""
     trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
-    for index, cls in enumerate(wanted):
+    for index, cls in enumerate(classes):
         trainer, own = trainers[index], spent if index == 0 else Stopwatch()
         left = spent.left(budget)
         waiting = sum(each.proves for each in trainers[index:])
@@ -344,8 +333,6 @@ def _fit_distance(
     """``fit`` of distances to a shape that is not dilated by the margin yet; ``fit`` has checked the arguments."""
     cls = method_class(method, DISTANCE.name, shape.ndim)
     (chosen,) = resolved([cls], DISTANCE.name, options, [fit])
-    metric = chosen.pop(METRIC.name)
-    shape = in_metric(shape, metric)
     if shape.joints is not None:
         raise BounderError(
             f"{method}: {shape.name}: distances of configurations are not bounded, points are; "
@@ -354,17 +341,15 @@ def _fit_distance(
     if shape.time and not (cls.moving and shape.speed is not None):
         able = ", ".join(name for name, each in DISTANCES.items() if each.moving)
         raise BounderError(
-            f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; grids "
-            f"take metric={METRICS[1]!r}, where "
-            "time is one more coordinate"
+            f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; in "
+            "Grid(occupancy), a grid without a time, it is one more coordinate"
         )
     own = {"margin": margin, "resolution": resolution}
     if issubclass(cls, VolumeDistance):
         own |= {"budget": spent.left(budget), "seed": seed, "device": device, "progress": progress, "force": force}
-        given = {name: value for name, value in options.items() if name != METRIC.name}
-        volume = fit(shape, POINT.name, method, **own, **given)
+        volume = fit(shape, POINT.name, method, **own, **options)
         fitted, info = as_fitted(volume, shape), volume.info
-        bounder = cls.around(volume, DistanceDomain.of(fitted), {METRIC.name: metric}, device)
+        bounder = cls.around(volume, DistanceDomain.of(fitted), device)
         prove_distance(bounder, fitted, of_volume=volume.certificate)
     else:
         shape.check()
@@ -378,7 +363,6 @@ def _fit_distance(
         problem = Problem(fitted, domain, DISTANCE.name, seed, device)
         with reported(progress, f"fit {method}") as update:
             bounder, record = trainer_of(cls).train(cls, problem, chosen, spent.left(budget, proving), update)
-        bounder.sizes[METRIC.name] = metric
         prove_distance(bounder, fitted, budget=spent.left(budget))
         info = described(fitted, seed, record)
     bounder.info = info | {"rates": None}
@@ -526,14 +510,14 @@ def warn_of_little(bounder: Bounder) -> None:
         )
 
 
-def check_asked(query: str, method: str, length: float | None, side: str, last=None, workload=None) -> None:
+def check_asked(query: str, method: str, length: float | None, side: str, workload=None) -> None:
     """Refuse arguments that this kind of query does not have, with ``BounderError``."""
     if not isinstance(method, str):
         raise BounderError(f"method must be a name, or several joined by +, got {method!r}")
     if side not in SIDES:
         raise BounderError(f"side must be one of {', '.join(SIDES)}, got {side!r}")
     if query == DISTANCE.name:
-        for name, given, none in (("length", length, None), ("last", last, None), ("side", side, SIDES[0])):
+        for name, given, none in (("length", length, None), ("side", side, SIDES[0])):
             if given != none:
                 raise BounderError(f"{name} is not for distances, got {name}={given!r}")
         if workload is not None:

@@ -384,7 +384,6 @@ class Problem:
     device: str | None  # Warp device of the bounder
     front: tuple[Bounder, ...] = ()
     in_front: bool = False  # whether the bounder stands before a network in a cascade
-    target: Domain | None = None  # where a network of points is queried, if it is trained in another domain, its own
     callers: CallersQueries | None = None  # queries of the caller's own: where false positives count
     scheduler: str | int | None = None  # whose workers prove
     repeatable: bool = False  # whether the result is to be the same on every run, so that no clock may enter

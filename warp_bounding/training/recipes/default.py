@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.bounders.cascade import Lattice
 from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, evaluated, geometric
 from warp_bounding.training.lazy_torch import torch
 from warp_bounding.training.samples import Samples
@@ -83,11 +82,6 @@ class Batches:
     rows: torch.Tensor  # ``(refresh, batch)`` indices into them
     weight: torch.Tensor  # ``(batch,)``
     boost: torch.Tensor | None = None  # ``(N,)``, of the worst positives' weights; 1 of others
-    offset: torch.Tensor | None = None  # ``(N,)``, what f is taken relative to; ``None`` for 0
-
-    def relative(self, f: torch.Tensor, columns: torch.Tensor) -> torch.Tensor:
-        """``f`` of some columns less their offset, in place."""
-        return f if self.offset is None else f.sub_(self.offset.index_select(0, columns))
 
 
 def plan(
@@ -129,14 +123,14 @@ def accumulate(
         worker = workers[index]
         columns = negatives.rows[row, part]
         x = negatives.x.index_select(1, columns)
-        f = negatives.relative(worker.forward(x, keep=True), columns)
+        f = worker.forward(x, keep=True)
         signal = torch.sigmoid(f)
         if ramp < 30:
             signal -= torch.sigmoid(f - ramp)
         worker.backward(x, signal.mul_(negatives.weight[part]).mul_(weight**-0.5))
         columns = positives.rows[row, part]
         x = positives.x.index_select(1, columns)
-        f = positives.relative(worker.forward(x, keep=True), columns)
+        f = worker.forward(x, keep=True)
         signal = torch.sigmoid(f.div_(-width)).mul_(positives.weight[part]).mul_(positives.boost[columns])
         worker.backward(x, signal.mul_(-(weight**0.5)))
 
@@ -173,20 +167,14 @@ WAVE_DECAY = 0.03
 class NetworkTrainer:
     """A network in training, on samples whose generator is the source of everything random.
 
-    ``false_positives`` is the estimated share of all uniform samples, ``false_negatives`` that of the worst positives
-    which the paper's threshold of 0 would deny, both of the last refresh; ``hard`` ``(S, K)`` are the states of the
-    worst positives known. In each step the hidden layers' weights shrink by ``decay`` times the learning rate: smaller
-    weights bend f less, which shortens its proof.
+    ``false_positives`` is the estimated share of all uniform samples at the least value known on the object,
+    ``false_negatives`` that of the worst positives which the paper's threshold of 0 would deny, both of the last
+    refresh; ``hard`` ``(S, K)`` are the states of the worst positives known. In each step the hidden layers' weights
+    shrink by ``decay`` times the learning rate: smaller weights bend f less, which shortens its proof.
     """
 
-    def __init__(
-        self,
-        samples: Samples,
-        hidden: tuple[int, ...],
-        activation: str,
-        recipe: Recipe | None = None,
-    ):
-        self.recipe = recipe or Recipe()
+    def __init__(self, samples: Samples, hidden: tuple[int, ...], activation: str):
+        self.recipe = Recipe()
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation)
         self.decay = 0.0
@@ -235,11 +223,7 @@ class NetworkTrainer:
 
     def add(self, v: np.ndarray) -> None:
         """Add positives found elsewhere, here as rows: ``(N, ndim)`` float64 coordinates ``v``; to the hard pool."""
-        self.add_states(self.samples.locate(v))
-
-    def add_states(self, state: torch.Tensor) -> None:
-        """Add positives found elsewhere, as states ``(S, N)``, to the hard pool."""
-        self.hard = torch.cat([state, self.hard], 1)
+        self.hard = torch.cat([self.samples.locate(v), self.hard], 1)
 
     def finish(self) -> dict[str, np.ndarray]:
         """Store the parameters with the fewest estimated false positives so far; returns them in a bounder's form."""
@@ -257,49 +241,29 @@ class NetworkTrainer:
         negative = network.encode(samples.negatives(recipe.pool))
         state = samples.positives(recipe.pool)
         fresh = samples.coordinates(state)
-        walked = self._descend(self.workers, samples.positives(recipe.explore), recipe.explore_moves)
+        walked = self._descend(samples.positives(recipe.explore), recipe.explore_moves)
         state = torch.cat([walked, self.hard, state], 1)
         x = network.encode(samples.coordinates(state))
-        values = self._relative(x, self._evaluate(self.workers, x))
+        values = self._evaluate(x)
         worst = values.topk(min(recipe.hard, len(values)), largest=False)[1]
-        self.hard = self._descend(self.workers, state[:, worst], recipe.moves)
+        self.hard = self._descend(state[:, worst], recipe.moves)
         vertices = samples.vertices
         if vertices.shape[1] > recipe.vertices:
             pick = torch.randint(vertices.shape[1], (recipe.vertices,), generator=self.generator)
             vertices = vertices.index_select(1, pick)
         positive = network.encode(torch.cat([vertices, fresh, samples.coordinates(self.hard)], 1))
-        values = self._evaluate(self.workers, torch.cat([negative, positive], 1))
+        values = self._evaluate(torch.cat([negative, positive], 1))
         f_negative, f_positive = values[: negative.shape[1]], values[negative.shape[1] :]
-        self.level(positive, f_positive, used)
-        self.false_positives = self.judge(negative, f_negative, positive, f_positive)
+        self.false_positives = float((f_negative >= f_positive.min()).sum()) / recipe.pool
         self.false_negatives = float((f_positive[-self.hard.shape[1] :] < 0).float().mean())
         if self.false_positives <= self._best[0]:
             self._best = (self.false_positives, self.network.flat.clone())
-        f_negative, f_positive = self._relative(negative, f_negative), self._relative(positive, f_positive)
-        planned = plan(recipe, used, self.generator, (negative, f_negative), (positive, f_positive))
-        self._batches = tuple(replace(batches, offset=self.offset(batches.x)) for batches in planned)
+        self._batches = plan(recipe, used, self.generator, (negative, f_negative), (positive, f_positive))
 
-    def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
-        """Update what samples are compared with, from f of encoded positives; by default f is compared with 0."""
+    def _evaluate(self, x: torch.Tensor) -> torch.Tensor:
+        return evaluated(self.team, self.workers, x)
 
-    def offset(self, x: torch.Tensor) -> torch.Tensor | None:
-        """``(N,)``, what f of encoded samples is taken relative to; ``None`` for 0."""
-        return None
-
-    def judge(
-        self, negative: torch.Tensor, f_negative: torch.Tensor, positive: torch.Tensor, f_positive: torch.Tensor
-    ) -> float:
-        """The share of uniform samples that are false positives at the least value known on the object."""
-        return float((f_negative >= f_positive.min()).sum()) / self.recipe.pool
-
-    def _relative(self, x: torch.Tensor, f: torch.Tensor) -> torch.Tensor:
-        offset = self.offset(x)
-        return f if offset is None else f - offset
-
-    def _evaluate(self, workers: list[Evaluator], x: torch.Tensor) -> torch.Tensor:
-        return evaluated(self.team, workers, x)
-
-    def _descend(self, workers: list[Evaluator], state: torch.Tensor, moves: int) -> torch.Tensor:
+    def _descend(self, state: torch.Tensor, moves: int) -> torch.Tensor:
         """States ``(S, N)`` after some ``moves`` down f; the first is 0.4 cells long, the next ones shrink."""
         begin, state, samples, network = state, state.clone(), self.samples, self.network
 
@@ -307,7 +271,7 @@ class NetworkTrainer:
             columns = state[:, part]
             for move in range(moves):
                 v = samples.coordinates(columns)
-                slope = workers[index].input_gradient(network.encode(v))
+                slope = self.workers[index].input_gradient(network.encode(v))
                 columns = samples.move(columns, slope, 0.4 * 0.8**move)
             state[:, part] = columns
 
@@ -318,58 +282,3 @@ class NetworkTrainer:
         """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at this learning rate."""
         accumulate(self._batches, self.recipe, self.team, self.workers, row, used)
         return summed(self.workers)
-
-
-# Training for local thresholds: each part of the domain is judged by the worst positive in it, not by the worst of all.
-#
-# Towards the end f is taken relative to its part: less the least f of the positives known there, plus the least of all.
-# A part where the network fails then demands nothing of the others.
-
-# Used fractions between which the parts come in, linearly. Earlier they do harm: a part in which the network fails is
-# let go before it has been learned.
-BEGIN, END = 0.7, 0.9
-
-
-class LocalTrainer(NetworkTrainer):
-    """A network in training, at thresholds of the parts of a lattice.
-
-    ``least`` ``(parts,)`` is the least f of the positives known in each at the last refresh; infinity where there is
-    none.
-    """
-
-    def __init__(self, samples: Samples, hidden: tuple[int, ...], activation: str, *, lattice: Lattice):
-        self.lattice = lattice
-        self._edges = [torch.from_numpy(axis) for axis in lattice.edges]
-        self.least = torch.full((lattice.count,), math.inf)
-        self._offsets, self._used = torch.zeros(lattice.count), 0.0
-        super().__init__(samples, hidden, activation)
-
-    def place(self, x: torch.Tensor) -> torch.Tensor:
-        """``(N,)`` index of the part of each encoded sample."""
-        place = torch.zeros(x.shape[1], dtype=torch.long)
-        for row, edges in zip(x, self._edges, strict=False):
-            place = place * (len(edges) + 1) + torch.bucketize(row, edges, right=True)
-        return place
-
-    def offset(self, x: torch.Tensor) -> torch.Tensor:
-        return self._offsets[self.place(x)]
-
-    def level(self, positive: torch.Tensor, f: torch.Tensor, used: float) -> None:
-        self.least = torch.full((self.lattice.count,), math.inf)
-        self.least.scatter_reduce_(0, self.place(positive), f, "amin")
-        self._used = used
-        share = min(max((used - BEGIN) / (END - BEGIN), 0.0), 1.0)
-        # A part without positives denies everything: far under all that costs, and no gradient comes from there.
-        own = torch.where(self.least.isinf(), self.least.min() + 1e6, self.least)
-        self._offsets = share * (own - self.least.min())
-
-    def judge(
-        self, negative: torch.Tensor, f_negative: torch.Tensor, positive: torch.Tensor, f_positive: torch.Tensor
-    ) -> float:
-        if self._used < BEGIN:
-            return super().judge(negative, f_negative, positive, f_positive)
-        return float((f_negative >= self.least[self.place(negative)]).sum()) / self.recipe.pool
-
-    def worst_points(self) -> np.ndarray:
-        fresh = self.samples.coordinates(self.samples.positives(self.recipe.pool))
-        return np.concatenate([super().worst_points(), fresh.T.double().numpy()])

@@ -8,7 +8,6 @@ falls short, ever sharper: no label is needed, the supports are known exactly (`
 
 from __future__ import annotations
 
-import copy
 import math
 
 import numpy as np
@@ -21,7 +20,6 @@ from warp_bounding.training.engine import (
     Soap,
     cosine,
     geometric,
-    initial,
     initial_layers,
     tensors_of,
 )
@@ -54,14 +52,6 @@ class SupportTrainer:
         act = activation_of(activation)
         self.network = RowNetwork(initial_layers([self.ndim, *hidden, 2], act.support_gains, self.generator), act)
         self._best = (math.inf, self.network.copy())
-
-    def behind(self, layers: list[torch.Tensor]) -> SupportTrainer:
-        """A trainer of two supports behind finished layers, which do not change; all else is shared with this one."""
-        own = copy.copy(self)  # __init__ would draw a whole network and look for the hull again
-        head = initial(self.generator, 2, len(layers[-1]))
-        own.network = RowNetwork([head], self.network.activation, tuple(layers))
-        own._best = (math.inf, own.network.copy())
-        return own
 
     def finish(self) -> dict[str, np.ndarray]:
         """The parameters with the fewest estimated false positives so far, as a bounder stores them."""
