@@ -27,9 +27,8 @@ they are. A mesh whose points are moved in place has no true box: it must be ``u
 """
 
 from collections.abc import Callable, Collection, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import cache
 
 import newton
 import numpy as np
@@ -40,7 +39,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.newton.placing import place_shapes
 from warp_bounding.newton.rigid import PairFilter
 from warp_bounding.newton.shapes import Shapes, contact_gap
-from warp_bounding.newton.sieve import Sieve
+from warp_bounding.newton.sieve import sieve_of
 from warp_bounding.newton.surface import Surface
 from warp_bounding.pairs import Balls
 from warp_bounding.runtime.launch import BlockLaunch, ready
@@ -89,8 +88,7 @@ class Cull:
         """Check that the bounders are those of the shapes, and load all kernels, so that a graph can be captured.
 
         Args:
-            pipeline: Its class is replaced by a subclass of it, in which the number of pairs is the length of their
-                list.
+            pipeline: It stays as it is; ``collide`` runs it with other pairs.
             bounders: Per index of a shape a bounder of its mesh, in the mesh's own coordinates, 3D: of distances, or of
                 points, with a margin of ``margin_for`` at least. One bounder may serve many shapes. Of shapes without
                 one the closed form is tested, or the mesh's box.
@@ -125,7 +123,7 @@ class Cull:
         surfaces = getattr(pipeline, "_soft_mesh_contact_data", None) is not None
         self._shapes = Shapes(pipeline, bounders, unproven, untested, surfaces)
         self._device = device = self.model.device
-        self._particles = Sieve(self._all, self.model.particle_count, self._shapes)
+        self._particles = sieve_of(self._all, self.model.particle_count, self._shapes)
         self._surface = Surface(pipeline, self._shapes) if surfaces else None
         self._sieves = [self._particles, *([self._surface.particles] if surfaces else [])]
         self.pairs = sum(map(len, self._sieves))
@@ -134,7 +132,8 @@ class Cull:
         self._stream = wp.Stream(device) if device.is_cuda else None
         ready(place_shapes, device)
         self._recorded: dict[tuple, list[BlockLaunch]] = {}  # by the arrays that they read, oldest first
-        pipeline.__class__ = _counting(type(pipeline))
+        self._beside = False  # whether the candidates are being found on that stream
+        self._view = _view_of(type(pipeline))(self)
 
     @property
     def survivors(self) -> int:
@@ -190,29 +189,34 @@ class Cull:
             raise BounderError(f"expected candidates for contact gap {gap:g}, got ones for {self._candidates_gap:g}")
         if candidates is None:
             candidates = self._candidates_beside(state, gap)
-        self.pipeline.soft_rigid_contact_pairs = candidates
-        with ExitStack() as culls:
-            if self._surface is not None and state.particle_q:
-                _wait_for_pairs(self.pipeline)
-                self._surface.begin()
-                self._run(("surface", gap), state, lambda: self._surface.launches(state))
-                culls.enter_context(self._surface.culled(state, contacts, self._reads_back))
-            if self._rigid is not None:
-                culls.enter_context(self._rigid.culled())
-            try:
-                self.pipeline.collide(state, contacts, **options)
-            finally:
-                _wait_for_pairs(self.pipeline)  # where the pass had nothing to do
-                self.pipeline.soft_rigid_contact_pairs = self._all
+        self._kept, surface = candidates, self._surface
+        if surface is not None:
+            self._wait()
+            surface.begin()
+            if state.particle_q:
+                self._run(("surface", gap), state, lambda: surface.launches(state))
+                surface.replace(state, self._reads_back)
+        try:
+            self._view.collide(state, contacts, **options)
+        finally:
+            self._wait()  # where the pass had nothing to do
+        if surface is not None:
+            surface.end(contacts)
+
+    def _wait(self) -> None:
+        """Let the device's stream wait for the candidates, if they are found on another one."""
+        if self._beside:
+            self._device.stream.wait_stream(self._stream)
+        self._beside = False
 
     def _candidates_beside(self, state: newton.State, gap: float) -> wp.array:
-        """``candidates``, on a stream of its own where nothing is read back; ``_wait_for_pairs`` waits for it."""
+        """``candidates``, on a stream of its own where nothing is read back; ``_wait`` waits for it."""
         device = self._device
         if not (BESIDE and device.is_cuda and (device.is_capturing or not self._reads_back)):
             return self.candidates(state, gap)
         stream, own = device.stream, self._stream
         own.wait_stream(stream)
-        self.pipeline.__dict__["_wait"] = partial(stream.wait_stream, own)
+        self._beside = True
         with wp.ScopedStream(own, sync_enter=False):
             return self.candidates(state, gap)
 
@@ -251,31 +255,37 @@ class Cull:
                 del self._recorded[next(iter(self._recorded))]
             self._recorded[key] = made()
         for launch in self._recorded[key]:
-            if self._particles.in_lists and device.is_cpu:  # threads of a CPU would count over each other
+            if self._particles.one_thread:
                 launch.launch_whole()
             else:
                 launch.launch()
 
 
-def _wait_for_pairs(pipeline: newton.CollisionPipeline) -> None:
-    """Let the device's stream wait for the cull that fills the list of pairs, if it runs on its own."""
-    wait = pipeline.__dict__.pop("_wait", None)
-    if wait is not None:
-        wait()
-
-
 @cache
-def _counting(kind: type) -> type:
-    """The subclass of a pipeline's class whose number of particle-shape pairs is the length of their list.
+def _view_of(kind: type) -> type:
+    """The subclass of a pipeline's class that goes through what a cull has left.
 
-    Newton asks for it right before its particle-shape pass, which is where that has to wait for the cull.
+    Its objects share all attributes with the user's pipeline, which stays as it is.
     """
-    if hasattr(kind, "_counts"):
-        return kind
 
-    def count(pipeline: newton.CollisionPipeline) -> int:
-        _wait_for_pairs(pipeline)
-        return len(pipeline.soft_rigid_contact_pairs)
+    def of_surface(name: str, newtons: str) -> property:
+        return property(lambda self: getattr(self._of._surface, name, self.__dict__.get(newtons)))
 
-    both = dict.fromkeys(("soft_contact_pair_count", "soft_rigid_contact_pair_count"), property(count))
-    return type(kind.__name__, (kind,), {**both, "_counts": True})
+    class View(kind):
+        __slots__ = ("_of",)  # the cull: beside the shared attributes
+
+        def __init__(self, cull: Cull):
+            self._of, self.__dict__ = cull, cull.pipeline.__dict__
+
+        @property
+        def soft_contact_pair_count(self) -> int:
+            """Newton asks right before its particle-shape pass, which is where that has to wait for the cull."""
+            self._of._wait()
+            return len(self._of._kept)
+
+        soft_rigid_contact_pair_count = soft_contact_pair_count
+        soft_rigid_contact_pairs = property(lambda self: self._of._kept)
+        broad_phase = property(lambda self: self._of._rigid or self.__dict__["broad_phase"])
+        _soft_mesh_contact_data, model = of_surface("data", "_soft_mesh_contact_data"), of_surface("model", "model")
+
+    return View

@@ -10,10 +10,9 @@ from functools import cache
 import numpy as np
 import warp as wp
 
-from warp_bounding.bounders import Data
 from warp_bounding.kernels.distances import DistanceSource
-from warp_bounding.kernels.functions import Words, lanes_of, point_func
-from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.kernels.functions import Words, lanes_of
+from warp_bounding.kernels.source import Lanes, fill
 from warp_bounding.newton.placing import IN_SUM, Hull, Placed
 from warp_bounding.runtime.native import Numbers, literal, named, unique_name
 
@@ -67,39 +66,6 @@ def gather_or_repeat(
             else:
                 most = middle
         kept[i] = pairs[denied]
-
-
-@cache
-def query_bounders(source: Source) -> wp.Kernel:
-    """The kernel that asks a bounder of this source about the pairs of its shapes that ``query_hulls`` has listed."""
-    test = point_func(source)
-
-    @named(unique_name(source, "newton")).kernel
-    def ask(
-        # inputs
-        first: int,
-        size: int,
-        data: Data,
-        number: int,
-        numbers: wp.array(dtype=wp.int32),
-        pairs: wp.array(dtype=wp.vec2i),
-        particle_q: wp.array(dtype=wp.vec3),
-        placed: wp.array(dtype=Placed),
-        asked: wp.array(dtype=wp.int32),
-        left: wp.array(dtype=wp.int32),
-        # outputs
-        keep: wp.array(dtype=wp.bool),
-    ):
-        block = first + wp.tid()
-        for k in range(left[block]):
-            i = asked[block * size + k]
-            pair = pairs[i]
-            if numbers[pair[1]] == number:
-                shape = placed[pair[1]]
-                x = wp.cw_div(wp.transform_point(shape.to_shape, particle_q[pair[0]]), shape.scale)
-                keep[i] = test(data, x)
-
-    return ask
 
 
 # --- Hulls ------------------------------------------------------------------------------------------------------------
@@ -217,7 +183,7 @@ def runs_of(pairs: np.ndarray) -> np.ndarray:
 # vector.
 #
 # Few pairs of a block are listed, so a thread goes through ``BLOCKS`` blocks, and asks whenever its lanes are full.
-# What it asks, and how that rounds, is what ``lists.ask_listed`` does for one pair, on CUDA.
+# What it asks, and how that rounds, is what ``lists.query_listed`` does for one pair, on CUDA.
 
 BLOCKS = 16  # blocks of pairs that a thread of the kernel goes through
 
@@ -270,7 +236,7 @@ if (m > 0) ask();
 
 @cache
 def query_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
-    """The kernel of a bounder of this source; see module, and ``lists.ask_listed``."""
+    """The kernel of a bounder of this source; see module, and ``lists.query_listed``."""
     texts = source.around(placed=False, values=True) | {
         "lanes": lanes_of(source),
         "body": source.body(Lanes(vector=True)),

@@ -1,5 +1,7 @@
 """The pairs that may touch, listed on a GPU: a launch for the hulls, one for each bounder, and one for the layout.
 
+``query_listed`` serves the blocks of a CPU, too.
+
 A pair takes its place in a list from a counter, so the order is by chance, as that of Newton's contacts is there. A
 bounder is asked about the listed pairs alone, one after another, so that no thread of a warp idles.
 
@@ -110,15 +112,19 @@ def maybe_func(source: Source | DistanceSource) -> wp.Function:
 
 
 @cache
-def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
-    """The kernel that asks a bounder of this source about the pairs of its shapes that ``sift`` has listed."""
+def query_listed(source: Source | DistanceSource) -> wp.Kernel:
+    """The kernel that asks a bounder of this source about the undecided pairs of its shapes.
+
+    They are in lists, list l from place ``l size`` on and ``left[l]`` long; as many ``threads`` share each.
+    """
     maybe = maybe_func(source)
 
     @named(unique_name(source, "newton_listed")).kernel
-    def ask(
+    def query(
         # inputs
         first: int,
         threads: int,
+        size: int,
         data: Data,
         number: int,
         dilated: float,
@@ -129,13 +135,16 @@ def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
         placed: wp.array(dtype=Placed),
         hulls: wp.array(dtype=Hull),
         undecided: wp.array(dtype=wp.int32),
+        left: wp.array(dtype=wp.int32),
         # outputs
         keep: wp.array(dtype=wp.bool),
         listed: wp.array(dtype=wp.vec2i),
         counts: wp.array(dtype=wp.int32),
     ):
-        for k in range(first + wp.tid(), counts[UNDECIDED], threads):
-            i = undecided[k]
+        t = first + wp.tid()
+        each = t // threads
+        for k in range(t % threads, left[each], threads):
+            i = undecided[each * size + k]
             pair = pairs[i]
             if numbers[pair[1]] == number:
                 shape, hull, q = placed[pair[1]], hulls[pair[1]], particle_q[pair[0]]
@@ -145,13 +154,15 @@ def ask_listed(source: Source | DistanceSource) -> wp.Kernel:
                     + hull.per_coordinate * coordinates_of(q)
                 )
                 x = wp.cw_div(wp.transform_point(shape.to_shape, q), shape.scale)
-                if maybe(data, x, way, dilated):
-                    keep[i] = True
-                    listed[_claim(counts, STAYING)] = pair
-                elif counts[DENIED] == 0:
-                    counts[DENIED] = i + 1
+                stays = maybe(data, x, way, dilated)
+                keep[i] = stays
+                if counts:
+                    if stays:
+                        listed[_claim(counts, STAYING)] = pair
+                    elif counts[DENIED] == 0:
+                        counts[DENIED] = i + 1
 
-    return ask
+    return query
 
 
 @wp.kernel(enable_backward=False)

@@ -1,4 +1,4 @@
-"""A filter between the broad and the narrow phase of a Newton pipeline: pairs of meshes that are certainly apart go.
+"""A broad phase of Newton's with a filter behind it: pairs of meshes that are certainly apart go.
 
 Newton makes contacts of two meshes where a point on an edge of one has a distance from the other under ``gap + margin``
 of both, added up. ``PairFilter`` asks ``wb.pairs`` whether all of one mesh is farther than that from all of the other,
@@ -14,8 +14,7 @@ are open or have an edge without exactly two faces: by their normals Newton may 
 (``unproven=True`` takes both).
 """
 
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from functools import cache
 
 import newton
@@ -137,7 +136,10 @@ def deny_kernel(source: DistanceSource) -> wp.Kernel:
 
 
 class PairFilter:
-    """Takes pairs of meshes that are certainly apart from what a broad phase has found, while it is ``culled``."""
+    """The pipeline's broad phase, less the pairs of meshes that are certainly apart.
+
+    Newton asks ``isinstance`` which arguments a broad phase takes, so this has the class of the one that it holds.
+    """
 
     def __init__(
         self,
@@ -189,25 +191,22 @@ class PairFilter:
         self._compaction = Compaction(self._keep)
         for kernel in (_begin, _end, _counted, *(test[0] for test in self._tests)):
             ready(kernel, device)
-        pipeline.broad_phase.__class__ = _filtering(type(pipeline.broad_phase))
+
+    @property
+    def __class__(self) -> type:
+        return type(self.pipeline.broad_phase)
+
+    def launch(self, *arguments, **options) -> None:
+        """Launch the broad phase, then take denied pairs from its list."""
+        self.pipeline.broad_phase.launch(*arguments, **options)
+        self._filter()
 
     def counts(self) -> tuple[int, int]:
         """How many pairs the broad phase found in the last pass, and how many are left; waits for the device."""
         found, left = self._found.numpy().tolist()
         return max(found, 0), max(left, 0)
 
-    @contextmanager
-    def culled(self) -> Iterator[None]:
-        """The broad phase calls the filter."""
-        own = self.pipeline.broad_phase.__dict__
-        own["_filter"] = self._filter
-        try:
-            yield
-        finally:
-            del own["_filter"]
-
     def _filter(self) -> None:
-        """Take denied pairs from the list that the broad phase has just written."""
         model, pipeline, device = self._model, self.pipeline, self._model.device
         count, scene, capturing = pipeline.broad_phase_pair_count, self._scene, device.is_capturing
         self._found.fill_(NONE)
@@ -263,17 +262,3 @@ def _check(model, shape: int, own, unproven: bool, meshes: np.ndarray, known: di
     index = getattr(model, "_shape_sdf_index", None)
     if index is not None and len(index) and int(index.numpy()[shape]) >= 0:
         raise BounderError(f"shape {shape}: it has a texture SDF, whose distances are only about right")
-
-
-@cache
-def _filtering(kind: type) -> type:
-    """The subclass of a broad phase that calls a filter after each launch."""
-    if hasattr(kind, "_filters"):
-        return kind
-
-    def launch(phase, *arguments, **options) -> None:
-        kind.launch(phase, *arguments, **options)
-        if filtered := phase.__dict__.get("_filter"):
-            filtered()
-
-    return type(kind.__name__, (kind,), {"launch": launch, "_filters": True})

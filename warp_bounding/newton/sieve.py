@@ -21,47 +21,28 @@ THREADS = 2048  # per multiprocessor
 
 
 class Sieve:
-    """The pairs of a list that may touch.
+    """The pairs of a list that may touch; ``OrderedSieve`` and ``ListSieve`` say how the pairs are listed.
 
     Attributes:
         pairs: ``(N,)`` ``vec2i``, ball and shape.
         keep: ``(N,)`` bool, true for the pairs that the last pass left.
+        one_thread: Whether its launches must not be shared among threads.
     """
+
+    one_thread = False
+    _count: wp.array  # of the pairs that are left
 
     def __init__(self, pairs: wp.array, balls: int, shapes: Shapes):
         """Of ``balls`` balls; loads all kernels, so that a graph can be captured."""
-        self.pairs, self._shapes, self._device = pairs, shapes, pairs.device
-        self._balls, device, size = balls, pairs.device, len(pairs)
-        self.keep = wp.full(size, True, dtype=wp.bool, device=device)
-        self._kept = wp.empty(size, dtype=wp.vec2i, device=device)
-        # The pairs that the hulls leave to the bounders.
-        self._undecided = wp.empty(size, dtype=wp.int32, device=device)
-        self.in_lists = in_lists(device)
-        if self.in_lists:
-            self._listed = wp.empty(size, dtype=wp.vec2i, device=device)
-            self._counts = wp.zeros(4, dtype=wp.int32, device=device)  # see ``lists``
-            self._count = self._counts[:1]
-            if size >= SORTED:
-                self._ordered = wp.empty(size, dtype=wp.vec2i, device=device)
-                self._cells = wp.empty(size, dtype=wp.vec2i, device=device)
-                self._sizes, self._ends = (wp.zeros(lists.CELLS, dtype=wp.int32, device=device) for _ in range(2))
-            self._threads = max(1, min(size, THREADS * max(device.sm_count, 1)))  # that share a list
-        else:
-            # The balls, row by row (``split_balls``), and which pairs follow each other, so that they are looked at
-            # together; how many undecided pairs each block has.
-            self._rows = wp.empty(4 * balls, dtype=wp.float32, device=device)
-            self._runs = wp.array(runs_of(pairs.numpy()), dtype=wp.bool, device=device)
-            self._undecided_count = wp.empty(-(-size // CPU_BLOCK), dtype=wp.int32, device=device)
-            self._survivors = Compaction(self.keep)
-            self._count = self._survivors.count
-            inputs = [pairs, self._survivors.indices, self._count]
-            gather = partial(wp.launch, kernels.gather_or_repeat, size, inputs, [self._kept], device=device)
-            self._gather = gather(record_cmd=True) if size else None
-        self._count.fill_(size)
+        self.pairs, self._balls, self._shapes, self._device = pairs, balls, shapes, pairs.device
+        self.keep = wp.full(len(pairs), True, dtype=wp.bool, device=pairs.device)
+        self._kept, self._undecided = self._empty(wp.vec2i), self._empty(wp.int32)  # undecided by the hulls
+        self._allocate()
+        self._count.fill_(len(pairs))
         # What is made when it is first needed is made now: a graph would hold the copy of a bounder's numbers to the
         # device, from memory that is not kept.
-        for kernel in self._kernels():
-            ready(kernel, device)
+        for kernel in (*self._kernels, *(self._query_kernel(bounder) for bounder in shapes.bounders)):
+            ready(kernel, self._device)
         self._data = [bounder.data for bounder in shapes.bounders]
 
     def __len__(self) -> int:
@@ -73,63 +54,135 @@ class Sieve:
         """How many pairs ``kept`` has found; waits for the device."""
         return int(self._count.numpy()[0])
 
-    def launches(self, points: wp.array, radii: wp.array) -> list[BlockLaunch]:
-        """What fills ``keep``, in this order, behind ``place_shapes``; of balls with these centres and radii.
-
-        In lists, counts must be zero before (``begin``).
-        """
-        shapes, device, size = self._shapes, self._device, len(self.pairs)
-        if not size:
-            return []
-        launch = partial(BlockLaunch, device=device)
-        asking = [self._query(number, bounder, points, radii) for number, bounder in enumerate(shapes.bounders)]
-        if self.in_lists:
-            inputs = [0, self.pairs, points, radii, shapes.hulls]
-            outputs = [self.keep, self._undecided, self._listed, self._counts]
-            return [launch(lists.sift, size, inputs, outputs, first_index=0, block=1), *asking]
-        rows = [0, points, radii, self._balls]
-        hulls = [self.pairs, size, CPU_BLOCK, 0, self._runs, self._rows, shapes.hulls]
-        left = [self._undecided, self._undecided_count, self.keep]
-        return [
-            launch(kernels.split_balls, self._balls, rows, [self._rows], first_index=0, block=1),
-            launch(query_hulls, size, hulls, left, first_index=3, block=CPU_BLOCK),
-            *asking,
-        ]
-
     def begin(self) -> None:
         """Forget what the last pass counted."""
-        if self.in_lists:
-            self._counts.zero_()
+
+    def launches(self, points: wp.array, radii: wp.array) -> list[BlockLaunch]:
+        """What fills ``keep``, in this order, behind ``begin`` and ``place_shapes``.
+
+        Of balls with these centres and radii.
+        """
+        if not len(self):
+            return []
+        queries = (self._query(number, each, points, radii) for number, each in enumerate(self._shapes.bounders))
+        return [*self._query_hulls(points, radii), *queries]
 
     def kept(self, points: wp.array, reads_back: bool) -> wp.array:
         """The pairs that ``keep`` leaves; where nothing is read back as many as there are, some denied one for others.
 
         See ``Cull.candidates``.
         """
-        capturing = self._device.is_capturing
-        if self.in_lists:
-            return self._kept_in_lists(points, reads_back and not capturing)
-        if capturing or not reads_back:
-            return self._padded()
+        return self._padded(points) if self._device.is_capturing or not reads_back else self._listed_alone()
+
+    def _empty(self, dtype: type, size: int | None = None) -> wp.array:
+        return wp.empty(len(self) if size is None else size, dtype=dtype, device=self._device)
+
+    def _query_kernel(self, bounder: Bounder) -> wp.Kernel:
+        return lists.query_listed(bounder.source)
+
+    def _query(self, number: int, bounder: Bounder, points: wp.array, radii: wp.array) -> BlockLaunch:
+        """Ask a bounder about the pairs of its shapes that the hulls have left: one after another, in lists."""
+        shapes, (several, threads, size, left, listed, counts) = self._shapes, self._lists()
+        about = [bounder.data, number, bounder.info.get("margin") or 0.0, shapes.bounder_of, self.pairs, points, radii]
+        inputs = [0, threads, size, *about, shapes.placed, shapes.hulls, self._undecided, left]
+        outputs = [self.keep, listed, counts]
+        count = several * threads
+        return BlockLaunch(self._query_kernel(bounder), count, inputs, outputs, self._device, first_index=0, block=1)
+
+
+class OrderedSieve(Sieve):
+    """Keeps the order of the pairs: blocks of them are decided together, and the kept ones gathered, on a CPU."""
+
+    _kernels = kernels.split_balls, kernels.gather_or_repeat, query_hulls
+
+    def _allocate(self) -> None:
+        size = len(self)
+        # The balls, row by row (``split_balls``), and which pairs follow each other, so that they are looked at
+        # together; how many undecided pairs each block has.
+        self._rows = self._empty(wp.float32, 4 * self._balls)
+        self._runs = wp.array(runs_of(self.pairs.numpy()), dtype=wp.bool, device=self._device)
+        self._undecided_count = self._empty(wp.int32, -(-size // CPU_BLOCK))
+        self._survivors = Compaction(self.keep)
+        self._count = self._survivors.count
+        inputs = [self.pairs, self._survivors.indices, self._count]
+        gather = partial(wp.launch, kernels.gather_or_repeat, size, inputs, [self._kept], device=self._device)
+        self._gather = gather(record_cmd=True) if size else None
+
+    def _query_hulls(self, points: wp.array, radii: wp.array) -> list[BlockLaunch]:
+        size, launch = len(self), partial(BlockLaunch, device=self._device)
+        rows = [0, points, radii, self._balls]
+        hulls = [self.pairs, size, CPU_BLOCK, 0, self._runs, self._rows, self._shapes.hulls]
+        left = [self._undecided, self._undecided_count, self.keep]
+        return [
+            launch(kernels.split_balls, self._balls, rows, [self._rows], first_index=0, block=1),
+            launch(query_hulls, size, hulls, left, first_index=3, block=CPU_BLOCK),
+        ]
+
+    def _query_kernel(self, bounder: Bounder) -> wp.Kernel:
+        return query_distances_in_lanes(bounder.source) if bounder.of_distances else super()._query_kernel(bounder)
+
+    def _lists(self) -> tuple:
+        """A list for each block, in the order of the pairs, and a thread for each list."""
+        return len(self._undecided_count), 1, CPU_BLOCK, self._undecided_count, None, None
+
+    def _query(self, number: int, bounder: Bounder, points: wp.array, radii: wp.array) -> BlockLaunch:
+        if not bounder.of_distances:
+            return super()._query(number, bounder, points, radii)
+        shapes, data, blocks = self._shapes, bounder.data, len(self._undecided_count)
+        about = [data.words, number, bounder.info.get("margin") or 0.0, shapes.bounder_of, self.pairs, self._rows]
+        found = [shapes.placed, shapes.hulls, self._undecided, self._undecided_count]
+        inputs = [data.parameters, blocks, CPU_BLOCK, 0, *about, *found]
+        options = {"device": self._device, "first_index": 3, "block": BLOCKS}
+        return BlockLaunch(self._query_kernel(bounder), blocks, inputs, [self.keep], **options)
+
+    def _listed_alone(self) -> wp.array:
         left = int(self._survivors.launch()[1].numpy()[0])
         if left:
             self._gather.set_dim(left)
             self._gather.launch()
         return self._kept[:left]
 
-    def _padded(self) -> wp.array:
-        """As many pairs as there are: those that are left, and a denied one."""
+    def _padded(self, points: wp.array) -> wp.array:
         device = self._device
         indices, total = self._survivors.launch_recorded() if device.is_capturing else self._survivors.launch()
         inputs = [self.pairs, indices, total]
-        wp.launch(kernels.gather_or_repeat, dim=len(self.pairs), inputs=inputs, outputs=[self._kept], device=device)
+        wp.launch(kernels.gather_or_repeat, dim=len(self), inputs=inputs, outputs=[self._kept], device=device)
         return self._kept
 
-    def _kept_in_lists(self, points: wp.array, reads_back: bool) -> wp.array:
-        """``kept`` on a GPU; see ``lists``."""
-        if reads_back:
-            return self._listed[: self.left]
-        device, size = self._device, len(self.pairs)
+
+class ListSieve(Sieve):
+    """Lists the pairs in an order by chance, on a GPU; see ``lists``."""
+
+    _kernels = lists.sift, lists.arrange, lists.count_cells, lists.sort_by_cells
+
+    def _allocate(self) -> None:
+        size, device = len(self), self._device
+        self.one_thread = device.is_cpu  # threads of a CPU would count over each other
+        self._listed = self._empty(wp.vec2i)
+        self._counts = wp.zeros(4, dtype=wp.int32, device=device)  # see ``lists``
+        self._count = self._counts[:1]
+        if size >= SORTED:
+            self._ordered, self._cells = self._empty(wp.vec2i), self._empty(wp.vec2i)
+            self._sizes, self._ends = (wp.zeros(lists.CELLS, dtype=wp.int32, device=device) for _ in range(2))
+        self._threads = max(1, min(size, THREADS * max(device.sm_count, 1)))  # that share a list
+
+    def begin(self) -> None:
+        self._counts.zero_()
+
+    def _query_hulls(self, points: wp.array, radii: wp.array) -> list[BlockLaunch]:
+        inputs = [0, self.pairs, points, radii, self._shapes.hulls]
+        outputs = [self.keep, self._undecided, self._listed, self._counts]
+        return [BlockLaunch(lists.sift, len(self), inputs, outputs, self._device, first_index=0, block=1)]
+
+    def _lists(self) -> tuple:
+        """A single list, which all threads share."""
+        return 1, self._threads, len(self), self._counts[1:2], self._listed, self._counts
+
+    def _listed_alone(self) -> wp.array:
+        return self._listed[: self.left]
+
+    def _padded(self, points: wp.array) -> wp.array:
+        device, size = self._device, len(self)
         listed = self._listed if size < SORTED else self._by_place(points)
         warps = max(1, min(size // lists.WARP, WARPS * max(device.sm_count, 1)))
         inputs = [self.pairs, listed, self._counts, warps]
@@ -147,39 +200,12 @@ class Sieve:
         launch(lists.sort_by_cells, inputs=inputs, outputs=[self._ordered])
         return self._ordered
 
-    def _asking(self, bounder: Bounder) -> wp.Kernel:
-        """The kernel that asks a bounder."""
-        if self.in_lists:
-            return lists.ask_listed(bounder.source)
-        return (query_distances_in_lanes if bounder.of_distances else kernels.query_bounders)(bounder.source)
-
-    def _kernels(self) -> list[wp.Kernel]:
-        if self.in_lists:
-            own = [lists.sift, lists.arrange, lists.count_cells, lists.sort_by_cells]
-        else:
-            own = [kernels.split_balls, kernels.gather_or_repeat, query_hulls]
-        return [*own, *map(self._asking, self._shapes.bounders)]
-
-    def _query(self, number: int, bounder: Bounder, points: wp.array, radii: wp.array) -> BlockLaunch:
-        """Ask a bounder about the pairs of its shapes that the hulls have left."""
-        shapes, device, data = self._shapes, self._device, bounder.data
-        where, dilated = [shapes.placed, shapes.hulls], bounder.info.get("margin") or 0.0
-        of, found, outputs = shapes.bounder_of, [self._undecided], [self.keep]
-        items, first, share = len(self.pairs), 0, CPU_BLOCK
-        if self.in_lists:
-            items, share, outputs = self._threads, 1, [self.keep, self._listed, self._counts]
-            inputs = [0, items, data, number, dilated, of, self.pairs, points, radii, *where]
-        elif not bounder.of_distances:
-            inputs = [0, CPU_BLOCK, data, number, of, self.pairs, points, shapes.placed]
-            found += [self._undecided_count]
-        else:
-            items, first, share = len(self._undecided_count), 3, BLOCKS
-            inputs = [data.parameters, items, CPU_BLOCK, 0, data.words, number, dilated, of, self.pairs, self._rows]
-            inputs, found = [*inputs, *where], [*found, self._undecided_count]
-        options = {"first_index": first, "block": share}
-        return BlockLaunch(self._asking(bounder), items, [*inputs, *found], outputs, device, **options)
-
 
 def in_lists(device: wp.Device) -> bool:
-    """Whether the kernels of ``lists`` are used, and not those for a CPU."""
+    """Whether pairs are listed by ``ListSieve``."""
     return device.is_cuda
+
+
+def sieve_of(pairs: wp.array, balls: int, shapes: Shapes) -> Sieve:
+    """The sieve of these pairs for their device."""
+    return (ListSieve if in_lists(pairs.device) else OrderedSieve)(pairs, balls, shapes)

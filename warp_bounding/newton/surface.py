@@ -9,14 +9,14 @@ ball is farther from the mesh than Newton looks, so are the face, its edges and 
 The other soft faces mark cells of a grid around the mesh, in the mesh's own coordinates. A bounder of distances first
 denies pieces of them. A piece marks all cells that it meets, dilated by how far Newton looks and by half the size of
 the mesh's largest face. A corner, edge or face of the mesh whose middle lies in an unmarked cell is far from all soft
-faces. In Newton's tables its shape is replaced by one that does not collide, so Newton's thread returns at once.
+faces. In a copy of Newton's tables its shape is replaced by one that does not collide, so Newton's thread returns at
+once.
 
 On a CPU even these threads take time. There Newton gets shorter tables, of the rows that are left, and the numbers of
 rows in the contacts are mapped back.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from copy import copy
 from functools import cache, partial
 
 import newton
@@ -28,7 +28,7 @@ from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.newton.lists import maybe_func
 from warp_bounding.newton.placing import Hull, Placed, coordinates_of
 from warp_bounding.newton.shapes import Shapes
-from warp_bounding.newton.sieve import Sieve
+from warp_bounding.newton.sieve import sieve_of
 from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.launch import BlockLaunch, ready
 from warp_bounding.runtime.native import named, unique_name
@@ -38,9 +38,9 @@ _ALONG = wp.constant(ALONG)
 _ROUNDING = wp.constant(1.0 + 16.0 * UNIT32)  # of a ball's radius: differences, squares, their sum, its root
 _SLACK = wp.constant(2.0**-7)  # cells: more than float32 rounds in the number of one among ``ALONG``
 NONE = -1  # the number of no bounder
-# Newton's: where its adjacency has the slots of edges; the bits of a record's kind, and the kinds whose records name a
-# corner, an edge, and a face of a mesh by its row in a table.
-EDGE_SLOTS, FAMILY, FAMILIES = 3, 7, (1, 2, 3)
+# Newton's bits of a record's kind, and the kinds whose records name a corner, an edge, and a face of a mesh by its row
+# in a table.
+FAMILY, FAMILIES = 7, (1, 2, 3)
 _FINITE = wp.constant(1.0e30)
 PIECES = 16.0  # along a side of a face, at most
 
@@ -191,22 +191,25 @@ class Surface:
     Attributes:
         particles: The sieve of particles and meshes.
         faces: The sieve of soft faces, and edges without one, and meshes.
+        data: A copy of Newton's tables, in this pass with what the launches have left.
+        model: A copy of the model, with flags of one more shape, which does not collide.
     """
 
     def __init__(self, pipeline: newton.CollisionPipeline, shapes: Shapes):
         self._pipeline, self._model, self._shapes = pipeline, pipeline.model, shapes
         model, device = self._model, pipeline.model.device
         self._device = device
-        self._data = data = pipeline._soft_mesh_contact_data
-        self.particles = Sieve(data.vertex_pairs, model.particle_count, shapes)
+        self.model, self.data = model, pipeline._soft_mesh_contact_data
+        self.particles = sieve_of(self.data.vertex_pairs, model.particle_count, shapes)
         corners = _corners_of(model)
-        tables = [data.rigid_features[0], data.rigid_features[2], data.rigid_faces]
-        meshes = np.unique(np.concatenate([data.vertex_pairs.numpy()[:, 1], *(t.numpy()[:, 0] for t in tables)]))
+        mesh_corners, _, mesh_edges, _ = self.data.rigid_features
+        tables = [mesh_corners, mesh_edges, self.data.rigid_faces]
+        meshes = np.unique(np.concatenate([self.data.vertex_pairs.numpy()[:, 1], *(t.numpy()[:, 0] for t in tables)]))
         self._corners = wp.array(corners, dtype=wp.vec3i, device=device)
         self._middles = wp.empty(len(corners), dtype=wp.vec3, device=device)
         self._radii = wp.empty(len(corners), dtype=wp.float32, device=device)
         pairs = _pairs_of(model, corners, meshes)
-        self.faces = Sieve(wp.array(pairs, dtype=wp.vec2i, device=device), len(corners), shapes)
+        self.faces = sieve_of(wp.array(pairs, dtype=wp.vec2i, device=device), len(corners), shapes)
         grids, cells = _grids(model.shape_count, meshes, tables, shapes)
         self._grids = wp.array(grids, dtype=Cells, device=device)
         self._marks = wp.zeros(max(len(meshes), 1) * ALONG**3, dtype=wp.bool, device=device)
@@ -251,38 +254,45 @@ class Surface:
         ]
 
     def begin(self) -> None:
-        """Forget what the last pass found."""
+        """Forget what the last pass found, and read the pipeline and the model anew."""
+        self.data, self.model = copy(self._pipeline._soft_mesh_contact_data), copy(self._model)
+        self._alive: list[np.ndarray] = []  # the rows of each shorter table
         for sieve in (self.particles, self.faces):
             sieve.begin()
         self._marks.zero_()
         self._whole.zero_()
 
-    @contextmanager
-    def culled(self, state: newton.State, contacts: newton.Contacts, reads_back: bool) -> Iterator[None]:
-        """Newton's passes see what the launches have left, and its own tables again behind them."""
-        data, model = self._data, self._model
-        before = data.vertex_pairs, data.rigid_features, data.rigid_faces, data.adjacency, model.shape_flags
-        alive = None
+    def replace(self, state: newton.State, reads_back: bool) -> None:
+        """Replace tables in ``data`` by what the launches have left."""
+        data = self.data
         if len(self.particles):
             data.vertex_pairs = self.particles.kept(state.particle_q, reads_back)
-        if len(self.faces):
-            wp.copy(self._flags, model.shape_flags)
-            model.shape_flags = self._flags
-            tables = [rows for _, _, rows in self._tables]
-            rest = [data.rigid_features[1], data.rigid_features[3], data.adjacency[EDGE_SLOTS]]
-            if reads_back and self._device.is_cpu and not self._device.is_capturing:
-                alive = [_alive(rows, model.shape_count) for rows in tables]
-                tables = [_gathered(rows, own) for rows, own in zip(tables, alive, strict=True)]
-                rest = [_gathered(each, alive[k]) for each, k in zip(rest, (0, 1, 1), strict=True)]
-            data.rigid_features = tables[0], rest[0], tables[1], rest[1]
-            data.rigid_faces = tables[2]
-            data.adjacency = [*data.adjacency[:EDGE_SLOTS], rest[2], *data.adjacency[EDGE_SLOTS + 1 : -2], *rest[:2]]
-        try:
-            yield
-        finally:
-            data.vertex_pairs, data.rigid_features, data.rigid_faces, data.adjacency, model.shape_flags = before
-        if alive is not None:
-            _renumber(contacts, alive)
+        if not len(self.faces):
+            return
+        wp.copy(self._flags, self._model.shape_flags)
+        self.model.shape_flags = self._flags
+        face_offsets, corner_spans, edge_spans, edge_slots, neighbors, corner_normals, edge_normals = data.adjacency
+        corners, edges, faces = tables = [rows for _, _, rows in self._tables]
+        if reads_back and self._device.is_cpu and not self._device.is_capturing:
+            self._alive = of_corners, of_edges, of_faces = [_alive(rows, self._model.shape_count) for rows in tables]
+            corners, corner_normals = (_gathered(rows, of_corners) for rows in (corners, corner_normals))
+            edges, edge_normals, edge_slots = (_gathered(rows, of_edges) for rows in (edges, edge_normals, edge_slots))
+            faces = _gathered(faces, of_faces)
+        data.rigid_features, data.rigid_faces = (corners, corner_normals, edges, edge_normals), faces
+        data.adjacency = [face_offsets, corner_spans, edge_spans, edge_slots, neighbors, corner_normals, edge_normals]
+
+    def end(self, contacts: newton.Contacts) -> None:
+        """Let contacts name rows of Newton's own tables, not of those with the rows that were left."""
+        contacts._soft_contact_mesh_data = self._pipeline._soft_mesh_contact_data
+        if not self._alive:
+            return
+        last = min(int(contacts.soft_contact_count.numpy()[0]), contacts.soft_contact_max)
+        features = contacts._soft_contact_mesh_features.numpy()[
+            int(contacts._soft_contact_mesh_state.numpy()[0]) : last
+        ]
+        for family, rows in zip(FAMILIES, self._alive, strict=True):
+            own = (features[:, 0] & FAMILY) == family
+            features[own, 2] = rows[features[own, 2]]
 
     def rows(self) -> list[tuple[int, int]]:
         """Of corners, edges and faces of meshes: how many there are, and how many are left; waits for the device."""
@@ -312,15 +322,6 @@ def _alive(rows: wp.array, none: int) -> np.ndarray:
 def _gathered(rows: wp.array, which: np.ndarray) -> wp.array:
     """Some rows of a table on a CPU; none of an empty one."""
     return wp.array(rows.numpy()[which], dtype=rows.dtype, device=rows.device) if len(rows) else rows
-
-
-def _renumber(contacts: newton.Contacts, alive: list[np.ndarray]) -> None:
-    """Contacts name rows of Newton's own tables, not of those with the rows that were left."""
-    last = min(int(contacts.soft_contact_count.numpy()[0]), contacts.soft_contact_max)
-    features = contacts._soft_contact_mesh_features.numpy()[int(contacts._soft_contact_mesh_state.numpy()[0]) : last]
-    for family, rows in zip(FAMILIES, alive, strict=True):
-        own = (features[:, 0] & FAMILY) == family
-        features[own, 2] = rows[features[own, 2]]
 
 
 def _numbers(rows: wp.array) -> wp.array:
