@@ -31,6 +31,12 @@ class Sieve:
 
     one_thread = False
     _count: wp.array  # of the pairs that are left
+    # Pairs that the hulls leave to bounders are in lists of ``_room`` places each, ``_undecided_counts`` long, which
+    # ``_threads`` threads share.
+    _undecided_counts: wp.array
+    _room: int
+    _threads = 1
+    _listed = _counts = None  # on a GPU: the pairs that stay, and what ``lists`` counts
 
     def __init__(self, pairs: wp.array, balls: int, shapes: Shapes):
         """Of ``balls`` balls; loads all kernels, so that a graph can be captured."""
@@ -82,11 +88,11 @@ class Sieve:
 
     def _query(self, number: int, bounder: Bounder, points: wp.array, radii: wp.array) -> BlockLaunch:
         """Ask a bounder about the pairs of its shapes that the hulls have left: one after another, in lists."""
-        shapes, (several, threads, size, left, listed, counts) = self._shapes, self._lists()
+        shapes, threads = self._shapes, self._threads
         about = [bounder.data, number, bounder.info.get("margin") or 0.0, shapes.bounder_of, self.pairs, points, radii]
-        inputs = [0, threads, size, *about, shapes.placed, shapes.hulls, self._undecided, left]
-        outputs = [self.keep, listed, counts]
-        count = several * threads
+        found = [shapes.placed, shapes.hulls, self._undecided, self._undecided_counts]
+        inputs, outputs = [0, threads, self._room, *about, *found], [self.keep, self._listed, self._counts]
+        count = threads * len(self._undecided_counts)
         return BlockLaunch(self._query_kernel(bounder), count, inputs, outputs, self._device, first_index=0, block=1)
 
 
@@ -98,10 +104,10 @@ class OrderedSieve(Sieve):
     def _allocate(self) -> None:
         size = len(self)
         # The balls, row by row (``split_balls``), and which pairs follow each other, so that they are looked at
-        # together; how many undecided pairs each block has.
+        # together.
         self._rows = self._empty(wp.float32, 4 * self._balls)
         self._runs = wp.array(runs_of(self.pairs.numpy()), dtype=wp.bool, device=self._device)
-        self._undecided_count = self._empty(wp.int32, -(-size // CPU_BLOCK))
+        self._room, self._undecided_counts = CPU_BLOCK, self._empty(wp.int32, -(-size // CPU_BLOCK))
         self._survivors = Compaction(self.keep)
         self._count = self._survivors.count
         inputs = [self.pairs, self._survivors.indices, self._count]
@@ -112,7 +118,7 @@ class OrderedSieve(Sieve):
         size, launch = len(self), partial(BlockLaunch, device=self._device)
         rows = [0, points, radii, self._balls]
         hulls = [self.pairs, size, CPU_BLOCK, 0, self._runs, self._rows, self._shapes.hulls]
-        left = [self._undecided, self._undecided_count, self.keep]
+        left = [self._undecided, self._undecided_counts, self.keep]
         return [
             launch(kernels.split_balls, self._balls, rows, [self._rows], first_index=0, block=1),
             launch(query_hulls, size, hulls, left, first_index=3, block=CPU_BLOCK),
@@ -121,16 +127,12 @@ class OrderedSieve(Sieve):
     def _query_kernel(self, bounder: Bounder) -> wp.Kernel:
         return query_distances_in_lanes(bounder.source) if bounder.of_distances else super()._query_kernel(bounder)
 
-    def _lists(self) -> tuple:
-        """A list for each block, in the order of the pairs, and a thread for each list."""
-        return len(self._undecided_count), 1, CPU_BLOCK, self._undecided_count, None, None
-
     def _query(self, number: int, bounder: Bounder, points: wp.array, radii: wp.array) -> BlockLaunch:
         if not bounder.of_distances:
             return super()._query(number, bounder, points, radii)
-        shapes, data, blocks = self._shapes, bounder.data, len(self._undecided_count)
+        shapes, data, blocks = self._shapes, bounder.data, len(self._undecided_counts)
         about = [data.words, number, bounder.info.get("margin") or 0.0, shapes.bounder_of, self.pairs, self._rows]
-        found = [shapes.placed, shapes.hulls, self._undecided, self._undecided_count]
+        found = [shapes.placed, shapes.hulls, self._undecided, self._undecided_counts]
         inputs = [data.parameters, blocks, CPU_BLOCK, 0, *about, *found]
         options = {"device": self._device, "first_index": 3, "block": BLOCKS}
         return BlockLaunch(self._query_kernel(bounder), blocks, inputs, [self.keep], **options)
@@ -161,6 +163,7 @@ class ListSieve(Sieve):
         self._listed = self._empty(wp.vec2i)
         self._counts = wp.zeros(4, dtype=wp.int32, device=device)  # see ``lists``
         self._count = self._counts[:1]
+        self._room, self._undecided_counts = size, self._counts[1:2]  # a single list
         if size >= SORTED:
             self._ordered, self._cells = self._empty(wp.vec2i), self._empty(wp.vec2i)
             self._sizes, self._ends = (wp.zeros(lists.CELLS, dtype=wp.int32, device=device) for _ in range(2))
@@ -173,10 +176,6 @@ class ListSieve(Sieve):
         inputs = [0, self.pairs, points, radii, self._shapes.hulls]
         outputs = [self.keep, self._undecided, self._listed, self._counts]
         return [BlockLaunch(lists.sift, len(self), inputs, outputs, self._device, first_index=0, block=1)]
-
-    def _lists(self) -> tuple:
-        """A single list, which all threads share."""
-        return 1, self._threads, len(self), self._counts[1:2], self._listed, self._counts
 
     def _listed_alone(self) -> wp.array:
         return self._listed[: self.left]
