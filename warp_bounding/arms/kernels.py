@@ -1,7 +1,7 @@
 """Float64 kernels that answer about points and closed boxes of configurations in which an arm collides."""
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import warp as wp
 
@@ -309,6 +309,8 @@ _IN, _OUT, _UNDECIDED = wp.constant(IN), wp.constant(OUT), wp.constant(UNDECIDED
 _MOST_OPEN = wp.constant(MOST_OPEN)
 _LARGEST_HALF, _LARGEST_SUM = wp.constant(wp.float64(LARGEST_HALF)), wp.constant(wp.float64(LARGEST_SUM))
 _BLUR = wp.constant(wp.float64(BLUR))
+Normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
+Indices = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
 
 
 class Kernels(NamedTuple):
@@ -316,6 +318,406 @@ class Kernels(NamedTuple):
 
     points: wp.Kernel  # truth of configurations
     boxes: wp.Kernel  # whether closed boxes are free, or all collide, and half-spaces
+
+
+# These functions are for any number n of joints, which the types of their arguments tell. ``q``, ``half`` and ``slope``
+# have a number for each joint, ``turn (3 n, 3)`` and ``at (n, 3)`` are where the links are. Results that Warp cannot
+# name the type of are handed in as zeros: ``rates (n, 4)`` and ``second (n (n + 1) / 2, 4)``.
+
+
+@wp.func
+def rotation_of(turn: Any, i: int) -> wp.mat33d:
+    """The rotation of a link; the base has number -1."""
+    found = wp.identity(n=3, dtype=wp.float64)
+    if i >= 0:
+        for row in range(3):
+            for column in range(3):
+                found[row, column] = turn[3 * i + row, column]
+    return found
+
+
+@wp.func
+def axis_of(turn: Any, i: int) -> wp.vec3d:
+    """The axis of a joint: z of its link."""
+    return wp.vec3d(turn[3 * i, 2], turn[3 * i + 1, 2], turn[3 * i + 2, 2])
+
+
+@wp.func
+def link(turn: Any, at: Any, i: int) -> Place:
+    """Where a link is; the base has number -1."""
+    found = Place()
+    found.turn = rotation_of(turn, i)
+    if i >= 0:
+        found.at = at[i]
+    return found
+
+
+@wp.func
+def placed(chain: Chain, q: Any, turn: Any, at: Any):
+    """``turn`` and ``at`` of all links at joint values q."""
+    for i in range(len(q)):
+        parent = link(turn, at, chain.parent[i])
+        own, origin = parent.turn * chain.turn[i], parent.at + parent.turn * chain.at[i]
+        if chain.slides[i] == 0:
+            c, s = wp.cos(q[i]), wp.sin(q[i])
+            own = own * wp.mat33d(c, -s, _ZERO, s, c, _ZERO, _ZERO, _ZERO, _ONE)
+        else:
+            origin += wp.vec3d(own[0, 2], own[1, 2], own[2, 2]) * q[i]
+        at[i] = origin
+        for row in range(3):
+            for column in range(3):
+                turn[3 * i + row, column] = own[row, column]
+    return turn, at
+
+
+@wp.func
+def center_of(c: Collisions, turn: Any, at: Any, body: int) -> wp.vec3d:
+    """The centre of the ball around a hull, where its link is."""
+    own = c.bodies.link[body]
+    if own < 0:
+        return c.bodies.center[body]
+    place = link(turn, at, own)
+    return place.turn * c.bodies.center[body] + place.at
+
+
+@wp.func
+def apart(c: Collisions, turn: Any, at: Any, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
+    """How far the ball around the other hull, whose centre is given, is from ball and box around the one."""
+    one, own = pair[0], c.bodies.link[pair[0]]
+    p = center
+    if own >= 0:
+        place = link(turn, at, own)
+        p = wp.transpose(place.turn) * (center - place.at)
+    away = p - wp.max(wp.min(p, c.bodies.high[one]), c.bodies.low[one])
+    ball = wp.length(p - c.bodies.center[one]) - c.bodies.ball[one]
+    return wp.max(ball, wp.length(away)) - c.bodies.ball[pair[1]]
+
+
+@wp.func
+def arcs(chain: Chain, half: Any):
+    """How far each joint of a box takes a point at most that is a metre from its axis."""
+    found = type(half)()
+    for i in range(len(half)):
+        found[i] = half[i]
+        if chain.slides[i] == 0:
+            found[i] = _TWO * wp.sin(wp.min(half[i], _HALF_TURN) * _HALF)
+    return found
+
+
+@wp.func
+def swept(c: Collisions, pair: int, arc: Any) -> wp.float64:
+    """How far a pair comes nearer at most in a box, by its arcs; first order."""
+    most = wp.float64(0.0)
+    for k in range(c.first[pair], c.first[pair + 1]):
+        most += c.reach[k] * arc[c.path[k]]
+    return most * _OUTWARD
+
+
+@wp.func
+def bend(c: Collisions, pair: int, half: Any) -> wp.float64:
+    """By how much a linear function of a pair may be off in a box; second order."""
+    most = wp.float64(0.0)
+    before = wp.float64(0.0)
+    for k in range(c.first[pair], c.first[pair + 1]):
+        part = half[c.path[k]]
+        most += c.reach[k] * part * (before + _HALF * part)
+        before += part
+    return most * _OUTWARD
+
+
+@wp.func
+def twist(c: Collisions, pair: int, half: Any) -> wp.float64:
+    """By how much a quadratic function of a pair may be off in a box; third order. Infinity in a large box."""
+    most = wp.float64(0.0)
+    before = wp.float64(0.0)
+    for k in range(c.first[pair], c.first[pair + 1]):
+        part = half[c.path[k]]
+        most += c.reach[k] * part * (before * (before + part) * _HALF + part * part * _SIXTH)
+        before += part
+    return wp.where(before <= _LARGEST_SUM, most * _OUTWARD, _INFINITY)
+
+
+@wp.func
+def second_of(c: Collisions, turn: Any, at: Any, pair: int, normal: wp.vec3d, half: Any, second: Any):
+    """What the second derivatives of ``normal . x`` weigh in a box, of corner p of the other: ``second . (p, 1)``.
+
+    Of each two joints of the path, the earlier one first: ``h_ij h_i h_j``, of the same joint half of that.
+    """
+    b, row = link(turn, at, c.bodies.link[c.pairs[pair][1]]), wp.int32(0)
+    back = wp.transpose(b.turn)
+    for k in range(c.first[pair], c.first[pair + 1]):
+        i = c.path[k]
+        if c.chain.slides[i] != 0:
+            row += c.first[pair + 1] - k
+            continue
+        across = wp.cross(normal, axis_of(turn, i)) * half[i]
+        for m in range(k, c.first[pair + 1]):
+            j = c.path[m]
+            weight = half[j]
+            if m == k:
+                weight *= _HALF
+            if c.chain.slides[j] == 0:
+                moment = wp.cross(across, axis_of(turn, j)) * weight
+                way = back * moment
+                for column in range(3):
+                    second[row, column] = way[column]
+                second[row, 3] = wp.dot(moment, b.at - at[j])
+            else:
+                second[row, 3] = wp.dot(across, axis_of(turn, j)) * weight
+            row += 1
+    return second
+
+
+@wp.func
+def rates_of(c: Collisions, turn: Any, at: Any, pair: int, normal: wp.vec3d, rates: Any):
+    """How ``normal . x`` changes with each joint, of corner p of the other body: ``rates . (p, 1)``."""
+    b = link(turn, at, c.bodies.link[c.pairs[pair][1]])
+    for k in range(c.first[pair], c.first[pair + 1]):
+        i = c.path[k]
+        axis = axis_of(turn, i)
+        way, level = wp.vec3d(), wp.dot(normal, axis)
+        if c.chain.slides[i] == 0:  # n . (z x (x - o)) = (n x z) . (x - o)
+            across = wp.cross(normal, axis)
+            way = wp.transpose(b.turn) * across
+            level = wp.dot(across, b.at - at[i])
+        for row in range(3):
+            rates[i, row] = c.sign[k] * way[row]
+        rates[i, 3] = c.sign[k] * level
+    return rates
+
+
+@wp.func
+def nearest(c: Collisions, turn: Any, at: Any, pair: int, normal: wp.vec3d) -> wp.vec4d:
+    """``(p, 1)``, p being the corner of the other body that is nearest along the normal."""
+    other = c.pairs[pair][1]
+    b, block = link(turn, at, c.bodies.link[other]), c.bodies.block[other]
+    d = -(wp.transpose(b.turn) * normal)
+    p = c.bodies.points[c.bodies.first[other] + _farthest(c.bodies.lanes, block, c.bodies.block[other + 1], d)]
+    return wp.vec4d(p[0], p[1], p[2], _ONE)
+
+
+@named("arm_least").func_native(_TEXT.LANES + _TEXT.LEAST)
+def _least(
+    lanes: Lanes,
+    begin: int,
+    end: int,
+    d: wp.vec3d,
+    level: wp.float64,
+    rates: Any,
+    half: Any,
+    second: Any,
+    joints_of_path: int,
+) -> wp.float64: ...
+
+
+@wp.func
+def bound(
+    c: Collisions,
+    turn: Any,
+    at: Any,
+    pair: int,
+    normal: wp.vec3d,
+    half: Any,
+    slope: Any,
+    rates: Any,
+    second: Any,
+) -> wp.float64:
+    """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
+    a, other = c.pairs[pair][0], c.pairs[pair][1]
+    b = link(turn, at, c.bodies.link[other])
+    far = farthest(c.bodies, a, link(turn, at, c.bodies.link[a]), normal)
+    level = wp.dot(normal, b.at - far) - room_of(c, c.pairs[pair])
+    own = rates_of(c, turn, at, pair, normal, rates)
+    for i in range(len(slope)):
+        own[i, 3] -= slope[i]
+    d, begin, end = wp.transpose(b.turn) * normal, c.bodies.block[other], c.bodies.block[other + 1]
+    value = _least(c.bodies.lanes, begin, end, d, level, own, half, second, 0) - bend(c, pair, half)
+    twisted = twist(c, pair, half)
+    if value > _ZERO or twisted == _INFINITY:
+        return value
+    curved, joints = second_of(c, turn, at, pair, normal, half, second), c.first[pair + 1] - c.first[pair]
+    return wp.max(value, _least(c.bodies.lanes, begin, end, d, level, own, half, curved, joints) - twisted)
+
+
+@wp.func
+def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
+    """The radii of a pair, and what may be off."""
+    return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
+
+
+@wp.func
+def middle(c: Collisions, lower: Any, upper: Any, q: Any):
+    """The joints' values ``q`` in the middle of a box of coordinates."""
+    for i in range(len(q)):
+        k = c.chain.coordinate[i]
+        q[i] = (lower[k] * _HALF + upper[k] * _HALF) / c.weights[k] * c.chain.factor[i] + c.chain.offset[i]
+    return q
+
+
+@wp.func
+def half_sides(c: Collisions, lower: Any, upper: Any, half: Any):
+    """Half of what each joint's value spans in a box of coordinates, rounded up."""
+    for i in range(len(half)):
+        k = c.chain.coordinate[i]
+        size = wp.max(wp.abs(lower[k]), wp.abs(upper[k]))
+        part = ((upper[k] * _HALF - lower[k] * _HALF) * _OUTWARD + size * _BLUR) / c.weights[k] * _OUTWARD
+        half[i] = part * wp.abs(c.chain.factor[i])
+    return half
+
+
+@wp.func
+def meets(c: Collisions, s: Separation, pair: wp.vec2i, way: wp.float64) -> bool:
+    """Do two bodies touch for certain, even if they go apart by some way?"""
+    radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
+    return s.apart + way <= radii or s.depth > way + c.allowance
+
+
+@wp.func
+def truth(c: Collisions, p: Any, joints: Any, turns: Any, places: Any) -> wp.uint8:
+    """Truth of one configuration. All but the first two arguments are zeros, here and below."""
+    for i in range(len(p)):
+        if not (wp.abs(p[i]) < _INFINITY and p[i] >= c.lower[i] and p[i] <= c.upper[i]):
+            return wp.uint8(_OUT)
+    q, answer = middle(c, p, p, joints), wp.uint8(_OUT)
+    turn, at = placed(c.chain, q, turns, places)
+    moving, center = wp.int32(-1), wp.vec3d()
+    for number in range(c.pairs.shape[0]):
+        pair = c.pairs[number]
+        room = room_of(c, pair)
+        if pair[1] != moving:
+            moving = pair[1]
+            center = center_of(c, turn, at, moving)
+        if apart(c, turn, at, pair, center) > room:
+            continue
+        a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
+        s = separation(c.bodies, pair[0], a, pair[1], b, room)
+        if not s.gap > room:
+            if meets(c, s, pair, wp.float64(0.0)):
+                return wp.uint8(_IN)
+            answer = wp.uint8(_UNDECIDED)
+    return answer
+
+
+@wp.func
+def losses_of(
+    c: Collisions,
+    turn: Any,
+    at: Any,
+    pair: int,
+    normal: wp.vec3d,
+    half: Any,
+    slope: Any,
+    coordinates: Any,
+    rates: Any,
+    second: Any,
+):
+    """What a linear function of a pair loses by each coordinate of a box.
+
+    That is what the second order takes, and what the corners' slopes differ by.
+    """
+    p, parts = nearest(c, turn, at, pair, normal), type(coordinates)()
+    steps, whole = rates_of(c, turn, at, pair, normal, rates) * p, bend(c, pair, half)
+    for i in range(len(half)):
+        parts[c.chain.coordinate[i]] += wp.abs(steps[i] - slope[i]) * half[i]
+    rest = twist(c, pair, half)
+    if rest < whole:
+        second = second_of(c, turn, at, pair, normal, half, second)
+    row, share = wp.int32(0), wp.min(rest, whole) / wp.max(whole, _TINY)
+    for j in range(c.first[pair], c.first[pair + 1]):
+        i = c.path[j]
+        for k in range(j, c.first[pair + 1]):
+            part = c.reach[k] * half[i] * half[c.path[k]] * share
+            twice = wp.dot(second[row], p)
+            if k == j:
+                part *= _HALF
+                twice = -wp.min(twice, _ZERO)
+            part = (part + wp.abs(twice)) * _HALF
+            parts[c.chain.coordinate[i]] += part
+            parts[c.chain.coordinate[c.path[k]]] += part
+            row += 1
+    return parts
+
+
+@wp.func
+def box_answer(
+    c: Collisions,
+    low: Any,
+    high: Any,
+    asked: int,
+    joints: Any,
+    turns: Any,
+    places: Any,
+    rates: Any,
+    second: Any,
+):
+    """What is certain about a closed box: ``FREE``, ``FULL`` or ``OPEN``; and its half-space if ``HALVES`` is asked.
+
+    That is level, line, the axis to halve and what halving that gains; by default one that holds everything.
+    """
+    level, line, axis, loss, within = wp.float64(1.0), type(low)(), wp.int32(0), wp.float64(0.0), wp.bool(True)
+    for i in range(len(low)):
+        if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
+            return wp.int32(_OPEN), level, line, axis, loss
+        within = within and low[i] >= c.lower[i] and high[i] <= c.upper[i]
+    q, half, small = middle(c, low, high, joints), half_sides(c, low, high, joints), wp.bool(True)
+    for i in range(len(half)):
+        small = small and half[i] <= _LARGEST_HALF
+    turn, at = placed(c.chain, q, turns, places)
+    normals, left, count, known = Normals(), Indices(), wp.int32(0), wp.bool(True)
+    lowest, slope, arc = wp.float64(wp.inf), type(joints)(), arcs(c.chain, half)
+    moving, still, center, way = wp.int32(-1), wp.int32(-2), wp.vec3d(), wp.float64(0.0)
+    for number in range(c.pairs.shape[0]):
+        pair = c.pairs[number]
+        room = room_of(c, pair)
+        if pair[1] != moving:
+            moving = pair[1]
+            still = wp.int32(-2)
+            center = center_of(c, turn, at, moving)
+        if c.bodies.link[pair[0]] != still:
+            still = c.bodies.link[pair[0]]
+            way = swept(c, number, arc)
+        if apart(c, turn, at, pair, center) > room + way:
+            continue
+        a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
+        s = separation(c.bodies, pair[0], a, pair[1], b, room + way)
+        if asked == _FULL:
+            if within and meets(c, s, pair, way):
+                return wp.int32(_FULL), level, line, axis, loss
+            continue
+        if s.gap > room + way:
+            continue
+        value = -wp.float64(wp.inf)
+        if small and s.gap > -_INFINITY:
+            value = bound(c, turn, at, number, s.normal, half, joints, rates, second)
+            if value > _ZERO:
+                continue
+        known = known and count < _MOST_OPEN and value > -_INFINITY
+        if asked == _FREE or not known:
+            return wp.int32(_OPEN), level, line, axis, loss
+        normals[count] = s.normal
+        left[count] = number
+        count += 1
+        if value < lowest:
+            lowest = value
+            slope = rates_of(c, turn, at, number, s.normal, rates) * nearest(c, turn, at, number, s.normal)
+    if asked == _FULL:
+        return wp.int32(_OPEN), level, line, axis, loss
+    if count == 0:
+        return wp.int32(_FREE), level, line, axis, loss
+    worst, least = wp.int32(0), wp.float64(wp.inf)
+    for k in range(count):
+        value = bound(c, turn, at, left[k], normals[k], half, slope, rates, second)
+        if value < least:
+            least, worst = value, k
+    for i in range(len(half)):
+        line[c.chain.coordinate[i]] -= slope[i] * c.chain.factor[i] / c.weights[c.chain.coordinate[i]]
+    parts = losses_of(c, turn, at, left[worst], normals[worst], half, slope, low, rates, second)
+    most = wp.float64(-1.0)
+    for i in range(len(parts)):
+        loss += parts[i]
+        if parts[i] > most:
+            axis, most = i, parts[i]
+    return wp.int32(_OPEN), -least, line, axis, loss
 
 
 @cache
@@ -326,231 +728,8 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
     numbers = wp.types.vector(length=coordinates, dtype=wp.float64)
     turns = wp.types.matrix(shape=(3 * n, 3), dtype=wp.float64)
     places = wp.types.matrix(shape=(n, 3), dtype=wp.float64)
-    rows = wp.types.matrix(shape=(n, 4), dtype=wp.float64)
-    bends = wp.types.matrix(shape=(n * (n + 1) // 2, 4), dtype=wp.float64)
-    zero, one = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
-
-    @named(f"arm_least_{n}").func_native(_TEXT.LANES + _TEXT.LEAST)
-    def least_of(
-        lanes: Lanes,
-        begin: int,
-        end: int,
-        d: wp.vec3d,
-        level: wp.float64,
-        rates: rows,
-        half: values,
-        second: bends,
-        joints_of_path: int,
-    ) -> wp.float64: ...
-
-    @named(f"arm_rotation_{n}").func
-    def rotation_of(rotations: turns, i: int) -> wp.mat33d:
-        found = wp.identity(n=3, dtype=wp.float64)
-        if i >= 0:
-            for row in range(3):
-                for column in range(3):
-                    found[row, column] = rotations[3 * i + row, column]
-        return found
-
-    @named(f"arm_rotations_{n}").func
-    def rotations(chain: Chain, q: values) -> turns:
-        found = turns()
-        for i in range(n):
-            before = rotation_of(found, chain.parent[i]) * chain.turn[i]
-            if chain.slides[i] == 0:
-                c, s = wp.cos(q[i]), wp.sin(q[i])
-                before = before * wp.mat33d(c, -s, zero, s, c, zero, zero, zero, one)
-            for row in range(3):
-                for column in range(3):
-                    found[3 * i + row, column] = before[row, column]
-        return found
-
-    @named(f"arm_link_{n}").func
-    def link(rotations: turns, origins: places, i: int) -> Place:
-        found = Place()
-        found.turn = rotation_of(rotations, i)
-        if i >= 0:
-            found.at = wp.vec3d(origins[i, 0], origins[i, 1], origins[i, 2])
-        return found
-
-    @named(f"arm_origins_{n}").func
-    def origins(chain: Chain, q: values, rotations: turns) -> places:
-        found = places()
-        for i in range(n):
-            before = link(rotations, found, chain.parent[i])
-            at = before.at + before.turn * chain.at[i]
-            if chain.slides[i] != 0:
-                at += wp.vec3d(rotations[3 * i, 2], rotations[3 * i + 1, 2], rotations[3 * i + 2, 2]) * q[i]
-            for k in range(3):
-                found[i, k] = at[k]
-        return found
-
-    @named(f"arm_center_{n}").func
-    def center_of(c: Collisions, turn: turns, at: places, body: int) -> wp.vec3d:
-        """The centre of the ball around a hull, where its link is."""
-        own = c.bodies.link[body]
-        if own < 0:
-            return c.bodies.center[body]
-        place = link(turn, at, own)
-        return place.turn * c.bodies.center[body] + place.at
-
-    @named(f"arm_apart_{n}").func
-    def apart(c: Collisions, turn: turns, at: places, pair: wp.vec2i, center: wp.vec3d) -> wp.float64:
-        """How far the ball around the other hull, whose centre is given, is from ball and box around the one."""
-        one, own = pair[0], c.bodies.link[pair[0]]
-        p = center
-        if own >= 0:
-            place = link(turn, at, own)
-            p = wp.transpose(place.turn) * (center - place.at)
-        away = p - wp.max(wp.min(p, c.bodies.high[one]), c.bodies.low[one])
-        ball = wp.length(p - c.bodies.center[one]) - c.bodies.ball[one]
-        return wp.max(ball, wp.length(away)) - c.bodies.ball[pair[1]]
-
-    @named(f"arm_arcs_{n}").func
-    def arcs(c: Collisions, half: values) -> values:
-        """How far each joint of a box takes a point at most that is a metre from its axis."""
-        found = values()
-        for i in range(n):
-            found[i] = half[i]
-            if c.chain.slides[i] == 0:
-                found[i] = _TWO * wp.sin(wp.min(half[i], _HALF_TURN) * _HALF)
-        return found
-
-    @named(f"arm_swept_{n}").func
-    def swept(c: Collisions, pair: int, arc: values) -> wp.float64:
-        """How far a pair comes nearer at most in a box, by its arcs; first order."""
-        most = wp.float64(0.0)
-        for k in range(c.first[pair], c.first[pair + 1]):
-            most += c.reach[k] * arc[c.path[k]]
-        return most * _OUTWARD
-
-    @named(f"arm_bend_{n}").func
-    def bend(c: Collisions, pair: int, half: values) -> wp.float64:
-        """By how much a linear function of a pair may be off in a box; second order."""
-        most = wp.float64(0.0)
-        before = wp.float64(0.0)
-        for k in range(c.first[pair], c.first[pair + 1]):
-            part = half[c.path[k]]
-            most += c.reach[k] * part * (before + _HALF * part)
-            before += part
-        return most * _OUTWARD
-
-    @named(f"arm_twist_{n}").func
-    def twist(c: Collisions, pair: int, half: values) -> wp.float64:
-        """By how much a quadratic function of a pair may be off in a box; third order. Infinity in a large box."""
-        most = wp.float64(0.0)
-        before = wp.float64(0.0)
-        for k in range(c.first[pair], c.first[pair + 1]):
-            part = half[c.path[k]]
-            most += c.reach[k] * part * (before * (before + part) * _HALF + part * part * _SIXTH)
-            before += part
-        return wp.where(before <= _LARGEST_SUM, most * _OUTWARD, _INFINITY)
-
-    @named(f"arm_second_{n}").func
-    def second_of(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d, half: values) -> bends:
-        """What the second derivatives of ``normal . x`` weigh in a box, of corner p of the other: ``rows . (p, 1)``.
-
-        Of each two joints of the path, the earlier one first: ``h_ij h_i h_j``, of the same joint half of that.
-        """
-        found, b, row = bends(), link(turn, at, c.bodies.link[c.pairs[pair][1]]), wp.int32(0)
-        back = wp.transpose(b.turn)
-        for k in range(c.first[pair], c.first[pair + 1]):
-            i = c.path[k]
-            if c.chain.slides[i] != 0:
-                row += c.first[pair + 1] - k
-                continue
-            across = wp.cross(normal, wp.vec3d(turn[3 * i, 2], turn[3 * i + 1, 2], turn[3 * i + 2, 2])) * half[i]
-            for m in range(k, c.first[pair + 1]):
-                j = c.path[m]
-                axis = wp.vec3d(turn[3 * j, 2], turn[3 * j + 1, 2], turn[3 * j + 2, 2])
-                weight = half[j]
-                if m == k:
-                    weight *= _HALF
-                if c.chain.slides[j] == 0:
-                    moment = wp.cross(across, axis) * weight
-                    way = back * moment
-                    for column in range(3):
-                        found[row, column] = way[column]
-                    found[row, 3] = wp.dot(moment, b.at - wp.vec3d(at[j, 0], at[j, 1], at[j, 2]))
-                else:
-                    found[row, 3] = wp.dot(across, axis) * weight
-                row += 1
-        return found
-
-    @named(f"arm_rates_{n}").func
-    def rates_of(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> rows:
-        """How ``normal . x`` changes with each joint, of corner p of the other body: ``rates . (p, 1)``."""
-        found, b = rows(), link(turn, at, c.bodies.link[c.pairs[pair][1]])
-        for k in range(c.first[pair], c.first[pair + 1]):
-            i = c.path[k]
-            axis = wp.vec3d(turn[3 * i, 2], turn[3 * i + 1, 2], turn[3 * i + 2, 2])
-            way, level = wp.vec3d(), wp.dot(normal, axis)
-            if c.chain.slides[i] == 0:  # n . (z x (x - o)) = (n x z) . (x - o)
-                across = wp.cross(normal, axis)
-                way = wp.transpose(b.turn) * across
-                level = wp.dot(across, b.at - wp.vec3d(at[i, 0], at[i, 1], at[i, 2]))
-            for row in range(3):
-                found[i, row] = c.sign[k] * way[row]
-            found[i, 3] = c.sign[k] * level
-        return found
-
-    @named(f"arm_nearest_{n}").func
-    def nearest(c: Collisions, turn: turns, at: places, pair: int, normal: wp.vec3d) -> wp.vec4d:
-        """``(p, 1)``, p being the corner of the other body that is nearest along the normal."""
-        other = c.pairs[pair][1]
-        b, block = link(turn, at, c.bodies.link[other]), c.bodies.block[other]
-        d = -(wp.transpose(b.turn) * normal)
-        p = c.bodies.points[c.bodies.first[other] + _farthest(c.bodies.lanes, block, c.bodies.block[other + 1], d)]
-        return wp.vec4d(p[0], p[1], p[2], one)
-
-    @named(f"arm_bound_{n}").func
-    def bound(
-        c: Collisions,
-        turn: turns,
-        at: places,
-        pair: int,
-        normal: wp.vec3d,
-        room: wp.float64,
-        half: values,
-        slope: values,
-    ) -> wp.float64:
-        """A number under ``gap - slope . (q - center)`` in a box, of all corners."""
-        a, other = c.pairs[pair][0], c.pairs[pair][1]
-        b = link(turn, at, c.bodies.link[other])
-        level = wp.dot(normal, b.at - farthest(c.bodies, a, link(turn, at, c.bodies.link[a]), normal)) - room
-        rates = rates_of(c, turn, at, pair, normal)
-        for i in range(n):
-            rates[i, 3] -= slope[i]
-        d, begin, end = wp.transpose(b.turn) * normal, c.bodies.block[other], c.bodies.block[other + 1]
-        value = least_of(c.bodies.lanes, begin, end, d, level, rates, half, bends(), 0) - bend(c, pair, half)
-        twisted = twist(c, pair, half)
-        if value > _ZERO or twisted == _INFINITY:
-            return value
-        second, joints = second_of(c, turn, at, pair, normal, half), c.first[pair + 1] - c.first[pair]
-        return wp.max(value, least_of(c.bodies.lanes, begin, end, d, level, rates, half, second, joints) - twisted)
-
-    @named(f"arm_room_{n}").func
-    def room_of(c: Collisions, pair: wp.vec2i) -> wp.float64:
-        """The radii of a pair, and what may be off."""
-        return (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _OUTWARD + c.allowance
-
-    @named(f"arm_middle_{which}").func
-    def middle(c: Collisions, lower: numbers, upper: numbers) -> values:
-        """The joints' values in the middle of a box of coordinates."""
-        q = values()
-        for i in range(n):
-            k = c.chain.coordinate[i]
-            q[i] = (lower[k] * _HALF + upper[k] * _HALF) / c.weights[k] * c.chain.factor[i] + c.chain.offset[i]
-        return q
-
-    @named(f"arm_meets_{n}").func
-    def meets(c: Collisions, s: Separation, pair: wp.vec2i, way: wp.float64) -> bool:
-        """Do two bodies touch for certain, even if they go apart by some way?"""
-        radii = (c.bodies.radius[pair[0]] + c.bodies.radius[pair[1]] + c.safety) * _INWARD - c.allowance
-        return s.apart + way <= radii or s.depth > way + c.allowance
-
-    normals = wp.types.matrix(shape=(MOST_OPEN, 3), dtype=wp.float64)
-    indices = wp.types.vector(length=MOST_OPEN, dtype=wp.int32)
+    rates = wp.types.matrix(shape=(n, 4), dtype=wp.float64)
+    second = wp.types.matrix(shape=(n * (n + 1) // 2, 4), dtype=wp.float64)
 
     @named(f"arm_points_{which}").kernel
     def points(
@@ -564,32 +743,7 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         """Truth of configurations."""
         t, _ = wp.tid()
         t += first
-        p = x[t]
-        q, within, finite = middle(c, p, p), wp.bool(True), wp.bool(True)
-        for i in range(coordinates):
-            finite = finite and wp.abs(p[i]) < _INFINITY
-            within = within and p[i] >= c.lower[i] and p[i] <= c.upper[i]
-        answers[t] = wp.uint8(_OUT)
-        if not (finite and within):
-            return
-        turn = rotations(c.chain, q)
-        at = origins(c.chain, q, turn)
-        moving, center = wp.int32(-1), wp.vec3d()
-        for number in range(c.pairs.shape[0]):
-            pair = c.pairs[number]
-            room = room_of(c, pair)
-            if pair[1] != moving:
-                moving = pair[1]
-                center = center_of(c, turn, at, moving)
-            if apart(c, turn, at, pair, center) > room:
-                continue
-            a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
-            s = separation(c.bodies, pair[0], a, pair[1], b, room)
-            if not s.gap > room:
-                if meets(c, s, pair, wp.float64(0.0)):
-                    answers[t] = wp.uint8(_IN)
-                    return
-                answers[t] = wp.uint8(_UNDECIDED)
+        answers[t] = truth(c, x[t], values(), turns(), places())
 
     @named(f"arm_boxes_{which}").kernel
     def boxes(
@@ -606,118 +760,17 @@ def kernels_of(n: int, coordinates: int) -> Kernels:
         axes: wp.array(dtype=wp.int32),
         losses: wp.array(dtype=wp.float64),
     ):
-        """What is certain about closed boxes within the limits: the value wanted, ``FREE``, ``FULL`` or ``HALVES``."""
+        """``box_answer`` of closed boxes within the limits; half-spaces are written where they are asked."""
         t, _ = wp.tid()
         t += first
-        answers[t] = wp.uint8(_OPEN)
+        answer, level, line, axis, loss = box_answer(
+            c, lower[t], upper[t], asked, values(), turns(), places(), rates(), second()
+        )
+        answers[t] = wp.uint8(answer)
         if asked == _HALVES:
-            levels[t] = _ONE  # a half-space that holds everything
-            lines[t] = numbers()
-            axes[t] = 0
-            losses[t] = _ZERO
-        low, high = lower[t], upper[t]
-        half, within = values(), wp.bool(True)
-        for i in range(coordinates):
-            if not (low[i] <= high[i] and wp.abs(low[i]) < _INFINITY and wp.abs(high[i]) < _INFINITY):
-                return
-            within = within and low[i] >= c.lower[i] and high[i] <= c.upper[i]
-        q, small = middle(c, low, high), wp.bool(True)
-        for i in range(n):
-            k = c.chain.coordinate[i]
-            size = wp.max(wp.abs(low[k]), wp.abs(high[k]))
-            part = ((high[k] * _HALF - low[k] * _HALF) * _OUTWARD + size * _BLUR) / c.weights[k] * _OUTWARD
-            half[i] = part * wp.abs(c.chain.factor[i])
-            small = small and half[i] <= _LARGEST_HALF
-        turn = rotations(c.chain, q)
-        at = origins(c.chain, q, turn)
-        directions, left = normals(), indices()
-        count, known = wp.int32(0), wp.bool(True)
-        lowest, slope, arc = wp.float64(wp.inf), values(), arcs(c, half)
-        moving, still, center, way = wp.int32(-1), wp.int32(-2), wp.vec3d(), wp.float64(0.0)
-        for number in range(c.pairs.shape[0]):
-            pair = c.pairs[number]
-            room = room_of(c, pair)
-            if pair[1] != moving:
-                moving = pair[1]
-                still = wp.int32(-2)
-                center = center_of(c, turn, at, moving)
-            if c.bodies.link[pair[0]] != still:
-                still = c.bodies.link[pair[0]]
-                way = swept(c, number, arc)
-            if apart(c, turn, at, pair, center) > room + way:
-                continue
-            a, b = link(turn, at, c.bodies.link[pair[0]]), link(turn, at, c.bodies.link[pair[1]])
-            s = separation(c.bodies, pair[0], a, pair[1], b, room + way)
-            if asked == _FULL:
-                if within and meets(c, s, pair, way):
-                    answers[t] = wp.uint8(_FULL)
-                    return
-                continue
-            if s.gap > room + way:
-                continue
-            value = -wp.float64(wp.inf)
-            if small and s.gap > -_INFINITY:
-                value = bound(c, turn, at, number, s.normal, room, half, values())
-                if value > _ZERO:
-                    continue
-            if asked == _FREE:
-                return
-            known = known and count < _MOST_OPEN and value > -_INFINITY
-            if known:
-                for k in range(3):
-                    directions[count, k] = s.normal[k]
-                left[count] = number
-                count += 1
-                if value < lowest:
-                    lowest = value
-                    slope = rates_of(c, turn, at, number, s.normal) * nearest(c, turn, at, number, s.normal)
-        if asked == _FULL:
-            return
-        if known and count == 0:
-            answers[t] = wp.uint8(_FREE)
-            return
-        if not known:
-            return
-        level, worst = wp.float64(wp.inf), wp.int32(0)
-        for k in range(count):
-            pair = c.pairs[left[k]]
-            normal = wp.vec3d(directions[k, 0], directions[k, 1], directions[k, 2])
-            value = bound(c, turn, at, left[k], normal, room_of(c, pair), half, slope)
-            if value < level:
-                level, worst = value, k
-        # What the linear function loses is what the second order takes and what the corners' slopes differ by.
-        number = left[worst]
-        pair = c.pairs[number]
-        normal = wp.vec3d(directions[worst, 0], directions[worst, 1], directions[worst, 2])
-        p = nearest(c, turn, at, number, normal)
-        steps, whole = rates_of(c, turn, at, number, normal) * p, bend(c, number, half)
-        parts, line, axis, most, loss = numbers(), numbers(), wp.int32(0), wp.float64(-1.0), wp.float64(0.0)
-        for i in range(n):
-            parts[c.chain.coordinate[i]] += wp.abs(steps[i] - slope[i]) * half[i]
-            line[c.chain.coordinate[i]] -= slope[i] * c.chain.factor[i] / c.weights[c.chain.coordinate[i]]
-        rest, curved = twist(c, number, half), bends()
-        if rest < whole:
-            curved = second_of(c, turn, at, number, normal, half)
-        row, share = wp.int32(0), wp.min(rest, whole) / wp.max(whole, _TINY)
-        for j in range(c.first[number], c.first[number + 1]):
-            i = c.path[j]
-            for k in range(j, c.first[number + 1]):
-                part = c.reach[k] * half[i] * half[c.path[k]] * share
-                twice = wp.dot(curved[row], p)
-                if k == j:
-                    part *= _HALF
-                    twice = -wp.min(twice, _ZERO)
-                part = (part + wp.abs(twice)) * _HALF
-                parts[c.chain.coordinate[i]] += part
-                parts[c.chain.coordinate[c.path[k]]] += part
-                row += 1
-        for i in range(coordinates):
-            loss += parts[i]
-            if parts[i] > most:
-                axis, most = i, parts[i]
-        levels[t] = -level
-        lines[t] = line
-        axes[t] = axis
-        losses[t] = loss
+            levels[t] = level
+            lines[t] = line
+            axes[t] = axis
+            losses[t] = loss
 
     return Kernels(points, boxes)

@@ -89,7 +89,20 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
 
     def func_native(self, snippet: str):
         """``wp.func_native`` under this name; the compiler may neither reorder nor approximate (``STRICT``)."""
-        return lambda function: wp.func_native(STRICT + snippet)(self._rename(function, f"{self.name}_native"))
+
+        def decorate(function):
+            made = wp.func_native(STRICT + snippet)(self._rename(function, f"{self.name}_native"))
+            overload_of = made.get_overload
+
+            def get_overload(kinds, named_kinds):
+                if (found := overload_of(kinds, named_kinds)) is not None and "return" in function.__annotations__:
+                    found.adj.arg_types["return"] = function.__annotations__["return"]
+                return found
+
+            made.get_overload = get_overload  # Warp forgets the return type where an argument is ``Any``
+            return made
+
+        return decorate
 
     def func(self, function):
         """``wp.func`` under this name, which says what it takes where a kernel gives it something else."""
