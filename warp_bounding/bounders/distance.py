@@ -36,11 +36,13 @@ from warp_bounding.kernels.distances import (
     MOST_DIMENSIONS,
     SEGMENT_STEPS,
     DistanceSource,
+    box_func,
     box_kernel,
     distance_func,
     lanes_kernel,
     lines_kernel,
-    marches,
+    ray_func,
+    segment_func,
     share_of,
 )
 from warp_bounding.kernels.source import Lanes, fill
@@ -323,19 +325,19 @@ class DistanceBounder(Bounder):
     def segment_func(self) -> wp.Function:
         """``maybe, t = segment(data, start: vec_n, end: vec_n, radius, steps=32)`` for kernels; see ``segments``."""
         self.expect_local("segment_func")
-        return marches(self.source).segment
+        return segment_func(self.source)
 
     @cached_property
     def ray_func(self) -> wp.Function:
         """``maybe, t = ray(data, origin: vec_n, direction: vec_n, length, radius, steps=32)``; see ``rays``."""
         self.expect_local("ray_func")
-        return marches(self.source).ray
+        return ray_func(self.source)
 
     @cached_property
     def box_func(self) -> wp.Function:
         """``maybe = box(data, lower: vec_n, upper: vec_n, steps=64)``, for kernels of your own; see ``boxes``."""
         self.expect_local("box_func")
-        return marches(self.source).box
+        return box_func(self.source)
 
     # --- in batches --------------------------------------------------------------------------------------------------
 

@@ -29,8 +29,7 @@ NaN or minus infinity. ``unit`` is a power of two from 2^-61 to 2^61, so ``g' un
 
 from dataclasses import dataclass, field
 from functools import cache
-from types import SimpleNamespace
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import warp as wp
 
@@ -122,7 +121,7 @@ class DistanceSource(Source):
 # + 16) u``. Where ``g(x) > radius + room``, every point within ``g(x) - radius - room`` of the exact point at t is
 # farther than the radius from the object. So t may grow by that over the length of the segment: the length is rounded
 # up, the quotient and the new t down, by more than their operations round. A march begins where the segment enters the
-# box that holds the object, and ends with *no* where t reaches the end of that (``clipping``), with *maybe* where
+# box that holds the object, and ends with *no* where t reaches the end of that (``clip``), with *maybe* where
 # nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of first
 # contact. Batches march in lanes (``lanes_kernel``), by the same steps.
 #
@@ -142,7 +141,7 @@ class DistanceSource(Source):
 # From when to when may a segment meet the object at all? Only while it is in the box that holds the object, dilated by
 # the radius.
 #
-# With the names of ``functions``: the exact point at a time t of [0, 1] is within ``room`` of ``a + t w`` in every
+# The exact point at a time t of [0, 1] is within ``room`` of ``a + t w`` in every
 # coordinate, the radius contained. So where contact is possible, ``a_k + t w_k`` lies between ``center_k - far`` and
 # ``center_k + far``, ``far = half_k + room`` and what these sums round, on every axis of space. A difference of
 # float32 numbers and a quotient round by one unit each, which ``SHORTER`` and ``LONGER`` outweigh; the sign of both is
@@ -180,116 +179,181 @@ def distance_func(source: DistanceSource) -> wp.Function:
     return distance
 
 
-@cache
-def marches(source: DistanceSource) -> SimpleNamespace:
-    """The functions of a distance that march and halve; see module.
+# The functions below are for any number n of coordinates, which the types of their arguments tell; ``time`` is 1 where
+# coordinate 0 is time, else 0. ``clock`` is the middle and half of the range of time, and the speed.
 
-    For users' kernels ``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32)`` and ``ray(data,
-    origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``, which give ``(maybe: bool, t:
-    float)``; and ``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the
-    object? For batches ``clip``, ``room``, ``of_segment`` and ``of_ray``.
-    """
-    vector, n, time, distance = vector_type(source.ndim), source.ndim, int(source.time), distance_func(source)
-    center, limit, numbers = LABEL, LABEL + source.ndim, LABEL + 2 * source.ndim
-    unit, pace_at, blur = numbers + 1, numbers + HEADER + HEADER_OF_TIME - 1, (source.ndim + 16) * UNIT32
-    first, second = (wp.uint32(bits) for bits in source.tag)
 
-    # Are these data of this source? Nothing is reported of others, whose domain is another.
-    @_named(source, "owns").func
-    def owns(w: Numbers) -> bool:
-        if w.shape[0] < LABEL:
-            return False
-        return (
-            wp.cast(w[0], wp.uint32) == first
-            and wp.cast(w[1], wp.uint32) == second
-            and w.shape[0] >= wp.cast(w[2], wp.int32)
-        )
+@wp.func
+def owns(w: Numbers, tag: wp.vec2ui) -> bool:
+    """Are these data of the source with this tag? Nothing is told of others, whose domain is another."""
+    if w.shape[0] < LABEL:
+        return False
+    return (
+        wp.cast(w[0], wp.uint32) == tag[0]
+        and wp.cast(w[1], wp.uint32) == tag[1]
+        and w.shape[0] >= wp.cast(w[2], wp.int32)
+    )
 
-    # Contact is possible between these two times only; never if they fall.
-    @_named(source, "clip").func
-    def clip(data: Data, a: vector, w: vector, room: float) -> wp.vec2:
-        span = wp.vec2(0.0, 1.0)
-        if not owns(data.parameters) or not room < FINITE:
-            return span
-        for k in range(time, n):
-            at = float(data.parameters[center + k])
-            half = float(data.parameters[limit + k] * data.parameters[unit])
+
+@wp.func
+def half_at(w: Numbers, n: int, k: int) -> float:
+    """Half of a side of the box that holds the object, object units."""
+    return float(w[LABEL + n + k] * w[LABEL + 2 * n + 1])
+
+
+@wp.func
+def clock_of(w: Numbers, n: int, time: int) -> wp.vec3:
+    """See above; zeros of a shape at rest."""
+    numbers, clock = LABEL + 2 * n, wp.vec3()
+    if time > 0 and w.shape[0] > numbers + 5:
+        clock = wp.vec3(float(w[LABEL]), float(w[LABEL + n] / w[numbers + 4]), float(w[numbers + 5]))
+    return clock
+
+
+@wp.func
+def clip(w: Numbers, start: Any, way: Any, room: float, tag: wp.vec2ui, time: int) -> wp.vec2:
+    """Contact is possible between these two times only; never if they fall."""
+    span = wp.vec2(0.0, 1.0)
+    if not owns(w, tag) or not room < FINITE:
+        return span
+    for k in range(len(start)):
+        if k >= time:
+            at, half = float(w[LABEL + k]), half_at(w, len(start), k)
             far = half + room + ((wp.abs(at) + half + room) * SUMS + LEAST)
-            low, high = at - far - a[k], at + far - a[k]
-            if w[k] == 0.0:
+            low, high = at - far - start[k], at + far - start[k]
+            if way[k] == 0.0:
                 if low > 0.0 or high < 0.0:
                     span[0] = 2.0
             else:
-                enter, leave = low / w[k], high / w[k]
-                if w[k] < 0.0:
-                    enter, leave = high / w[k], low / w[k]
+                enter, leave = low / way[k], high / way[k]
+                if way[k] < 0.0:
+                    enter, leave = high / way[k], low / way[k]
                 if enter * SHORTER > span[0]:
                     span[0] = enter * SHORTER
                 if leave * LONGER < span[1]:
                     span[1] = leave * LONGER
-        return span
+    return span
 
-    # The middle and half of the range of time, and the speed; zeros of a shape at rest.
-    @_named(source, "clock").func
-    def clock_of(data: Data) -> wp.vec3:
-        reported, w = wp.vec3(), data.parameters
-        if time and w.shape[0] > numbers + 5:
-            reported = wp.vec3(float(w[LABEL]), float(w[limit] / w[numbers + 4]), float(w[numbers + 5]))
-        return reported
 
-    # What g must exceed, for radius and rounding; infinite for numbers that cannot be marched.
-    @_named(source, "room").func
-    def room(a: vector, w: vector, length: float, radius: float, clock: wp.vec3) -> float:
-        size = wp.float32(0.0)
-        for k in range(n):
+@wp.func
+def room_of(start: Any, way: Any, length: float, radius: float, clock: wp.vec3, time: int) -> float:
+    """What g must exceed, for radius and rounding; infinite for numbers that cannot be marched."""
+    size = wp.float32(0.0)
+    for k in range(len(start)):
+        if k < time:
+            size += clock[2] * (wp.abs(start[k]) + wp.abs(way[k]))
+        else:
+            size += wp.abs(start[k]) + wp.abs(way[k])
+    if radius >= 0.0 and size < FINITE and length < FINITE:
+        return (radius + size * (float(len(start) + 16) * UNIT32) + LEAST) * LONGER
+    return wp.inf
+
+
+@wp.func
+def segment_line(start: Any, end: Any, clock: wp.vec3, time: int):
+    """A segment ``start + t way`` and its length, rounded up; infinite where it leaves the range of time."""
+    way, square = end - start, wp.float32(0.0)
+    for k in range(len(start)):
+        if k >= time:
+            square += way[k] * way[k]
+    length = wp.sqrt(square) * LONGER + SHORTEST
+    if time > 0:
+        length = (length + clock[2] * wp.abs(way[0]) * LONGER) * LONGER
+        if not (wp.abs(start[0] - clock[0]) <= clock[1] and wp.abs(end[0] - clock[0]) <= clock[1]):
+            length = wp.inf
+    return way, length
+
+
+@wp.func
+def ray_line(direction: Any, length: float):
+    """A ray's displacement and length, rounded up; infinite if unusable."""
+    largest, square, finite = wp.float32(0.0), wp.float32(0.0), wp.bool(True)
+    for k in range(len(direction)):
+        largest = wp.max(largest, wp.abs(direction[k]))
+        finite = finite and direction[k] - direction[k] == 0.0
+    way, long = type(direction)(), wp.float32(wp.inf)
+    if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
+        d = direction / largest
+        for k in range(len(direction)):
+            square += d[k] * d[k]
+        way = d * (length / wp.sqrt(square))
+        long = length * LONGER + SHORTEST
+    return way, long
+
+
+@wp.func
+def known_part(w: Numbers, lower: Any, upper: Any, time: int):
+    """``(real, empty, low, high)``: may a box be asked, and which part of it is in the domain?"""
+    low, high, clock = type(lower)(), type(lower)(), clock_of(w, len(lower), time)
+    empty, real = wp.bool(False), wp.bool(True)
+    for k in range(len(lower)):
+        real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
+        if k < time:
+            low[k] = lower[k]
+            high[k] = upper[k]
+            real = real and lower[k] >= clock[0] - clock[1] and upper[k] <= clock[0] + clock[1]
+        else:
+            # rounded outwards: three operations
+            at, half = float(w[LABEL + k]), half_at(w, len(lower), k)
+            room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
+            low[k] = wp.max(lower[k], at - half - room)
+            high[k] = wp.min(upper[k], at + half + room)
+            empty = empty or low[k] > high[k]
+    return real, empty, low, high
+
+
+@wp.func
+def part_of(low: Any, high: Any, path: wp.uint64, level: int, pace: float, time: int):
+    """The corners of the part of a box to which a path of halvings leads."""
+    first, last = low + type(low)(), high + type(low)()  # copies
+    for turn in range(level):
+        axis, longest = wp.int32(0), wp.float32(-1.0)
+        for k in range(len(low)):
+            side = last[k] - first[k]
             if k < time:
-                size += clock[2] * (wp.abs(a[k]) + wp.abs(w[k]))
-            else:
-                size += wp.abs(a[k]) + wp.abs(w[k])
-        if radius >= 0.0 and size < FINITE and length < FINITE:
-            return (radius + size * blur + LEAST) * LONGER
-        return wp.inf
+                side = side * pace
+            if side > longest:
+                axis, longest = k, side
+        middle = first[axis] * 0.5 + last[axis] * 0.5
+        if (path >> wp.uint64(level - 1 - turn)) & wp.uint64(1) == wp.uint64(0):
+            last[axis] = middle
+        else:
+            first[axis] = middle
+    return first, last
 
-    # A segment ``start + t w`` and its length, rounded up; infinite where it leaves the range of time.
-    @_named(source, "segment_line").func
-    def of_segment(start: vector, end: vector, clock: wp.vec3):
-        w, square = end - start, wp.float32(0.0)
-        for k in range(time, n):
-            square += w[k] * w[k]
-        length = wp.sqrt(square) * LONGER + SHORTEST
-        if time:
-            length = (length + clock[2] * wp.abs(w[0]) * LONGER) * LONGER
-            if not (wp.abs(start[0] - clock[0]) <= clock[1] and wp.abs(end[0] - clock[0]) <= clock[1]):
-                length = wp.inf
-        return w, length
 
-    # A ray's displacement and length, rounded up; infinite if unusable.
-    @_named(source, "ray_line").func
-    def of_ray(direction: vector, length: float):
-        largest, square = wp.float32(0.0), wp.float32(0.0)
-        finite = wp.bool(True)
-        for k in range(n):
-            largest = wp.max(largest, wp.abs(direction[k]))
-            finite = finite and direction[k] - direction[k] == 0.0
-        w, long = vector(), wp.float32(wp.inf)
-        if finite and largest >= DIRECTION_SMALLEST and largest <= DIRECTION_LARGEST and length >= 0.0:
-            d = direction / largest
-            for k in range(n):
-                square += d[k] * d[k]
-            w = d * (length / wp.sqrt(square))
-            long = length * LONGER + SHORTEST
-        return w, long
+@wp.func
+def reach_of(first: Any, last: Any, c: Any, pace: float, time: int) -> float:
+    """The largest distance in a box from a point c of it, rounded up; time counts by the pace."""
+    square, moved = wp.float32(0.0), wp.float32(0.0)
+    for k in range(len(c)):
+        reach = wp.max(last[k] - c[k], c[k] - first[k])
+        if k < time:
+            moved = pace * reach * LONGER
+        else:
+            square += reach * reach
+    return (wp.sqrt(square) * LONGER + SHORTEST + moved) * LONGER
 
-    # ``(maybe, t)`` along ``a + t w``; ``length`` is at least ``|w|``.
+
+@cache
+def march_func(source: DistanceSource) -> wp.Function:
+    """``(maybe, t)`` along ``start + t way``; ``length`` is at least ``|way|``."""
+    vector, time, tag, distance = (
+        vector_type(source.ndim),
+        int(source.time),
+        wp.vec2ui(source.tag),
+        distance_func(source),
+    )
+
     @_named(source, "march").func
-    def march(data: Data, a: vector, w: vector, length: float, room: float, steps: int):
-        span = clip(data, a, w, room)
+    def march(data: Data, start: vector, way: vector, length: float, room: float, steps: int):
+        span = clip(data.parameters, start, way, room, tag, time)
         t, last, maybe, going = span[0], span[1], wp.bool(True), wp.int32(steps)
         if t > last:
             t, maybe, going = wp.float32(1.0), wp.bool(False), wp.int32(0)
         while going > 0:
             going -= 1
-            free = distance(data, a + w * t) - room
+            free = distance(data, start + way * t) - room
             after = (t + free * SHORTER / length) * SHORTER
             if not (free > 0.0 and after > wp.max(t, LEAST)):
                 going = wp.int32(0)
@@ -300,73 +364,68 @@ def marches(source: DistanceSource) -> SimpleNamespace:
                     going = wp.int32(0)
         return maybe, t
 
+    return march
+
+
+@cache
+def segment_func(source: DistanceSource) -> wp.Function:
+    """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32)``: ``(maybe: bool, t: float)``."""
+    vector, n, time, march = vector_type(source.ndim), source.ndim, int(source.time), march_func(source)
+
     @_named(source, "segment").func
     def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
-        clock = clock_of(data)
-        w, length = of_segment(start, end, clock)
-        maybe, t = march(data, start, w, length, room(start, w, length, radius, clock), steps)
+        clock = clock_of(data.parameters, n, time)
+        way, length = segment_line(start, end, clock, time)
+        maybe, t = march(data, start, way, length, room_of(start, way, length, radius, clock, time), steps)
         return maybe, t
+
+    return segment
+
+
+@cache
+def ray_func(source: DistanceSource) -> wp.Function:
+    """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``: ``(maybe, t)``."""
+    vector, time, march = vector_type(source.ndim), int(source.time), march_func(source)
 
     @_named(source, "ray").func
     def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
-        w, long = of_ray(direction, length)
-        maybe, t = march(data, origin, w, long, room(origin, w, long, radius, wp.vec3()), steps)
+        way, long = ray_line(direction, length)
+        maybe, t = march(data, origin, way, long, room_of(origin, way, long, radius, wp.vec3(), time), steps)
         return maybe, t
+
+    return ray
+
+
+@cache
+def box_func(source: DistanceSource) -> wp.Function:
+    """``box(data, lower: vec_n, upper: vec_n, steps: int = 64) -> bool``: may the closed box meet the object?"""
+    vector, time, tag, distance = (
+        vector_type(source.ndim),
+        int(source.time),
+        wp.vec2ui(source.tag),
+        distance_func(source),
+    )
+    pace_at = LABEL + 2 * source.ndim + HEADER + HEADER_OF_TIME - 1
 
     @_named(source, "box").func
     def box(data: Data, lower: vector, upper: vector, steps: int = BOX_STEPS) -> bool:
-        low, high, clock = vector(), vector(), clock_of(data)
-        empty, real, pace = wp.bool(False), owns(data.parameters), wp.float32(0.0)
-        if real:
-            if time:
-                pace = float(data.parameters[pace_at])
-            for k in range(n):
-                real = real and lower[k] <= upper[k] and lower[k] > -FINITE and upper[k] < FINITE
-                if k < time:
-                    low[k] = lower[k]
-                    high[k] = upper[k]
-                    real = real and lower[k] >= clock[0] - clock[1] and upper[k] <= clock[0] + clock[1]
-                else:
-                    # rounded outwards: three operations
-                    at = float(data.parameters[center + k])
-                    half = float(data.parameters[limit + k] * data.parameters[unit])
-                    room = (wp.abs(at) + half) * (4.0 * UNIT32) + LEAST
-                    low[k] = wp.max(lower[k], at - half - room)
-                    high[k] = wp.min(upper[k], at + half + room)
-                    empty = empty or low[k] > high[k]
+        if not owns(data.parameters, tag):
+            return True
+        real, empty, low, high = known_part(data.parameters, lower, upper, time)
         if not real:
             return True
         if empty:
             return False
+        pace = wp.float32(0.0)
+        if time > 0:
+            pace = float(data.parameters[pace_at])
         path, level, left = wp.uint64(0), wp.int32(0), wp.int32(steps)
         while left > 0:
             left -= 1
-            first = low + vector()  # copies
-            last = high + vector()
-            c, square, moved = vector(), wp.float32(0.0), wp.float32(0.0)
-            for turn in range(level + 1):  # down the path, and at its end the centre
-                axis, longest = wp.int32(0), wp.float32(-1.0)
-                for k in range(n):
-                    side = last[k] - first[k]
-                    if k < time:
-                        side = side * pace
-                    if side > longest:
-                        axis, longest = k, side
-                if turn < level:
-                    middle = first[axis] * 0.5 + last[axis] * 0.5
-                    if (path >> wp.uint64(level - 1 - turn)) & wp.uint64(1) == wp.uint64(0):
-                        last[axis] = middle
-                    else:
-                        first[axis] = middle
-            for k in range(n):
-                c[k] = first[k] * 0.5 + last[k] * 0.5
-                reach = wp.max(last[k] - c[k], c[k] - first[k])
-                if k < time:
-                    moved = pace * reach * LONGER
-                else:
-                    square += reach * reach
+            first, last = part_of(low, high, path, level, pace, time)
+            c = first * 0.5 + last * 0.5
             g = distance(data, c)
-            if g > (wp.sqrt(square) * LONGER + SHORTEST + moved) * LONGER:
+            if g > reach_of(first, last, c, pace, time):
                 while level > 0 and path & wp.uint64(1) == wp.uint64(1):
                     path = path >> wp.uint64(1)
                     level -= 1
@@ -380,8 +439,7 @@ def marches(source: DistanceSource) -> SimpleNamespace:
                 left = wp.int32(0)
         return True
 
-    own = {"segment": segment, "ray": ray, "box": box}
-    return SimpleNamespace(**own, clip=clip, room=room, of_segment=of_segment, of_ray=of_ray)
+    return box
 
 
 # --- batches ---------------------------------------------------------------------------------------------------------
@@ -389,7 +447,7 @@ def marches(source: DistanceSource) -> SimpleNamespace:
 # Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one
 # has ended.
 #
-# A first kernel, in Warp's own Python, makes of each query what a march needs (``of_segment``): a, w, its
+# A first kernel, in Warp's own Python, makes of each query what a march needs (``segment_line``): a, w, its
 # length, the room that rounding needs with the radius, and from when to when contact is possible (``clip``): a
 # query that passes the object's box takes no lane at all. The second one, native, marches: the same steps as
 # ``march`` with the same rounding, but for what sums in another order round, which the room covers.
@@ -449,8 +507,7 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
 
     Writes what ``lanes_kernel`` marches along: a row of 2 n + 4 numbers a query.
     """
-    n, vector, found = source.ndim, vector_type(source.ndim), marches(source)
-    of_segment, of_ray, clip, room = found.of_segment, found.of_ray, found.clip, found.room
+    n, vector, time, tag = source.ndim, vector_type(source.ndim), int(source.time), wp.vec2ui(source.tag)
 
     def lines_of(
         first: int,
@@ -478,11 +535,11 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
                 end[k] = b[i * n + k]
         w, long = vector(), wp.float32(0.0)
         if ray:
-            w, long = of_ray(end, length[lengths * i])
+            w, long = ray_line(end, length[lengths * i])
         else:
-            w, long = of_segment(start, end, clock)
-        row, most = i * (2 * n + 4), room(start, w, long, radius[radii * i], clock)
-        span = clip(data, start, w, most)
+            w, long = segment_line(start, end, clock, time)
+        row, most = i * (2 * n + 4), room_of(start, w, long, radius[radii * i], clock, time)
+        span = clip(data.parameters, start, w, most, tag, time)
         for k in range(n):
             lines[row + k] = start[k]
             lines[row + n + k] = w[k]
@@ -497,7 +554,7 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
 @cache
 def box_kernel(source: DistanceSource) -> wp.Kernel:
     """``(first, data, lower, upper, steps, maybe)``, one box a thread."""
-    box, n, vector = marches(source).box, source.ndim, vector_type(source.ndim)
+    box, n, vector = box_func(source), source.ndim, vector_type(source.ndim)
 
     def boxes(
         first: int,
