@@ -15,7 +15,7 @@ import warp as wp
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes
 from warp_bounding.rounding import TINY, UNIT32, gamma
-from warp_bounding.runtime.native import literal
+from warp_bounding.runtime.native import constant, literal
 
 if TYPE_CHECKING:
     import torch
@@ -83,16 +83,6 @@ class Activation(ABC):
     @abstractmethod
     def torch_slope(self, z: "torch.Tensor", h: "torch.Tensor", out: "torch.Tensor") -> None:
         """Write the derivative at z, where ``h`` is the value, into ``out``."""
-
-
-def constant(value: float) -> str:
-    """A float64 number as C text, exactly."""
-    return float(value).hex()
-
-
-def constants(**values: int) -> str:
-    """C declaration of integer constants, by name."""
-    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
 
 
 # The rectified linear unit, ``max(z, 0)``: exact in float32.

@@ -24,7 +24,7 @@ from warp_bounding.bounders.mlp import HIDDEN
 from warp_bounding.bounders.volumes import CLIP, ROOM
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
-from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.base import GUARD, PARALLEL
@@ -32,6 +32,7 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_down, round_up
+from warp_bounding.runtime.native import fill
 from warp_bounding.shapes.grid import Grid
 
 # --- native ----------------------------------------------------------------------------------------------------------

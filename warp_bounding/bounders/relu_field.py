@@ -14,11 +14,12 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import STEPS, Bounder, Option, whole
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.domain import Domain
 from warp_bounding.rounding import TINY, UNIT64, gamma
+from warp_bounding.runtime.native import fill
 from warp_bounding.shapes.grid import Grid
 
 # --- native ----------------------------------------------------------------------------------------------------------

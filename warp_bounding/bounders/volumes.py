@@ -18,13 +18,14 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder, Option
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import MOST_VERTEX_DIMENSIONS, checked_inverse, polytope_vertices, whole_hull
-from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.base import GUARD, PARALLEL
 from warp_bounding.queries.boundary import ObjectSupport, outline
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 from warp_bounding.rounding import TINY, UNIT64, gamma, round_down, round_up
+from warp_bounding.runtime.native import fill
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 

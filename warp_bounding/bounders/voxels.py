@@ -12,10 +12,11 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError
-from warp_bounding.kernels.source import Lanes, Source, fill
+from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
+from warp_bounding.runtime.native import fill
 from warp_bounding.shapes.grid import Grid
 
 MOST_CELLS = 2**31 - 1  # kernels count cells in 32 bits

@@ -34,11 +34,11 @@ from typing import Any, ClassVar
 import warp as wp
 
 from warp_bounding.kernels.functions import Data, Words, function_snippet, lanes_of
-from warp_bounding.kernels.source import LABEL, TOOLS, Lanes, Source, aligned, fill
+from warp_bounding.kernels.source import LABEL, TOOLS, Lanes, Source, aligned
 from warp_bounding.queries.base import DIRECTION_LARGEST, DIRECTION_SMALLEST
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.rounding import UNIT32
-from warp_bounding.runtime.native import Numbers, literal, named, native_text, unique_name, vector_type
+from warp_bounding.runtime.native import Numbers, fill, literal, named, native_text, unique_name, vector_type
 
 text = native_text("distances.h")
 
@@ -60,7 +60,7 @@ _AXES = {False: {"scale": "scale", "free": "false"}, True: {"scale": "(k == 0 ? 
 _BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
 _AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
 _THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
-_STORE_ONE = {True: "\nout.data[i] = g;", False: "\nout.data[i] = !(g > radius[many * i]);"}
+_STORE_ONE = {True: "\nanswer = g;", False: "\nanswer = !(g > radius[many * i]);"}
 _STORE = {True: text.STORE_DISTANCES, False: text.STORE_ANSWERS}
 
 
@@ -101,7 +101,7 @@ class DistanceSource(Source):
         return texts | {
             "answer": answer,
             "answers": texts["after"] + _STORE[values],
-            "own_answer": f"const float threshold = tensor[0];{texts['after']}\nif (own){_STORE_ONE[values]}",
+            "own_answer": f"{texts['after']}\nif (own){_STORE_ONE[values]}",
             "located": fill(text.LOCATED, **texts),
             "returned": f"{{ typedef float V;{texts['after']}\nreturn g; }}",
         }
@@ -482,8 +482,7 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
 
         return march
 
-    after = f"const float threshold = tensor[0]; {texts['after']}"
-    step = fill(text.STEP, **texts | {"after": after}, body=body)
+    step = fill(text.STEP, **texts, body=body)
 
     @_named(source, "warp_lines").block_kernel(fill(text.TOGETHER, **texts, step=step))
     def together(

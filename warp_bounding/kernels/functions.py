@@ -8,8 +8,8 @@ from functools import cache
 
 import warp as wp
 
-from warp_bounding.kernels.source import DENIED, LABEL, Early, Lanes, Source, fill, text
-from warp_bounding.runtime.native import Numbers, literal, named, unique_name, vector_type
+from warp_bounding.kernels.source import DENIED, LABEL, Early, Lanes, Source, text
+from warp_bounding.runtime.native import Numbers, fill, literal, named, unique_name, vector_type
 
 _UNASKED = {False: text.UNASKED_ANSWERS, True: text.UNASKED_VALUES}
 
@@ -82,7 +82,6 @@ def batch_snippet(source: Source, placed: bool, values: bool) -> str:
         return fill(text.BATCH, **texts, loop=loop, on_cuda=fill(text.ONE, **texts))
     texts |= {"several": source.several, "several_body": source.body(Lanes(vector=False, several=True))}
     texts |= {"query": fill(text.QUERY, **texts)}
-    texts |= {"several_answer": texts["own_answer"].replace("out.data[i]", "answers[l]")}
     return fill(text.BATCH, **texts, loop=loop, on_cuda=fill(text.SEVERAL, **texts))
 
 

@@ -15,7 +15,6 @@ Soundness does not depend on this file: the methods' ``rounding_bound`` covers t
 """
 
 from dataclasses import dataclass, field
-from string import Template
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -23,7 +22,7 @@ import numpy as np
 from warp_bounding.queries import QUERIES, described
 from warp_bounding.queries.registry import locate
 from warp_bounding.runtime.launch import BLOCK
-from warp_bounding.runtime.native import identity, native_text
+from warp_bounding.runtime.native import fill, identity, native_text
 from warp_bounding.shapes.joints import NUMBERS
 
 text = native_text("batch.h")
@@ -142,14 +141,11 @@ class Source:
             "place": "const float* place = placement.data;" if placed else "",
             # from V q[] to v[] and the masks ``testable`` (else: maybe) and ``inside`` (else: no)
             "locate": locate(self.query, self.ndim, self.free, placed, self.joints),
-            "outside": f"if (!testable) {{ out.data[i] = {yes}; return; }}\n"
-            f"if (!inside) {{ out.data[i] = {no}; return; }}",
-            "answer": f"out.data[i] = {decision};",
+            "outside": f"if (!testable) {{ answer = {yes}; return; }}\nif (!inside) {{ answer = {no}; return; }}",
+            "answer": f"answer = {decision};",
             "answers": _STORE[values],
             "asked": "own & testable & inside",
-            "own_answer": f"if (own) out.data[i] = !testable ? {yes} : !inside ? {no} : {decision};".replace(
-                "threshold", "tensor[0]"
-            ),
+            "own_answer": f"if (own) answer = !testable ? {yes} : !inside ? {no} : {decision};",
         }
         given = [f"{name}[{k}]" for name in ("a", "b") for k in range(self.ndim)]
         numbers = f"const float q[{self.columns}] = {{{', '.join(given)}}};" if self.is_region else ""
@@ -172,11 +168,6 @@ class Source:
 def aligned(count: int) -> int:
     """The first multiple of ``ALIGN`` that is not below a count."""
     return -(-count // ALIGN) * ALIGN
-
-
-def fill(text: str, **values: object) -> str:
-    """C text with these values in the places of its ``$names``."""
-    return Template(text).substitute(values)
 
 
 def words_at(whole: str, place: int | str) -> str:

@@ -59,6 +59,7 @@ $place
 $tools
 const int i = block;
 if (i >= count) return;
+auto& answer = out.data[i];
 V q[N], v[M];
 #pragma unroll
 for (int k = 0; k < N; ++k) q[k] = x.data[(long long)i * N + k];
@@ -102,13 +103,13 @@ if (any) {
 #undef SEVERAL
     found = f;
 }
-const float* tensor = &threshold;
 decltype(+out.data[0]) answers[L];  // stored behind the loop, so that nothing need be loaded again in it
 #pragma unroll
 for (int l = 0; l < L; ++l) {
     $query
     const V f = found[l];
-    $several_answer
+    auto& answer = answers[l];
+    $own_answer
 }
 #pragma unroll
 for (int l = 0; l < L; ++l) if (first + 32 * l < count) out.data[first + 32 * l] = answers[l];
@@ -141,10 +142,12 @@ for (int from = block / 32 * 32; from < count; from += gridDim.x * blockDim.x) {
     $locate
     const bool asked = $asked;
     const float* tensor = numbers.data;
+    const float threshold = tensor[0];  // lowered
     V f = zero;
     if (__any_sync(0xffffffffu, asked)) {
         $body
     }
+    auto& answer = out.data[own ? i : 0];
     $own_answer
 }
 #endif

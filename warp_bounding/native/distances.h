@@ -202,6 +202,7 @@ while (true) {
         next += __popc(empty);
     }
     if (!__any_sync(all, who >= 0)) break;
+    const float threshold = tensor[0];  // lowered
     $step
     const bool on = (free_ > zero) & (later > most(t, zero + $least));
     const bool clear = on & (later >= last);

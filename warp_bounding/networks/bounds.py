@@ -24,9 +24,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import warp as wp
 
-from warp_bounding.activations import activation_of, constant, constants
+from warp_bounding.activations import activation_of
 from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.native import named, native_text, unique_name
+from warp_bounding.runtime.native import constant, constants, named, native_text, unique_name
 
 text = native_text("bounds.h")
 

@@ -12,10 +12,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from warp_bounding.activations import activation_of, constants
+from warp_bounding.activations import activation_of
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.network import HEADS, Head
-from warp_bounding.runtime.native import native_text
+from warp_bounding.runtime.native import constants, native_text
 
 text = native_text("network.h")
 

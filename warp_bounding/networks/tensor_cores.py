@@ -25,10 +25,9 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.activations import SINE
-from warp_bounding.kernels.source import fill
 from warp_bounding.rounding import TINY, gamma, round_down
 from warp_bounding.runtime.launch import BlockLaunch
-from warp_bounding.runtime.native import native_text
+from warp_bounding.runtime.native import fill, native_text
 
 PARTS = native_text("tensor_cores.h")
 

@@ -35,9 +35,9 @@ import warp as wp
 
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.functions import Data, Words, lanes_of
-from warp_bounding.kernels.source import LABEL, Lanes, fill
+from warp_bounding.kernels.source import LABEL, Lanes
 from warp_bounding.rounding import UNIT32
-from warp_bounding.runtime.native import Numbers, literal, named, native_text, unique_name
+from warp_bounding.runtime.native import Numbers, fill, literal, named, native_text, unique_name
 
 GROUP = 8  # balls that are asked together
 STACK = 256  # groups that wait at most; more than ``balls.MOST`` balls can ask for, of which some go depth first

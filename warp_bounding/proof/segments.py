@@ -25,7 +25,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import warp as wp
 
-from warp_bounding.activations import constant, constants
 from warp_bounding.bounders.bounder import DISTANCES, Bounder
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import DistanceBounder, VolumeDistance
@@ -36,7 +35,7 @@ from warp_bounding.networks.bounds import NetworkShape, Parametrization, body, d
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import BlockLaunch
-from warp_bounding.runtime.native import named, native_text, unique_name
+from warp_bounding.runtime.native import constant, constants, named, native_text, unique_name
 from warp_bounding.shapes.joints import Joints
 
 __all__ = ["Segments", "clear_segments"]

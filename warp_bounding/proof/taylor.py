@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 import warp as wp
 
-from warp_bounding.activations import constants
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError
 from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, double_array, load_text
@@ -28,7 +27,7 @@ from warp_bounding.networks.bounds import text as lanes
 from warp_bounding.networks.network import Network, SearchBounds
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.native import named, native_text, unique_name
+from warp_bounding.runtime.native import constants, named, native_text, unique_name
 from warp_bounding.shapes.shape import Shape
 
 text = native_text("taylor.h")

@@ -10,6 +10,7 @@ import platform
 import re
 from functools import cache
 from importlib.resources import files
+from string import Template
 from types import SimpleNamespace
 from typing import Any
 
@@ -22,13 +23,29 @@ Numbers = wp.array(dtype=wp.float32)
 def native_text(name: str) -> SimpleNamespace:
     """The parts of a file of ``warp_bounding/native``, by name.
 
-    A part begins behind a line ``/// NAME`` and lines ``///`` that explain it.
+    A part begins behind a line ``/// NAME`` and lines ``///`` that explain it. Errors of the compiler name the file's
+    lines, also behind a ``$name`` in whose place another text stands.
     """
-    whole = files("warp_bounding").joinpath("native", name).read_text(encoding="utf-8")
-    found = re.split(r"^/// ([A-Z0-9_]+):?\n((?:///.*\n)*)", whole + "\n", flags=re.MULTILINE)
-    return SimpleNamespace(
-        **{part: f"\n{text.removesuffix(chr(10))}" for part, text in zip(found[1::3], found[3::3], strict=True)}
-    )
+    parts, filled = {}, True
+    whole = files("warp_bounding").joinpath("native", name).read_text("utf-8") + "\n"
+    for number, line in enumerate(whole.splitlines(), 1):
+        if header := re.fullmatch(r"/// ([A-Z0-9_]+):?", line):
+            parts[header[1]], filled = "", True
+        elif parts and not line.startswith("///"):
+            place = f'#line {number} "warp_bounding/native/{name}"\n' * filled
+            parts[next(reversed(parts))] += f"\n{place}{line}"
+            filled = bool(re.fullmatch(r"\s*\$\w+", line))
+    return SimpleNamespace(**parts)
+
+
+def fill(text: str, **values: object) -> str:
+    """C text with these values in the places of its ``$names``."""
+    return Template(text).substitute(values)
+
+
+def constants(**values: int) -> str:
+    """C declaration of integer constants, by name."""
+    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
 
 
 @cache
@@ -41,6 +58,11 @@ def vector_type(length: int) -> Any:
 def literal(value: float) -> str:
     """A float32 constant in C, exactly."""
     return f"{float(value).hex()}f"
+
+
+def constant(value: float) -> str:
+    """A float64 constant in C, exactly."""
+    return float(value).hex()
 
 
 # LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms
