@@ -183,8 +183,8 @@ REDUCED = 1.5725
 #
 # Why it is enough up to 4000 pi > 3 LIMIT + 1: a network's arguments are certified up to LIMIT = 2^12 for activations
 # of size at most 1. In bounds, a neuron's ``mean`` is within ``spread`` of a value, so at most 2 where the constant 0
-# is not taken; less the middle of a quadratic form, at most 1 (``bounds.ROOM``), it is at most 3. So sums of means are
-# at most three times as large as those of values, and the centre is off by one more middle.
+# is not taken; less the middle of a quadratic form, at most 1 (``bounds.LARGEST_MIDDLE``), it is at most 3. So sums of
+# means are at most three times as large as those of values, and the centre is off by one more middle.
 SINE_SLACK = 1e-11
 # Pi in three float64 parts: the first 34 bits, exact times n <= 2^12 (|z| <= 4000 pi); the next 32 bits; the rest.
 PI_PARTS = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a6p-33"), float.fromhex("0x1.3198a2e037073p-68"))

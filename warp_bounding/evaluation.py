@@ -92,7 +92,7 @@ def truth_by(
 
 # --- counting --------------------------------------------------------------------------------------------------------
 
-CHUNK = 1_000_000  # queries at a time
+QUERIES_AT_ONCE = 1_000_000  # queries at a time
 
 
 def counted(
@@ -110,8 +110,8 @@ def counted(
     where it bounded cells of a shape; ``told`` are the other fields of ``Rates``.
     """
     false_positive = false_negative = positive = undecided = beyond_cells = 0
-    for start in range(0, samples, CHUNK):
-        x = draw(min(CHUNK, samples - start))
+    for start in range(0, samples, QUERIES_AT_ONCE):
+        x = draw(min(QUERIES_AT_ONCE, samples - start))
         truth, maybe = np.asarray(truth_of(x), dtype=np.uint8), ask(x)
         false_positive += int((maybe & (truth == OUT)).sum())
         false_negative += int(((truth == IN) & ~maybe).sum())

@@ -13,7 +13,7 @@ from warp_bounding.queries import SampledOracle, oracle, sample
 
 def test_progress_and_chunks(monkeypatch):
     seen = []
-    monkeypatch.setattr(evaluation, "CHUNK", 1000)
+    monkeypatch.setattr(evaluation, "QUERIES_AT_ONCE", 1000)
     wb.evaluate(fitted("aabb", "c"), shape("c"), samples=2500, progress=lambda *a: seen.append(a))
     assert seen == [(1000, 2500), (2000, 2500), (2500, 2500)]
 

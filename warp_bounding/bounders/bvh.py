@@ -4,7 +4,7 @@ Nodes lie in depth-first order, each with the index behind its subtree: a query 
 that hits it goes on with the next node, and no stack is needed (Smits 1998). The lanes of a vector share one walk; a
 lane that has skipped a subtree waits until the walk leaves it. Queries of points and boxes are only compared with a
 node, which cannot round; a ray is clipped by each node's box (Kay and Kajiya 1986), a plane is compared with the box's
-two supports, both with room for their rounding. The boxes are moved out by twice ``ROOM`` for rays that run along a
+two supports, both with room for their rounding. Boxes are moved out by twice ``CLEARANCE`` for rays that run along a
 face, and for all other queries alike. f is 0 where a leaf is hit, else -1.
 """
 
@@ -21,7 +21,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder, Option, whole
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.mlp import HIDDEN
-from warp_bounding.bounders.volumes import CLIP, ROOM
+from warp_bounding.bounders.volumes import CLEARANCE, CLIP
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source
@@ -397,8 +397,8 @@ class Bvh(Bounder):
         leaves = leaves_for_bytes(_network_bytes(domain, hidden), grid.ndim) if leaves is None else _leaves(leaves)
         tree = build(grid, leaves, seconds)
         lower, upper = domain.base.widened(grid.position(tree.first - 0.5), grid.position(tree.last + 0.5))
-        low = np.nextafter(round_down(lower - 2 * ROOM), np.float32(-np.inf))
-        high = np.nextafter(round_up(upper + 2 * ROOM), np.float32(np.inf))
+        low = np.nextafter(round_down(lower - 2 * CLEARANCE), np.float32(-np.inf))
+        high = np.nextafter(round_up(upper + 2 * CLEARANCE), np.float32(np.inf))
         return cls(domain, {"low": low, "high": high, "past": tree.past.astype(np.float32)}, {}, device)
 
     def check_tensors(self) -> None:
@@ -481,14 +481,14 @@ class Bvh(Bounder):
         return self._in_leaf(len(v), lambda node, rows: touching(v[rows], low[node], high[node]))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        """See ``Bounder``: 0 where one leaf, and so all above it, holds the box and has ``ROOM`` to spare, else -1."""
+        """See ``Bounder``: 0 where one leaf, and so all above it, holds the box with a ``CLEARANCE``, else -1."""
         if self.volume is not None:
             raise BounderError(f"{self.method}: {self.query_kind} queries are proven by their volume")
         low, high = self.tensors["low"].astype(np.float64), self.tensors["high"].astype(np.float64)
 
         def hold(node: int, rows: np.ndarray) -> np.ndarray:
-            # Strictly: where float64 loses ROOM, its numbers are farther apart than that.
-            return ((low[node] < lower[rows] - ROOM) & (high[node] > upper[rows] + ROOM)).all(axis=1)
+            # Strictly: where float64 loses CLEARANCE, its numbers are farther apart than that.
+            return ((low[node] < lower[rows] - CLEARANCE) & (high[node] > upper[rows] + CLEARANCE)).all(axis=1)
 
         least, center = self._in_leaf(len(lower), hold), (lower + upper) / 2
         return BoxBounds(least, np.argmax(upper - lower, axis=1), center, self.reference(center))

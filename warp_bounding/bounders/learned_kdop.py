@@ -14,8 +14,8 @@ from warp_bounding.bounders.bounder import STEPS, Option
 from warp_bounding.bounders.distance import FacesDistance
 from warp_bounding.bounders.volumes import (
     BY_VERTICES,
+    CLEARANCE,
     CORNERS,
-    ROOM,
     FaceBounder,
     SlabBox,
     SlabPlane,
@@ -54,7 +54,7 @@ _POINT = """
 }
 """
 
-# A face along which a ray may run is ``ROOM`` away, so there is no division by zero.
+# A face along which a ray may run is ``CLEARANCE`` away, so there is no division by zero.
 _RAY = f"""
 {{
     constexpr int N = $n, K = $half_spaces;
@@ -146,7 +146,7 @@ class _Ray(SlabRay):
         if not (largest < 2.0**40).all():
             raise BounderError("numbers are so large that float32 quotients may overflow")
         rounding = gamma(n + 2) * largest + 4 * (n + 1) * (1 + largest) * TINY
-        face = np.nextafter(round_up(slabs.high + (rounding + 2 * ROOM) * (1 + 1e-9)), np.float32(np.inf))
+        face = np.nextafter(round_up(slabs.high + (rounding + 2 * CLEARANCE) * (1 + 1e-9)), np.float32(np.inf))
         self.slabs, self.weights = slabs, _numbers(slabs, face)
 
 

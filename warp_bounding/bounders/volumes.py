@@ -147,7 +147,7 @@ def _row(y: str, at: str) -> str:
 """
 
 
-# Slab clipping without a division by zero: a face that may be met is at least ``ROOM / 2`` away from a ray that runs
+# Slab clipping without a division by zero: a face that may be met is at least ``CLEARANCE / 2`` from a ray that runs
 # along it, so the parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
 CLIP = f"""
 auto slow_of = [&](V s) {{  // one over the speed
@@ -298,7 +298,7 @@ TEXTS = {"point": _POINT, "ray": _RAY, "plane": _plane, "box": _BOX}
 # outside P. What a test reads (edges, vertices, widened faces) follows from the slabs alone, so a file holds nothing
 # that could contradict them.
 
-ROOM = 2.0**-60  # a face is at least this far from P where a ray may run along it: far more than PARALLEL
+CLEARANCE = 2.0**-60  # a face is at least this far from P where a ray may run along it: far more than PARALLEL
 
 
 class Slabs(NamedTuple):
@@ -369,9 +369,9 @@ class SlabRay(VolumeTest):
         # ray is.
         flushed = 8 * (n + 1) * (1 + largest) * TINY
         rounding = 0.0 if slabs.diagonal else gamma(n + 2) * 3 * (size @ limit[:n]) + flushed
-        room = (rounding + 2 * ROOM) * (1 + 1e-9)
-        # And one float32 more: where low is so large that float64 loses ROOM, float32 numbers are farther apart than
-        # ROOM.
+        room = (rounding + 2 * CLEARANCE) * (1 + 1e-9)
+        # And one float32 more: where low is so large that float64 loses CLEARANCE, float32 numbers are farther apart
+        # than that.
         low = np.nextafter(round_down(slabs.low - room), np.float32(-np.inf))
         high = np.nextafter(round_up(slabs.high + room), np.float32(np.inf))
         self.slabs, self.weights = slabs, slabs.numbers(low, high)

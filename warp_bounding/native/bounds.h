@@ -2,10 +2,11 @@
 // layer and back, and then what becomes of the polynomial in zeta to which that leads: its least, or its corners. A
 // part begins behind a line with three slashes.
 //
-// Names in capitals are constants that are written in front of a part, or other parts. The network has K
-// inputs; a box has Z numbers, and C columns of zeta. A layer has INPUTS and NEURONS, and its numbers begin at the index
-// AT of w. The polynomial's constant is least, its other entries tilt, square and cubes (BACKWARDS); slopes of the
-// inputs are gradient, and of the columns, tilt included, slope.
+// Names in capitals are constants that are written in front of a part, behind $ other parts. The network has K inputs; a
+// box has Z numbers, and C columns of zeta. A layer has INPUTS and NEURONS, and its numbers begin at the index AT of w.
+// The polynomial's constant is least, its other entries tilt, square and cubes (BACKWARDS); slopes of the inputs are
+// gradient, and of the columns, tilt included, slope. The scopes of layers are nested: each sees that below it, and is
+// left backwards.
 
 /// CPU
 #pragma clang fp contract(fast)
@@ -29,6 +30,70 @@ constexpr int L = 1;
 typedef double V;
 const V zero = 0.0;
 
+/// BODY:
+/// From a box to all that is explained at ``body``.
+V least = zero, value = zero, level = zero, bulk = zero;
+V center[K], noise[K], gen[K], h[K], z[Z], gradient[K];
+V score[C], slope[C], tilt[C], square[SQUARES], cubes[CUBES];
+(void)noise; (void)bulk; (void)h; (void)z; (void)value;
+const auto place = [](int k, int m) { return k * (2 * C - k + 1) / 2 + m - k; }; (void)place;
+const auto triple = [&](int a, int b, int d) {  // the place of a <= b <= d in cubes
+    int before = 0;
+    for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
+    return before + place(b, d) - place(a, a);
+}; (void)triple;
+$expand
+const auto project = [&](const auto* of, V* columns) {
+    $project
+};
+for (int k = 0; k < C; ++k) score[k] = tilt[k] = zero;
+for (int i = 0; i < SQUARES; ++i) square[i] = zero;
+for (int i = 0; i < CUBES; ++i) cubes[i] = zero;
+{
+    V* const back = gradient;
+    $layers
+}
+if (NOISY) {
+    V lost = zero;
+    for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * noise[i];
+    least -= lost;
+}
+for (int k = 0, i = 0; k < C; ++k) for (int m = k; m < C; ++m, ++i) if (m != k) square[i] *= 2.0;
+{
+    V all = absolute(square[0]);
+    for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
+    bulk += all;
+}
+if (CUBIC) {
+    $straighten
+    if (C == K) for (int k = 0; k < C; ++k) {  // each column is one input
+        gradient[k] += gen[k] > zero ? tilt[k] / (gen[k] > zero ? gen[k] : zero + 1.0) : zero;
+        tilt[k] = zero;
+    }
+}
+project(gradient, slope);
+for (int k = 0; k < C; ++k) slope[k] += tilt[k];
+{
+    $close
+}
+if (!MULTILINEAR) {
+    $realize
+    const V* y = h;
+    $values
+}
+
+/// OUTPUT:
+/// Behind the last hidden layer, of which LAST neurons are left: f where all neurons are at their means.
+least = zero + (w[AT_OUTPUT] - padding[LAYERS]);
+for (int j = 0; j < LAST; ++j) {
+    const double x = w[AT_OUTPUT + 1 + j];
+    back[j] = zero + x; least += own.mean[j] * x;
+}
+
+/// OUTPUT_VALUE
+value = zero + w[AT_OUTPUT];
+for (int j = 0; j < LAST; ++j) value += y[j] * w[AT_OUTPUT + 1 + j];
+
 /// LAYER:
 /// What is known of a layer's neurons. The argument of each is a centre plus l + p + y: l = rate . zeta is linear, |l|
 /// <= near; p is the quadratic form in zeta that the parabolas of the layers below make together, within radius of 0,
@@ -39,73 +104,90 @@ const V zero = 0.0;
 /// it. They are sums of what the parabolas are one by one, while entries of square may cancel. form are the entries of
 /// p, before its middle was taken off, and total the sum of their sizes. The arrays are declared one by one, so that
 /// the compiler drops those that nobody reads.
-V LAYER_mean[NEURONS], LAYER_noise[NEURONS], LAYER_width[NEURONS], LAYER_slope[NEURONS], LAYER_spread[NEURONS];
-V LAYER_near[NEURONS], LAYER_rate[C][NEURONS], LAYER_lean[NEURONS], LAYER_bend[NEURONS], LAYER_cube[NEURONS];
-V LAYER_cross[NEURONS], LAYER_form[SQUARES + 1][NEURONS], LAYER_total[NEURONS];
-V LAYER_part[C][NEURONS], LAYER_square[SQUARES + 1][NEURONS], LAYER_radius[NEURONS];
+V mean_[NEURONS], noise_[NEURONS], width_[NEURONS], slope_[NEURONS], spread_[NEURONS];
+V near_[NEURONS], rate_[C][NEURONS], lean_[NEURONS], bend_[NEURONS], cube_[NEURONS];
+V cross_[NEURONS], form_[SQUARES + 1][NEURONS], total_[NEURONS];
+V part_[C][NEURONS], square_[SQUARES + 1][NEURONS], radius_[NEURONS];
 const struct {
     V *mean, *noise, *width, *slope, *spread, *near, (*rate)[NEURONS], *lean, *bend, *cube, *cross, (*form)[NEURONS];
     V *total, (*part)[NEURONS], (*square)[NEURONS], *radius;
-} LAYER = {
-    LAYER_mean, LAYER_noise, LAYER_width, LAYER_slope, LAYER_spread, LAYER_near, LAYER_rate, LAYER_lean, LAYER_bend,
-    LAYER_cube, LAYER_cross, LAYER_form, LAYER_total, LAYER_part, LAYER_square, LAYER_radius,
+} own = {
+    mean_, noise_, width_, slope_, spread_, near_, rate_, lean_, bend_, cube_, cross_, form_, total_, part_, square_,
+    radius_,
 };
+V* const to = back;
+V back[NEURONS];
 
 /// NEURON:
 /// Neuron j from the centre z of its argument, its generators g (rate) and the largest |y|, from, and, where layers
 /// below BEND, its quadratic form: entries and middle in own.form, radius in reach. The form's range is taken both from
-/// its entries and from the parabolas one by one. ROOM is the largest middle that an activation with a limit takes:
-/// beyond it the range is as wide, and nothing is lost. RELAX sets s, m, e and what else of lean, k2, k3 and k4 is not
+/// its entries and from the parabolas one by one. LARGEST_MIDDLE is the largest that an activation with a limit takes:
+/// beyond it the range is as wide, and nothing is lost. relax sets s, m, e and what else of lean, k2, k3 and k4 is not
 /// 0.
-V near = zero, middle = zero, radius = zero;
-for (int k = 0; k < C; ++k) { own.rate[k][j] = g[k]; near += absolute(g[k]); }
-if (BENT) {
-    V half = zero, other = zero;
-    int entry = 0;
+const auto neuron = [&](int j, V z, V from, V reach, const V* g) __attribute__((always_inline)) {
+    V near = zero, middle = zero, radius = zero;
+    for (int k = 0; k < C; ++k) { own.rate[k][j] = g[k]; near += absolute(g[k]); }
+    if (BENT) {
+        V half = zero, other = zero;
+        int entry = 0;
 #pragma unroll
-    for (int k = 0; k < C; ++k) {
-        half += own.form[entry][j] * 0.5; other += absolute(own.form[entry++][j]) * 0.5;
+        for (int k = 0; k < C; ++k) {
+            half += own.form[entry][j] * 0.5; other += absolute(own.form[entry++][j]) * 0.5;
 #pragma unroll
-        for (int m = k + 1; m < C; ++m) other += absolute(own.form[entry++][j]) * 2.0;
+            for (int m = k + 1; m < C; ++m) other += absolute(own.form[entry++][j]) * 2.0;
+        }
+        const V sum = own.form[SQUARES][j];
+        V low = half - other, high = half + other;
+        low = sum - reach > low ? sum - reach : low; high = sum + reach < high ? sum + reach : high;
+        middle = (low + high) * 0.5; radius = (high - low) * 0.5; own.total[j] = other * 2.0;
+        const V beyond = absolute(middle);
+        radius = beyond > LARGEST_MIDDLE ? radius + beyond : radius; middle = beyond > LARGEST_MIDDLE ? zero : middle;
     }
-    const V sum = own.form[SQUARES][j];
-    V low = half - other, high = half + other;
-    low = sum - reach > low ? sum - reach : low; high = sum + reach < high ? sum + reach : high;
-    middle = (low + high) * 0.5; radius = (high - low) * 0.5; own.total[j] = other * 2.0;
-    const V beyond = absolute(middle);
-    radius = beyond > ROOM ? radius + beyond : radius; middle = beyond > ROOM ? zero : middle;
-}
-V s, m, e, lean = zero, k2 = zero, k3 = zero, k4 = zero;
-const V at = z + middle;
-RELAX
-e += pad;
-own.mean[j] = m - s * middle; own.slope[j] = s; own.spread[j] = e; own.width[j] = near + radius + from + pad;
-own.near[j] = near; own.lean[j] = lean - k4 * middle; own.bend[j] = k2; own.cube[j] = k3; own.cross[j] = k4;
-const V near2 = near * near, line = s + lean + k3 * near2 * 0.75;  // l^3 is within near^3 / 4 of 3 near^2 l / 4
-for (int k = 0; k < C; ++k) own.part[k][j] = g[k] * line;
-own.noise[j] = absolute(s) * from + e + (absolute(k3) * near2 * 0.25 + absolute(k4) * radius) * near;
-if (PASSES) {
-    const V half = near2 * 0.5; int entry = 0;
+    V s, m, e, lean = zero, k2 = zero, k3 = zero, k4 = zero;
+    const V at = z + middle;
+    relax(at, near, radius, from, s, m, lean, k2, k3, k4, e);
+    e += pad;
+    own.mean[j] = m - s * middle; own.slope[j] = s; own.spread[j] = e; own.width[j] = near + radius + from + pad;
+    own.near[j] = near; own.lean[j] = lean - k4 * middle; own.bend[j] = k2; own.cube[j] = k3; own.cross[j] = k4;
+    const V near2 = near * near, line = s + lean + k3 * near2 * 0.75;  // l^3 is within near^3 / 4 of 3 near^2 l / 4
+    for (int k = 0; k < C; ++k) own.part[k][j] = g[k] * line;
+    own.noise[j] = absolute(s) * from + e + (absolute(k3) * near2 * 0.25 + absolute(k4) * radius) * near;
+    if (PASSES) {
+        const V half = near2 * 0.5; int entry = 0;
 #pragma unroll
-    for (int k = 0; k < C; ++k) {
-        const V bent = k2 * g[k];
+        for (int k = 0; k < C; ++k) {
+            const V bent = k2 * g[k];
 #pragma unroll
-        for (int m = k; m < C; ++m, ++entry)
-            own.square[entry][j] = BENT ? bent * g[m] + s * own.form[entry][j] : bent * g[m];
+            for (int m = k; m < C; ++m, ++entry)
+                own.square[entry][j] = BENT ? bent * g[m] + s * own.form[entry][j] : bent * g[m];
+        }
+        own.square[SQUARES][j] = s * middle + k2 * half; own.radius[j] = absolute(s) * radius + absolute(k2) * half;
     }
-    own.square[SQUARES][j] = s * middle + k2 * half; own.radius[j] = absolute(s) * radius + absolute(k2) * half;
-}
+};
+
+/// LAYER_BEGIN
+const double *const b = w + AT, *const weight = b + NEURONS; const double pad = padding[LAYER];
+
+/// LINE:
+/// What a neuron calls: a line of an activation that does not bend, or a cubic of one that does.
+const auto relax = [&](V at, V near, V radius, V from, V& s, V& m, V&, V& k2, V&, V&, V& e) {
+    line(at, near, radius + from + pad, s, m, k2, e);
+};
+
+/// CURVE
+const auto relax = [&](V at, V near, V radius, V from, V& s, V& m, V& lean, V& k2, V& k3, V& k4, V& e) {
+    line(at, near, radius, from + pad, s, m, lean, k2, k3, k4, e);
+};
 
 /// FIRST:
-/// The first hidden layer, of the network's inputs; GENERATORS fills g, whose entries are sparse.
+/// The first hidden layer, of the network's inputs.
 for (int j = 0; j < NEURONS; ++j) {
     const double* x = weight + j * INPUTS;
-    V z = zero + b[j], from = zero, reach = zero, g[C];
+    V z = zero + b[j], from = zero, g[C];
     for (int i = 0; i < INPUTS; ++i) z += center[i] * x[i];
-    GENERATORS
+    project(x, g);
     if (NOISY) for (int i = 0; i < INPUTS; ++i) from += noise[i] * x[NEURONS * INPUTS + i];
-    (void)reach;
-    NEURON
+    neuron(j, z, from, zero, g);
     for (int k = 0; k < C; ++k) score[k] += absolute(g[k]) * FIRST_LAYER;
 }
 
@@ -132,11 +214,7 @@ for (int t = 0; t < BLOCKS; ++t) {
         }
     }
 #pragma unroll
-    for (int r = 0; r < R; ++r) {
-        const int j = FIRST + t * R + r;
-        const V z = centers[r], from = noises[r], reach = radii[r]; const V* g = generators[r]; (void)reach;
-        NEURON
-    }
+    for (int r = 0; r < R; ++r) neuron(FIRST + t * R + r, centers[r], noises[r], radii[r], generators[r]);
 }
 
 /// SQUARES_OF_ARGUMENTS:
@@ -202,6 +280,13 @@ for (int j = 0; j < NEURONS; ++j) {
     const double* x = w + AT + NEURONS + j * INPUTS;
     for (int i = 0; i < INPUTS; ++i) to[i] += c * x[i];
 }
+
+/// LAYER_VALUES:
+/// f itself, layer by layer, from the activations or inputs y.
+const V* const x = y; const double* const b = w + AT;
+V y[NEURONS];
+$blocks
+$then
 
 /// VALUES:
 /// f itself: a layer's activations y from the inputs x, in blocks as in LATER.

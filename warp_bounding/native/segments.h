@@ -81,7 +81,7 @@ for (;;) {
         LANE(high[2 * K]) = own[l] < 0 ? 0.0 : end < last[l] ? end : last[l];
     }
     if (!busy) break;
-    BODY
+    $body
     for (int l = 0; l < L; ++l) {
         if (own[l] < 0) continue;
         const double end = LANE(high[2 * K]), need = needed(least_value(l, at[l], end));

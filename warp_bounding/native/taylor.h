@@ -2,8 +2,9 @@
 // the box's centre forwards, and backwards what they leave out, times bounds of f's derivatives. Nothing of it is in
 // bounds.h but the types of lanes.
 //
-// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS; its numbers begin at the index AT of w. C columns of zeta, |zeta| <= 1; SQUARES
-// entries k <= m of a form.
+// Names in capitals are constants that stand in front of a part. A layer has INPUTS and NEURONS; its numbers begin at the
+// index AT of w. C columns of zeta, |zeta| <= 1; SQUARES entries k <= m of a form. The scopes of layers are nested: each
+// sees that below it, and is left backwards.
 
 /// SINE:
 /// At z: coefficients a0 to a3 of a polynomial, and left, by how much it may be off within u; d, by how much the
@@ -45,16 +46,63 @@ auto taylor_relu = [&](V z, V u, V b, V& a0, V& a1, V& a2, V& a3, V& left, V& d,
     spread = height; flat = a0;
 };
 
+/// BODY:
+/// From a box to the bound and what else is stored; a layer in front of the first holds the box.
+V least = zero, level = zero, value = zero, score[C], slope[C], radius[C], h[C], square[SQUARES], cubes[CUBES];
+const auto entry = [](int k, int m) { return k * (2 * C - k + 1) / 2 + m - k; }; (void)entry;
+const auto cube = [&](int a, int b, int d) {  // the place of a <= b <= d in cubes
+    int before = 0;
+    for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
+    return before + entry(b, d) - entry(a, a);
+};
+struct { V top[LINES + SQUARES][C], off[1][C]; } own;
+struct { V by[1 + C][C], wide[1][C]; } back;
+for (int i = 0; i < C; ++i) {
+    radius[i] = (high[i] - low[i]) * 0.5; score[i] = own.off[0][i] = zero;
+    for (int e = 0; e < LINES + SQUARES; ++e) own.top[e][i] = zero;
+    own.top[0][i] = (low[i] + high[i]) * 0.5; own.top[1 + i][i] = radius[i];
+}
+for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
+$product
+$layers
+$close
+for (int k = 0; k < C; ++k) h[k] = slope[k] > zero ? low[k] : high[k];
+{
+    const V* y = h;
+    $values
+}
+
+/// OUTPUT:
+/// Behind the last hidden layer, of which LAST neurons are left.
+least = zero + (w[AT_OUTPUT] - pads[LAYERS]);
+V sums[LINES + SQUARES][1];
+product(own.top, w + AT_OUTPUT + 1, sums, 0, 1);
+least += sums[0][0];
+for (int k = 0; k < C; ++k) slope[k] = sums[1 + k][0];
+for (int e = 0; e < SQUARES; ++e) square[e] = sums[LINES + e][0];
+for (int j = 0; j < LAST; ++j) {
+    for (int k = 0; k <= C; ++k) back.by[k][j] = zero + (k ? 0.0 : w[AT_OUTPUT + 1 + j]);
+    back.wide[0][j] = zero;
+}
+
+/// OUTPUT_VALUE
+value = zero + w[AT_OUTPUT];
+for (int j = 0; j < LAST; ++j) value += y[j] * w[AT_OUTPUT + 1 + j];
+
 /// LAYER:
 /// Rows of numbers of a layer's neurons. Of the arguments, in of: l and q, linear and quadratic in zeta, |l| <= near,
 /// |q| <= bow. Of the polynomials of activations, which the next layer reads, in top: v + g . zeta + the form s. Both
 /// begin with the constant and C rows; these LINES rows end where SQUARES others begin. off is how far an activation may
-/// be from its polynomial, on the way from any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most turned, and
-/// rest. The derivative is within d of slope + s2 l: of the range that it has within LEAST and 1 where that is less.
+/// be from its polynomial, on the way from any layer below. Of what a polynomial leaves out: 2 a2 l q + a3 l^3, at most
+/// turned, and rest. The derivative is within d of slope + s2 l: of the range that it has within LEAST and 1 where that
+/// is less.
+const auto& below = own;
+auto& to = back; (void)to;
 struct {
     V of[LINES + BENT * SQUARES][NEURONS], top[LINES + SQUARES][NEURONS], off[1][NEURONS], near[NEURONS];
     V slope[NEURONS], s2[NEURONS], a2[NEURONS], a3[NEURONS], rest[NEURONS], turned[NEURONS], d[NEURONS];
-} NAME;
+} own;
+struct { V by[1 + C][NEURONS], wide[1][NEURONS]; } back;
 
 /// PRODUCT:
 /// to[e][j], for all e and j, is the sum over i of from[e][i] times the weight at by_made j + by_summed i. E times R of
@@ -86,7 +134,7 @@ const auto product = [&](const auto& from, const double* weights, auto& to, int 
 };
 
 /// FORWARDS:
-/// TAYLOR is the activation's; BENT tells whether the polynomials of the layer below have quadratic terms.
+/// taylor is the activation's; BENT tells whether the polynomials of the layer below have quadratic terms.
 product(below.top, x, own.of, INPUTS, 1);
 product(below.off, x + NEURONS * INPUTS, own.off, INPUTS, 1);
 for (int j = 0; j < NEURONS; ++j) {
@@ -101,7 +149,7 @@ for (int j = 0; j < NEURONS; ++j) {
     V a0, a1, a2, a3, left, d, s2, flat, spread;
     const V u = near + bow, b = (u + off) * (1 + 1e-9) + pad, near2 = near * near, bow2 = bow * bow;
     const V others = bow * (near2 * 3.0 + bow * (near * 3.0 + bow));  // u^3 - near^3
-    TAYLOR(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, s2, flat, spread);
+    taylor(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, s2, flat, spread);
     const V most = d + absolute(s2) * b;
     V low = a1 - most, high = a1 + most;
     low = low > LEAST ? low : zero + LEAST; high = high < 1.0 ? high : zero + 1.0;
@@ -137,8 +185,8 @@ for (int j = 0; j < NEURONS; ++j) {
 
 /// BACKWARDS:
 /// At any zeta, and on the way between polynomial and activation, the derivative of f by an activation is within wide
-/// of by, whose rows are those of a linear function of zeta. What the polynomials leave out is taken from least; what of it is cubic, l times the form a3 l^2 + 2 a2 q,
-/// is added to cubes with by[0], where it may cancel.
+/// of by, whose rows are those of a linear function of zeta. What the polynomials leave out is taken from least; what of
+/// it is cubic, l times the form a3 l^2 + 2 a2 q, is added to cubes with by[0], where it may cancel.
 V by[1 + C][NEURONS], wide[1][NEURONS], forms[BENDS ? SQUARES : 1][NEURONS];
 for (int j = 0; j < NEURONS; ++j) {
     const V c = back.by[0][j], r = back.wide[0][j], size = absolute(c), near = own.near[j];
@@ -231,13 +279,16 @@ level = least;  // of a linear bound, to which a form adds nothing
 }
 
 /// VALUES:
-/// f itself, a layer: from y to the activations above.
+/// f itself, a layer: from the activations or inputs y to those above.
+const V* const below = y;
+V y[NEURONS];
 for (int j = 0; j < NEURONS; ++j) {
     const double* x = w + AT + NEURONS + j * INPUTS;
     V z = zero + w[AT + j];
-    for (int i = 0; i < INPUTS; ++i) z += y[i] * x[i];
-    to[j] = ACT(z, nullptr);
+    for (int i = 0; i < INPUTS; ++i) z += below[i] * x[i];
+    y[j] = act(z, nullptr);
 }
+$then
 
 /// STORE
 const long long o = i + l;

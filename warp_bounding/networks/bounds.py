@@ -26,7 +26,7 @@ import warp as wp
 
 from warp_bounding.activations import activation_of
 from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.native import constant, constants, named, native_text, unique_name
+from warp_bounding.runtime.native import constant, constants, fill, named, native_text, unique_name
 
 text = native_text("bounds.h")
 
@@ -63,8 +63,9 @@ class BoxBounds(NamedTuple):
 # The boxes of a proof are of the inputs themselves, those of a walk along a segment of its parameter. A parametrization
 # writes this down as C text over a type V (a box a SIMD lane on a CPU, a double on CUDA):
 #
-# * ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[P]`` (the generators that are not always zero)
-#   and ``V noise[K]`` (all that is left over, float64 rounding included);
+# * ``expand``: from ``V low[Z], high[Z]`` to ``V center[K]``, ``V gen[K]`` (of each input the one generator that is not
+#   always zero) and ``V noise[K]`` (all that is left over, float64 rounding included);
+# * ``project``: from numbers ``of[K]`` to ``V columns[C]``, the sums of each column's generators times them;
 # * ``realize``: from the signs of ``V slope[C]`` to ``V z[Z]``, the corner where f looks lowest, and its inputs ``V
 #   h[K]``.
 #
@@ -80,6 +81,7 @@ class Parametrization:
         inputs: Inputs K of the network.
         noisy: Whether ``expand`` sets ``noise``; else it is 0.
         expand: C text, explained above.
+        project: C text, explained above.
         realize: C text, explained above.
     """
 
@@ -89,6 +91,7 @@ class Parametrization:
     expand: ClassVar[str] = """
 for (int k = 0; k < K; ++k) { center[k] = (low[k] + high[k]) * 0.5; gen[k] = (high[k] - low[k]) * 0.5; }
 """
+    project: ClassVar[str] = "for (int k = 0; k < K; ++k) columns[k] = of[k] * gen[k];"
     realize: ClassVar[str] = "for (int k = 0; k < K; ++k) h[k] = z[k] = slope[k] > zero ? low[k] : high[k];"
 
     @property
@@ -101,15 +104,6 @@ for (int k = 0; k < K; ++k) { center[k] = (low[k] + high[k]) * 0.5; gen[k] = (hi
         """Number C of coordinates zeta, and so of columns of the generators."""
         return self.inputs
 
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """``(input, column)`` of the generators' entries that may differ from 0, in the order of ``gen``."""
-        return [(k, k) for k in range(self.inputs)]
-
-
-# What a layer calls: a line of an activation that does not bend, or a cubic of one that does.
-LINES = "relax(at, near, radius + from + pad, s, m, k2, e);"
-CURVES = "curve(at, near, radius, from + pad, s, m, lean, k2, k3, k4, e);"
 
 BLOCK = 64  # boxes that a thread of the kernel works on, on a CPU; on CUDA it is one
 # A box's second axis to halve is chosen as if its first were halved already. The score of that number z falls by this
@@ -122,7 +116,7 @@ SQUARES_ROUNDING = 1e-12
 FIRST_LAYER = 1e-9
 ROWS = 4  # neurons that share each input as it is loaded
 # The largest middle of a quadratic form around which the sine is taken (``NEURON``, ``SINE_LIMIT``).
-ROOM = 1.0
+LARGEST_MIDDLE = 1.0
 MANY, FEW = 28, 12  # sums that are kept at a time, of the 32 vector registers of AVX-512, and of 16
 
 
@@ -168,90 +162,37 @@ def body(shape: NetworkShape, *, multilinear: bool = False) -> str:
         multilinear: Leave products of different columns in ``square`` and ``cubes``, for ``CORNERS``: then
             ``least`` is no bound, ``level`` the constant of a multilinear one, and f is not evaluated.
     """
-    parametrization, layers, places = shape.parametrization, list(enumerate(shape.layers)), [0]
-    # Where each layer begins in ``w``: its biases, its weights and their absolute values (``Network.packed``).
+    kind, n = shape.parametrization, shape.parametrization.columns
+    places = [0]  # where each layer begins in ``w``: its biases, its weights and their absolute values
     for inputs, neurons, _ in shape.layers:
         places.append(places[-1] + neurons * (2 * inputs + 1))
-    squares = [(k, m) for k in range(parametrization.columns) for m in range(k, parametrization.columns)]
-    n, bends = parametrization.columns, any(activation_of(name).bends for _, _, name in shape.layers)
-    sizes = constants(
-        K=shape.ndim, C=n, Z=parametrization.size, NOISY=int(parametrization.noisy), MULTILINEAR=int(multilinear)
-    )
-    sizes += constants(SQUARES=len(squares), CUBES=n * (n + 1) * (n + 2) // 6)
-    last, at, count = len(layers) - 1, places[-1], shape.layers[-1][1]
-    join = "\n".join
-    return f"""
-{sizes}
-constexpr double FIRST_LAYER = {constant(FIRST_LAYER)}, SQUARES_ROUNDING = {constant(SQUARES_ROUNDING)};
-constexpr double THIRD = {constant(1 / 3)};
-V least = zero, value = zero, level = zero, bulk = zero;
-V center[K], noise[K], gen[{len(parametrization.pairs)}], h[K], z[Z], gradient[K];
-V score[C], slope[C], tilt[C], square[SQUARES], cubes[CUBES];
-(void)noise; (void)bulk; (void)h; (void)z; (void)value;
-const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; const auto place = entry; (void)place;
-const auto triple = [&](int a, int b, int d) {{  // the place of a <= b <= d in cubes
-    int before = 0;
-    for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
-    return before + place(b, d) - place(a, a);
-}}; (void)triple;
-{parametrization.expand}
-for (int k = 0; k < C; ++k) score[k] = tilt[k] = zero;
-for (int i = 0; i < SQUARES; ++i) square[i] = zero;
-for (int i = 0; i < CUBES; ++i) cubes[i] = zero;
-{join(_forwards(shape, index, places[index]) for index, _ in layers)}
-V back{last}[{count}]; least = zero + (w[{at}] - padding[{last + 1}]);  // f where all neurons are at their means
-for (int j = 0; j < {count}; ++j) {{
-    const double x = w[{at + 1} + j];
-    back{last}[j] = zero + x; least += layer{last}.mean[j] * x;
-}}
-{join(_backwards(shape, index, places[index]) for index, _ in reversed(layers))}
-if (NOISY) {{
-    V lost = zero;
-    for (int i = 0; i < K; ++i) lost += absolute(gradient[i]) * noise[i];
-    least -= lost;
-}}
-{" ".join(f"square[{i}] *= 2.0;" for i, (k, m) in enumerate(squares) if k != m)}
-{{
-    V all = absolute(square[0]);
-    for (int i = 1; i < SQUARES; ++i) all += absolute(square[i]);
-    bulk += all;
-}}
-{f"{{ {text.STRAIGHTEN} }} {_tilt_to_gradient(parametrization)}" * bends}
-{" ".join(f"slope[{k}] = {_product(parametrization, k, 'gradient[{i}]')} + tilt[{k}];" for k in range(parametrization.columns))}
-{{ {text.CLOSE} }}
-if (!MULTILINEAR) {{
-    {parametrization.realize}
-    const V* y = h;
-    {join(_values(shape, index, places[index]) for index, _ in layers)}
-    value = zero + w[{at}];
-    for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
-}}
-"""  # noqa: E501
-
-
-def _product(parametrization: Parametrization, column: int, of: str) -> str:
-    """C sum over the inputs i of ``of`` times generators of a column; those that are always 0 are left out."""
-    pairs = enumerate(parametrization.pairs)
-    return " + ".join(f"{of.format(i=i)} * gen[{entry}]" for entry, (i, k) in pairs if k == column)
-
-
-def _tilt_to_gradient(parametrization: Parametrization) -> str:
-    """C that moves the slopes ``tilt`` into ``gradient``, if each column is one input; else nothing."""
-    if parametrization.pairs != [(k, k) for k in range(parametrization.inputs)]:
-        return ""
-    share = "tilt[k] / (gen[k] > zero ? gen[k] : zero + 1.0)"
-    return f"for (int k = 0; k < C; ++k) {{ gradient[k] += gen[k] > zero ? {share} : zero; tilt[k] = zero; }}"
+    sizes = {"K": shape.ndim, "C": n, "Z": kind.size, "NOISY": kind.noisy, "MULTILINEAR": multilinear}
+    sizes |= {"SQUARES": n * (n + 1) // 2, "CUBES": n * (n + 1) * (n + 2) // 6}
+    sizes |= {"LAYERS": len(shape.layers), "LAST": shape.layers[-1][1], "AT_OUTPUT": places[-1]}
+    sizes["CUBIC"] = _bent(shape, len(shape.layers))
+    numbers = {"FIRST_LAYER": FIRST_LAYER, "SQUARES_ROUNDING": SQUARES_ROUNDING, "THIRD": 1 / 3}
+    layers, values = text.OUTPUT, text.OUTPUT_VALUE
+    for index in reversed(range(len(shape.layers))):
+        own = _layer(shape, index, places[index])
+        below = "const auto& below = own;" * (index > 0)
+        layers = f"{{ {own}{below}{text.LAYER}{{{_forwards(shape, index)}}}\n{layers}{{{text.BACKWARDS}}}\n}}\n"
+        blocks = _in_blocks(text.VALUES, shape.layers[index][1])
+        values = f"{{ {own}{fill(text.LAYER_VALUES, blocks=blocks, then=values)} }}"
+    own = f"{constants(**sizes)} constexpr double {', '.join(f'{k} = {constant(x)}' for k, x in numbers.items())};"
+    texts = {"expand": kind.expand, "project": kind.project, "realize": kind.realize}
+    return own + fill(text.BODY, **texts, layers=layers, straighten=text.STRAIGHTEN, close=text.CLOSE, values=values)
 
 
 def _layer(shape: NetworkShape, index: int, at: int) -> str:
+    """What a layer's texts are about: constants, its activation, and the layer below."""
     inputs, neurons, name = shape.layers[index]
-    activation, bent = activation_of(name), _bent(shape, index)
-    passes = index + 1 < len(shape.layers) and _bent(shape, index + 1)
-    flags = {"BENDS": int(activation.bends), "BENT": int(bent), "PASSES": int(passes)}
-    own = constants(INPUTS=inputs, NEURONS=neurons, AT=at, **flags)
-    room = "INFINITY" if activation.limit == np.inf else constant(ROOM)
-    unused = " ".join(f"(void){each};" for each in ("AT", "ROOM", *flags))
-    return f"{own} const double ROOM = {room}; {unused} auto& own = layer{index}; (void)own;"
+    activation, passes = activation_of(name), index + 1 < len(shape.layers) and _bent(shape, index + 1)
+    flags = {"BENDS": activation.bends, "BENT": _bent(shape, index), "PASSES": passes}
+    own = constants(INPUTS=inputs, NEURONS=neurons, AT=at, LAYER=index, **flags)
+    middle = "INFINITY" if activation.limit == np.inf else constant(LARGEST_MIDDLE)
+    unused = " ".join(f"(void){each};" for each in ("AT", "LAYER", "LARGEST_MIDDLE", "line", "act", *flags))
+    lambdas = f"auto& line = {'curve' if activation.bends else 'relax'}_{name}; auto& act = act_{name};"
+    return f"{own} const double LARGEST_MIDDLE = {middle}; {lambdas} {unused}\n"
 
 
 def _bent(shape: NetworkShape, index: int) -> bool:
@@ -259,51 +200,14 @@ def _bent(shape: NetworkShape, index: int) -> bool:
     return any(activation_of(name).bends for _, _, name in shape.layers[:index])
 
 
-def _forwards(shape: NetworkShape, index: int, at: int) -> str:
+def _forwards(shape: NetworkShape, index: int) -> str:
     """One hidden layer's means, slopes, bands and generators, from those of the layer below or the parametrization."""
-    parametrization, (_, neurons, activation) = shape.parametrization, shape.layers[index]
-    if index == 0:
-        generators = " ".join(
-            f"g[{k}] = {_product(parametrization, k, 'x[{i}]')};" for k in range(parametrization.columns)
-        )
-        neurons_text = text.FIRST.replace("GENERATORS", generators)
-    else:
-        bent = _bent(shape, index)
-        neurons_text = f"const auto& below = layer{index - 1};"
-        if bent:
-            neurons_text += _by_registers(partial(_forms, neurons, parametrization.columns))
-        neurons_text += _in_blocks(text.LATER, neurons, parametrization.columns + 2 + bent)
-    bends = activation_of(activation).bends
-    neurons_text = neurons_text.replace("NEURON\n", text.NEURON.replace("RELAX", CURVES if bends else LINES))
-    return f"""
-{text.LAYER.replace("LAYER", f"layer{index}").replace("NEURONS", str(neurons))} {{
-{_layer(shape, index, at)}
-auto& {"curve = curve" if bends else "relax = relax"}_{activation};
-const double* b = w + AT; const double* weight = b + NEURONS; const double pad = padding[{index}];
-{neurons_text}
-}}"""
-
-
-def _backwards(shape: NetworkShape, index: int, at: int) -> str:
-    to = f"back{index - 1}" if index else "gradient"
-    return f"""
-{f"V {to}[{shape.layers[index][0]}];" * (index > 0)} {{
-{_layer(shape, index, at)}
-V* to = {to}; const V* back = back{index};
-{text.BACKWARDS}
-}}"""
-
-
-def _values(shape: NetworkShape, index: int, at: int) -> str:
-    """C from the activations ``y`` of the layer below, or the inputs, to those of a hidden layer."""
-    _, neurons, activation = shape.layers[index]
-    return f"""
-V y{index}[{neurons}]; {{
-{_layer(shape, index, at)}
-const V* x = y; V* y = y{index}; const double* b = w + AT; auto& act = act_{activation};
-{_in_blocks(text.VALUES, neurons)}
-}}
-y = y{index};"""
+    columns, (_, neurons, activation) = shape.parametrization.columns, shape.layers[index]
+    layer = text.FIRST
+    if index:
+        forms = _by_registers(partial(_forms, neurons, columns)) * _bent(shape, index)
+        layer = forms + _in_blocks(text.LATER, neurons, columns + 2 + _bent(shape, index))
+    return text.LAYER_BEGIN + (text.CURVE if activation_of(activation).bends else text.LINE) + text.NEURON + layer
 
 
 def _by_registers(text_for: Callable[[int], str]) -> str:

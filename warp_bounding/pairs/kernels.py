@@ -12,7 +12,7 @@ its matrix by 34 u, and by ``4 OFF = 84 u`` since its length is not quite 1, wha
 all. ``M = R s_b / s_a`` rounds by 2 u more, and the sum of four products by 5 u. So the part of c in each coordinate
 of e is under ``126 u |s_b c|_1``. A difference of places rounds by u, an entry of R_a by 5 u and ``2 OFF = 42 u``,
 sums and the quotient by 9 u: its part is under ``58 u |p_b - p_a|_1``. The length of e is at most sqrt(3) times
-these, and ``ROOM = 256 u`` of both outweighs that and what rounds in the sums themselves. Results that are set to
+these, and ``ROUNDING = 256 u`` of both outweighs that and what rounds in the sums themselves. Results that are set to
 zero err by under 2^-84, as scales lie between ``SMALL`` and ``LARGE``; ``LEAST`` is more. So ``least g(y) - |e| -
 most r`` is at most the true distance. Its two products and the difference round by at most three units each, which
 ``SHORTER`` and ``LONGER`` outweigh.
@@ -42,7 +42,7 @@ from warp_bounding.runtime.native import Numbers, fill, literal, named, native_t
 GROUP = 8  # balls that are asked together
 STACK = 256  # groups that wait at most; more than ``balls.MOST`` balls can ask for, of which some go depth first
 OFF = 1.0e-6  # by how much a quaternion's squared length may differ from 1
-ROOM, LEAST = 256 * UNIT32, 2.0**-80
+ROUNDING, LEAST = 256 * UNIT32, 2.0**-80
 SHORTER, LONGER = 1.0 - 2.0**-20, 1.0 + 2.0**-20
 SMALL, LARGE = 2.0**-40, 2.0**40  # sizes of scales
 MOVED = 8 * UNIT32  # of places and reaches
@@ -51,7 +51,7 @@ STEPS = 64  # of ``contact_time``, where no number is given
 
 _CONSTANTS = {
     "off": OFF,
-    "room": ROOM,
+    "room": ROUNDING,
     "least": LEAST,
     "shorter": SHORTER,
     "longer": LONGER,

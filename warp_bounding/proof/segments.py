@@ -35,7 +35,7 @@ from warp_bounding.networks.bounds import NetworkShape, Parametrization, body, d
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import BlockLaunch
-from warp_bounding.runtime.native import constant, constants, named, native_text, unique_name
+from warp_bounding.runtime.native import constant, constants, fill, named, native_text, unique_name
 from warp_bounding.shapes.joints import Joints
 
 __all__ = ["Segments", "clear_segments"]
@@ -294,6 +294,7 @@ for (int k = 0; k < K; ++k) {{
     noise[k] = (absolute(low[k]) + absolute(low[K + k])) * {ROUNDING.hex()};
 }}
 """
+    project = "columns[0] = of[0] * gen[0]; for (int k = 1; k < K; ++k) columns[0] += of[k] * gen[k];"
     realize = """
 for (int k = 0; k < 2 * K; ++k) z[k] = low[k];
 z[2 * K] = slope[0] > zero ? low[2 * K] : high[2 * K];
@@ -307,10 +308,6 @@ for (int k = 0; k < K; ++k) h[k] = z[k] + z[K + k] * z[2 * K];
     @property
     def columns(self) -> int:
         return 1
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        return [(k, 0) for k in range(self.inputs)]
 
 
 class _Walk:
@@ -387,7 +384,7 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         + f" constexpr double LARGEST = {constant(LARGEST_LOCAL)};"
     )
     names += " auto absolute_of = [](double x) { return x < 0.0 ? -x : x; };"
-    walk = native_text("segments.h").WALK.replace("BODY", body(shape))
+    walk = fill(native_text("segments.h").WALK, body=body(shape))
     cpu, cuda = lanes_text(shape, names)
     ends = (
         "const int BEGIN = block * BLOCK, END = BEGIN + BLOCK < count ? BEGIN + BLOCK : count;",

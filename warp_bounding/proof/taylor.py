@@ -13,7 +13,6 @@ Source: R. E. Moore, *Methods and Applications of Interval Analysis*, 1979, on m
 """
 
 import operator
-import re
 from functools import cache
 from typing import Any
 
@@ -27,7 +26,7 @@ from warp_bounding.networks.bounds import text as lanes
 from warp_bounding.networks.network import Network, SearchBounds
 from warp_bounding.rounding import UNIT64, gamma
 from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.native import constants, named, native_text, unique_name
+from warp_bounding.runtime.native import constants, fill, named, native_text, unique_name
 from warp_bounding.shapes.shape import Shape
 
 text = native_text("taylor.h")
@@ -137,77 +136,23 @@ def roundings(network: Network) -> np.ndarray:
 
 
 def _body(shape: NetworkShape) -> str:
-    at, layers, c = 0, [], shape.ndim
-    forwards, backs, backwards, values = "", "", "", ""
-    for index, (inputs, neurons, name) in enumerate(shape.layers):
-        bent = any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index])
-        own = constants(
-            INPUTS=inputs,
-            NEURONS=neurons,
-            AT=at,
-            BENT=int(bent),
-            BENDS=int(ACTIVATIONS[name][1]),
-            LEAST=ACTIVATIONS[name][2],
-        )
-        own += " (void)AT; (void)BENT; (void)BENDS; (void)LEAST;"
-        own += f"const double* x = w + AT + NEURONS; auto& own = layer{index}; (void)x;"
-        sizes = {"NAME": f"layer{index}", "NEURONS": str(neurons), "BENT": str(int(bent))}
-        forwards += re.sub(r"\b(NAME|NEURONS|BENT)\b", lambda each, sizes=sizes: sizes[each[0]], text.LAYER)
-        forwards += (
-            f"{{ {own} const auto& below = layer{index - 1 if index else '_in'}; const double pad = pads[{index}];"
-        )
-        forwards += f"{text.FORWARDS.replace('TAYLOR', f'taylor_{name}')} }}\n"
-        arrays = f"struct {{ V by[1 + C][{neurons}], wide[1][{neurons}]; }} back{index};\n"
-        to = f"back{index - 1 if index else 0}"
-        backs, backwards = (
-            arrays + backs,
-            f"{{ {own} auto& back = back{index}; auto& to = {to}; {text.BACKWARDS} }}\n" + backwards,
-        )
-        evaluated = text.VALUES.replace("ACT", f"act_{name}")
-        values += f"V y{index}[{neurons}]; {{ {own} V* to = y{index}; {evaluated} }} y = y{index};"
-        layers.append(neurons)
-        at += neurons * (2 * inputs + 1)
-    last, count = len(layers) - 1, layers[-1]
-    sizes = constants(C=c, LINES=1 + c, SQUARES=c * (c + 1) // 2, CUBES=c * (c + 1) * (c + 2) // 6)
-    return f"""
-{sizes}
-V least = zero, level = zero, value = zero, score[C], slope[C], radius[C], h[C], square[SQUARES], cubes[CUBES];
-const auto entry = [](int k, int m) {{ return k * (2 * C - k + 1) / 2 + m - k; }}; (void)entry;
-const auto cube = [&](int a, int b, int d) {{  // the place of a <= b <= d in cubes
-    int before = 0;
-    for (int k = 0; k < a; ++k) before += (C - k) * (C - k + 1) / 2;
-    return before + entry(b, d) - entry(a, a);
-}};
-struct {{ V top[LINES + SQUARES][C], off[1][C]; }} layer_in;
-for (int i = 0; i < C; ++i) {{
-    radius[i] = (high[i] - low[i]) * 0.5; score[i] = layer_in.off[0][i] = zero;
-    for (int e = 0; e < LINES + SQUARES; ++e) layer_in.top[e][i] = zero;
-    layer_in.top[0][i] = (low[i] + high[i]) * 0.5; layer_in.top[1 + i][i] = radius[i];
-}}
-for (int e = 0; e < CUBES; ++e) cubes[e] = zero;
-{text.PRODUCT}
-{forwards}
-{backs}
-least = zero + (w[{at}] - pads[{last + 1}]);
-V sums[LINES + SQUARES][1];
-product(layer{last}.top, w + {at + 1}, sums, 0, 1);
-least += sums[0][0];
-for (int k = 0; k < C; ++k) slope[k] = sums[1 + k][0];
-for (int e = 0; e < SQUARES; ++e) square[e] = sums[LINES + e][0];
-for (int j = 0; j < {count}; ++j) {{
-    for (int k = 0; k <= C; ++k) back{last}.by[k][j] = zero + (k ? 0.0 : w[{at + 1} + j]);
-    back{last}.wide[0][j] = zero;
-}}
-{backwards}
-{text.CLOSE}
-for (int k = 0; k < C; ++k) h[k] = slope[k] > zero ? low[k] : high[k];
-{{
-    const V* y = h;
-    {values}
-    value = zero + w[{at}];
-    for (int j = 0; j < {count}; ++j) value += y[j] * w[{at + 1} + j];
-}}
-"""
+    places, n = [0], shape.ndim  # where each layer's numbers begin
+    for inputs, neurons, _ in shape.layers:
+        places.append(places[-1] + neurons * (2 * inputs + 1))
+    layers, values = text.OUTPUT, text.OUTPUT_VALUE
+    for index, (inputs, neurons, name) in reversed(list(enumerate(shape.layers))):
+        flags = {"BENT": any(ACTIVATIONS[each[2]][1] for each in shape.layers[:index]), "BENDS": ACTIVATIONS[name][1]}
+        flags |= {"AT": places[index], "LEAST": ACTIVATIONS[name][2]}
+        own = constants(INPUTS=inputs, NEURONS=neurons, **flags) + " ".join(f"(void){each};" for each in flags)
+        tools = f"auto& taylor = taylor_{name}; const double pad = pads[{index}];"
+        tools += " const double* const x = w + AT + NEURONS; (void)x;"
+        forwards, backwards = f"{{{text.FORWARDS}}}\n", f"{{{text.BACKWARDS}}}\n"
+        layers = f"{{ {own} {tools}{text.LAYER}{forwards}{layers}{backwards}}}\n"
+        values = f"{{ {own} auto& act = act_{name};{fill(text.VALUES, then=values)}}}\n"
+    sizes = {"LINES": 1 + n, "SQUARES": n * (n + 1) // 2, "CUBES": n * (n + 1) * (n + 2) // 6}
+    sizes |= {"LAYERS": len(shape.layers), "LAST": shape.layers[-1][1], "AT_OUTPUT": places[-1]}
+    texts = {"product": text.PRODUCT, "layers": layers, "close": text.CLOSE, "values": values}
+    return constants(C=n, **sizes) + fill(text.BODY, **texts)
 
 
 def _snippet(shape: NetworkShape) -> str:

@@ -134,7 +134,7 @@ def outline(shape: Shape) -> np.ndarray:
 
 # How far an object reaches in a direction, certified from above: its support, widened by what rounds on the way to v.
 
-CHUNK = 1 << 22  # float64 numbers in an intermediate array: 32 MiB
+MOST_NUMBERS = 1 << 22  # float64 numbers in an intermediate array: 32 MiB
 
 
 class ObjectSupport:
@@ -164,7 +164,7 @@ class ObjectSupport:
         """``h(m)`` of vectors ``(..., n)``, in local space; the rounding of this evaluation is included."""
         flat = m.reshape(-1, m.shape[-1])
         best = np.empty(len(flat))
-        size = max(1, CHUNK // len(self.points))
+        size = max(1, MOST_NUMBERS // len(self.points))
         for start in range(0, len(flat), size):
             best[start : start + size] = (flat[start : start + size] @ self.points.T).max(axis=1)
         largest = np.abs(flat) @ (np.abs(self.points).max(axis=0) + self.ball + self.delta)

@@ -102,7 +102,7 @@ class HardPositives:
 # drawn equally often, and all of their positives are taken), the other half are hard.
 
 RARE = 0.05  # of the draws: where fewer meet the object, all that do are taken, not as many of either half
-CHUNK = 200_000  # draws of either half at a time
+DRAWS_AT_ONCE = 200_000  # draws of either half at a time
 SNAPPED = 0.6  # share of a point's coordinates that lie on a face of its cell
 
 
@@ -118,13 +118,16 @@ def draw_positives(
     pool = np.empty((0, grid.ndim)) if isinstance(grid, Grid) else border_points(grid, POOL, rng)
     truth, done, rare = kind.oracle(grid, device, length), 0, None
     while done < count:
-        uniform = kind.sample(grid, CHUNK, rng)
-        points = pool[rng.integers(len(pool), size=CHUNK)] if len(pool) else _boundary_points(grid, CHUNK, rng)
+        uniform = kind.sample(grid, DRAWS_AT_ONCE, rng)
+        if len(pool):
+            points = pool[rng.integers(len(pool), size=DRAWS_AT_ONCE)]
+        else:
+            points = _boundary_points(grid, DRAWS_AT_ONCE, rng)
         hard = kind.barely(grid, points, rng, length, outside).astype(np.float32)
         uniform, hard = uniform[truth(uniform)], hard[truth(hard)]
         half = min(len(uniform), len(hard))
         if rare is None:  # decided once: the distribution is the same in all chunks
-            rare = half < RARE * CHUNK
+            rare = half < RARE * DRAWS_AT_ONCE
         part = np.concatenate([uniform, hard] if rare else [uniform[:half], hard[:half]])
         done += len(part)
         yield part

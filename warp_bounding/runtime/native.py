@@ -45,7 +45,7 @@ def fill(text: str, **values: object) -> str:
 
 def constants(**values: int) -> str:
     """C declaration of integer constants, by name."""
-    return f"constexpr int {', '.join(f'{name} = {value}' for name, value in values.items())};"
+    return f"constexpr int {', '.join(f'{name} = {int(value)}' for name, value in values.items())};"
 
 
 @cache

@@ -12,6 +12,7 @@ import warp as wp
 
 from warp_bounding.rounding import UNIT64, round_down, round_up
 from warp_bounding.runtime.launch import launch_on_cores
+from warp_bounding.shapes.triangles.distances import SHORTEST, SUM_ROUNDING
 from warp_bounding.shapes.triangles.hierarchy import nodes_of, sorted_order
 
 DEEPEST = 32  # levels of a hierarchy: there are never more than 2^31 boxes
@@ -186,10 +187,6 @@ def _kernel(n: int, time: bool) -> wp.Kernel:
 # Taken are m = 1 and the function's own slope along n; n leads from the piece's nearest point to the centre of the box,
 # or out of the piece's nearest face where the centre lies in it.
 
-# Relative to all coordinates and values: some hundred times what float64 rounds in these few sums and products.
-ROOM = 2.0**-44
-SHORTEST = 2.0**-300  # a piece that is nearer to the centre has no direction
-
 
 @cache
 def _overestimates(n: int) -> wp.Kernel:
@@ -269,7 +266,7 @@ def _overestimates(n: int) -> wp.Kernel:
         for i in range(count):
             highest = wp.max(highest, f[i])
             size = wp.max(size, wp.abs(f[i]))
-        room = size * wp.float64(ROOM)
+        room = size * wp.float64(SUM_ROUNDING)
         known = wp.min(least, highest)
         stack, depth, node = stack_of(), wp.int32(0), wp.int32(0)
         while node >= 0 and known < highest and known <= enough[item]:

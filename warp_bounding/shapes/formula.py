@@ -123,7 +123,7 @@ def _nearest_along(squared: np.ndarray, axis: int, radius: float, reach: int) ->
 MOST_AXES = 4  # coordinates; a grid of more has too many cells to be of use
 CELL_BYTES = 2  # bytes a cell: the grid, and its copy in the ``Grid``
 BLOCK_BYTES = 200  # bytes a block of the finest level while it is requested: index, corners, and what the shape needs
-CHUNK = 2**18  # blocks that are asked for at a time
+BLOCKS_AT_ONCE = 2**18  # blocks that are asked for at a time
 TIMES = 32  # cells of time
 
 
@@ -133,8 +133,8 @@ def _divide(shape: Shape, scale: np.ndarray, offset: np.ndarray, counts: tuple[i
     waiting = [(np.zeros((1, len(counts)), dtype=np.int64), 1 << (max(counts) - 1).bit_length())]
     while waiting:  # depth first, so that few blocks wait
         blocks, size = waiting.pop()
-        if len(blocks) > CHUNK:
-            waiting += [(part, size) for part in np.array_split(blocks, -(-len(blocks) // CHUNK))]
+        if len(blocks) > BLOCKS_AT_ONCE:
+            waiting += [(part, size) for part in np.array_split(blocks, -(-len(blocks) // BLOCKS_AT_ONCE))]
             continue
         ends = np.minimum(blocks + size, limits)
         lower = np.nextafter((blocks - 0.5 + offset) / scale, -np.inf)

@@ -228,10 +228,10 @@ find_distances_then = kernel_of(_distances, Motion, wp.vec4d, f"{MODULE}.moving_
 # function's largest value.
 
 # Relative to all coordinates and values: some hundred times what float64 rounds in these few sums and products.
-ROOM = 2.0**-44
+SUM_ROUNDING = 2.0**-44
 SHORTEST = 2.0**-300  # a piece that is nearer to the centre has no direction
 
-_ROOM, _SHORTEST = wp.constant(wp.float64(ROOM)), wp.constant(wp.float64(SHORTEST))
+_SUM_ROUNDING, _SHORTEST = wp.constant(wp.float64(SUM_ROUNDING)), wp.constant(wp.float64(SHORTEST))
 _ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 Corners = wp.types.vector(length=8, dtype=wp.float64)  # corner i is the upper one on axis k where bit k of i is set
 CornersThen = wp.types.vector(length=16, dtype=wp.float64)  # bit 0 is time
@@ -431,7 +431,7 @@ def _largest_excess(
         if not box_is_free(m.closed, f.centre, f.half, _ZERO):
             return f.highest
     size = limits[1] + (largest(m.lower) + largest(m.upper) + largest(f.centre) + largest(f.half) + m.margin)
-    f.room = _ROOM * size + m.margin
+    f.room = _SUM_ROUNDING * size + m.margin
     return _overestimate(m.faces, f, least, enough)
 
 
@@ -464,7 +464,7 @@ def _largest_excess(
     size = limits[1]
     for k in range(4):
         size += wp.abs(m.lower[k]) + wp.abs(m.upper[k])
-    f.room = _ROOM * (size + (largest(f.centre) + largest(f.half))) + m.reach + beyond
+    f.room = _SUM_ROUNDING * (size + (largest(f.centre) + largest(f.half))) + m.reach + beyond
     return _overestimate(during(m.faces, span), f, least, enough)
 
 

@@ -18,7 +18,7 @@ import warp as wp
 
 from warp_bounding.shapes.triangles.answers import Motion, half_of, is_box, is_empty, key_at, place_of
 from warp_bounding.shapes.triangles.cells import MODULE
-from warp_bounding.shapes.triangles.distances import ROOM, SHORTEST, closest
+from warp_bounding.shapes.triangles.distances import SHORTEST, SUM_ROUNDING, closest
 from warp_bounding.shapes.triangles.hierarchy import (
     MovingTriangle,
     Ways,
@@ -38,7 +38,7 @@ MOST_SPANS = 8  # that a box reaches into: likewise
 _MOST_SPANS = wp.constant(MOST_SPANS)
 _Heights = wp.types.vector(length=2 * MOST_SPANS, dtype=wp.float64)
 _INFINITY, _HALF = wp.constant(wp.float64(float("inf"))), wp.constant(wp.float64(0.5))
-_ROOM, _SHORTEST = wp.constant(wp.float64(ROOM)), wp.constant(wp.float64(SHORTEST))
+_SUM_ROUNDING, _SHORTEST = wp.constant(wp.float64(SUM_ROUNDING)), wp.constant(wp.float64(SHORTEST))
 _ZERO, _ONE = wp.constant(wp.float64(0.0)), wp.constant(wp.float64(1.0))
 _FLAT = wp.constant(wp.float64(1e-6))  # of the box's half diagonal: nearer to a face its normal tells the direction
 
@@ -186,7 +186,7 @@ def _line_above(
                 (a.middle - first) / (last - first)
             )
     line.overestimate = line.level - line.overestimate
-    line.level += _ROOM * (wp.abs(line.rate) * (wp.abs(a.begin) + wp.abs(a.end) + wp.abs(a.middle)) + top)
+    line.level += _SUM_ROUNDING * (wp.abs(line.rate) * (wp.abs(a.begin) + wp.abs(a.end) + wp.abs(a.middle)) + top)
     return line
 
 
@@ -225,7 +225,7 @@ def find_half_spaces(
     size = largest(a.centre) + largest(a.half) + m.reach
     for k in range(4):
         size += wp.abs(m.lower[k]) + wp.abs(m.upper[k])
-    a.room = _ROOM * size
+    a.room = _SUM_ROUNDING * size
     a.margin = m.reach + a.room
     a.lower = floats_below(a.centre - a.half)
     a.upper = floats_above(a.centre + a.half)
@@ -259,7 +259,7 @@ def find_half_spaces(
         back[2 * s + 1] = found[2]
         forth[2 * s] = found[1]
         forth[2 * s + 1] = found[3]
-    top = wp.dot(wp.abs(n), a.half) * (_ONE + _ROOM)
+    top = wp.dot(wp.abs(n), a.half) * (_ONE + _SUM_ROUNDING)
     for way in range(2):
         towards = wp.where(way == 0, n, -n)
         line = Line()
