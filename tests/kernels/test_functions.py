@@ -1,7 +1,9 @@
 """A function answers *maybe* to data that are not its own or not all there; options of modules change nothing."""
 
+import re
 import sys
 from functools import cache
+from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.kernels.functions import Data
 from warp_bounding.kernels.source import LABEL
 from warp_bounding.queries.region_domain import domain_of
-from warp_bounding.runtime.native import vector_type
+from warp_bounding.runtime.native import native_text, vector_type
 
 QUERIES = ("point", "ray", "plane", "box")
 FEW = ("aabb", "bvh", "mlp")  # methods of regions: what tells data apart is the same text for all
@@ -198,3 +200,16 @@ def test_on_a_cpu_finite_math_is_refused(capfd):
     with pytest.raises(Exception, match="build failed"):
         asked_in_module(bounder, np.zeros((3, 2), np.float32), cpu_compiler_flags="-march=native -ffast-math")
     assert "warp_bounding: proofs are about IEEE arithmetic" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("name", [file.name for file in files("warp_bounding").joinpath("native").iterdir()])
+def test_errors_of_the_compiler_name_lines_of_a_file(name):
+    whole = files("warp_bounding").joinpath("native", name).read_text().splitlines()
+    for text in vars(native_text(name)).values():
+        lines, number = text.splitlines()[1:], None
+        for line in lines:
+            if place := re.fullmatch(rf'#line (\d+) "warp_bounding/native/{name}"', line):
+                number = int(place[1])
+            elif number <= len(whole):
+                assert line == whole[number - 1]
+                number += 1

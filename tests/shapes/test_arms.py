@@ -5,6 +5,7 @@ import copy
 import numpy as np
 import pytest
 import trimesh
+import warp as wp
 from arm_cases import BRANCHES, random_arm, robot
 from exact_mesh import squared_between_segments
 from plain_shapes import within
@@ -12,6 +13,7 @@ from scipy.spatial import ConvexHull
 
 import warp_bounding as wb
 from warp_bounding.arms import WORLD, Arm, ArmConfigurations, Body, Joint, Mimic
+from warp_bounding.arms.kernels import Chain, placed
 from warp_bounding.certificates.statement import statement
 from warp_bounding.shapes.shape import IN, OUT
 
@@ -74,6 +76,27 @@ def test_truth_is_that_of_the_bodies(n, slides, safety, rng):
             assert (answers[gaps > BLURRED] == OUT).all()
             assert (answers[gaps < -BLURRED] != OUT).all()
             assert (answers[gaps < -1e-3] == IN).all()
+
+
+@SLIDES
+def test_kernels_place_links_as_the_arm_does(slides, rng):
+    arm, _, shape = cell(rng, 3, slides)
+    turns, places = (wp.types.matrix(shape=size, dtype=wp.float64) for size in ((9, 3), (3, 3)))
+
+    @wp.kernel(module="unique", enable_backward=False)
+    def place(chain: Chain, q: wp.array(dtype=wp.vec3d), turn: wp.array(dtype=turns), at: wp.array(dtype=places)):
+        i = wp.tid()
+        a, b = placed(chain, q[i], turns(), places())
+        turn[i] = a
+        at[i] = b
+
+    q = configurations(shape, rng, 5)
+    turn, at = (wp.zeros(5, dtype=kind, device="cpu") for kind in (turns, places))
+    wp.launch(place, 5, [shape._collisions.chain, wp.array(q, dtype=wp.vec3d, device="cpu"), turn, at], device="cpu")
+    frames = arm.frames(q)
+    axes = np.stack([frames[:, i, :3, :3] @ joint.axis for i, joint in enumerate(arm.joints)], axis=1)
+    assert np.abs(turn.numpy().reshape(5, 3, 3, 3)[..., 2] - axes).max() < 1e-14
+    assert np.abs(at.numpy() - frames[:, :, :3, 3]).max() < 1e-14
 
 
 def test_an_arm_that_touches_itself(rng):

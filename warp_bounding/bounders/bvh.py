@@ -21,7 +21,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder, Option, whole
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.mlp import HIDDEN
-from warp_bounding.bounders.volumes import CLEARANCE, CLIP
+from warp_bounding.bounders.volumes import CLEARANCE, CLIP, text
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source
@@ -32,99 +32,11 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_down, round_up
-from warp_bounding.runtime.native import fill
+from warp_bounding.runtime.native import constants, fill, literal
 from warp_bounding.shapes.grid import Grid
-
-# --- native ----------------------------------------------------------------------------------------------------------
-#
-# The C text of the walk through the hierarchy: of lanes together, or of one query alone; and what each kind of query
-# asks of a node.
-
-_NODE = """
-        const float* b = w + $leading + i * (2 * N + 1);  // low, high, past
-        const int past = (int)b[2 * N];
-        $touches
-"""
-
-ALONE = f"""
-{{
-    constexpr int N = $n;
-    const V none = 0.0f;
-    $prepare
-    const int count = (int)w[0];
-    int i = 0;
-    f = -1.0f;
-    while (i < count) {{
-        {_NODE}
-        if (hit && past == i + 1) {{ f = 0.0f; break; }}  // a leaf
-        i = hit ? i + 1 : past;
-    }}
-}}
-"""
-
-# A lane waits until the walk is at its next node; it is done where that is the end.
-TOGETHER = f"""
-{{
-    constexpr int N = $n;
-    const V none = {{}};
-    $prepare
-    const int count = (int)w[0];
-    int i = 0;
-    I next = {{}}, found = {{}};
-    while (i < count) {{
-        {_NODE}
-        hit = hit & (next <= i);
-        if (past == i + 1) {{  // a leaf
-            found = found | hit;
-            next = hit ? (next & 0) + count : next;
-            i = past;
-            if (__builtin_reduce_and(found)) break;
-        }} else {{
-            next = ((next <= i) & ~hit) ? (next & 0) + past : next;
-            i = __builtin_reduce_or(hit) ? i + 1 : past;
-        }}
-    }}
-    f = found ? none : none - 1.0f;
-}}
-"""
 
 _POINT = "(v[{k}] >= b[{k}]) & (v[{k}] <= b[N + {k}])"  # of axis k
 _BOX = "(v[N + {k}] >= b[{k}]) & (v[{k}] <= b[N + {k}])"
-
-_SIGNS = """
-    V plus[N], minus[N];
-#pragma unroll
-    for (int k = 0; k < N; ++k) {
-        plus[k] = v[k] > none ? v[k] : none;
-        minus[k] = v[k] - plus[k];
-    }
-    const V under = v[N] - w[1], above = v[N] + w[1];
-"""
-
-_PLANE = """
-        V most = plus[0] * b[N] + minus[0] * b[0], least = plus[0] * b[0] + minus[0] * b[N];
-#pragma unroll
-        for (int k = 1; k < N; ++k) {
-            most = most + (plus[k] * b[N + k]) + (minus[k] * b[k]);
-            least = least + (plus[k] * b[k]) + (minus[k] * b[N + k]);
-        }
-        auto hit = (under <= most) & (above >= least);
-"""
-
-_SPEEDS = f"""
-    {CLIP}
-    V slow[N];
-#pragma unroll
-    for (int k = 0; k < N; ++k) slow[k] = slow_of(v[N + k]);
-"""
-
-_RAY = f"""
-        enter = none;
-        leave = none + 1.0f;
-#pragma unroll
-        for (int k = 0; k < N; ++k) clip(b[k], b[N + k], v[k], slow[k]);
-        auto hit = enter <= leave + {GUARD.hex()}f;
-"""
 
 
 def _along(n: int, axis: str) -> str:
@@ -135,8 +47,8 @@ def _along(n: int, axis: str) -> str:
 # What is done before the walk, and at a node, in n dimensions.
 TOUCHES = {
     "point": lambda n: ("", _along(n, _POINT)),
-    "ray": lambda n: (_SPEEDS, _RAY),
-    "plane": lambda n: (_SIGNS, _PLANE),
+    "ray": lambda n: (fill(text.BVH_SPEEDS, clip=CLIP), fill(text.BVH_RAY, guard=literal(GUARD))),
+    "plane": lambda n: (text.BVH_SIGNS, text.BVH_PLANE),
     "box": lambda n: ("", _along(n, _BOX)),
 }
 
@@ -355,8 +267,8 @@ class BvhSource(Source):
 
     def body(self, lanes: Lanes) -> str:
         prepare, touches = TOUCHES[self.query](self.ndim)
-        walk = TOGETHER if lanes.vector else ALONE
-        return fill(walk, prepare=prepare, touches=touches, leading=LEADING, n=self.ndim)
+        walk = fill(text.BVH_TOGETHER if lanes.vector else text.BVH_ALONE, prepare=prepare, touches=touches)
+        return f"{{ {constants(N=self.ndim, LEADING=LEADING)}{walk}}}\n"
 
 
 class Bvh(Bounder):
@@ -541,48 +453,6 @@ TOUCHING = {"point": _boxes_touch, "ray": _rays_touch, "plane": _planes_touch, "
 
 FARTHEST = 3e38  # a squared distance that nothing is farther than
 
-_WALK = """
-{
-    const int count = (int)w[0];
-    const auto way = [&](int i) {
-        const float* b = w + 1 + i * (2 * N + 1);  // low, high, past
-        V sum = zero;
-#pragma unroll
-        for (int k = 0; k < N; ++k) {
-            const V out = most(most(b[k] - v[k], v[k] - b[N + k]), zero);
-            sum = sum + out * out;
-        }
-        return sum;
-    };
-    const auto past = [&](int i) { return (int)w[1 + i * (2 * N + 1) + 2 * N]; };
-    V nearest = zero + $farthest;
-    int i = 0;
-    while (past(i) > i + 1) {  // down to the leaf that is near the first lane
-        int best = i + 1;
-        float nearer = $farthest;
-        for (int child = i + 1; child < past(i); child = past(child)) {
-            const V there = way(child);
-            const float first = $first;
-            if (first < nearer) { nearer = first; best = child; }
-        }
-        i = best;
-    }
-    nearest = least(nearest, way(i));
-    i = 0;
-    while (i < count) {
-        const V there = way(i);
-        const int behind = past(i);
-        if ($none) {
-            i = behind;
-        } else {
-            if (behind == i + 1) nearest = least(nearest, there);
-            ++i;
-        }
-    }
-    f = root(nearest);
-}
-"""
-
 
 @dataclass(frozen=True)
 class BvhDistanceSource(DistanceSource):
@@ -592,7 +462,7 @@ class BvhDistanceSource(DistanceSource):
         first, none = (
             ("there[0]", "!__builtin_reduce_or(there < nearest)") if lanes.vector else ("there", "!(there < nearest)")
         )
-        return fill(_WALK, first=first, none=none, farthest=f"{FARTHEST:g}f")
+        return f"{{{fill(text.BVH_DISTANCE, first=first, none=none, farthest=literal(FARTHEST))}}}\n"
 
 
 class BvhDistance(VolumeDistance):

@@ -19,48 +19,10 @@ from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.domain import Domain
 from warp_bounding.rounding import TINY, UNIT64, gamma
-from warp_bounding.runtime.native import fill
+from warp_bounding.runtime.native import fill, native_text
 from warp_bounding.shapes.grid import Grid
 
-# --- native ----------------------------------------------------------------------------------------------------------
-#
-# The C text of the field's look-up: multilinear interpolation between the 2^M nodes around a point, neighbours in
-# pairs.
-
-TEXT = """
-{
-    constexpr int M = $m;
-    constexpr int NODES[M] = {$nodes}, STRIDES[M] = {$strides};
-    V share[M], c[1 << M];
-    $integer base = {};
-#pragma unroll
-    for (int k = 0; k < M; ++k) {  // node coordinate t, cut at the grid's ends, and the node below
-        const float last = NODES[k] - 1;
-        V t = v[k] * w[k] + w[M + k];
-        t = t < 0.0f ? t * 0.0f : t;
-        t = t > last ? t * 0.0f + last : t;
-        const V low = t > last - 1.0f ? t * 0.0f + (last - 1.0f) : t;
-        const $integer i = $to_integer;
-        share[k] = t - $to_real;
-        base += i * STRIDES[k];
-    }
-#pragma unroll
-    for (int corner = 0; corner < 1 << M; ++corner) {  // bit M - 1 - k tells whether it is the upper one along axis k
-        int at = 2 * M;
-#pragma unroll
-        for (int k = 0; k < M; ++k) at += (corner >> (M - 1 - k) & 1) * STRIDES[k];
-        $gather
-    }
-#pragma unroll
-    for (int k = M - 1; k >= 0; --k)
-#pragma unroll
-        for (int pair = 0; pair < 1 << k; ++pair)
-            c[pair] = c[2 * pair] + (c[2 * pair + 1] - c[2 * pair]) * share[k];
-    f = c[0] < 0.0f ? c[0] * 0.0f : c[0];
-    f = f > 1.0f ? f * 0.0f + 1.0f : f;
-}
-"""
-
+text = native_text("cells.h")
 TOGETHER = {
     "integer": "I",
     "to_integer": "__builtin_convertvector(low, I)",
@@ -68,7 +30,6 @@ TOGETHER = {
     "gather": "for (int l = 0; l < L; ++l) c[corner][l] = w[base[l] + at];",
 }
 ALONE = {"integer": "int", "to_integer": "(int)low", "to_real": "(float)i", "gather": "c[corner] = w[base + at];"}
-
 
 MOST_NODES = 1 << 24
 LARGEST_COORDINATE = 2.0**60  # of a node: kernels cut them at the grid's ends, which they could not do with infinity
@@ -133,7 +94,8 @@ class ReluFieldSource(Source):
     def body(self, lanes: Lanes) -> str:
         strides = [prod(self.nodes[k + 1 :]) for k in range(len(self.nodes))]
         listed = {"nodes": ", ".join(map(str, self.nodes)), "strides": ", ".join(map(str, strides))}
-        return fill(TEXT, m=len(self.nodes), **listed, **(TOGETHER if lanes.vector else ALONE))
+        filled = fill(text.FIELD, m=len(self.nodes), **listed, **(TOGETHER if lanes.vector else ALONE))
+        return f"{{{filled}}}\n"
 
 
 class ReluField(Bounder):

@@ -16,41 +16,14 @@ from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
-from warp_bounding.runtime.native import fill
+from warp_bounding.runtime.native import fill, native_text
 from warp_bounding.shapes.grid import Grid
+
+text = native_text("cells.h")
 
 MOST_CELLS = 2**31 - 1  # kernels count cells in 32 bits
 MOST_ALONG = 2**24  # cells along an axis, which float32 can distinguish
 
-
-_TEXT = """
-{
-    constexpr int N = $n;
-    constexpr int SHAPE[N] = {$shape};
-    $integer first[N], last[N];  // cells that the point may lie in
-#pragma unroll
-    for (int k = 0; k < N; ++k) {
-        const float end = SHAPE[k] - 1;
-        const V t = v[k] * w[k] + w[N + k];
-        V a = t - w[2 * N + k], b = t + w[2 * N + k];
-        a = a < 0.0f ? a * 0.0f : a;
-        a = a > end ? a * 0.0f + end : a;
-        b = b < 0.0f ? b * 0.0f : b;
-        b = b > end ? b * 0.0f + end : b;
-        first[k] = $first;
-        last[k] = $last;
-    }
-    $lanes
-    {
-        unsigned int found = 0;
-        $loops {
-            const int cell = $index;
-            found |= words.data[cell >> 5] >> (cell & 31);
-        }
-        f$at = (float)(found & 1u);
-    }
-}
-"""
 _TOGETHER = {
     "integer": "I",
     "first": "__builtin_convertvector(a, I)",
@@ -76,7 +49,7 @@ class VoxelsSource(Source):
         for k in along[1:]:
             index = f"({index}) * {self.shape[k]} + i{k}"
         sizes = {"n": self.ndim, "shape": ", ".join(map(str, self.shape)), "at": at, "loops": loops, "index": index}
-        return fill(_TEXT, **sizes, **(_TOGETHER if lanes.vector else _ALONE))
+        return f"{{{fill(text.VOXELS, **sizes, **(_TOGETHER if lanes.vector else _ALONE))}}}\n"
 
 
 def _size(factor: np.ndarray, summand: np.ndarray, limit: np.ndarray) -> np.ndarray:

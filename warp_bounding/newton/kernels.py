@@ -72,9 +72,9 @@ def gather_or_repeat(
 #
 # Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Hull``).
 #
-# Newton lists its pairs shape by shape, and of each shape particle by particle. So ``LANES`` pairs in a row are nearly
-# always one shape and particles that follow each other, and are decided together; where they are not, it is one pair at
-# a time, by the same operations.
+# Newton lists its pairs shape by shape, and of each shape particle by particle. So ``PAIRS_AT_ONCE`` pairs in a row are
+# nearly always one shape and particles that follow each other, and are decided together; where they are not, it is one
+# pair at a time, by the same operations.
 
 PAIRS_AT_ONCE = 16  # pairs that are decided together; divides ``kernels.CPU_BLOCK``
 
@@ -109,7 +109,7 @@ const auto ask_one = [&](int i) {
 };
 int i = begin;
 #if !defined(__CUDA_ARCH__)
-constexpr int L = LANES;
+constexpr int L = $lanes;
 typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
 typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
@@ -151,7 +151,7 @@ left.data[block] = found;
 """  # noqa: E501
 
 
-@named("wb_ask_hulls").block_kernel(fill(_TEXT.replace("LANES", str(PAIRS_AT_ONCE)), one=ONE_PAIR))
+@named("wb_ask_hulls").block_kernel(fill(_TEXT, lanes=PAIRS_AT_ONCE, one=ONE_PAIR))
 def query_hulls(
     pairs: wp.array(dtype=wp.vec2i),
     count: int,

@@ -1,0 +1,398 @@
+// Points, rays, planes and boxes against volumes, for bounders/volumes.py and those that build on it. Names in capitals
+// are constants that stand in front of a part; names behind $ are numbers and other parts. A part sets f from v and the
+// numbers w, in a scope of its own.
+
+/// CLIP:
+/// Slab clipping without a division by zero: a face that may be met is at least ``CLEARANCE / 2`` from a ray that runs
+/// along it, so the parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
+auto slow_of = [&](V s) {  // one over the speed
+    const V none = {};
+    const V speed = s < none ? -s : s;
+    const V cross = speed > $parallel ? s : none + $parallel;
+    return over(none + 1.0f, cross);
+};
+V enter = {}, leave = enter + 1.0f;
+auto clip = [&](float low, float high, V y, V slow) {  // y + t s lies in [low, high] between two parameters
+    const V one = (low - y) * slow, two = (high - y) * slow;
+    const V near = one < two ? one : two, away = one < two ? two : one;
+    enter = near > enter ? near : enter;
+    leave = away < leave ? away : leave;
+};
+
+/// SLABS_ROW:
+/// y, the product of direction i with the point at v[at].
+const auto row = [&](int i, int at) {
+    const float* d = w + 2 * SLABS + i * N;
+    V y = DIAGONAL ? v[at + i % N] : v[at] * d[0];
+#pragma unroll
+    for (int j = 1; j < N && !DIAGONAL; ++j) y = y + v[at + j] * d[j];
+    return y;
+};
+
+/// SLABS_POINT
+const V none = {};
+f = none + 3.0e38f;
+#pragma unroll
+for (int i = 0; i < SLABS; ++i) {
+    const V y = row(i, 0);
+    const V a = y - w[i], b = w[SLABS + i] - y, c = a < b ? a : b;
+    f = c < f ? c : f;
+}
+
+/// SLABS_RAY
+const V none = {};
+$clip
+#pragma unroll
+for (int i = 0; i < SLABS; ++i) {
+    const V y = row(i, 0);
+    const V s = row(i, N);
+    clip(w[i], w[SLABS + i], y, slow_of(s));
+}
+f = enter <= leave + $guard ? none : none - 1.0f;
+
+/// SLABS_EDGES:
+/// A plane against a parallelepiped, by its edges.
+const V none = {};
+V foot = v[0] * w[0];
+#pragma unroll
+for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
+V off = v[N] - foot;
+off = off < none ? -off : off;
+V reach = none;
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    const float* d = w + N + i * N;
+    V y = DIAGONAL ? v[i] * w[N + i] : v[0] * d[0];
+#pragma unroll
+    for (int j = 1; j < N && !DIAGONAL; ++j) y = y + v[j] * d[j];
+    reach = reach + (y < none ? -y : y);
+}
+f = reach - off;
+
+/// CORNERS:
+/// A plane against a polytope, by its vertices.
+const V none = {};
+const int corners = (int)w[0];
+V most = none - 3.0e38f, least = none + 3.0e38f;
+for (int i = 0; i < corners; ++i) {
+    const float* at = w + 1 + i * N;
+    V y = v[0] * at[0];
+#pragma unroll
+    for (int j = 1; j < N; ++j) y = y + v[j] * at[j];
+    most = y > most ? y : most;
+    least = y < least ? y : least;
+}
+most = most - v[N];
+least = v[N] - least;
+f = most < least ? most : least;
+
+/// SLABS_BOX
+const V none = {};
+f = none + 3.0e38f;
+V middle[N], half[N];
+#pragma unroll
+for (int j = 0; j < N; ++j) {
+    middle[j] = (v[j] + v[N + j]) * 0.5f;
+    half[j] = (v[N + j] - v[j]) * 0.5f;
+}
+#pragma unroll
+for (int i = 0; i < SLABS; ++i) {
+    V a = v[i % N], b = v[N + i % N];
+    if (!DIAGONAL) {
+        const float* d = w + 2 * SLABS + i * N;
+        V y = middle[0] * d[0], r = half[0] * (d[0] < 0.0f ? -d[0] : d[0]);
+#pragma unroll
+        for (int j = 1; j < N; ++j) {
+            y = y + middle[j] * d[j];
+            r = r + half[j] * (d[j] < 0.0f ? -d[j] : d[j]);
+        }
+        a = y - r;
+        b = y + r;
+    }
+    const V c = b - w[i], e = w[SLABS + i] - a, overlap = c < e ? c : e;
+    f = overlap < f ? overlap : f;
+}
+
+/// HALF_SPACES_POINT
+const V none = {};
+f = none + 3.0e38f;
+#pragma unroll
+for (int i = 0; i < HALF_SPACES; ++i) {
+    const float* a = w + HALF_SPACES + i * N;
+    V height = v[0] * a[0];
+#pragma unroll
+    for (int j = 1; j < N; ++j) height = height + v[j] * a[j];
+    const V y = w[i] - height;
+    f = y < f ? y : f;
+}
+
+/// HALF_SPACES_RAY:
+/// A face along which a ray may run is ``CLEARANCE`` away, so there is no division by zero.
+const V none = {};
+V come = none, gone = none + 1.0f;
+#pragma unroll
+for (int i = 0; i < HALF_SPACES; ++i) {
+    const float* a = w + HALF_SPACES + i * N;
+    V y = v[0] * a[0], s = v[N] * a[0];
+#pragma unroll
+    for (int j = 1; j < N; ++j) {
+        y = y + v[j] * a[j];
+        s = s + v[N + j] * a[j];
+    }
+    const V speed = s < none ? -s : s;
+    const V cross = speed > $parallel ? s : none + $parallel;
+    const V at = over(w[i] - y, cross);
+    const V first = cross < none ? at : none, last = cross < none ? none + 1.0f : at;
+    come = first > come ? first : come;
+    gone = last < gone ? last : gone;
+}
+f = come <= gone + $guard ? none : none - 1.0f;
+
+/// HALF_SPACES_BOX
+const V none = {};
+f = none + 3.0e38f;
+#pragma unroll
+for (int i = 0; i < HALF_SPACES; ++i) {
+    const float* a = w + HALF_SPACES + i * N;
+    V corner = (a[0] < 0.0f ? v[N] : v[0]) * a[0];
+#pragma unroll
+    for (int j = 1; j < N; ++j) corner = corner + (a[j] < 0.0f ? v[N + j] : v[j]) * a[j];
+    const V y = w[i] - corner;
+    f = y < f ? y : f;
+}
+
+/// ELLIPSOID_ROW:
+/// y, the product of row i of A with the vector at v[at].
+const auto row = [&](int i, int at) {
+    const float* a = w + N + i * N;
+    V y = DIAGONAL ? v[at + i] * w[N + i] : v[at] * a[0];
+#pragma unroll
+    for (int j = 1; j < N && !DIAGONAL; ++j) y = y + v[at + j] * a[j];
+    return y;
+};
+
+/// ELLIPSOID_POINT
+f = v[0] * 0.0f;
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    V y = row(i, 0);
+    y = y + w[i];
+    f = f - y * y;
+}
+
+/// ELLIPSOID_RAY
+const V none = {};
+V origin[N], speed[N];
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    V y = row(i, 0);
+    const V s = row(i, N);
+    origin[i] = y + w[i];
+    speed[i] = s;
+}
+V towards = origin[0] * speed[0], length = speed[0] * speed[0];
+#pragma unroll
+for (int i = 1; i < N; ++i) towards = towards + origin[i] * speed[i];
+#pragma unroll
+for (int i = 1; i < N; ++i) length = length + speed[i] * speed[i];
+const V along = -towards;
+V t = over(along, length > $smallest ? length : none + 1.0f);
+t = t < none ? none : t;
+t = t > 1.0f ? none + 1.0f : t;
+t = length > $smallest ? t : none;
+f = none;
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    const V z = origin[i] + t * speed[i];
+    f = f - z * z;
+}
+
+/// ELLIPSOID_PLANE
+const V none = {};
+V foot = v[0] * w[0];
+#pragma unroll
+for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
+const V off = v[N] - foot;
+V length = none;
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    const V g = row(i, 0);
+    length = length + g * g;
+}
+f = over(-(off * off), length);
+
+/// ELLIPSOID_INTERVALS:
+/// A box, row by row where A is diagonal.
+const V none = {};
+f = none;
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    const V a = v[i] * w[N + i] + w[i], b = v[N + i] * w[N + i] + w[i];
+    const V low = a < b ? a : b, high = a < b ? -b : -a;
+    V z = low > high ? low : high;
+    z = z < none ? none : z;
+    f = f - z * z;
+}
+
+/// ELLIPSOID_DESCENT:
+/// A box, by coordinate descent.
+const V none = {};
+const float* a = w + N;
+const float *step = a + N * N, *start = step + N;
+V y[N], z[N];
+#pragma unroll
+for (int j = 0; j < N; ++j) {
+    y[j] = v[j] > start[j] ? v[j] : none + start[j];
+    y[j] = y[j] > v[N + j] ? v[N + j] : y[j];
+}
+#pragma unroll
+for (int i = 0; i < N; ++i) {
+    z[i] = y[0] * a[i * N];
+#pragma unroll
+    for (int j = 1; j < N; ++j) z[i] = z[i] + y[j] * a[i * N + j];
+    z[i] = z[i] + w[i];
+}
+#pragma unroll
+for (int sweep = 0; sweep < $sweeps; ++sweep) {
+#pragma unroll
+    for (int j = 0; j < N; ++j) {
+        V slope = z[0] * a[j];
+#pragma unroll
+        for (int i = 1; i < N; ++i) slope = slope + z[i] * a[i * N + j];
+        V to = y[j] - slope * step[j];
+        to = to < v[j] ? v[j] : to;
+        to = to > v[N + j] ? v[N + j] : to;
+        const V by = to - y[j];
+        y[j] = to;
+#pragma unroll
+        for (int i = 0; i < N; ++i) z[i] = z[i] + by * a[i * N + j];
+    }
+}
+V length = z[0] * z[0], least = z[0] * w[0];
+#pragma unroll
+for (int i = 1; i < N; ++i) length = length + z[i] * z[i];
+#pragma unroll
+for (int i = 1; i < N; ++i) least = least + z[i] * w[i];
+#pragma unroll
+for (int j = 0; j < N; ++j) {
+    V m = z[0] * a[j];
+#pragma unroll
+    for (int i = 1; i < N; ++i) m = m + z[i] * a[i * N + j];
+    const V low = m * v[j], high = m * v[N + j];
+    least = least + (low < high ? low : high);
+}
+least = least < none ? none : least;
+least = length > $smallest ? least : none;
+f = over(-(least * least), length > $smallest ? length : none + 1.0f);
+
+/// BVH_ALONE:
+/// The walk of one query through a hierarchy: $touches sets hit, whether a node is met.
+const V none = 0.0f;
+$prepare
+const int count = (int)w[0];
+int i = 0;
+f = -1.0f;
+while (i < count) {
+    const float* b = w + LEADING + i * (2 * N + 1);  // low, high, past
+    const int past = (int)b[2 * N];
+    $touches
+    if (hit && past == i + 1) { f = 0.0f; break; }  // a leaf
+    i = hit ? i + 1 : past;
+}
+
+/// BVH_TOGETHER:
+/// The walk of lanes together. A lane waits until the walk is at its next node; it is done where that is the end.
+const V none = {};
+$prepare
+const int count = (int)w[0];
+int i = 0;
+I next = {}, found = {};
+while (i < count) {
+    const float* b = w + LEADING + i * (2 * N + 1);  // low, high, past
+    const int past = (int)b[2 * N];
+    $touches
+    hit = hit & (next <= i);
+    if (past == i + 1) {  // a leaf
+        found = found | hit;
+        next = hit ? (next & 0) + count : next;
+        i = past;
+        if (__builtin_reduce_and(found)) break;
+    } else {
+        next = ((next <= i) & ~hit) ? (next & 0) + past : next;
+        i = __builtin_reduce_or(hit) ? i + 1 : past;
+    }
+}
+f = found ? none : none - 1.0f;
+
+/// BVH_SIGNS:
+/// A plane: what is done before the walk, and at a node.
+V plus[N], minus[N];
+#pragma unroll
+for (int k = 0; k < N; ++k) {
+    plus[k] = v[k] > none ? v[k] : none;
+    minus[k] = v[k] - plus[k];
+}
+const V under = v[N] - w[1], above = v[N] + w[1];
+
+/// BVH_PLANE
+V most = plus[0] * b[N] + minus[0] * b[0], least = plus[0] * b[0] + minus[0] * b[N];
+#pragma unroll
+for (int k = 1; k < N; ++k) {
+    most = most + (plus[k] * b[N + k]) + (minus[k] * b[k]);
+    least = least + (plus[k] * b[k]) + (minus[k] * b[N + k]);
+}
+auto hit = (under <= most) & (above >= least);
+
+/// BVH_SPEEDS:
+/// A ray, likewise.
+$clip
+V slow[N];
+#pragma unroll
+for (int k = 0; k < N; ++k) slow[k] = slow_of(v[N + k]);
+
+/// BVH_RAY
+enter = none;
+leave = none + 1.0f;
+#pragma unroll
+for (int k = 0; k < N; ++k) clip(b[k], b[N + k], v[k], slow[k]);
+auto hit = enter <= leave + $guard;
+
+/// BVH_DISTANCE:
+/// The distance to the leaves: down to one that is near, then to all nodes that are nearer than what was found.
+const int count = (int)w[0];
+const auto way = [&](int i) {
+    const float* b = w + 1 + i * (2 * N + 1);  // low, high, past
+    V sum = zero;
+#pragma unroll
+    for (int k = 0; k < N; ++k) {
+        const V out = most(most(b[k] - v[k], v[k] - b[N + k]), zero);
+        sum = sum + out * out;
+    }
+    return sum;
+};
+const auto past = [&](int i) { return (int)w[1 + i * (2 * N + 1) + 2 * N]; };
+V nearest = zero + $farthest;
+int i = 0;
+while (past(i) > i + 1) {  // down to the leaf that is near the first lane
+    int best = i + 1;
+    float nearer = $farthest;
+    for (int child = i + 1; child < past(i); child = past(child)) {
+        const V there = way(child);
+        const float first = $first;
+        if (first < nearer) { nearer = first; best = child; }
+    }
+    i = best;
+}
+nearest = least(nearest, way(i));
+i = 0;
+while (i < count) {
+    const V there = way(i);
+    const int behind = past(i);
+    if ($none) {
+        i = behind;
+    } else {
+        if (behind == i + 1) nearest = least(nearest, there);
+        ++i;
+    }
+}
+f = root(nearest);
