@@ -30,6 +30,31 @@ constexpr int L = 1;
 typedef double V;
 const V zero = 0.0;
 
+/// KERNEL:
+/// A block of boxes on a CPU, one box on CUDA.
+#if !defined(__CUDA_ARCH__)
+$cpu
+$sizes
+const int begin = block * BLOCK, end = begin + BLOCK < count ? begin + BLOCK : count;
+for (int i = begin; i < end; i += L) {
+#else
+$cuda
+$sizes
+const int i = block, end = count;
+if (i < count) {
+#endif
+    V low[BOX], high[BOX];
+    for (int l = 0; l < L; ++l) {
+        const double* at = boxes.data + (long long)(i + l < end ? i + l : end - 1) * (2 * BOX);
+        for (int k = 0; k < BOX; ++k) { LANE(low[k]) = at[k]; LANE(high[k]) = at[BOX + k]; }
+    }
+    $bounds
+    for (int l = 0; l < L && i + l < end; ++l) {
+        $store
+    }
+}
+#undef LANE
+
 /// BODY:
 /// From a box to all that is explained at ``body``.
 V least = zero, value = zero, level = zero, bulk = zero;

@@ -238,44 +238,18 @@ def _blocks(body: str, neurons: int, sums: int, registers: int) -> str:
     return "\n".join(f"{{ {constants(FIRST=f, R=r, BLOCKS=n)} {body} }}" for f, r, n in blocks if r and n)
 
 
-def load_text(source: str, row: str) -> str:
-    """C statement that fills ``low[]`` and ``high[]`` of lane ``l`` from 2 Z numbers of ``source`` at row ``row``."""
-    return f"""{{
-    const double* at = {source} + (long long)({row}) * (2 * BOX);
-    for (int k = 0; k < BOX; ++k) {{ LANE(low[k]) = at[k]; LANE(high[k]) = at[BOX + k]; }}
-}}"""
-
-
-def snippet(shape: NetworkShape) -> str:
-    """The body of the kernel of ``bound_boxes``: a block of boxes on a CPU, one box on CUDA."""
-    return stored(shape, body(shape), text.STORE)
-
-
 def stored(shape: NetworkShape, bounds: str, store: str) -> str:
     """A kernel's body: C that loads boxes into lanes, runs ``bounds`` for all lanes at once, and ``store`` for each."""
-    names = "const double* w = weights.data; const double* padding = paddings.data; double* rows = boxes.data;\n"
-    names += constants(BOX=shape.parametrization.size, BLOCK=BLOCK) + f" constexpr double HALVED = {constant(HALVED)};"
+    names = "const double* w = weights.data; const double* padding = paddings.data;\n"
+    names += f"constexpr double HALVED = {constant(HALVED)};"
     cpu, cuda = lanes_text(shape, names)
-    return f"""
-#if !defined(__CUDA_ARCH__)
-{cpu}
-const int begin = block * BLOCK; const int end = begin + BLOCK < count ? begin + BLOCK : count;
-for (int i = begin; i < end; i += L) {{
-    V low[BOX], high[BOX];
-    for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {load_text("rows", "j")} }}
-    {bounds}
-    for (int l = 0; l < L && i + l < end; ++l) {{ {store} }}
-}}
-#else
-{cuda}
-const int i = block, l = 0; if (i >= count) return;
-V low[BOX], high[BOX];
-{load_text("rows", "i")}
-{bounds}
-{{ {store} }}
-#endif
-#undef LANE
-"""
+    return around(shape, cpu, cuda, bounds, store)
+
+
+def around(shape: NetworkShape, cpu: str, cuda: str, bounds: str, store: str) -> str:
+    """The same with other texts before it, for CPU and CUDA."""
+    sizes = constants(BOX=shape.parametrization.size, BLOCK=BLOCK)
+    return fill(text.KERNEL, sizes=sizes, cpu=cpu, cuda=cuda, bounds=bounds, store=store)
 
 
 # The bounds of ``Network.bound`` as one fused native kernel: float64, one box per SIMD lane.
@@ -285,7 +259,7 @@ V low[BOX], high[BOX];
 def _kernel(shape: NetworkShape) -> wp.Kernel:
     name = named(unique_name(shape, "boxes"))
 
-    @name.block_kernel(snippet(shape))
+    @name.block_kernel(stored(shape, body(shape), text.STORE))
     def bound_all(
         boxes: wp.array(dtype=wp.float64),
         count: int,

@@ -21,7 +21,7 @@ import warp as wp
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.errors import BounderError
-from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, double_array, load_text
+from warp_bounding.networks.bounds import BLOCK, BoxBounds, NetworkShape, around, double_array
 from warp_bounding.networks.bounds import text as lanes
 from warp_bounding.networks.network import Network, SearchBounds
 from warp_bounding.rounding import UNIT64, gamma
@@ -156,32 +156,11 @@ def _body(shape: NetworkShape) -> str:
 
 
 def _snippet(shape: NetworkShape) -> str:
-    names = "const double* w = weights.data; const double* pads = paddings.data; double* rows = boxes.data;\n"
-    names += constants(BOX=shape.parametrization.size, BLOCK=BLOCK)
-    tools = "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
+    tools = "const double* w = weights.data; const double* pads = paddings.data;\n"
+    tools += "auto absolute = [&](V x) { return x < zero ? -x : x; };\n"
     tools += "".join(ACTIVATIONS[name][0] for name in sorted({layer[2] for layer in shape.layers}))
-    body = _body(shape)
-    return f"""
-#if !defined(__CUDA_ARCH__)
-{lanes.CPU}
-{constants(L=8)}{lanes.VECTORS}{names}{tools}
-const int begin = block * BLOCK; const int end = begin + BLOCK < count ? begin + BLOCK : count;
-for (int i = begin; i < end; i += L) {{
-    V low[BOX], high[BOX];
-    for (int l = 0; l < L; ++l) {{ const int j = i + l < end ? i + l : end - 1; {load_text("rows", "j")} }}
-    {body}
-    for (int l = 0; l < L && i + l < end; ++l) {{ {text.STORE} }}
-}}
-#else
-{lanes.CUDA}{names}{tools}
-const int i = block, l = 0; if (i >= count) return;
-V low[BOX], high[BOX];
-{load_text("rows", "i")}
-{body}
-{{ {text.STORE} }}
-#endif
-#undef LANE
-"""
+    cpu = f"{lanes.CPU}\n{constants(L=8)}{lanes.VECTORS}{tools}"
+    return around(shape, cpu, lanes.CUDA + tools, _body(shape), text.STORE)
 
 
 @cache
