@@ -16,7 +16,8 @@ import warp_bounding as wb
 __all__ = ["Found", "connect", "plan", "shortened"]
 
 REACH = 0.5  # of a step, in joint values
-SAMPLES = 20_000  # random configurations, at most
+SAMPLES = 200_000  # random configurations, at most
+NEAR = 4.0  # steps: how far a target may be from a configuration from which a step has failed (Yershova et al. 2005)
 SHORTCUTS, AT_ONCE = 8, 16  # rounds of shortcuts, and how many are asked together
 
 
@@ -31,7 +32,7 @@ class _Tree:
     """Configurations, each with the number of the one that it was reached from."""
 
     def __init__(self, root: np.ndarray):
-        self.states, self.parents = root[None].repeat(256, axis=0), [-1]
+        self.states, self.parents, self.near = root[None].repeat(256, axis=0), [-1], np.full(256, np.inf)
 
     def add(self, states: np.ndarray, parent: int) -> int:
         """Add configurations one behind the other; the last one's number."""
@@ -39,14 +40,17 @@ class _Tree:
             count = len(self.parents)
             if count == len(self.states):
                 self.states = np.concatenate([self.states, self.states])
+                self.near = np.concatenate([self.near, np.full(count, np.inf)])
             self.states[count] = state
             self.parents.append(parent)
             parent = count
         return parent
 
-    def nearest(self, state: np.ndarray) -> int:
-        count = len(self.parents)
-        return int(((self.states[:count] - state) ** 2).sum(axis=1).argmin())
+    def nearest(self, state: np.ndarray) -> tuple[int, float]:
+        """Number of the nearest configuration, and how far it is."""
+        squares = ((self.states[: len(self.parents)] - state) ** 2).sum(axis=1)
+        at = int(squares.argmin())
+        return at, float(np.sqrt(squares[at]))
 
     def way(self, number: int) -> list[np.ndarray]:
         """From the root to one of them."""
@@ -73,12 +77,16 @@ def connect(motions: wb.arms.Motions, start, goal, *, seed: int = 0, reach: floa
     if motions.configurations([start, goal]).any():
         return Found(None, 0)
 
-    def grow(tree: _Tree, target: np.ndarray, most: int) -> int | None:
-        """Number of the last configuration on the way to a target, after at most so many steps; ``None`` if none."""
+    def grow(tree: _Tree, target: np.ndarray, most: int, drawn: bool = False) -> int | None:
+        """Number of the last configuration on the way to a target, after at most so many steps; ``None`` if none.
+
+        A target that was drawn has to lie near a configuration from which a step has failed.
+        """
         nonlocal asked
-        at = tree.nearest(target)
-        way = target - tree.states[at]
-        count = max(1, int(np.ceil(np.linalg.norm(way) / reach)))
+        at, length = tree.nearest(target)
+        if drawn and length > tree.near[at]:
+            return None
+        way, count = target - tree.states[at], max(1, int(np.ceil(length / reach)))
         shares = np.arange(min(count, most) + 1)[:, None] / count
         steps = tree.states[at] + shares * way
         if count <= most:
@@ -86,17 +94,20 @@ def connect(motions: wb.arms.Motions, start, goal, *, seed: int = 0, reach: floa
         clear, _ = motions.segments(steps[:-1], steps[1:])
         asked += len(clear)
         free = len(clear) if clear.all() else int(np.argmin(clear))
+        if not free:
+            tree.near[at] = NEAR * reach
         return tree.add(steps[1 : 1 + free], at) if free else None
 
     for number in range(samples):
         target = trees[1].states[0] if number == 0 else rng.uniform(lower, upper)
-        one, other = trees if number % 2 == 0 else trees[::-1]
-        if (new := grow(one, target, 1)) is None:
+        turn = len(trees[0].parents) > len(trees[1].parents)  # the smaller tree grows
+        one, other = trees[::-1] if turn else trees
+        if (new := grow(one, target, 1, drawn=number > 0)) is None:
             continue
         met = grow(other, one.states[new], 1000)
         if met is not None and (other.states[met] == one.states[new]).all():
             ways = one.way(new), other.way(met)
-            first, second = ways if number % 2 == 0 else ways[::-1]
+            first, second = ways[::-1] if turn else ways
             return Found(np.array([*first, *second[::-1][1:]]), asked)
     return Found(None, asked)
 

@@ -23,6 +23,7 @@ from xml.parsers import expat
 import numpy as np
 
 from warp_bounding.arms.arm import MOST_JOINTS, WORLD, Arm, Body, Joint, Mimic
+from warp_bounding.arms.pieces import hulls_of
 from warp_bounding.errors import ShapeError
 from warp_bounding.rigid import about, matmul, ring, sine_cosine
 from warp_bounding.runtime.progress import slow
@@ -82,6 +83,7 @@ def load_urdf(
     srdf=None,
     touching=(),
     upright: bool | None = None,
+    pieces: int = 1,
     name: str | None = None,
 ) -> Arm:
     """The arm of a URDF file: a tree of joints that turn, slide, or follow others.
@@ -98,6 +100,8 @@ def load_urdf(
         touching: More pairs that are not checked, as ``Arm`` takes them: names of links.
         upright: Whether COLLADA meshes whose up axis is not z are turned until it is, as some programs do, or, for
             ``False``, taken as they stand, as others do; refused for ``None``.
+        pieces: Into how many convex bodies a mesh may be cut where that saves volume; 1 takes its hull. More pieces
+            hold forks, bows and brackets more closely; see ``pieces.py``.
         name: For people; the robot's own if ``None``.
 
     Raises:
@@ -118,7 +122,7 @@ def load_urdf(
                 f"which they stand: held={{{robot.steps[-1].joint.name!r}: 0, ...}}"
             )
         joints, mimics = robot.moving()
-        bodies, notes = robot.bodies(upright)
+        bodies, notes = robot.bodies(upright, pieces)
         parts = {body.part for body in bodies}
         apart, more = robot.neighbours(parts) if srdf is None else _disabled(Path(srdf), robot)
         return Arm(
@@ -372,19 +376,19 @@ class _Robot:
                 mimics[i] = Mimic(numbers[leader], factor, offset)
         return joints, mimics
 
-    def bodies(self, upright: bool | None) -> tuple[list[Body], list[str]]:
+    def bodies(self, upright: bool | None, pieces: int) -> tuple[list[Body], list[str]]:
         """The links' collision geometry, and notes; each mesh is read once."""
         parts = {link: element.findall("collision") for link, element in self.links.items()}
         bare = [link for link, found in parts.items() if not found and self.links[link].find("visual") is not None]
         bodies, notes = [], [f"without collision geometry, so not bounded: {', '.join(bare)}"] * bool(bare)
 
         @cache
-        def hull(name: str, *scale: float) -> Body:
-            points, reported = _points(name, self.path, upright)
+        def hulls(name: str, *scale: float) -> list[Body]:
+            vertices, faces, reported = _mesh(name, self.path, upright)
             notes.extend(reported)
-            return Body.hull(points * scale)
+            return hulls_of(vertices * scale, faces, pieces)
 
-        shapes = SOLIDS | {"mesh": lambda filename, scale=1.0: hull(filename, *np.broadcast_to(scale, 3))}
+        shapes = SOLIDS | {"mesh": lambda filename, scale=1.0: hulls(filename, *np.broadcast_to(scale, 3))}
         for link, (number, at) in self.placed.items():
             for part in parts[link]:
                 with _naming(f"link {link}"):
@@ -393,9 +397,10 @@ class _Robot:
                     if len(kinds) != 1 or kinds[0] not in shapes or len(part.findall("geometry")) > 1:
                         got = ", ".join(kinds) or "none"
                         raise ShapeError(f"expected one geometry of one shape, of {', '.join(shapes)}, got {got}")
-                    body = shapes[kinds[0]](**_only(part.find("geometry"), kinds[0]))
+                    made = shapes[kinds[0]](**_only(part.find("geometry"), kinds[0]))
                     pose = matmul(at, _pose(part))
-                bodies.append(replace(body, link=number, name=part.get("name") or link, part=link).moved(pose))
+                for body in made if isinstance(made, list) else [made]:
+                    bodies.append(replace(body, link=number, name=part.get("name") or link, part=link).moved(pose))
         return bodies, notes
 
     def neighbours(self, parts: set[str]) -> tuple[list[tuple[str, str]], list[str]]:
@@ -451,8 +456,8 @@ SOLIDS: dict[str, Callable[..., Body]] = {
 }
 
 
-def _points(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, list[str]]:
-    """``(N, 3)``, the corners of a mesh's faces, and notes."""
+def _mesh(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
+    """Vertices ``(V, 3)`` and faces ``(F, 3)`` of a mesh, and notes."""
     found = _mesh_file(name, path)
     if found is None:
         raise ShapeError(
@@ -463,9 +468,7 @@ def _points(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, li
     notes += ("glTF, whose y is up by its standard, is taken as it stands",) * (
         found.suffix.lower() in (".glb", ".gltf")
     )
-    used = np.zeros(len(vertices), dtype=bool)
-    used[faces] = True
-    return vertices[used], [f"{found.name}: {note}" for note in notes]
+    return vertices, faces, [f"{found.name}: {note}" for note in notes]
 
 
 def _mesh_file(name: str, path: Path) -> Path | None:

@@ -1,0 +1,54 @@
+"""Pieces of a mesh that is far from convex hold all of it, and less around it."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.optimize import linprog
+
+import warp_bounding as wb
+from warp_bounding.arms.pieces import hulls_of
+
+MESHES = {
+    "angle": trimesh.util.concatenate(
+        [
+            trimesh.creation.box(bounds=[[0, 0, 0], [1, 0.2, 0.1]]),
+            trimesh.creation.box(bounds=[[0, 0, 0], [0.1, 0.2, 1]]),
+        ]
+    ),
+    "fork": trimesh.util.concatenate(
+        [trimesh.creation.box(bounds=[[x, 0, 0], [x + 0.2, 0.2, 1]]) for x in (0, 0.9)]
+        + [trimesh.creation.box(bounds=[[0, 0, -0.2], [1.1, 0.2, 0]])]
+    ),
+    "half a ring": trimesh.creation.annulus(0.9, 1.0, 0.5, sections=32).slice_plane([0, 0, 0], [1, 0, 0]),
+}
+
+
+def held(body: wb.arms.Body, x: np.ndarray) -> bool:
+    """Whether a point is in a body's hull, or within its radius of a point of that."""
+    p = body.points
+    options = {"A_eq": np.vstack([p.T, np.ones(len(p))]), "b_eq": np.append(x, 1.0), "bounds": (0, None)}
+    return linprog(np.zeros(len(p)), **options).status == 0
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_pieces_hold_the_mesh(name, rng):
+    mesh = MESHES[name]
+    bodies = hulls_of(np.asarray(mesh.vertices), np.asarray(mesh.faces), 8, name=name, link=2)
+    assert 1 < len(bodies) <= 8
+    assert {(body.link, body.name) for body in bodies} == {(2, name)}
+    points = mesh.sample(150, seed=int(rng.integers(1000)))
+    points = np.concatenate([points, mesh.vertices[:50]])
+    middle = points - 1e-7 * (points - mesh.centroid)  # what a sample is off by
+    assert all(
+        any(held(body, x) for body in bodies) or any(held(body, y) for body in bodies)
+        for x, y in zip(points, middle, strict=True)
+    )
+    volumes = [trimesh.PointCloud(body.points).convex_hull.volume for body in bodies]
+    assert sum(volumes) < 0.75 * mesh.convex_hull.volume
+
+
+def test_convex_and_flat_meshes_stay_whole():
+    ball = trimesh.creation.icosphere(2)
+    assert len(hulls_of(np.asarray(ball.vertices), np.asarray(ball.faces), 8)) == 1
+    flat = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
+    assert len(hulls_of(flat, np.array([[0, 1, 2], [0, 2, 3]]), 8)) == 1
