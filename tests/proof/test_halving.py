@@ -16,7 +16,7 @@ import trimesh
 import warp_bounding as wb
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.networks import network
-from warp_bounding.proof import check, distances, halving
+from warp_bounding.proof import distances, halving, lowering
 from warp_bounding.runtime import workers
 from warp_bounding.runtime.workers import connected
 
@@ -145,7 +145,7 @@ def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypa
     def stop(done, total):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(check, "_planned", lambda *_: 8)
+    monkeypatch.setattr(lowering, "_planned", lambda *_: 8)
     with pytest.raises(KeyboardInterrupt):
         wb.proof.make_proven(found, shape, progress=stop, checkpoint=tmp_path / "left")
     monkeypatch.undo()

@@ -64,7 +64,7 @@ def test_touching_planes_meet_the_object_and_have_the_gap_as_f(rng):
     lower, upper = gap.boxes()
     m = lower + rng.random(lower.shape) * (upper - lower)
     v = gap.touching(m)
-    values = bounder.reference(v).reshape(2, -1).min(axis=0) - gap.room
+    values = bounder.reference(v).reshape(2, -1).min(axis=0) - gap.rounding
     np.testing.assert_allclose(values, gap.reference(m), atol=1e-9)
     inward = v - np.sign(v[:, -1:]) * np.eye(v.shape[1])[-1] * 1e-3  # both supports are beyond the domain's middle
     assert oracle("plane", grid, "cpu", 1.0)(bounder.domain.to_object(inward)).mean() > 0.9

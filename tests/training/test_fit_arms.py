@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import warp_bounding as wb
-from warp_bounding.proof import check
+from warp_bounding.proof import lowering
 
 fitting = import_module("warp_bounding.training.fit")  # the package's ``fit`` is the function
 OPTIONS = {"device": "cpu", "steps": 100}
@@ -38,7 +38,7 @@ def test_an_arms_network_begins_with_its_angles_and_is_proven(colliding):
 
 
 def test_where_no_proof_fits_the_budget_fit_says_how_long_one_takes_and_loses_nothing(colliding, monkeypatch):
-    monkeypatch.setattr(check, "_expected", lambda *_: (1e12, 1e-3))
+    monkeypatch.setattr(lowering, "_expected", lambda *_: (1e12, 1e-3))
     with pytest.raises(wb.ProofError, match=r"about 1e\+09 s.*budget=.*scheduler=.*statistical=True") as error:
         wb.fit(colliding, hidden=(8, 8), progress=False, **OPTIONS)
     monkeypatch.undo()
@@ -54,7 +54,7 @@ def test_where_no_proof_fits_the_budget_fit_says_how_long_one_takes_and_loses_no
 def test_a_threshold_is_not_lowered_until_nothing_is_denied(colliding, loose):
     x = np.random.default_rng(1).uniform(colliding.lower, colliding.upper, (20_000, 2)).astype(np.float32)
     free = x[~colliding.contains(x)]
-    for lower in check._lowered(loose, colliding):
+    for lower in lowering._lowered(loose, colliding):
         assert (lower.query(free).numpy() == 0).mean() > 0.9 * fitting.LITTLE
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass, fields, replace
 from math import expm1, log1p
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -131,6 +131,26 @@ class Certificate:
         return cls(**values)
 
 
+class Verdict(NamedTuple):
+    """What a check has found: fields of the ``Certificate`` that is made of it.
+
+    Attributes:
+        kind: See ``Certificate``.
+        message: Its first sentence.
+        lower_bound: See ``Certificate``.
+        boxes: See ``Certificate``.
+        counterexample: ``(m,)`` float32, or ``None``.
+        statistics: Further fields, of a statistical test.
+    """
+
+    kind: str
+    message: str
+    lower_bound: float
+    boxes: int = 0
+    counterexample: np.ndarray | None = None
+    statistics: dict | None = None
+
+
 def document(
     bounder: "Bounder",
     grid: Shape | None,
@@ -216,14 +236,14 @@ def conjunction(certificates: list[Certificate]) -> Certificate:
         return certificates[0]
     worst, last = min(certificates, key=lambda c: ORDER.index(c.kind)), certificates[-1]
     statistical = worst.kind == "statistical"
-    reported = f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
+    message = f"{len(certificates)} tests that must all pass, each by itself; the last: {last.message}"
     return replace(
         last,
         kind=worst.kind,
         boxes=sum(c.boxes for c in certificates),
         seconds=round(sum(c.seconds for c in certificates), 3),
         counterexample=worst.counterexample,
-        message=reported if worst.kind in ("proven", "statistical") else worst.message,
+        message=message if worst.kind in ("proven", "statistical") else worst.message,
         samples=min(c.samples for c in certificates) if statistical else last.samples,
         fn_rate_bound=sum(c.fn_rate_bound or 0.0 for c in certificates) if statistical else None,
         confidence=1 - sum(1 - (c.confidence or 1.0) for c in certificates) if statistical else None,

@@ -16,7 +16,8 @@ import numpy as np
 
 from warp_bounding import shapes
 from warp_bounding.certificates import Certificate
-from warp_bounding.errors import FileFormatError, ShapeError
+from warp_bounding.errors import BoundingError, FileFormatError, ShapeError
+from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.rounding import round_down
 from warp_bounding.shapes.complement import SIDES, Complement, outside_of
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from warp_bounding.bounders.bounder import Bounder
 
 OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
+BORDER = 65_536  # points of a border among which some outside the domain are looked for
 
 
 # --- a bounder and a shape -------------------------------------------------------------------------------------------
@@ -41,8 +43,8 @@ def in_local(bounder: "Bounder", shape) -> tuple:
     """
     local, frame = parted(shapes.load_shape(shape))
     if frame != bounder.frame:
-        reported = [_framed(each) for each in (bounder.frame, frame)]
-        raise ShapeError(f"{local.name}: expected the bounder's origin, {reported[0]}, got {reported[1]}")
+        expected, given = _framed(bounder.frame), _framed(frame)
+        raise ShapeError(f"{local.name}: expected the bounder's origin, {expected}, got {given}")
     return bounder.local, local
 
 
@@ -68,6 +70,25 @@ def as_fitted(bounder: "Bounder", shape) -> Shape:
     return shape.to_grid(resolution=resolution, margin=margin)
 
 
+def fitted_and_fault(bounder: "Bounder", shape, expected: dict[str, str | float | None]) -> tuple[Shape, str | None]:
+    """The shape as the fit bounded it, and why the claim is not about it or not the expected one.
+
+    Args:
+        bounder: In local coordinates.
+        shape: In local coordinates, of the bounder's side or from outside.
+        expected: As in ``other_claim``.
+
+    Returns:
+        ``as_fitted``, or the shape itself where it cannot be fitted; and ``mismatch``, or what else is wrong.
+    """
+    other = other_claim(bounder, expected)
+    try:
+        shape = as_fitted(bounder, shape)
+    except BoundingError as error:
+        return shape, other or str(error)
+    return shape, other or mismatch(bounder, shape)
+
+
 def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
     """Why a bounder's claim cannot be about a shape, in a few words; ``None`` if it can.
 
@@ -87,9 +108,9 @@ def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
         sides = SIDES[domain.unbounded], SIDES[shape.unbounded]
         return f"the bounder holds an object from the {sides[0]}, the shape is one from the {sides[1]}"
     for name in ("margin", "resolution"):
-        reported, own = bounder.info.get(name), getattr(shape, name)
-        if reported is not None and reported != own:
-            return f"the bounder is for {name} {reported}, the shape has {'none' if own is None else own}"
+        claimed, actual = bounder.info.get(name), getattr(shape, name)
+        if claimed is not None and claimed != actual:
+            return f"the bounder is for {name} {claimed}, the shape has {'none' if actual is None else actual}"
     if not isinstance(shape, Grid):
         for part in bounder.parts if bounder.query_kind != DISTANCE.name else ():
             if part.info.get("resolution") is None and not part.takes_shapes(part.query_kind):
@@ -104,6 +125,11 @@ def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
     if shape.time and (other := _other_times(bounder, shape)):
         return other
     return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)
+
+
+def target(bounder: "Bounder") -> float:
+    """What every lower bound of f must reach: at least the exact sum of the threshold and the rounding bound E."""
+    return float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
 
 
 def _other_times(bounder: "Bounder", shape: Shape) -> str | None:
@@ -136,11 +162,18 @@ def _reaches_outside(bounder: "Bounder", shape: Shape) -> bool:
     return False
 
 
-def outside(bounder: "Bounder", grid: Grid) -> np.ndarray:
-    """The occupied cells that reach outside the bounder's domain."""
-    domain, cells = bounder.domain.base, grid.occupied
-    lower, upper = grid.position(cells - 0.5), grid.position(cells + 0.5)
-    return cells[((lower < domain.lower) | (upper > domain.upper)).any(axis=1)]
+def outside(bounder: "Bounder", shape: Shape) -> np.ndarray:
+    """``(N, n)`` points in object space: those that may be in the shape and outside the bounder's domain.
+
+    Middles of the cells that reach outside, or of a shape without cells points of its border.
+    """
+    domain = bounder.domain.base
+    if isinstance(shape, Grid):
+        x = shape.position(shape.occupied)
+        lower, upper = shape.position(shape.occupied - 0.5), shape.position(shape.occupied + 0.5)
+    else:
+        x = lower = upper = border_points(shape, BORDER, np.random.default_rng(0))
+    return x[((lower < domain.lower) | (upper > domain.upper)).any(axis=1)]
 
 
 # --- a bounder and what is expected of it, or another one ------------------------------------------------------------
@@ -156,8 +189,8 @@ def other_claim(bounder: "Bounder", expected: dict[str, str | float | None]) -> 
     }
     for name, value in expected.items():
         if value is not None and value != claimed[name]:
-            own = "none" if claimed[name] is None else claimed[name]
-            return f"another claim than the expected one: expected {name} {value}, the bounder is for {name} {own}"
+            other = "none" if claimed[name] is None else claimed[name]
+            return f"another claim than the expected one: expected {name} {value}, the bounder is for {name} {other}"
     return None
 
 
@@ -170,14 +203,14 @@ def differing(one: "Bounder", other: "Bounder", names: tuple[str, ...] = ("margi
         names: Fields of the claims that must be equal, too.
     """
     for name in names:
-        reported = [_reported(bounder, name) for bounder in (one, other)]
-        if reported[0] != reported[1]:
-            return f"{name} {reported[0]} and {reported[1]}"
+        values = [_claimed(bounder, name) for bounder in (one, other)]
+        if values[0] != values[1]:
+            return f"{name} {values[0]} and {values[1]}"
     if one.frame != other.frame:
         return f"origin {_framed(one.frame)} and {_framed(other.frame)}"
     objects = [bounder.info.get("shape") for bounder in (one, other)]
     if None in objects:  # an older file names what was fitted only
-        objects = [_reported(bounder, "indicator") for bounder in (one, other)]
+        objects = [_claimed(bounder, "indicator") for bounder in (one, other)]
     if one.domain.unbounded != other.domain.unbounded:
         if None in objects:
             return "a shape that is not known"
@@ -186,11 +219,11 @@ def differing(one: "Bounder", other: "Bounder", names: tuple[str, ...] = ("margi
     return None if objects[0] == objects[1] else f"different shapes, of digests {short[0]}... and {short[1]}..."
 
 
-def _reported(bounder: "Bounder", name: str):
+def _claimed(bounder: "Bounder", name: str):
     """What a bounder says of its object: in its ``info``, or without one in its certificate."""
-    if (reported := bounder.info.get(name)) is None and bounder.certificate is not None:
-        reported = getattr(bounder.certificate, name, None)
-    return (reported or 0.0) if name == "margin" else reported
+    if (value := bounder.info.get(name)) is None and bounder.certificate is not None:
+        value = getattr(bounder.certificate, name, None)
+    return (value or 0.0) if name == "margin" else value
 
 
 # --- a stored certificate and the bounder in its file ------------------------------------------------------------
@@ -232,14 +265,14 @@ def check_claims(bounder: "Bounder", certificate: Certificate, document: dict[st
         beside = {name: document[name] for name in ("margin", "length", "resolution")} | {"object": document["name"]}
         beside["margin"] = beside["margin"] or 0.0  # ``None`` if the bounder was made without ``fit``
         for name, value in beside.items():
-            own = getattr(certificate, name)
-            if own != value and not (name == "object" and value is None):
-                _refuse(f"it is for {name} {own!r}, the file for {value!r}")
+            certified = getattr(certificate, name)
+            if certified != value and not (name == "object" and value is None):
+                _refuse(f"it is for {name} {certified!r}, the file for {value!r}")
     if not certificate.rounding_bound >= LEAST_ERROR * error:
         _refuse(f"rounding bound {certificate.rounding_bound:.3g}, this bounder rounds by {error:.3g}")
-    room = error if kind == "proven" else 0.0
-    if not threshold <= round_down(certificate.lower_bound - room) < np.inf:
-        _refuse(f"threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {room:.2g}")
+    rounding = error if kind == "proven" else 0.0
+    if not threshold <= round_down(certificate.lower_bound - rounding) < np.inf:
+        _refuse(f"threshold {threshold:.6g} exceeds bound {certificate.lower_bound:.6g} less rounding {rounding:.2g}")
 
 
 def _refuse(reason: str) -> None:

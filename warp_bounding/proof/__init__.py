@@ -1,7 +1,8 @@
 """Proofs: branch and bound over every input that can come from the object, and proving anew what a file claims."""
 
 from warp_bounding.certificates import conjunction
-from warp_bounding.proof.check import certify, make_proven
+from warp_bounding.proof.check import certify
+from warp_bounding.proof.lowering import make_proven
 from warp_bounding.proof.prove import least_value, positive_boxes, prove, prove_or_test, settle
 from warp_bounding.proof.search import Search, minimum
 from warp_bounding.proof.segments import Segments, clear_segments

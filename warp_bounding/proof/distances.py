@@ -141,15 +141,15 @@ def excesses(
     """
     tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances.of_boxes(tolerance, len(lower))
     look = _Excess(bounder, shape, tolerances, halvings, least)
-    left = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **options)
-    found, boxes, complete = left.found, left.boxes, True
-    for each in left.waiting:  # there is no time: they count with what is known of them
+    state = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **options)
+    overestimates, boxes, complete = state.found, state.boxes, True
+    for each in state.waiting:  # there is no time: they count with what is known of them
         for start in range(0, each.count, look.chunk):
             some = each.part(slice(start, start + look.chunk))
             overestimate, above = look.measured(some)
-            np.maximum.at(found, some.owner, overestimate)
+            np.maximum.at(overestimates, some.owner, overestimate)
             boxes, complete = boxes + some.count, complete and not above.any()
-    return found, boxes, complete
+    return overestimates, boxes, complete
 
 
 class _Excess:
@@ -166,12 +166,13 @@ class _Excess:
         bounder, shape, domain = self.bounder, self.shape, self.bounder.domain
         values = bounder.corners(boxes.lower, boxes.upper)
         low, high = domain.to_object(boxes.lower), domain.to_object(boxes.upper)
-        room = NOISE * (max(np.abs(low).max(initial=0.0), np.abs(high).max(initial=0.0)) + domain.unit)
+        rounding = NOISE * (max(np.abs(low).max(initial=0.0), np.abs(high).max(initial=0.0)) + domain.unit)
         noise = NOISE * (1 + np.abs(values).max(axis=1)) * bounder.steepness
         under = self.least - 2 * float(noise.max(initial=0.0))  # what is added does not lift it above a tolerance
         allowed = self.tolerances.of(boxes.owner)
         enough = np.where(boxes.level < self.halvings, allowed, np.inf) * domain.unit
-        overestimate = shape.overestimate(low - room, high + room, values * domain.unit, under * domain.unit, enough)
+        low, high = low - rounding, high + rounding
+        overestimate = shape.overestimate(low, high, values * domain.unit, under * domain.unit, enough)
         if overestimate is None:
             raise BounderError(f"{shape.name}: no distance is known of it")
         overestimate = overestimate / domain.unit + noise
@@ -180,10 +181,10 @@ class _Excess:
     def __call__(self, boxes: Boxes) -> Seen:
         overestimate, above = self.measured(boxes)
         more = above & (boxes.level < self.halvings)
-        left = boxes.part(more)
-        self.tolerances.rise(self.bounder, self.shape, *left[:3], overestimate[more])
-        longest = np.argmax(left.upper - left.lower, axis=1)
-        return Seen(left.halves(longest), boxes.owner[~more], overestimate[~more])
+        open_ = boxes.part(more)
+        self.tolerances.rise(self.bounder, self.shape, *open_[:3], overestimate[more])
+        longest = np.argmax(open_.upper - open_.lower, axis=1)
+        return Seen(open_.halves(longest), boxes.owner[~more], overestimate[~more])
 
 
 def worst_points(
@@ -301,11 +302,11 @@ def _refined(
     if len(met) > 1:
         order = np.argsort(-weight, kind="stable")
         for group in np.array_split(order, min(GROUPS, len(order))):
-            left = end - working_seconds()
-            if left <= 0:
+            seconds = end - working_seconds()
+            if seconds <= 0:
                 break
             chosen = np.isin(np.arange(len(met)), group)
-            overestimate, looked, _ = _searched(bounder, shape, met, LAST * eps, left, chosen)
+            overestimate, looked, _ = _searched(bounder, shape, met, LAST * eps, seconds, chosen)
             boxes, best[chosen] = boxes + looked, np.minimum(best, overestimate)[chosen]
     return best, boxes, False
 
@@ -338,9 +339,9 @@ def _searched(
         kept = chosen[parts]
         lower, upper, parts = lower[kept], upper[kept], parts[kept]
     tolerances = Tolerances(met, eps, parts, fixed=again)
-    found, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
+    overestimates, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
     by_part = np.full(len(met), least)
-    np.maximum.at(by_part, parts, found)
+    np.maximum.at(by_part, parts, overestimates)
     return by_part, boxes, complete
 
 

@@ -81,13 +81,13 @@ class Seen(NamedTuple):
     """What a look returns.
 
     Attributes:
-        left: Halves of the undecided boxes, which may be cut to the parts that matter.
+        halves: Halves of the undecided boxes, which may be cut to the parts that matter.
         number: ``(F,)`` int, indices into ``found``; ``found[number]`` is raised to at least ``value``.
         value: ``(F,)`` float64.
         failed: Ends the search: suspect points, and the owners of their boxes. ``None`` if it goes on.
     """
 
-    left: Boxes
+    halves: Boxes
     number: np.ndarray
     value: np.ndarray
     failed: tuple[np.ndarray, np.ndarray] | None = None
@@ -227,9 +227,9 @@ class _Search:
     def see(self, boxes: Boxes) -> None:
         """Look at boxes in this process."""
         self.out[None] = boxes
-        left, number, value, failed = self.look(boxes)
+        halves, number, value, failed = self.look(boxes)
         np.maximum.at(self.found, number, value)
-        self.ended(None, State([left] if left.count else [], self.found, boxes.count, failed=failed))
+        self.ended(None, State([halves] if halves.count else [], self.found, boxes.count, failed=failed))
 
     def ended(self, key, state: State) -> None:
         """Take over the state in which a task ended."""
@@ -290,10 +290,10 @@ class _Search:
 
 def _task(look: Look, boxes: Boxes, size: int) -> State:
     """Runs in a worker: search boxes and their halves for at most ``LONGEST`` seconds, or one look."""
-    own = _Search(look, (), np.full(size, -np.inf))
-    own.waiting.append(boxes)
-    own.alone(working_seconds() + LONGEST)
-    return own.state
+    task = _Search(look, (), np.full(size, -np.inf))
+    task.waiting.append(boxes)
+    task.alone(working_seconds() + LONGEST)
+    return task.state
 
 
 # --- checkpoint ------------------------------------------------------------------------------------------------------
@@ -397,6 +397,12 @@ class Checkpoint:
         except (KeyError, TypeError, ValueError) as error:
             raise self.damaged from error
         return state
+
+
+def unfinished(within: str, checkpoint: Checkpoint | None) -> str:
+    """What is said of a search that ended before all boxes were decided."""
+    goes_on = "" if checkpoint is None else f"; the same command goes on from {checkpoint.path}"
+    return f"no decision within {within}{goes_on}"
 
 
 def _well_formed(state: State) -> bool:

@@ -46,7 +46,7 @@ class SupportGap:
         corners = base.to_local(hull.points)
         self.ball = hull.radius * base.scale.astype(np.float64)
         # How far the computed plane may pass a point of the object, in c, and what float64 rounds in ``reference``.
-        self.room = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
+        self.rounding = float(bounder.domain.delta[-1]) * (1 + 1e-9) + 1e-12 * (1 + np.abs(corners).max())
         self.corners = [corners, -corners]
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
@@ -65,7 +65,7 @@ class SupportGap:
             part = m[start : start + AT_A_TIME]
             gaps = [f(part) - (part @ y.T).max(axis=1) for f, y in zip(self.networks, self.corners, strict=True)]
             gap[start : start + AT_A_TIME] = np.minimum(*gaps) - np.linalg.norm(part * self.ball, axis=1)
-        return gap - self.room
+        return gap - self.rounding
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
         """Certified lower bounds over boxes of m; see ``Bounder.bound``."""
@@ -85,7 +85,7 @@ class SupportGap:
                     away *= radius[part, k, None]
                     loss += away
                 worst = loss.argmax(axis=1)
-                bound = value[part] - loss[np.arange(len(loss)), worst] - self.room - rounding
+                bound = value[part] - loss[np.arange(len(loss)), worst] - self.rounding - rounding
                 bound[np.isnan(bound)] = -np.inf
                 lower_yet = bound < least[part]
                 towards = center[part] - np.sign(slope[part] - corners[worst]) * radius[part]

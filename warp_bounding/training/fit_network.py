@@ -18,7 +18,7 @@ import numpy as np
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import Search, least_value, prove_or_test
-from warp_bounding.proof.check import prove_lower
+from warp_bounding.proof.lowering import prove_lower
 from warp_bounding.proof.prove import ROOM, least_found
 from warp_bounding.queries import oracle
 from warp_bounding.rounding import round_down
