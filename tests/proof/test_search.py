@@ -117,17 +117,15 @@ def test_boxes_hold_all_that_devices_compute(name, rng):
 def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng):
     for name, value in (("MANY", many), ("TOO_MANY", too_many), ("CHUNK", 512)):
         monkeypatch.setattr(module, name, value)
-    own = wb.shapes.Function(
+    shell = wb.shapes.Function(
         None, [-0.4] * 3, [0.4] * 3, distance=lambda x: np.abs(np.linalg.norm(x, axis=1) - 0.35) - 0.05
     )
-    bounder = random_mlp(own)
-    x = rng.uniform(own.lower, own.upper, (100_000, 3))
-    held = own.contains(x)
-    positives = bounder.domain.to_local(x[held])
-    found = ShapePositives(bounder, own)
-    reported = {"eps": 1e-4, "boxes": 20_000, "points": positives[:100], "positives": found}
-    search = minimum(found, *found.boxes(), **reported)
-    assert -np.inf < search.lower_bound <= bounder.reference(positives).min()
+    bounder = random_mlp(shell)
+    x = rng.uniform(shell.lower, shell.upper, (100_000, 3))
+    points = bounder.domain.to_local(x[shell.contains(x)])
+    positives = ShapePositives(bounder, shell)
+    search = minimum(positives, *positives.boxes(), eps=1e-4, boxes=20_000, points=points[:100])
+    assert -np.inf < search.lower_bound <= bounder.reference(points).min()
 
 
 # --- half-spaces that hold a shape in boxes --------------------------------------------------------------------------

@@ -193,7 +193,7 @@ def test_the_hull_decides_what_a_search_brackets(method, margin, monkeypatch):
     bounder, shape = fit(mesh(), method=method, margin=margin), mesh(margin)
     positives = ShapePositives(bounder, shape)
     points = bounder.domain.to_local(border_points(shape, 4096, np.random.default_rng(1)))
-    found = minimum(positives, *positives.boxes(), eps=2e-3, points=points, positives=positives, boxes=50_000)
+    found = minimum(positives, *positives.boxes(), eps=2e-3, points=points, boxes=50_000)
     hull = least_value(bounder, shape)
     assert found.lower_bound <= hull.lower_bound <= found.upper_bound + CERTAIN
     assert bounder.certificate.lower_bound == hull.lower_bound

@@ -75,7 +75,7 @@ def least_value(
     if isinstance(grid, Grid):
         return minimum(bounder, *positive_boxes(bounder, grid), **limits)
     positives = ShapePositives(bounder, grid)
-    return minimum(positives, *positives.boxes(), positives=positives, **limits)
+    return minimum(positives, *positives.boxes(), **limits)
 
 
 def _starts(shape: Shape) -> np.ndarray:

@@ -77,12 +77,12 @@ def minimum(
     boxes: float = float("inf"),
     points: np.ndarray | None = None,
     progress: Callable[[int, int, float], None] | None = None,
-    positives: "ShapePositives | None" = None,
 ) -> Search:
     """Certified minimum of ``f`` over boxes, or over those of their points that are positives of a shape.
 
     Args:
-        bounder: The bounder of ``f``.
+        bounder: The bounder of ``f``; or ``ShapePositives``, which certify that boxes hold no positive. Of others
+            every point of the boxes counts as a positive.
         lower: ``(N, n)`` float64 lower corners, coordinates ``v``.
         upper: ``(N, n)`` float64 upper corners.
         eps: Gap between bound and found value at which a box is closed; at least 0. It is not taken smaller than what
@@ -91,94 +91,22 @@ def minimum(
         boxes: Number of boxes after which it ends with what it has, the same on every machine.
         points: ``(P, n)`` concrete points in the boxes to begin with; good ones save most of the work.
         progress: Called now and then with boxes done, boxes waiting, gap.
-        positives: Certifies which boxes hold no positive; if ``None``, every point of the boxes is a positive.
 
     Returns:
         The result; sound also where it is not complete.
     """
-    started = working_seconds()
-    low_points = np.empty((0, lower.shape[1])) if points is None else np.asarray(points, dtype=np.float64)
-    low_values = bounder.reference(low_points) if len(low_points) else np.empty(0)
-    best, closed, done = low_values.min(initial=np.inf), np.inf, 0
-    probe = (lower[:CHUNK] + upper[:CHUNK]) / 2
-    resolved = 4 * float((bounder.reference(probe) - bounder.bound(probe, probe).lower).max())
-    eps = max(eps, resolved)
-
-    def target() -> float:
-        """The bound that closes a box: near the least value found, or the least bound of a closed box."""
-        return min(best - eps, closed)
-
-    def advance(low: np.ndarray, high: np.ndarray, parent: np.ndarray, _) -> list[_Chunk]:
-        """Bound a chunk; its halves that stay open, in chunks."""
-        nonlocal best, closed, done, low_points, low_values
-        open_ = parent < target()
-        closed = parent[~open_].min(initial=closed)
-        low, high, parent = low[open_], high[open_], parent[open_]
-        if not len(low):
-            return []
-        bounds = bounder.bound(low, high)
-        done += len(low)
-        bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
-        points, values, axis = bounds.point, bounds.value, bounds.axis.copy()
-        if positives is not None:
-            small = positives.too_small(low, high)  # of whole boxes, as the bounds are: ``held`` may cut parts off
-            goal = target()
-            queried = np.flatnonzero(bound < goal)
-            held = positives.held(low[queried], high[queried], bounds.part(queried), np.full(len(queried), goal))
-            bound[queried], axis[queried] = np.fmax(held.lower, bound[queried]), held.axis
-            low[queried], high[queried] = held.corners
-            closed = min(closed, goal) if held.cut.any() else closed
-            near = np.flatnonzero((bound < np.inf) & (values < best + NEAR * eps))
-            near = near[positives.holds(points[near])]
-            points, values = points[near], values[near]
-        low_points, low_values = lowest(low_points, low_values, points, values)
-        best = values.min(initial=best)
-        open_ = bound < target()
-        if positives is not None:
-            open_ &= ~small
-        closed = bound[~open_].min(initial=closed)
-        # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
-        with np.errstate(invalid="ignore"):  # no positive of a box is known: its value is infinite
-            loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (best - eps)))
-        loose &= bounds.next_axis is not None
-        once, parts = open_ & ~loose, []
-        if once.any():
-            halves = halve(low[once], high[once], axis[once])
-            parts.append((*halves, np.tile(bound[once], 2)))
-        if loose.any():
-            halves = halve(low[loose], high[loose], axis[loose])
-            halves = halve(*halves, np.tile(bounds.next_axis[loose], 2))
-            parts.append((*halves, np.tile(bound[loose], 4)))
-        if not parts:
-            return []
-        low, high, bound = (np.concatenate(part) for part in zip(*parts, strict=True))
-        with np.errstate(invalid="ignore"):  # as long as no value is known, every gap is infinite
-            return _chunks(low, high, bound, np.nan_to_num(best - bound, nan=np.inf))
-
-    def least() -> float:
-        return min([closed, *(chunk.bound.min() for chunk in waiting)])
-
-    nowhere = np.full(len(lower), -np.inf)
-    start = _chunks(lower, upper, nowhere, -nowhere)
-    waiting, gave_up = [rest for chunk in start for rest in advance(*chunk)], False
-    looked_at = MANY
-    while waiting and done < boxes and working_seconds() - started < budget:
-        waiting += advance(*waiting.pop(max(range(len(waiting)), key=lambda i: waiting[i].gap[0])))
-        count = sum(len(chunk.bound) for chunk in waiting)
-        if count > looked_at * AGAIN:
-            spent = working_seconds() - started
-            used = max(done / boxes, spent / budget) if min(boxes, budget) > 0 else 1.0
-            known = [float(chunk.gap[0]) for chunk in waiting if np.isfinite(chunk.gap[0])]
-            level = SHARE * max(known, default=0.0) * used**FALLS
-            waiting, rest = _split(waiting, level, TOO_MANY // 2 if count > TOO_MANY else count)
-            looked_at = max(MANY, sum(len(chunk.bound) for chunk in waiting))
-            for chunk in rest:
-                closed, gave_up = chunk.bound.min(initial=closed), True
+    search = _BestFirst(bounder, eps, (lower[:CHUNK] + upper[:CHUNK]) / 2, points)
+    for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf), np.full(len(lower), np.inf)):
+        search.look(chunk)
+    while search.waiting and search.done < boxes and search.seconds < budget:
+        search.look(search.waiting.pop(max(range(len(search.waiting)), key=lambda i: search.waiting[i].gap[0])))
+        if search.count > search.most:
+            search.prune(max(search.done / boxes, search.seconds / budget) if min(boxes, budget) > 0 else 1.0)
         if progress:
-            progress(done, sum(len(chunk.bound) for chunk in waiting), float(best - least()))
+            progress(search.done, search.count, float(search.best - search.least))
     # At most the least value found: its point may lie in no box that was closed.
-    found, spent = np.minimum(least(), best), working_seconds() - started
-    return Search(float(found), float(best), low_points, done, spent, complete=not waiting and not gave_up)
+    least, complete = float(min(search.least, search.best)), not search.waiting and not search.gave_up
+    return Search(least, float(search.best), search.points, search.done, search.seconds, complete)
 
 
 class _Chunk(NamedTuple):
@@ -190,11 +118,116 @@ class _Chunk(NamedTuple):
     gap: np.ndarray
 
 
+class _BestFirst:
+    """A running search.
+
+    Args:
+        f: As in ``minimum``.
+        eps: As in ``minimum``.
+        probe: Points at which bounds and values are compared, for what bounds resolve.
+        points: As in ``minimum``.
+
+    Attributes:
+        waiting: Open boxes.
+        done: How many boxes were bounded.
+        best: The least value found.
+        closed: The least bound of a closed box.
+        points: The lowest points found, lowest first.
+        most: How many boxes may wait until some are pruned.
+        gave_up: Whether pruning closed a box.
+    """
+
+    def __init__(self, f, eps: float, probe: np.ndarray, points: np.ndarray | None):
+        self.f, self.positives, self.started = f, f if isinstance(f, ShapePositives) else None, working_seconds()
+        self.points = probe[:0] if points is None else np.asarray(points, dtype=np.float64)
+        self.values = f.reference(self.points) if len(self.points) else np.empty(0)
+        self.eps = max(eps, 4 * float((f.reference(probe) - f.bound(probe, probe).lower).max()))
+        self.best, self.closed, self.done = self.values.min(initial=np.inf), np.inf, 0
+        self.waiting, self.most, self.gave_up = [], MANY * AGAIN, False
+
+    @property
+    def seconds(self) -> float:
+        """Since the beginning."""
+        return working_seconds() - self.started
+
+    @property
+    def count(self) -> int:
+        """How many boxes wait."""
+        return sum(len(chunk.bound) for chunk in self.waiting)
+
+    @property
+    def least(self) -> float:
+        """The least bound of any box, closed or open."""
+        return min([self.closed, *(chunk.bound.min() for chunk in self.waiting)])
+
+    @property
+    def target(self) -> float:
+        """The bound that closes a box: near the least value found, or the least bound of a closed box."""
+        return min(self.best - self.eps, self.closed)
+
+    def look(self, chunk: _Chunk) -> None:
+        """Bound boxes; halves of those that stay open wait."""
+        open_ = chunk.bound < self.target
+        self.closed = chunk.bound[~open_].min(initial=self.closed)
+        low, high, parent = (column[open_] for column in chunk[:3])
+        if not len(low):
+            return
+        bounds = self.f.bound(low, high)
+        self.done += len(low)
+        bound = np.fmax(bounds.lower, parent)  # a half is no worse than the whole, nor is one without a bound (NaN)
+        axis, small = bounds.axis.copy(), np.zeros(len(low), dtype=bool)
+        if self.positives is None:
+            self._sample(bounds.point, bounds.value)
+        else:
+            small = self.positives.too_small(low, high)  # of whole boxes, as the bounds are: ``_cut`` may cut parts off
+            self._cut(low, high, bounds, bound, axis)
+            near = np.flatnonzero((bound < np.inf) & (bounds.value < self.best + NEAR * self.eps))
+            near = near[self.positives.holds(bounds.point[near])]
+            self._sample(bounds.point[near], bounds.value[near])
+        open_ = (bound < self.target) & ~small
+        self.closed = bound[~open_].min(initial=self.closed)
+        # Where the bound is much looser than it may be, its halves would only be halved again: quarter at once.
+        with np.errstate(invalid="ignore"):  # no positive of a box is known: its value is infinite
+            loose = open_ & (bounds.value - bound > QUARTER * (bounds.value - (self.best - self.eps)))
+        loose &= bounds.next_axis is not None
+        once = open_ & ~loose
+        halves = [(*halve(low[once], high[once], axis[once]), np.tile(bound[once], 2))]
+        if loose.any():
+            quarters = halve(*halve(low[loose], high[loose], axis[loose]), np.tile(bounds.next_axis[loose], 2))
+            halves.append((*quarters, np.tile(bound[loose], 4)))
+        low, high, bound = (np.concatenate(column) for column in zip(*halves, strict=True))
+        with np.errstate(invalid="ignore"):  # as long as no value is known, every gap is infinite
+            self.waiting += _chunks(low, high, bound, np.nan_to_num(self.best - bound, nan=np.inf))
+
+    def _cut(self, low: np.ndarray, high: np.ndarray, bounds: BoxBounds, bound: np.ndarray, axis: np.ndarray) -> None:
+        """Let the shape raise bounds and cut boxes, in place."""
+        target = self.target
+        rows = np.flatnonzero(bound < target)
+        known = self.positives.held(low[rows], high[rows], bounds.part(rows), np.full(len(rows), target))
+        bound[rows], axis[rows] = np.fmax(known.lower, bound[rows]), known.axis
+        low[rows], high[rows] = known.corners
+        self.closed = min(self.closed, target) if known.cut.any() else self.closed
+
+    def _sample(self, points: np.ndarray, values: np.ndarray) -> None:
+        """Remember the lowest points."""
+        self.points, self.values = lowest(self.points, self.values, points, values)
+        self.best = values.min(initial=self.best)
+
+    def prune(self, used: float) -> None:
+        """Close boxes that are not expected to matter by the end; ``used`` is the share of the limits that is spent."""
+        known = [float(chunk.gap[0]) for chunk in self.waiting if np.isfinite(chunk.gap[0])]
+        level, count = SHARE * max(known, default=0.0) * used**FALLS, self.count
+        self.waiting, closed = _split(self.waiting, level, TOO_MANY // 2 if count > TOO_MANY else count)
+        self.most = max(MANY, self.count) * AGAIN
+        for chunk in closed:
+            self.closed, self.gave_up = chunk.bound.min(initial=self.closed), True
+
+
 def _chunks(*columns: np.ndarray) -> list[_Chunk]:
     """Boxes, given by the columns of ``_Chunk``, in chunks of ``CHUNK``."""
     order = np.argsort(-columns[-1], kind="stable")
-    held = [each[order] for each in columns]
-    return [_Chunk(*(each[i : i + CHUNK] for each in held)) for i in range(0, len(order), CHUNK)]
+    columns = [column[order] for column in columns]
+    return [_Chunk(*(column[i : i + CHUNK] for column in columns)) for i in range(0, len(order), CHUNK)]
 
 
 def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk], list[_Chunk]]:
@@ -204,13 +237,13 @@ def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk],
     if large.sum() > most:
         large = np.zeros(len(gap), dtype=bool)
         large[np.argpartition(-gap, most)[:most]] = True
-    kept, rest, begin = [], [], 0
+    parts, begin = ([], []), 0
     for chunk in chunks:
-        own, begin = large[begin : begin + len(chunk.gap)], begin + len(chunk.gap)
-        for part, held in ((own, kept), (~own, rest)):
-            if part.any():
-                held.append(_Chunk(*(each[part] for each in chunk)))
-    return kept, rest
+        rows, begin = large[begin : begin + len(chunk.gap)], begin + len(chunk.gap)
+        for part, some in zip(parts, (rows, ~rows), strict=True):
+            if some.any():
+                part.append(_Chunk(*(column[some] for column in chunk)))
+    return parts
 
 
 def lowest(
@@ -297,8 +330,9 @@ def bound_in_half_spaces(
     least = np.where(known.empty, np.inf, np.where(gone, np.fmax(least, target), least))
     low[gone], high[gone] = -1.0, 1.0
     by_shape = share * known.loss > bounds.value - bounds.lower
-    room = ROUNDINGS * UNIT64 * away
-    low, high = np.maximum(lower, center + radius * low - room), np.minimum(upper, center + radius * high + room)
+    rounding = ROUNDINGS * UNIT64 * away
+    low, high = center + radius * low - rounding, center + radius * high + rounding
+    low, high = np.maximum(lower, low), np.minimum(upper, high)
     cut = ((low > lower) | (high < upper)).any(axis=1)
     return CachedBounds(least, np.where(by_shape, known.axis, bounds.axis), (low, high), cut)
 
@@ -370,8 +404,8 @@ class ShapePositives:
         if known is None:
             least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
             return CachedBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
-        found = bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
-        return found._replace(axis=_unless_flat(found.corners[1] - found.corners[0], found.axis))
+        least = bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
+        return least._replace(axis=_unless_flat(least.corners[1] - least.corners[0], least.axis))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: boxes that are not halved any more."""
