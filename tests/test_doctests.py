@@ -33,6 +33,7 @@ METHODS = {
     wb.Certificate: ("from_dict", "proven", "to_dict"),
     wb.arms.Motions: ("path",),
     wb.pairs.Balls: ("certify", "load", "of", "save"),
+    wb.pairs.RobotBalls: ("certify", "load", "of", "save"),
     wb.pairs.Pair: ("contact_time", "distance", "func", "query"),
     wb.DistanceBounder: ("boxes", "data", "distance", "distance_func", "query", "rays", "save", "segments", "to"),
     wb.shapes.Function: ("check",),
@@ -99,7 +100,7 @@ def run(text: str, name: str, made: dict) -> None:
 
 @pytest.mark.parametrize("name", DOCUMENTED)
 def test_examples_run(name, made, tmp_path, monkeypatch):
-    if name == "arms.load_urdf":
+    if name == "arms.load_urdf" or name.startswith(("RobotBalls", "pairs.RobotBalls", "pairs.LinkHeld")):
         (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{"".join(ROBOT)}</robot>')
     monkeypatch.chdir(tmp_path)
     run(getdoc(DOCUMENTED[name]), name, made)

@@ -325,6 +325,7 @@ def fit(
     side: Annotated[Literal["outside", "inside"], Option(help="inside: no is certainly in the object.")] = "outside",
     workload: Workload = None,
     samples: Samples = 10**6,
+    balls: Annotated[int | None, number_option("Of a robot (.urdf): balls for all links, to .urdf or .yaml.")] = None,
     device: Device = "cpu",
     **rest: Any,
 ) -> tuple:
@@ -332,12 +333,18 @@ def fit(
 
     Ctrl-C ends training early; the best bounder so far is proven and saved.
 
+    With --balls, SHAPE is a robot, and balls that hold its links are written, as URDF or as cuRobo's YAML.
+
     Example: warp-bounding fit bunny.obj --method mlp --hidden 24,24 --margin 0.03 -o bunny.safetensors
     """
     from warp_bounding.certificates.statement import NOT_CONSERVATIVE
 
     quiet_warp(device)
     given = {"query": query, "length": length, "margin": margin, "force": force, "resolution": resolution, "side": side}
+    if balls is not None:
+        return _fit_balls(shape, output, balls, seed, rest | given | {"workload": workload})
+    if shape.suffix.lower() == ".urdf":
+        raise BoundingError(f"{shape}: is a robot; --balls 60 writes balls that hold its links")
     arguments = arguments_of(rest | given | {"budget": budget, "seed": seed, "device": device})
     check_writable(output, shape, *([workload] if workload else []), suffix=BOUNDER)
     own, loaded = read_queries(workload), wb.load_shape(str(shape), **reading_of(rest))
@@ -360,6 +367,25 @@ def fit(
         bounder.certificate.message if bounder.certificate else NOT_CONSERVATIVE,
         f"{seconds:.1f} s, {training['compile_seconds']:.1f} of them for compiling kernels; written to {output}",
     )
+
+
+def _fit_balls(robot: Path, output: str, count: int, seed: int, others: Mapping[str, Any]) -> tuple:
+    """What ``fit`` returns after it made balls of a robot; refuses ``others`` that differ from what they are unset."""
+    from warp_bounding.pairs.robot_balls import checked_suffix
+
+    known = inspect.signature(fit).parameters
+    unset = {name: known[name].default if name in known else None for name in others}
+    if unfit := [f"--{name.replace('_', '-')}" for name, value in others.items() if value != unset[name]]:
+        raise BoundingError(f"balls of a robot take no {', '.join(unfit)}")
+    check_writable(output, robot, suffix=checked_suffix(output))
+    started = clock.perf_counter()
+    found = wb.pairs.RobotBalls.of(robot, count, seed=seed)
+    found.save(output)
+    seconds, counts = clock.perf_counter() - started, {link: len(own) for link, own in found.links.items()}
+    about_it = {"path": output, "shape": robot, "balls": counts, "proven": True, "fit_seconds": round(seconds, 3)}
+    lines = [f"{link}: {number} balls" for link, number in counts.items()]
+    total = f"{sum(counts.values())} balls hold the {len(counts)} links of {found.name}, proven"
+    return 0, about_it, *lines, f"{total}; {seconds:.1f} s; written to {output}"
 
 
 def _method_options() -> list[inspect.Parameter]:
@@ -420,7 +446,8 @@ def certify(
 ) -> tuple:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
 
-    Of the balls of a pair: that they hold SHAPE.
+    Of the balls of a pair: that they hold SHAPE. Of balls of a robot's links (.urdf, .yaml), whoever made them: that
+    they hold the robot SHAPE (.urdf); else a point of each link is printed that none holds.
 
     Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here
     are compared with FILE's.
@@ -432,6 +459,11 @@ def certify(
 
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
     processes = one_of(jobs, scheduler)
+    if file.suffix.lower() in (".urdf", ".yaml", ".yml"):
+        given = expected | reading | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
+        if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
+            raise BoundingError(f"balls of a robot are certified at once; leave out {', '.join(unfit)}")
+        return _certify_balls(file, shape, budget)
     if read(file)[1].get("method") == BALLS:
         given = expected | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
         if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
@@ -452,6 +484,26 @@ def certify(
         f"{found.kind}: {found.message}",
         f"counterexample: {found.counterexample}" if found.counterexample else "",
         f"{found.boxes:,} boxes, {found.seconds:.2f} s",
+    )
+
+
+def _certify_balls(file: Path, robot: Path, budget: float) -> tuple:
+    """What ``certify`` returns of balls of a robot."""
+    quiet_warp()
+    balls = wb.pairs.RobotBalls.load(file)
+    found = balls.certify(robot, budget=budget)
+    if strange := balls.links.keys() - found.keys():
+        warn(f"not links of {robot.name} with collision geometry, and left out: {', '.join(sorted(strange))}")
+    bare = {link: held for link, held in found.items() if not held.proven}
+    kind = "refuted" if any(held.kind == "refuted" for held in bare.values()) else "undecided" if bare else "proven"
+    told = {link: vars(held) | {"proven": held.proven} for link, held in found.items()}
+    for held in told.values():  # JSON has no infinity
+        held |= {name: None for name in ("outside", "growth") if held[name] == float("inf")}
+    return (
+        1 if bare else 0,
+        {"path": file, "shape": robot, "proven": not bare, "kind": kind, "links": told},
+        *(f"{link}: {held}" for link, held in found.items()),
+        f"{kind}: {len(found) - len(bare)} of {len(found)} links of {robot.name} are held by their balls",
     )
 
 
@@ -683,7 +735,7 @@ def _bake_options() -> dict[str, inspect.Parameter]:
     """All options of ``fit``, with fewer samples, and those of ``choose``, none of which must be given."""
     from warp_bounding.baking.engine import SAMPLES
 
-    own = ("shape", "output", "checkpoint", "json")
+    own = ("shape", "output", "checkpoint", "json", "balls")
     parameters = (inspect.signature(choose).parameters | inspect.signature(fit).parameters).items()
     found = {name: p.replace(kind=KEYWORD) for name, p in parameters if name not in own}
     found["narrow_ns"] = _option("narrow_ns", prices, help=f"Choose instead. {NARROW}")

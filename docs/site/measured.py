@@ -341,10 +341,10 @@ def pays_not(results: Path) -> str:
     return "".join(f"* **{what}**: {how}\n" for what, how in lines.items())
 
 
-def planner_balls(results: Path) -> str:
+def robot_balls(results: Path) -> str:
     """How much of robots lies outside of the balls that a planner checks."""
     names = {"panda": "Panda", "ur5": "UR5 with gripper", "fetch": "Fetch"}
-    rows = _rows(results / "planner-balls/balls.csv")
+    rows = _rows(results / "robot-balls/balls.csv")
     cells = [[names[row["robot"]], row["balls"], row["outside_percent"], row["farthest_mm"]] for row in rows]
     return table(["VAMP's balls", "balls", "surface outside, %", "farthest, mm"], cells)
 
@@ -387,7 +387,7 @@ MEASURED: dict[str, Callable[[Path], str]] = {
     "pays-not": pays_not,
     "arms": arms,
     "tightness": tightness,
-    "planner-balls": planner_balls,
+    "robot-balls": robot_balls,
 }
 MARK = re.compile(
     r"^<!--measured:([\w-]+)-->$(?:\n((?!<!--).*\n)*<!--end-->$)?", re.MULTILINE

@@ -28,6 +28,7 @@ from warp_bounding.errors import ShapeError
 from warp_bounding.rigid import about, matmul, ring, sine_cosine
 from warp_bounding.runtime.progress import slow
 from warp_bounding.shapes.formats.meshes import read_mesh_data
+from warp_bounding.shapes.formats.reading import MeshData
 
 Element = ElementTree.Element
 SIDES = 16  # of a prism around a cylinder
@@ -48,6 +49,7 @@ ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
     "capsule": {"+radius": (1,), "+length": (1,)},
     "mesh": {"+filename": (), "scale": (1, 3)},
 }
+SHAPES = ("box", "sphere", "cylinder", "capsule", "mesh")
 OPEN = ("parent", "child", "limit")  # attributes that are not known place nothing here
 SIZES = ("size", "radius", "length")  # attributes that are 0 or more
 PACKAGES = ("package", "model")  # schemes of addresses
@@ -114,7 +116,7 @@ def load_urdf(
         ['shoulder', 'elbow']
     """
     path = Path(path)
-    with _naming(path), slow(f"reading {path.name} and its meshes"):
+    with naming(path), slow(f"reading {path.name} and its meshes"):
         robot = _Robot(path, {} if held is None else held)
         if len(robot.steps) > MOST_JOINTS:
             raise ShapeError(
@@ -138,7 +140,7 @@ def load_urdf(
 
 
 @contextlib.contextmanager
-def _naming(where: object) -> Iterator[None]:
+def naming(where: object) -> Iterator[None]:
     """Say in a ``ShapeError`` where it is from."""
     try:
         yield
@@ -165,6 +167,24 @@ def _parsed(path: Path, kind: str) -> Element:
     return root
 
 
+def links_of(path: Path) -> tuple[Element, dict[str, Element]]:
+    """The robot of a URDF file, and its links by their names."""
+    root = _parsed(path, "a URDF file")
+    if macros := [element.tag for element in root.iter() if element.tag.startswith("xacro:")]:
+        raise ShapeError(f"expected a URDF file, got the macro {macros[0]}; let xacro write one")
+    return root, _named(root, "link")
+
+
+def shape_of(part: Element) -> tuple[str, dict[str, Any], np.ndarray]:
+    """Kind and attributes of the one shape of a collision element, and its pose ``(4, 4)`` in the link's frame."""
+    kinds = [shape.tag for geometry in part.findall("geometry") for shape in geometry]
+    kinds = [kind for kind in kinds if ":" not in kind]
+    if len(kinds) != 1 or kinds[0] not in SHAPES or len(part.findall("geometry")) > 1:
+        got = ", ".join(kinds) or "none"
+        raise ShapeError(f"expected one geometry of one shape, of {', '.join(SHAPES)}, got {got}")
+    return kinds[0], _only(part.find("geometry"), kinds[0]), _pose(part)
+
+
 def _named(root: Element, kind: str) -> dict[str, Element]:
     """Elements by their names."""
     found = root.findall(kind)
@@ -176,7 +196,7 @@ def _named(root: Element, kind: str) -> dict[str, Element]:
 
 
 def _joint(element: Element, name: str) -> _Joint:
-    with _naming(f"joint {name}"):
+    with naming(f"joint {name}"):
         kind = element.get("type", "no type")
         parent, child = (_only(element, end, needed=True)["link"] for end in ("parent", "child"))
         axis, limit, mimic = ({} if kind in FIXED else _only(element, tag) for tag in ("axis", "limit", "mimic"))
@@ -200,7 +220,7 @@ def _only(whole: Element, tag: str, *, needed: bool = False) -> dict[str, Any]:
         raise ShapeError(f"{tag}: expected {', '.join(names)}, got {', '.join(strange)}")
     if missing := [name[1:] for name in known if name[0] == "+" and name[1:] not in given]:
         raise ShapeError(f"{tag}: expected {', '.join(missing)}, got none")
-    with _naming(tag):
+    with naming(tag):
         return {name: _read(given[name], name, counts) for name, counts in names.items() if name in given}
 
 
@@ -230,7 +250,7 @@ def _disabled(path: Path, robot: "_Robot") -> tuple[list[tuple[str, str]], list[
 
     In any order of its lines, pairs are disabled by default, then some are enabled, then some disabled.
     """
-    with _naming(path):
+    with naming(path):
         root, links = _parsed(path, "an SRDF file"), set(robot.links)
         alone = [element.get("link") for element in root.findall("disable_default_collisions")]
         reasons = {frozenset(pair): "Default" for pair in product(alone, links)}
@@ -265,10 +285,8 @@ class _Robot:
     """
 
     def __init__(self, path: Path, held: Mapping[str, float]):
-        root = _parsed(path, "a URDF file")
-        if macros := [element.tag for element in root.iter() if element.tag.startswith("xacro:")]:
-            raise ShapeError(f"expected a URDF file, got the macro {macros[0]}; let xacro write one")
-        self.path, self.name, self.links = path, root.get("name") or path.stem, _named(root, "link")
+        root, self.links = links_of(path)
+        self.path, self.name = path, root.get("name") or path.stem
         self.joints = {name: _joint(element, name) for name, element in _named(root, "joint").items()}
         if not isinstance(held, Mapping):
             raise ShapeError(f"expected held to give a value for each name of a joint, got {held!r}")
@@ -384,21 +402,16 @@ class _Robot:
 
         @cache
         def hulls(name: str, *scale: float) -> list[Body]:
-            vertices, faces, reported = _mesh(name, self.path, upright)
+            vertices, faces, reported = mesh_data(name, self.path, upright)
             notes.extend(reported)
             return hulls_of(vertices * scale, faces, pieces)
 
         shapes = SOLIDS | {"mesh": lambda filename, scale=1.0: hulls(filename, *np.broadcast_to(scale, 3))}
         for link, (number, at) in self.placed.items():
             for part in parts[link]:
-                with _naming(f"link {link}"):
-                    kinds = [shape.tag for geometry in part.findall("geometry") for shape in geometry]
-                    kinds = [kind for kind in kinds if ":" not in kind]
-                    if len(kinds) != 1 or kinds[0] not in shapes or len(part.findall("geometry")) > 1:
-                        got = ", ".join(kinds) or "none"
-                        raise ShapeError(f"expected one geometry of one shape, of {', '.join(shapes)}, got {got}")
-                    made = shapes[kinds[0]](**_only(part.find("geometry"), kinds[0]))
-                    pose = matmul(at, _pose(part))
+                with naming(f"link {link}"):
+                    kind, sizes, pose = shape_of(part)
+                    made, pose = shapes[kind](**sizes), matmul(at, pose)
                 for body in made if isinstance(made, list) else [made]:
                     bodies.append(replace(body, link=number, name=part.get("name") or link, part=link).moved(pose))
         return bodies, notes
@@ -456,8 +469,8 @@ SOLIDS: dict[str, Callable[..., Body]] = {
 }
 
 
-def _mesh(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, np.ndarray, list[str]]:
-    """Vertices ``(V, 3)`` and faces ``(F, 3)`` of a mesh, and notes."""
+def mesh_data(name: str, path: Path, upright: bool | None) -> MeshData:
+    """Vertices, faces and notes of a mesh that a URDF file names so."""
     found = _mesh_file(name, path)
     if found is None:
         raise ShapeError(
@@ -468,7 +481,7 @@ def _mesh(name: str, path: Path, upright: bool | None) -> tuple[np.ndarray, np.n
     notes += ("glTF, whose y is up by its standard, is taken as it stands",) * (
         found.suffix.lower() in (".glb", ".gltf")
     )
-    return vertices, faces, [f"{found.name}: {note}" for note in notes]
+    return MeshData(vertices, faces, tuple(f"{found.name}: {note}" for note in notes))
 
 
 def _mesh_file(name: str, path: Path) -> Path | None:

@@ -6,9 +6,9 @@ while none stands out by more than e. For a given number of balls the least e is
 chosen greedily, the one first that holds most of the sample points that no other holds yet. Then every point goes to
 the ball that must grow least for it, and balls shrink to their points.
 
-*The proof* (``_search``) halves the box around the mesh until each box lies in one ball, or the mesh certifies that it
-is empty. A box lies in a ball if its farthest corner does, in float64 with a bound of its rounding. ``of`` lets balls
-grow until that is so; ``certify`` proves it from the balls and the mesh alone.
+*The proof* (``search_mesh``) halves the box around the mesh until each box lies in one ball, or the mesh certifies that
+it is empty. A box lies in a ball if its farthest corner does, in float64 with a bound of its rounding. ``of`` lets
+balls grow until that is so; ``certify`` proves it from the balls and the mesh alone.
 
 *The tree* (``Tree``) follows from the balls: halves along the longest side of their centres, eight parts a node. A
 node's ball is the smallest found that holds its children's balls, its radius rounded up.
@@ -66,7 +66,7 @@ def _reach(centers: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndar
     return np.sqrt((far * far).sum(axis=-1)) / INWARDS
 
 
-def _search(
+def search_mesh(
     mesh: Mesh, centers: np.ndarray, radii: np.ndarray, least: float, end: float = np.inf, grow: bool = False
 ) -> _Search:
     """Halve the box around a mesh until boxes lie in a ball or are empty, or one of side ``least`` is left.
@@ -84,7 +84,7 @@ def _search(
 
 
 class _Balls:
-    """Looks at boxes; arguments as in ``_search``."""
+    """Looks at boxes; arguments as in ``search_mesh``."""
 
     chunk = CHUNK
 
@@ -126,7 +126,7 @@ def _bare(mesh: Mesh, tree: cKDTree, centers: np.ndarray, radii: np.ndarray, poi
     return None
 
 
-def _medial(points: np.ndarray, normals: np.ndarray, others: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
+def medial(points: np.ndarray, normals: np.ndarray, others: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Balls ``(N, 3)``, ``(N,)`` that touch points from inside and hold none of the others; by shrinking."""
     tree, radii = cKDTree(others), np.full(len(points), size)
     for _ in range(40):
@@ -218,7 +218,7 @@ def _found(mesh: Mesh, count: int, rng: np.random.Generator) -> tuple[np.ndarray
     points, centers, radii = [seeds, mesh.corners()], seeds, np.zeros(number)
     if mesh.watertight:
         sign = np.where(mesh.contains(seeds - 1e-4 * size * normals), 1.0, -1.0)[:, None]  # faces may be turned inwards
-        centers, radii = _medial(seeds, normals * sign, np.concatenate(points), size)
+        centers, radii = medial(seeds, normals * sign, np.concatenate(points), size)
         outside = ~mesh.contains(centers)  # of thin parts, and where faces overlap
         centers[outside], radii[outside] = seeds[outside], 0.0
         inner = rng.uniform(mesh.lower, mesh.upper, (FEWEST, 3))
@@ -374,7 +374,7 @@ class Balls:
         centers, radii, by = _found(mesh, int(count), np.random.default_rng(seed))
         radii += mesh.margin
         size = float((mesh.upper - mesh.lower).max())
-        _search(mesh, centers, radii, max(by / 16, size * FINEST), grow=True)
+        search_mesh(mesh, centers, radii, max(by / 16, size * FINEST), grow=True)
         made = centers.astype(np.float32), round_up(radii).astype(np.float32)
         return cls(*made, mesh.digest, mesh.name, {"seed": int(seed)})
 
@@ -410,7 +410,7 @@ class Balls:
             return result("inapplicable", f"these balls hold {self.name}, and {mesh.name} is another mesh")
         centers, radii = self.centers.astype(np.float64), self.radii.astype(np.float64)
         size = float((mesh.upper - mesh.lower).max())
-        found = _search(mesh, centers, radii, LEAST_SIDE * size, started + budget)
+        found = search_mesh(mesh, centers, radii, LEAST_SIDE * size, started + budget)
         if found.complete:
             held = "the solid" if mesh.watertight else "the surface"
             return result("proven", f"{len(radii)} balls hold {held} of {mesh.name}.", found.boxes)
