@@ -408,6 +408,9 @@ def test_joints_of_a_whole_turn_turn_without_end_for_self_collision(rng):
     assert 0.02 < held.mean() < 0.98
     assert np.array_equal(own.contains(q[:, own.columns]), held)
     assert followed.self_collision().upper[0] > 6  # its limits are also those of what follows it
+    ends = (3.14159, 3.1415)  # as files write pi; and less
+    joints = [Joint(j.origin, j.axis, -end, end) for j, end in zip(arm.joints, (*ends, 3.0), strict=True)]
+    assert [joint.continuous for joint in Arm(joints, arm.bodies).endless().joints] == [True, False, False]
 
 
 def test_pairs_that_always_touch_are_left_out(rng):

@@ -249,6 +249,7 @@ def checked_pose(pose, name: str) -> np.ndarray:
 
 MOST_JOINTS = 64  # the rounding of ``Motions`` counts on it
 FARTHEST = 4 * np.pi  # of a limit in radians; farther there is nothing new, and sine and cosine are less accurate
+WHOLE_TURN = 2 * np.pi - 1e-5  # radians: limits so far apart count as a whole turn; files write 3.14159
 PARALLEL = 1e-12  # by how much the cosine of the angle between parallel axes may miss 1
 OUTWARD = 1 + 2.0**-40  # outweighs what float64 rounds in a reach
 
@@ -511,6 +512,8 @@ class Arm:
     def endless(self) -> "Arm":
         """The arm whose joints that turn by a whole turn or more, and lead none and follow none, turn without end.
 
+        What lacks 1e-5 rad of a whole turn counts as one, as files write 3.14159.
+
         Bounders of its configurations then know one turn of such a joint instead of two or more, and answer beyond its
         limits, too: whoever plans keeps these.
 
@@ -524,7 +527,7 @@ class Arm:
         whole = [
             i
             for i, joint in enumerate(self.joints)
-            if not joint.slides and joint.upper - joint.lower >= 2 * np.pi and i not in bound
+            if not joint.slides and joint.upper - joint.lower >= WHOLE_TURN and i not in bound
         ]
         found, joints = copy(self), list(self.joints)
         for i in whole:
@@ -674,8 +677,8 @@ class Arm:
     ) -> "ArmConfigurations":  # noqa: F821
         """The configurations in which the arm touches itself, in the joints that matter: a shape for all cells.
 
-        Joints that turn by a whole turn or more turn without end here, and those that move no pair of bodies against
-        each other are left out; ``columns`` of the shape tells which values of a configuration are its coordinates:
+        Joints turn without end here as in ``endless``, and those that move no pair of bodies against each other are
+        left out; ``columns`` of the shape tells which values of a configuration are its coordinates:
         ``bounder.query(q[:, shape.columns])``. So are pairs that touch in all of some random configurations; the
         shape's ``note`` names them.
 

@@ -189,9 +189,11 @@ def _planned(lowered: list[Bounder], shape: Shape, end: float, boxes: float, sch
         time = f"{left:.3g} s" if left < np.inf else f"{boxes:,.0f} boxes"
         expected = f"about {count * pace:.3g} s, {count:.3g} boxes, on {cores} cores"
         raise ProofError(
-            f"{method}: no useful proof of {shape.name} is expected within {time}; that of the lowest threshold that "
-            f"denies {USEFUL:.0%} of what is free takes {expected}. Give a larger budget= or more workers "
-            "(scheduler=), or take a threshold from samples (statistical=True)",
+            f"{method}: thresholds whose proofs are expected to end in {PLANNED:.0%} of {time} deny less than "
+            f"{USEFUL:.0%} of what is free of {shape.name}; the proof of the lowest that denies more takes {expected}. "
+            "Give a larger budget= or more workers (scheduler=); hold joints of an arm (held=), or split it: a bounder "
+            "of arm.self_collision(), and one of the cell, with self_collision=False; or take a threshold from samples "
+            "(statistical=True)",
             seconds=count * pace,
         )
     return first

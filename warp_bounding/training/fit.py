@@ -134,7 +134,7 @@ def fit(
         ProofError: Where no proof that denies a tenth of an arm's free configurations is expected to end in time. It
             holds the network.
 
-    Warns with ``BoundingWarning`` if less than a tenth of the free queries are denied.
+    Warns with ``BoundingWarning`` if less than a third of the free queries are denied.
 
     Example:
         >>> ball = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6
@@ -496,11 +496,11 @@ def warn_of_restriction(shape: Shape) -> None:
         warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
 
 
-LITTLE = 0.1  # of the free queries: a bounder that denies less is hardly of use
+LITTLE = 1 / 3  # of the free queries: of a bounder that denies less a user should know
 
 
 def warn_of_little(bounder: Bounder) -> None:
-    """Warn if hardly any free query is denied, by ``info["rates"]``."""
+    """Warn if few free queries are denied, by ``info["rates"]``."""
     rates = bounder.info["rates"]
     denied = (rates["free"] - rates["fp_rate"]) / rates["free"] if rates["free"] else 1.0
     if denied < LITTLE:
