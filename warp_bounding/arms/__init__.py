@@ -14,6 +14,19 @@ Example:
 from warp_bounding.arms.arm import WORLD, Arm, Body, Cylinder, Joint, Mimic
 from warp_bounding.arms.configurations import ArmConfigurations
 from warp_bounding.arms.motions import Motions, Plan
+from warp_bounding.arms.scene import load_scene
 from warp_bounding.arms.urdf import load_urdf
 
-__all__ = ["WORLD", "Arm", "ArmConfigurations", "Body", "Cylinder", "Joint", "Mimic", "Motions", "Plan", "load_urdf"]
+__all__ = [
+    "WORLD",
+    "Arm",
+    "ArmConfigurations",
+    "Body",
+    "Cylinder",
+    "Joint",
+    "Mimic",
+    "Motions",
+    "Plan",
+    "load_scene",
+    "load_urdf",
+]
