@@ -117,7 +117,10 @@ def made(folder: Path, name: str, shape, **options):
         return None
     if not path.is_file():
         wb.fit(shape, device="cpu", progress=False, budget=600.0, **options).save(path)
-    return wb.load(path, device="cpu")
+    try:
+        return wb.load(path, device="cpu")
+    except wb.FileFormatError:  # what it holds is gone
+        return None
 
 
 def ask(name: str, bounder, query: str, shape, placed: bool = False) -> None:

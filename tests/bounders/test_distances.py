@@ -172,26 +172,6 @@ def test_radii_of_their_own(rng):
     assert (many[:40] == one).all()
 
 
-@pytest.mark.parametrize("name", ["c", pytest.param("tetrahedron", marks=pytest.mark.slow)])
-def test_parts_have_a_slack_of_their_own(name, rng, tmp_path):
-    shape = thing(name)
-    cut = wb.fit(shape, "distance", method="mlp", hidden=(8,), steps=200, seed=0, device="cpu", parts=20)
-    assert cut.lattice.count > 8
-    assert cut.relief.max() > 0
-    assert cut.relief.min() == 0
-    assert wb.certify(cut, shape).proven
-    x = points_around(shape, 10_000, rng)
-    v = cut.domain.to_local(x)
-    v[::3, -1] = rng.choice(cut.lattice.edges[-1], len(v[::3]))  # on an edge, where the slack jumps
-    x = np.concatenate([x, cut.domain.to_object(v)]).astype(np.float32)
-    g = cut.distance(x).numpy()
-    assert (g <= shape.distances(x)[:, 1]).all()
-    assert (reloaded(cut, tmp_path).distance(x).numpy() == g).all()
-    maybe, t = (each.numpy() for each in cut.segments(x[:2000], x[2000:4000]))
-    assert not ((t > 0) & shape.contains(x[:2000])).any()
-    assert maybe[shape.contains(x[:2000])].all()
-
-
 @pytest.mark.parametrize("method", ["aabb", "distance-grid", "mlp"])
 def test_what_float64_is_rounded_by_is_charged(method, rng):
     """A float64 point is farther from its float32 one than g knows; every question allows for it."""
@@ -474,7 +454,7 @@ def test_excesses_hold(rng):
         v = rng.uniform(lower[cell], upper[cell], (400, 2))
         above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 1] / raised.domain.unit
         assert above.max() <= found[cell] + 1e-12
-    (most,), _, _, _ = largest_overestimate(raised, shape, 60.0)
+    most, _, _, _ = largest_overestimate(raised, shape, 60.0)
     v = rng.uniform(lower.min(axis=0), upper.max(axis=0), (100_000, 2))
     above = raised.reference(v) - shape.distances(raised.domain.to_object(v))[:, 0] / raised.domain.unit
     assert above.max() <= most <= above.max() + 0.01

@@ -12,7 +12,7 @@ from edges import COUNT, check_until
 from plain_shapes import LEANING, TETRAHEDRON
 
 import warp_bounding as wb
-from warp_bounding.bounders.mlp_distance import Lattice, MlpDistance, packed, unpacked
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.errors import BounderError, QueryError, ShapeError
 from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.shapes.shape import IN
@@ -252,14 +252,12 @@ def test_points_that_a_hole_closes_around_are_in_the_object(rng):
     assert not bounder.segments(a[1:2], b[1:2])[0].numpy().any()  # which promises contact, and there is none
 
 
-@pytest.mark.parametrize("parts", [1, 20])
-def test_no_place_of_a_moving_distance_is_behind_the_object(parts, rng):
+def test_no_place_of_a_moving_distance_is_behind_the_object(rng):
     """Random networks, whose F is often under the slack: there the object may be, and a segment is not clear."""
     domain, sizes = far("solid").domain, [(12, 4), (12, 12), (1, 12)]
     tensors = {f"layers.{i}.weight": rng.normal(0, 0.7, size).astype(np.float32) for i, size in enumerate(sizes)}
     tensors |= {f"layers.{i}.bias": rng.normal(0, 1, size[0]).astype(np.float32) for i, size in enumerate(sizes)}
-    bounder = MlpDistance(domain, tensors, {"hidden": [12, 12], "activation": "sin"}, "cpu").cut_in(parts)
-    bounder.relieve(rng.uniform(0, 0.5, bounder.part_count))
+    bounder = MlpDistance(domain, tensors, {"hidden": [12, 12], "activation": "sin"}, "cpu")
     v = rng.uniform(-1, 1, (1000, 4)) * domain.limit
     bounder.freeze(min(-float(np.float32(np.quantile(bounder.reference(v), 0.3))), 0.0), None)
 
@@ -273,7 +271,7 @@ def test_no_place_of_a_moving_distance_is_behind_the_object(parts, rng):
 
 @pytest.mark.parametrize("activation", ["sin", "relu"])
 def test_the_pace_is_no_less_than_any_slope_in_time(activation, rng):
-    """Over the whole domain, of random networks; and where parts have reliefs, these are the same at all times."""
+    """Over the whole domain, of random networks."""
     domain = far("solid").domain
     for size in (0.3, 1.5):
         tensors = {f"layers.{i}.weight": rng.normal(0, size, s) for i, s in enumerate([(12, 4), (12, 12), (1, 12)])}
@@ -286,13 +284,5 @@ def test_the_pace_is_no_less_than_any_slope_in_time(activation, rng):
         fall = np.abs(bounder.reference(v) - bounder.reference(w))
         assert (fall <= bounder.rate * np.abs(v[:, 0] - w[:, 0]) + 1e-12).all()
         assert bounder.pace >= domain.speed
-        cut = bounder.cut_in(50)
-        assert cut.lattice.shape[0] == 1
-        older = Lattice.of(-domain.limit.astype(float), domain.limit.astype(float), (3, 2, 1, 2))
-        levels = rng.integers(0, 256, 12).astype(np.uint8)
-        own = {"edges": np.concatenate(older.edges), "levels": packed(levels), "step": np.float32([2.0**-10])}
-        older = MlpDistance(domain, tensors | own, bounder.sizes | {"shape": [3, 2, 1, 2]}, "cpu")
-        least = levels.reshape(3, 4).min(axis=0) * 2.0**-10
-        assert (older.relief.reshape(3, 4) == least).all()
-        assert (unpacked(older.words(), 12) * 2.0**-10 == older.relief).all()
-        assert (older.tensors["levels"] == packed(levels)).all()
+        with pytest.raises(BounderError, match="parts have slacks of their own are gone"):
+            MlpDistance(domain, tensors, bounder.sizes | {"shape": [3, 2, 1, 2]}, "cpu")

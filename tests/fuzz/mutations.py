@@ -351,7 +351,7 @@ def tighten(file: File, bounder: Bounder, grid: Grid, rng: np.random.Generator) 
     voxels that keep what the proof counts on."""
     if bounder.of_distances:
         of_volume = bounder.volume is not None
-        least = 0.0 if of_volume else -float(largest_overestimate(bounder, grid, SEARCH_SECONDS)[0].max())
+        least = 0.0 if of_volume else -largest_overestimate(bounder, grid, SEARCH_SECONDS)[0]
         tightest = float(round_down(np.nextafter(least - bounder.rounding_bound(), -np.inf)))
         if np.isfinite(tightest):
             file.document["threshold"] = min(tightest, 0.0)

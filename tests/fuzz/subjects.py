@@ -1,4 +1,4 @@
-"""Honest bounders to be spoilt: of every method, kind of query and of shape, either side, in parts, of parts."""
+"""Honest bounders to be spoilt: of every method, kind of query and of shape, either side, of parts."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -154,8 +154,8 @@ def _fit(name: str, *which: str, **told) -> Bounder:
     return wb.fit(shape(name), *which, device="cpu", progress=False, **told)
 
 
-def _distance(method: str, name: str, **options) -> Bounder:
-    return _fit(name, "distance", method, budget=4.0, **DISTANT.get(method, {}) | options)
+def _distance(method: str, name: str) -> Bounder:
+    return _fit(name, "distance", method, budget=4.0, **DISTANT.get(method, {}))
 
 
 def subjects() -> list[Subject]:
@@ -174,7 +174,6 @@ def subjects() -> list[Subject]:
         for method, kind in DISTANCES.items():
             if kind.supports("distance", ndim) and not shape(name).time:
                 found.append(Subject(f"{method} distance {name}", name, partial(_distance, method, name)))
-    found.append(Subject("mlp distance c in parts", "c", partial(_distance, "mlp", "c", parts=20)))
     for query, methods in CASCADES.items():
         found.append(Subject(f"{methods} {query} c", "c", partial(_cascade, methods, "c", query)))
     return found

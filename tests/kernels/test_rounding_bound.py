@@ -36,12 +36,6 @@ def joined() -> Bounder:
     return wb.cascade(*(threshold_at_median(random_bounder(method, "blob")) for method in ("kdop", "sphere", "mlp")))
 
 
-def parts_of_a_distance() -> Bounder:
-    cut = far("mlp", "blob").cut_in(6)
-    cut.relieve(np.linspace(0, 0.3, cut.part_count))
-    return cut.freeze(-0.5, None)
-
-
 MADE = {f"{method} {name}": partial(random_bounder, method, name) for method, name in crossed(METHODS, ["blob"])}
 MADE |= {
     f"mlp {query} {activation} {len(hidden)}": partial(network, hidden, activation, query)
@@ -50,7 +44,6 @@ MADE |= {
 }
 MADE |= {"cascade": joined}
 MADE |= {f"distance {method}": partial(far, method, "blob") for method in DISTANCES}
-MADE |= {"distance in parts": parts_of_a_distance}
 
 
 def coordinates(bounder: Bounder, v: np.ndarray) -> np.ndarray:

@@ -182,19 +182,6 @@ class DistanceBounder(Bounder):
         limit = self.domain.limit.astype(np.float64)
         return -limit[None], limit[None]
 
-    part_count: int = 1  # parts of the domain that have a slack of their own each; no piece lies in two of them
-
-    def part_of(self, v: np.ndarray) -> np.ndarray:
-        """``(N,)`` int, the parts in which local coordinates ``(N, n)`` lie."""
-        return np.zeros(len(v), dtype=np.int64)
-
-    def relieve(self, overestimate: np.ndarray) -> None:
-        """Let each part have a slack of its own, in place; no threshold is known any more.
-
-        F exceeds the distance in each part by no more than ``overestimate`` ``(parts,)``, local units; the largest
-        stays.
-        """
-
     @property
     def rate(self) -> float:
         """Where coordinate 0 is time: more than F changes in a local unit of time; local units."""

@@ -4,38 +4,14 @@
 /// Each lane takes one segment after another, or a window of one where they are shared. A segment is given by its ends;
 /// a + t w is what it is in the network's inputs, and the walk goes along the part of it that may lie within reach. The
 /// arrays map holds centre and scale of that map, reach, and the limits of ends beyond which nothing is known. A lane
-/// goes piece by piece from first to last. A piece is clear where the bound of -f lies above what is needed there:
-/// base, less the least of the values of the lattice's parts that the piece may meet. The next one is then twice as
-/// long. Of a piece that is not clear the walk goes as far as the linear bound level + slope zeta tells, and goes on
+/// goes piece by piece from first to last. A piece is clear where the bound of -f lies above base. The next one is then
+/// twice as long. Of a piece that is not clear the walk goes as far as the linear bound level + slope zeta tells, and goes on
 /// with a shorter one; it ends at one of 2^-depth of the way, and in a quick walk at every point that cannot be clear,
 /// in all windows of the segment at once. until is then the least place at which a walk along the segment has ended.
 /// Where begin is infinite nothing is asked.
-const double* values = lattice.data + edges; const double* map_ = map.data;
+const double* map_ = map.data; const double need = base + absolute_of(base) * 0x1p-51 + 0x1p-1000;  // rounded up
 V low[BOX], high[BOX]; int own[L]; const int windows = shared ? L : 1; long long next = (long long)BEGIN * windows;
 double at[L], step[L], last[L], shortest[L];
-auto least_value = [&](int l, double begin, double end) {
-    int from[K], to[K], now[K]; const double* edge = lattice.data;
-    for (int k = 0; k < K; ++k) {
-        const double x = LANE(low[k]) + begin * LANE(low[K + k]), y = LANE(low[k]) + end * LANE(low[K + k]);
-        const double left = (x < y ? x : y) - AROUND, right = (x < y ? y : x) + AROUND; int at = 0;
-        while (at < counts.data[k] - 1 && edge[at] <= left) ++at;
-        from[k] = now[k] = at;
-        while (at < counts.data[k] - 1 && edge[at] < right) ++at;
-        to[k] = at; edge += counts.data[k] - 1;
-    }
-    double least = INFINITY;
-    for (int k = K - 1; k >= 0;) {
-        int place = 0;
-        for (int i = 0; i < K; ++i) place = place * counts.data[i] + now[i];
-        least = values[place] < least ? values[place] : least;
-        for (k = K - 1; k >= 0 && ++now[k] > to[k]; --k) now[k] = from[k];
-    }
-    return least;
-};
-auto needed = [&](double least) {  // rounded up; nothing where all is denied
-    const double exact = base - least;
-    return least == INFINITY ? -INFINITY : exact + absolute_of(exact) * 0x1p-51 + 0x1p-1000;
-};
 for (int i = BEGIN; i < END; ++i) until.data[i] = INFINITY;
 auto found = [&](int i, double t) { until.data[i] = t < until.data[i] ? t : until.data[i]; };
 auto take = [&](int l) {
@@ -84,15 +60,14 @@ for (;;) {
     $body
     for (int l = 0; l < L; ++l) {
         if (own[l] < 0) continue;
-        const double end = LANE(high[2 * K]), need = needed(least_value(l, at[l], end));
-        const bool clear = need == -INFINITY || LANE(least) > need;  // NaN is not
+        const double end = LANE(high[2 * K]);
+        const bool clear = LANE(least) > need;  // NaN is not
         if (clear && end < last[l]) { at[l] = end; step[l] *= 2.0; continue; }
         if (!clear) {
-            const double where = LANE(z[2 * K]);
-            const bool blocked = !(LANE(value) > needed(least_value(l, where, where)));
+            const bool blocked = !(LANE(value) > need);
             const double rise = LANE(level) - (need + absolute_of(LANE(level)) * 0x1p-51), fall = -LANE(slope[0]);
             const double share = rise > -fall && fall > 0.0 ? (rise < fall ? rise / fall * 0.5 + 0.5 : 1.0) - 0x1p-40 : 0.0;
-            const bool over = (blocked && (quick || where == at[l])) || step[l] <= shortest[l];
+            const bool over = (blocked && (quick || LANE(z[2 * K]) == at[l])) || step[l] <= shortest[l];
             if (share > 0.0) at[l] += share * (end - at[l]);
             step[l] *= blocked ? 0.125 : 0.25;
             step[l] = step[l] < shortest[l] ? shortest[l] : step[l];

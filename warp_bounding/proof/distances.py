@@ -32,57 +32,43 @@ def excesses_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.nda
 
 
 class Tolerances:
-    """The overestimate up to which a box is good enough, by part of the domain.
+    """The overestimate up to which a box is good enough: a little above the greatest ever met.
 
-    A little above the greatest ever met there.
-
-    Samples miss the greatest overestimate of a part, and a search that asks for less than there is halves boxes around
-    it for nothing. So where a search gets stuck, F and the distance themselves are queried in the middles of its boxes,
-    and the part's tolerance rises.
+    Samples miss the greatest overestimate, and a search that asks for less than there is halves boxes around it for
+    nothing. So where a search gets stuck, F and the distance themselves are queried in the middles of its boxes, and
+    the tolerance rises.
 
     Args:
-        met: ``(parts,)``, the greatest overestimate that was met in each part, local units; raised in place.
-        above: By how much a bar is above that.
-        parts: ``(N,)`` int, the parts in which a search's first boxes lie.
-        fixed: Never raise them.
+        met: The greatest overestimate that was met, local units; or what is good enough, of each of a search's first
+            boxes.
+        above: By how much the tolerance is above that.
+        rising: Whether it may be raised; then ``met`` is one number.
 
     Attributes:
-        raised: Where F exceeds the distance by more than what had been met in the part, ``(K, n)`` arrays, local
-            coordinates.
+        raised: Where F exceeds the distance by more than what had been met, ``(K, n)`` arrays, local coordinates.
     """
 
-    def __init__(self, met: np.ndarray, above: float, parts: np.ndarray, *, fixed: bool = False):
-        self.met, self.above, self.parts, self.fixed = met, above, parts, fixed
+    def __init__(self, met: np.ndarray | float, above: float = 0.0, *, rising: bool = False):
+        self.met, self.above, self.rising = met, above, rising
         self.raised: list[np.ndarray] = []
 
-    @classmethod
-    def of_boxes(cls, tolerance: np.ndarray | float, count: int) -> "Tolerances":
-        """Bars that do not rise, one for each of ``count`` first boxes, or one for all."""
-        return cls(np.broadcast_to(tolerance, count), 0.0, np.arange(count), fixed=True)
-
-    def of(self, owner: np.ndarray) -> np.ndarray:
-        """``(K,)``, the tolerances of boxes that came from the first boxes of these numbers."""
-        return self.met[self.parts[owner]] + self.above
+    def of(self, owner: np.ndarray) -> np.ndarray | float:
+        """The tolerances of boxes that came from the first boxes of these numbers: ``(K,)``, or one of all."""
+        return (self.met if np.ndim(self.met) == 0 else self.met[owner]) + self.above
 
     def rise(
-        self,
-        bounder: DistanceBounder,
-        shape: Shape,
-        low: np.ndarray,
-        high: np.ndarray,
-        owner: np.ndarray,
-        overestimate: np.ndarray,
+        self, bounder: DistanceBounder, shape: Shape, low: np.ndarray, high: np.ndarray, overestimate: np.ndarray
     ) -> None:
-        """Evaluate F where bounds ``overestimate`` exceed their tolerances the most, and raise those that F exceeds."""
-        if self.fixed or not len(low):
+        """Evaluate F where bounds ``overestimate`` are the largest, and raise the tolerance if F exceeds it."""
+        if not self.rising or not len(low):
             return
-        over = overestimate - self.of(owner)
+        over = overestimate - (self.met + self.above)
         queried = np.argpartition(-over, ASKED)[:ASKED] if len(over) > ASKED else np.arange(len(over))
-        v, parts = low[queried] / 2 + high[queried] / 2, self.parts[owner[queried]]
+        v = low[queried] / 2 + high[queried] / 2
         met = excesses_at(bounder, shape, v)
         if met is not None:
-            self.raised.append(v[met > self.met[parts]])
-            np.maximum.at(self.met, parts, met)
+            self.raised.append(v[met > self.met])
+            self.met = max(self.met, float(met.max()))
 
 
 # --- search ----------------------------------------------------------------------------------------------------------
@@ -99,8 +85,6 @@ COARSEST = 0.05  # local units: the same of the first search
 FINER = 16.0  # by how much a search may be finer than the last one
 SAFE = 0.6  # of the time that is left: as much is planned for the next search
 WORTH = 0.7  # a search that can be no finer than this share of the last one is not begun
-GROUPS, LAST = 16, 0.6  # of many parts: how many groups the last search takes in turn, and how much finer it is
-NEARLY = 0.05  # local units: a part counts with its points where F is no farther below the distance than this
 HALVINGS = 14  # on each axis, at most
 
 
@@ -139,7 +123,7 @@ def excesses(
     Raises:
         BounderError: If the shape has no distance.
     """
-    tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances.of_boxes(tolerance, len(lower))
+    tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances(tolerance)
     look = _Excess(bounder, shape, tolerances, halvings, least)
     state = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **options)
     overestimates, boxes, complete = state.found, state.boxes, True
@@ -182,20 +166,20 @@ class _Excess:
         overestimate, above = self.measured(boxes)
         more = above & (boxes.level < self.halvings)
         open_ = boxes.part(more)
-        self.tolerances.rise(self.bounder, self.shape, *open_[:3], overestimate[more])
+        self.tolerances.rise(self.bounder, self.shape, open_.lower, open_.upper, overestimate[more])
         longest = np.argmax(open_.upper - open_.lower, axis=1)
         return Seen(open_.halves(longest), boxes.owner[~more], overestimate[~more])
 
 
 def worst_points(
-    bounder: DistanceBounder, shape: Shape, met: np.ndarray, eps: float, *, boxes: float, budget: float
+    bounder: DistanceBounder, shape: Shape, met: float, eps: float, *, boxes: float, budget: float
 ) -> np.ndarray:
-    """Where F exceeds the distance by more than any sample of a part: what a proof's search finds and points miss.
+    """Where F exceeds the distance by more than any sample: what a proof's search finds and points miss.
 
     Args:
         bounder: Its F.
         shape: The object.
-        met: ``(parts,)``, local units; raised in place, to about the greatest overestimates there are, less ``eps``.
+        met: The greatest overestimate of samples, local units.
         eps: Local units: by how much an overestimate may be more than what was met before the search looks closer.
         boxes: How many boxes at most.
         budget: Seconds.
@@ -204,16 +188,18 @@ def worst_points(
         ``(K, n)`` float64, local coordinates.
     """
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
-    tolerances = Tolerances(met, eps, bounder.part_of(lower / 2 + upper / 2))
-    options = {"halvings": HALVINGS * bounder.ndim, "least": float(met.min()) + eps, "budget": budget, "most": boxes}
+    tolerances = Tolerances(met, eps, rising=True)
+    options = {"halvings": HALVINGS * bounder.ndim, "least": met + eps, "budget": budget, "most": boxes}
     excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
     return np.concatenate([*tolerances.raised, np.empty((0, bounder.ndim))])
 
 
-def largest_overestimate(
-    bounder: DistanceBounder, shape: Shape, budget: float
-) -> tuple[np.ndarray, int, bool, np.ndarray]:
-    """Certified: by how much F exceeds the distance in each part of the domain, at most: little more than samples have.
+def largest_overestimate(bounder: DistanceBounder, shape: Shape, budget: float) -> tuple[float, int, bool, np.ndarray]:
+    """Certified: by how much F exceeds the distance, at most: little more than samples have.
+
+    What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end.
+    Boxes are in number as ``eps^(-n/2)``, with eps what is proven above what samples have, since a linear function's
+    error goes with the square of a side.
 
     Args:
         bounder: Its F.
@@ -221,14 +207,25 @@ def largest_overestimate(
         budget: Seconds; when it is over the bound is what is known by then.
 
     Returns:
-        The overestimates ``(parts,)``, local units; how many boxes were looked at; whether there was time; and points
-        in object space where samples have the largest overestimates.
+        The overestimate, local units; how many boxes were looked at; whether there was time; and points in object space
+        where samples have the largest overestimates.
     """
-    v, sampled, worst = _sampled(bounder, shape)
-    parts, met = bounder.part_of(v), np.zeros(bounder.part_count)
-    np.maximum.at(met, parts, sampled)
-    weight = np.bincount(parts[: SAMPLES // 2][sampled[: SAMPLES // 2] > -NEARLY], minlength=bounder.part_count)
-    return (*_refined(bounder, shape, met, weight, budget), worst)
+    sampled, worst = _sampled(bounder, shape)
+    met, best, boxes = max(float(sampled.max()), 0.0), np.inf, 0
+    end, eps = working_seconds() + budget, COARSEST
+    while True:
+        started = working_seconds()
+        tolerance = Tolerances(met, eps, rising=True)
+        overestimate, looked, complete = _searched(bounder, shape, tolerance, end - started)
+        boxes, best, met = boxes + looked, min(best, overestimate), tolerance.met
+        now = working_seconds()
+        if not complete or eps <= EPS:
+            return best, boxes, complete, worst
+        planned = eps * ((now - started) / max(SAFE * (end - now), 1e-9)) ** (2 / bounder.ndim)
+        finer = max(EPS, planned, eps / FINER)
+        if finer > WORTH * eps:
+            return best, boxes, False, worst
+        eps = finer
 
 
 def overestimate_within(
@@ -248,21 +245,16 @@ def overestimate_within(
         **options: For ``halving.search``.
 
     Returns:
-        As ``largest_overestimate``, of all parts together. Where samples have more than the bar, nothing is searched.
+        As ``largest_overestimate``. Where samples have more than the bar, nothing is searched.
     """
-    _, sampled, worst = _sampled(bounder, shape)
+    sampled, worst = _sampled(bounder, shape)
     if sampled.max() > bar:
         return float(sampled.max()), 0, True, worst
-    tolerances = np.full(bounder.part_count, bar)
-    overestimate, boxes, complete = _searched(bounder, shape, tolerances, 0.0, budget, again=True, **options)
-    return float(overestimate.max()), boxes, complete, worst
+    return (*_searched(bounder, shape, Tolerances(bar), budget, again=True, **options), worst)
 
 
-def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Points of the domain, half of them uniform, in local coordinates, and F less the distance there.
-
-    And those points, in object space, where that is most.
-    """
+def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+    """F less the distance at points of the domain, half of them uniform; in object space those where it is most."""
     limit, rng = bounder.domain.limit.astype(np.float64), np.random.default_rng(0)
     near = _near(bounder, shape, SAMPLES // 2, rng)
     v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
@@ -270,79 +262,24 @@ def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.nda
     sampled = excesses_at(bounder, shape, v)
     if sampled is None:
         raise BounderError(f"{shape.name}: no distance is known of it")
-    return v, sampled, x[np.argsort(-sampled)[:1024]]
-
-
-def _refined(
-    bounder: DistanceBounder, shape: Shape, met: np.ndarray, weight: np.ndarray, budget: float
-) -> tuple[np.ndarray, int, bool]:
-    """The least overestimates of the parts that searches prove in a given time.
-
-    ``met`` holds those of samples, ``weight`` what a part counts.
-
-    What a search leaves undone counts with its largest box, so the next one is only begun where it is likely to end.
-    Boxes are in number as ``eps^(-n/2)``, with eps what is proven above ``met``, since a linear function's error goes
-    with the square of a side. Of many parts the last search takes one group after another, those first that count most,
-    and what it leaves undone stays as it was.
-    """
-    end, eps, boxes = working_seconds() + budget, COARSEST, 0
-    best, complete = np.full(len(met), np.inf), True
-    while True:
-        started = working_seconds()
-        overestimate, looked, complete = _searched(bounder, shape, met, eps, end - started)
-        boxes, best = boxes + looked, np.minimum(best, overestimate)
-        now = working_seconds()
-        if not complete or eps <= EPS:
-            return best, boxes, complete
-        planned = eps * ((now - started) / max(SAFE * (end - now), 1e-9)) ** (2 / bounder.ndim)
-        finer = max(EPS, planned, eps / FINER)
-        if finer > WORTH * eps:
-            break
-        eps = finer
-    if len(met) > 1:
-        order = np.argsort(-weight, kind="stable")
-        for group in np.array_split(order, min(GROUPS, len(order))):
-            seconds = end - working_seconds()
-            if seconds <= 0:
-                break
-            chosen = np.isin(np.arange(len(met)), group)
-            overestimate, looked, _ = _searched(bounder, shape, met, LAST * eps, seconds, chosen)
-            boxes, best[chosen] = boxes + looked, np.minimum(best, overestimate)[chosen]
-    return best, boxes, False
+    return sampled, x[np.argsort(-sampled)[:1024]]
 
 
 def _searched(
-    bounder: DistanceBounder,
-    shape: Shape,
-    met: np.ndarray,
-    eps: float,
-    budget: float,
-    chosen: np.ndarray | None = None,
-    *,
-    again: bool = False,
-    **options,
-) -> tuple[np.ndarray, int, bool]:
-    """The largest overestimates ``(parts,)``, where one up to ``eps`` above its part's ``met`` counts as that.
+    bounder: DistanceBounder, shape: Shape, tolerance: Tolerances, budget: float, *, again: bool = False, **options
+) -> tuple[float, int, bool]:
+    """The largest overestimate, where one up to the tolerance counts as that; how many boxes; whether there was time.
 
-    And the number of boxes, and whether the time was enough.
-
-    ``chosen`` are the parts that are requested, all for ``None``. ``again``, to certify what another search has found:
-    by other boxes, which begin with thirds; its tolerances do not rise. The rest is for ``excesses``.
+    ``again``, to certify what another search has found: by other boxes, which begin with thirds. The rest is for
+    ``excesses``.
     """
-    least = float(met.min()) + eps
+    least = tolerance.met + tolerance.above
     options |= {"halvings": HALVINGS * bounder.ndim, "least": least, "budget": budget}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
         lower, upper = _thirds(lower, upper)
-    parts = bounder.part_of(lower / 2 + upper / 2)
-    if chosen is not None:
-        kept = chosen[parts]
-        lower, upper, parts = lower[kept], upper[kept], parts[kept]
-    tolerances = Tolerances(met, eps, parts, fixed=again)
-    overestimates, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
-    by_part = np.full(len(met), least)
-    np.maximum.at(by_part, parts, overestimates)
-    return by_part, boxes, complete
+    overestimates, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerance, **options)
+    return max(least, float(overestimates.max())), boxes, complete
 
 
 def _thirds(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -163,7 +163,7 @@ def least_found(bounder: Bounder, grid: Shape, seed: int, points: np.ndarray | N
 def prove_distance(
     bounder: DistanceBounder, shape: Shape, *, of_volume: Certificate | None = None, budget: float = float("inf")
 ) -> None:
-    """``prove`` of a distance: ``f = d - F`` on all of the domain; each part may have a slack of its own.
+    """``prove`` of a distance: ``f = d - F`` on all of the domain.
 
     Args:
         bounder: Changed in place (``freeze``).
@@ -180,8 +180,7 @@ def prove_distance(
     if bounder.volume is None:
         started = working_seconds()
         overestimate, boxes, complete, _ = largest_overestimate(bounder, shape, budget)
-        least, spent = -float(overestimate.max()), working_seconds() - started
-        bounder.relieve(overestimate)
+        least, spent = -overestimate, working_seconds() - started
     elif of_volume is None or not of_volume.proven:
         volume = f"a volume that is proven, and {shape.name} certifies no box to be empty"
         raise BounderError(f"{bounder.method}: a distance needs {volume}")

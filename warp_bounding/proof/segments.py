@@ -42,7 +42,7 @@ __all__ = ["Segments", "clear_segments"]
 
 MOST_DEPTH = 30  # of a march: its steps are 2^30 at most
 DEPTH = 8  # a piece is halved at most this often
-# local units: more than a point of a piece may be off, where it is asked which part of a domain it lies in
+# local units: more than a point of a piece may be off
 AROUND = 2.0**-28
 INSIDE = 1e-9  # of the domain's half-widths: segments are clipped this far outside the domain
 PIECE = 2.0**-45  # of the largest coordinate of a segment: above what a dozen operations on an end of a piece round
@@ -252,7 +252,7 @@ class _March:
 
 def _walks(bounder: Bounder, count: int, depth: int, first: bool) -> "_Walk | _Any":
     """What asks a network, or several, about so many segments."""
-    if isinstance(bounder, MlpDistance) or len(bounder.parts) == 1:
+    if len(bounder.parts) == 1:
         return _Walk(bounder, count, depth, first)
     return _Any([_walks(part, count, depth, True) for part in bounder.parts])
 
@@ -324,7 +324,7 @@ class _Walk:
         device, moving = bounder.device, isinstance(bounder, MlpDistance)
         if bounder not in self._numbers:
             self._numbers[bounder] = _walk_numbers(bounder)
-        kernel, edges, arrays, _ = self._numbers[bounder]
+        kernel, arrays, _ = self._numbers[bounder]
         if moving:  # for what a point of a piece may be off
             base = -float(bounder.threshold) + bounder.steepness * AROUND
         else:
@@ -334,7 +334,7 @@ class _Walk:
         self._views = [each.numpy() for each in self._arrays] if device.is_cpu else None
         *given, until = self._arrays
         shared = int(device.is_cpu and count < SHARED)
-        inputs = [*given, count, 0, shared, depth, int(not first), base, edges, *arrays]
+        inputs = [*given, count, 0, shared, depth, int(not first), base, *arrays]
         self._launch = BlockLaunch(kernel, count, inputs, [until], device, first_index=4, block=BLOCK)
 
     def __call__(self, starts: np.ndarray, ends: np.ndarray, begin: np.ndarray) -> np.ndarray:
@@ -348,8 +348,8 @@ class _Walk:
         return self._arrays[3].numpy() if self._views is None else self._views[3].copy()
 
 
-def _walk_numbers(bounder: Bounder) -> tuple[wp.Kernel, int, list[wp.array], list[np.ndarray]]:
-    """The kernel of a network, how many edges its lattice has, and arrays, with what these share."""
+def _walk_numbers(bounder: Bounder) -> tuple[wp.Kernel, list[wp.array], list[np.ndarray]]:
+    """The kernel of a network, and arrays, with what these share."""
     network, moving, domain = bounder.network, isinstance(bounder, MlpDistance), bounder.domain
     weights = network.packed.copy()
     if not moving:  # the output layer's, so that -f is bounded
@@ -361,18 +361,11 @@ def _walk_numbers(bounder: Bounder) -> tuple[wp.Kernel, int, list[wp.array], lis
     if domain.time:  # beyond its range nothing is known
         least[0], most[0] = domain.lower[0], domain.upper[0]
     reach = (limit + 2 * AROUND * moving) * (1 + INSIDE)  # a distance's domain has no delta
-    lattice = getattr(bounder, "lattice", None)
-    edges = [] if lattice is None else lattice.edges
-    values = np.zeros(1) if lattice is None else bounder.relief
     padding = network.padding_for((limit + 4 * AROUND * moving) * (1 + 2 * INSIDE))
-    place = np.concatenate([domain.center, domain.scale, reach, least, most])
-    held = [weights, padding, np.concatenate([*edges, values]), place]
+    held = [weights, padding, np.concatenate([domain.center, domain.scale, reach, least, most])]
     held = [np.ascontiguousarray(each, dtype=np.float64) for each in held]
-    counts = np.ones(bounder.ndim, np.int32) if lattice is None else np.array(lattice.shape, np.int32)
-    arrays = [double_array(each, bounder.device) for each in held]
-    arrays.append(wp.array(counts, dtype=wp.int32, device=bounder.device))
     kernel = _kernel(network.kernel_shape(SegmentParametrization(bounder.ndim)))
-    return kernel, sum(map(len, edges)), arrays, held
+    return kernel, [double_array(each, bounder.device) for each in held], held
 
 
 @cache
@@ -380,8 +373,7 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
     names = "const double* w = weights.data; const double* padding = paddings.data;\n"
     names += (
         constants(K=shape.ndim, BOX=shape.parametrization.size, BLOCK=BLOCK)
-        + f" constexpr double AROUND = {constant(AROUND)}, INSIDE = {constant(INSIDE)};"
-        + f" constexpr double LARGEST = {constant(LARGEST_LOCAL)};"
+        + f" constexpr double INSIDE = {constant(INSIDE)}, LARGEST = {constant(LARGEST_LOCAL)};"
     )
     names += " auto absolute_of = [](double x) { return x < 0.0 ? -x : x; };"
     walk = fill(native_text("segments.h").WALK, body=body(shape))
@@ -403,12 +395,9 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         depth: int,
         quick: int,
         base: wp.float64,
-        edges: int,
         weights: wp.array(dtype=wp.float64),
         paddings: wp.array(dtype=wp.float64),
-        lattice: wp.array(dtype=wp.float64),
         map: wp.array(dtype=wp.float64),
-        counts: wp.array(dtype=wp.int32),
         until: wp.array(dtype=wp.float64),
     ): ...
 

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from warp_bounding.bounders.mlp_distance import AXES_OF_MANY, MANY, MlpDistance
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.proof.distances import worst_points
 from warp_bounding.queries.boundary import border_points, held_points
 from warp_bounding.runtime.progress import Progress
@@ -64,7 +64,7 @@ EASE, EASED_FROM, EASED_IN = 0.2, 0.05, 4
 HARD, AROUND = 16_384, 8192  # the worst points kept, and points around them that are tried at a refresh
 MOVES = (2.0**-10, 2.0**-3)  # local units: how far around them
 # When the proof's own search looks for what random points do not find, used fractions; for what share of the budget,
-# and at how many boxes at most; and how much more than the worst point known in a part it looks for, local units.
+# and at how many boxes at most; and how much more than the worst point known it looks for, local units.
 SEARCHES, SEARCH_SHARE, SEARCHED, CLOSER = tuple(np.arange(0.4, 0.99, 0.05)), 0.02, 3e6, 3e-3
 BATCH = 2048  # of each kind, a step
 FAR = 0.25  # local units: up to this distance each unit of ``d - F`` costs the same
@@ -77,12 +77,11 @@ JUDGED = (0.0, 0.05, 0.1, 0.2)  # local units: radii at which false positives ar
 
 
 class DistanceTrainer:
-    """A network in training; each of ``parts`` of the domain has a slack of its own."""
+    """A network in training."""
 
-    def __init__(self, cls: type[MlpDistance], problem: Problem, hidden: tuple[int, ...], activation: str, parts: int):
+    def __init__(self, cls: type[MlpDistance], problem: Problem, hidden: tuple[int, ...], activation: str):
         shape, seed = problem.grid, problem.seed
         self.shape, self.domain, self.ndim = shape, problem.domain, shape.ndim
-        self._parts = parts
         self._cls, self._hidden = cls, hidden
         self.rng, self.generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
         self.network = TrainableNetwork(shape.ndim, hidden, activation)
@@ -96,12 +95,9 @@ class DistanceTrainer:
         self.network.initialise(*gains, self.generator)
         nothing = torch.empty(self.ndim, 0), torch.empty(0)
         self.points, self.hard = nothing, nothing
-        self._cut = self.made(self.network.tensors())  # its parts are those of all networks to come
         self._best = (math.inf, self.network.flat.clone())
-        self.rate, self.over = (
-            1.0,
-            math.inf,
-        )  # false positives over the judged radii, and the slack, at the last refresh
+        # false positives over the judged radii, and the slack, at the last refresh
+        self.rate, self.over = 1.0, math.inf
 
     def run(self, clock: Clock) -> None:
         """Train until the clock's budget is used up."""
@@ -170,28 +166,22 @@ class DistanceTrainer:
         self.over, worst = float(above.max()), above.topk(min(HARD, len(above)))[1]
         self.hard = tried[0][:, worst], tried[1][worst]
         # the fresh points are half near the border, so this is no rate of any protocol; it only chooses
-        over, distance = torch.zeros(self._cut.part_count), fresh[1]
-        over.scatter_reduce_(0, self._part_of(tried[0]), above, "amax")
-        self._over = over.double().numpy()
-        inside = self._evaluate(fresh[0]) - over[self._part_of(fresh[0])]
+        inside, distance = self._evaluate(fresh[0]) - max(self.over, 0.0), fresh[1]
         rates = [((inside <= radius) & (distance > radius)).float().mean() for radius in JUDGED]
         self.rate = float(sum(rates)) / len(rates)
         if self.rate <= self._best[0]:
             self._best = (self.rate, self.network.flat.clone())
 
-    def _part_of(self, v: torch.Tensor) -> torch.Tensor:
-        return torch.from_numpy(self._cut.part_of(v.T.numpy()))
-
     def _search(self, seconds: float) -> None:
         """Add to the worst points those that the proof's own search finds."""
-        met, now = np.maximum(self._over, 0.0), self.made(self.network.tensors())
+        met, now = max(self.over, 0.0), self.made(self.network.tensors())
         found = self._labelled(worst_points(now, self.shape, met, CLOSER, boxes=SEARCHED, budget=seconds))
         self.hard = tuple(torch.cat(parts, -1) for parts in zip(self.hard, found, strict=True))
 
     def made(self, tensors: dict[str, np.ndarray], device: str | None = "cpu") -> MlpDistance:
         """A bounder of some tensors, without a threshold."""
         sizes = {"hidden": list(self._hidden), "activation": self.network.act.name}
-        return self._cls(self.domain, tensors, sizes, device).cut_in(self._parts)
+        return self._cls(self.domain, tensors, sizes, device)
 
     def _evaluate(self, v: torch.Tensor) -> torch.Tensor:
         return evaluated(self.team, self.workers, v, self.network.encode)
@@ -226,11 +216,9 @@ def train_distance(
     progress: Progress | None,
 ) -> Trained:
     """Train a network's distance, without a threshold; see ``Trainer``. Ctrl-C ends it, and the best is taken."""
-    clock, parts = Clock(seconds, options["steps"], progress), options["parts"]
-    if parts is None:
-        parts = MANY if problem.grid.ndim >= AXES_OF_MANY else 1
+    clock = Clock(seconds, options["steps"], progress)
     with single_threaded_torch():
-        trainer = DistanceTrainer(cls, problem, tuple(options["hidden"]), options["activation"], parts)
+        trainer = DistanceTrainer(cls, problem, tuple(options["hidden"]), options["activation"])
         interrupted = interrupts(lambda: trainer.run(clock))
         tensors = trainer.finish()
     return trainer.made(tensors, problem.device), {"steps": clock.count, "interrupted": interrupted}
