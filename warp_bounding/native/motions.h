@@ -1,6 +1,6 @@
 // Whole motions: whether no body of an arm comes near an obstacle, or near another body of it, on the way between two
-// configurations. C99 that C++ and CUDA read, too: plain functions and arrays. `arms/motions.py` says what is proven, and
-// lays out the arrays.
+// configurations. C99 that C++ and CUDA read, too: plain functions and arrays. `arms/motions.py` says what is proven,
+// and lays out the arrays.
 
 /// MOTIONS
 enum { JOINTS = 64, ITEMS = 4096, DEEPEST = 24, ROUNDS = 32 };
@@ -255,19 +255,24 @@ static void across(double s[4][3], int count, double *n) {
     if (!(dot(n, n) > 1e-150)) n[0] = 1.0, n[1] = n[2] = 0.0;
 }
 
-// Whether bodies a and b, b moving against a, are apart for all times within h of the present one, t.
+// Whether bodies a and b, b moving against a, are apart for all times within h of the present one, t. ``center`` is
+// that of the ball around b, ``bend`` half its largest acceleration.
 static int state_of(const Cell *c, const double *poses, const double *twists, double t, int a, int b, double h,
-                    double bend, double tolerance) {
+                    const double *center, double bend, double tolerance) {
     const double *wa = twists + 6 * (c->link[a] + 1), *wb = twists + 6 * (c->link[b] + 1);
     const double solid = c->radius[a] + c->radius[b] + c->margin, need = solid + tolerance + h * h * bend;
-    double w[3], u[3], center[3], n[3], v[3], s[4][3], x[3], y[3], nearest[3], wider = need;
+    const double ball = c->ball[4 * b + 3];
+    double w[3], u[3], n[3], v[3], s[4][3], x[3], y[3], nearest[3], wider = need;
     for (int k = 0; k < 3; ++k) w[k] = wb[k] - wa[k], u[k] = wb[3 + k] - wa[3 + k] - c->velocity[3 * a + k];
-    place(poses + 12 * (c->link[b] + 1), c->ball + 4 * b, center);
+    cross(w, center, v);
+    place(poses + 12 * (c->link[a] + 1), c->ball + 4 * a, x);
+    for (int k = 0; k < 3; ++k) v[k] += u[k], y[k] = center[k] - x[k] - t * c->velocity[3 * a + k];
+    const double both = need + ball + c->ball[4 * a + 3] + h * sqrt(dot(v, v));
+    if (dot(y, y) > both * both) return CLEAR; // balls around both
     const double away = away_from(c, poses, t, a, center, nearest);
     if (away > 0.0) {
-        cross(w, center, v);
-        const double left = away - h * fabs(dot(nearest, v) + dot(nearest, u)) - need;
-        if (left > c->ball[4 * b + 3]) return CLEAR;
+        const double left = away - h * fabs(dot(nearest, v)) - need;
+        if (left > ball) return CLEAR;
         // the same with the box around b, of which the linear function is no larger anywhere in the core
         place(poses + 12 * (c->link[b] + 1), c->frame + 12 * b + 9, x);
         const double top = dot(nearest, center) - away;
@@ -279,10 +284,9 @@ static int state_of(const Cell *c, const double *poses, const double *twists, do
             if (low < least) least = low;
         }
         if (least > need) return CLEAR;
-        if (left < 0.0 && away > c->ball[4 * b + 3] + solid) return OPEN; // no hit, and hardly clear: the search can wait
+        if (left < 0.0 && away > ball + solid) return OPEN; // no hit, and hardly clear: the search can wait
     } else {
-        place(poses + 12 * (c->link[a] + 1), c->ball + 4 * a, x);
-        for (int k = 0; k < 3; ++k) nearest[k] = center[k] - x[k];
+        for (int k = 0; k < 3; ++k) nearest[k] = y[k];
     }
     int count = 0, last = 0;
     for (int round = 0; round < ROUNDS; ++round) {
@@ -333,18 +337,43 @@ static int state_of(const Cell *c, const double *poses, const double *twists, do
     return OPEN;
 }
 
-// What is asked of a motion: body b of the arm against obstacle a, and then each pair.
+// Bodies of an item: first those of the arm against obstacles, then each pair.
+static void bodies_of(const Cell *c, int item, int *a, int *b, int *path) {
+    const int around = c->bodies - c->of_arm, pair = item - c->of_arm * around;
+    *a = pair < 0 ? c->of_arm + item % around : c->pair[2 * pair];
+    *b = pair < 0 ? item / around : c->pair[2 * pair + 1];
+    *path = pair < 0 ? *b : c->of_arm + pair;
+}
+
 static int item_state(const Cell *c, const double *poses, const double *twists, const double *dq, double t, int item,
                       double h, double tolerance) {
-    const int around = c->bodies - c->of_arm, obstacles = c->of_arm * around;
-    if (item < obstacles) {
-        const int b = item / around, a = c->of_arm + item % around;
-        const double *by = c->velocity + 3 * a;
-        if (c->first[b] == c->first[b + 1] && !(dot(by, by) > 0.0)) return CLEAR; // both stand
-        return state_of(c, poses, twists, t, a, b, h, bend_of(c, dq, b), tolerance);
+    int a, b, path;
+    double center[3];
+    bodies_of(c, item, &a, &b, &path);
+    place(poses + 12 * (c->link[b] + 1), c->ball + 4 * b, center);
+    return state_of(c, poses, twists, t, a, b, h, center, bend_of(c, dq, path), tolerance);
+}
+
+// The state of the first item that is not clear, from ``*item`` on. Bodies and obstacles that stand are clear.
+static int first_open(const Cell *c, const double *poses, const double *twists, const double *dq, double t, double h,
+                      double tolerance, int *item) {
+    const int around = c->bodies - c->of_arm, obstacles = c->of_arm * around, all = obstacles + c->selves;
+    while (*item < obstacles) {
+        const int b = *item / around, stands = c->first[b] == c->first[b + 1];
+        double center[3];
+        place(poses + 12 * (c->link[b] + 1), c->ball + 4 * b, center);
+        const double bend = bend_of(c, dq, b);
+        for (int a = c->of_arm + *item % around; a < c->bodies; ++a, ++*item) {
+            if (stands && !(dot(c->velocity + 3 * a, c->velocity + 3 * a) > 0.0)) continue;
+            const int state = state_of(c, poses, twists, t, a, b, h, center, bend, tolerance);
+            if (state != CLEAR) return state;
+        }
     }
-    const int k = item - obstacles, a = c->pair[2 * k], b = c->pair[2 * k + 1];
-    return state_of(c, poses, twists, t, a, b, h, bend_of(c, dq, c->of_arm + k), tolerance);
+    for (; *item < all; ++*item) {
+        const int state = item_state(c, poses, twists, dq, t, *item, h, tolerance);
+        if (state != CLEAR) return state;
+    }
+    return CLEAR;
 }
 
 // Halves a motion until all of it is clear, from its start on; the result is the share that is, and in ``culprit`` what
@@ -353,7 +382,6 @@ static double segment(const Cell *c, const double *q0, const double *q1, int dee
                       int *culprit) {
     double poses[12 * (JOINTS + 1)], twists[6 * (JOINTS + 1)], dq[JOINTS], moved = 1.0;
     int items[ITEMS], ends[DEEPEST + 2], depth = 0;
-    const int all = c->of_arm * (c->bodies - c->of_arm) + c->selves;
     unsigned position = 0;
     *state = OPEN, *culprit = -1;
     for (int k = 0; k < c->coordinates; ++k) {
@@ -367,19 +395,21 @@ static double segment(const Cell *c, const double *q0, const double *q1, int dee
         const double width = ldexp(1.0, -depth), h = 0.5 * width;
         const double t = (position + 0.5) * width;
         links_at(c, q0, dq, t, poses, twists);
-        const int begin = depth ? ends[depth - 1] : 0, end = depth ? ends[depth] : all;
-        int open = depth ? ends[depth] : 0;
-        for (int k = begin; k < end; ++k) {
-            const int item = depth ? items[k] : k;
-            const int found = item_state(c, poses, twists, dq, t, item, h, tolerance);
-            if (found == CLEAR) continue;
+        const int begin = depth ? ends[depth - 1] : 0, end = depth ? ends[depth] : 0;
+        int open = end;
+        for (int k = begin, item = 0; !depth || k < end; ++k, ++item) { // all; later on, what was open before
+            if (depth) item = items[k];
+            const int found = depth ? item_state(c, poses, twists, dq, t, item, h, tolerance)
+                                    : first_open(c, poses, twists, dq, t, h, tolerance, &item);
+            if (found == CLEAR && depth) continue;
+            if (found == CLEAR) break;
             if (open == ITEMS || depth == deepest || (found == HIT && !to_the_end)) {
                 *state = found, *culprit = item;
                 return position * width;
             }
             items[open++] = item;
         }
-        if (open > (depth ? ends[depth] : 0)) {
+        if (open > end) {
             ends[depth + 1] = open;
             ++depth, position *= 2;
             continue;
@@ -395,7 +425,6 @@ static double segment(const Cell *c, const double *q0, const double *q1, int dee
 // Whether a configuration is clear of everything.
 static int configuration(const Cell *c, const double *q, int *culprit) {
     double poses[12 * (JOINTS + 1)], twists[6 * (JOINTS + 1)], dq[JOINTS];
-    const int all = c->of_arm * (c->bodies - c->of_arm) + c->selves;
     int state = CLEAR;
     *culprit = -1;
     for (int k = 0; k < c->coordinates; ++k) {
@@ -403,8 +432,9 @@ static int configuration(const Cell *c, const double *q, int *culprit) {
         if (!(fabs(q[k]) <= 1e3)) return OPEN;
     }
     links_at(c, q, dq, 0.0, poses, twists);
-    for (int item = 0; item < all && state != HIT; ++item) {
-        const int found = item_state(c, poses, twists, dq, 0.0, item, 0.0, c->allowance);
+    for (int item = 0; state != HIT; ++item) {
+        const int found = first_open(c, poses, twists, dq, 0.0, 0.0, c->allowance, &item);
+        if (found == CLEAR) break;
         if (found > state) state = found, *culprit = item;
     }
     return state;
