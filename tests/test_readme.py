@@ -48,6 +48,7 @@ SHORTER = {  # in turns
     'method="kdop", levels=2': 'method="kdop", levels=1',
     'fit(each, method="kdop")': 'fit(each, method="aabb")',
 }
+OPTIONAL = (("import", "newton"), ("from", "ompl"))  # a snippet with one that is not installed is left out
 SMALL = {"choose": "--methods aabb"}  # takes no longer than it needs, whatever the budget
 
 
@@ -101,7 +102,7 @@ def run(text: str, folder: Path) -> None:
                     run_command(words)
                 continue
             assert language == "python", language
-            if "import newton" in body and find_spec("newton") is None:
+            if any(f"{word} {name}" in body and find_spec(name) is None for word, name in OPTIONAL):
                 continue
             file = folder / f"snippet{number}.py"
             file.write_text(body)

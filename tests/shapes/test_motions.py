@@ -240,3 +240,11 @@ def test_balls_around_bodies_hold_them_and_lie_in_their_hulls(rng):
         assert (np.abs(x) <= half * (1 + 1e-12) + 1e-15).all()
         center = _center_of(points)
         assert lengths(points - center).max() <= lengths(points - points.mean(axis=0)).max() * 1.01
+
+
+def test_a_plan_names_what_is_in_its_way_first():
+    arm = Arm([Joint()], [Body.capsule([0, 0, 0], [1, 0, 0], 0.05, link=0, name="link")])
+    balls = [Body.sphere([np.cos(q), np.sin(q), 0], 0.1, name=name) for q, name in ((1.5, "middle"), (0.8, "first"))]
+    plan = Motions(arm, balls).path([[0.0], [3.0]])
+    assert plan.between == ("link", "first")
+    assert 0.6 < 3 * plan.end[1] < 0.7

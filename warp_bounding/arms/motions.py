@@ -223,11 +223,8 @@ class Motions:
             raise ShapeError(
                 f"{name}: waypoint {at} has {joint.name} at {value}, limits {joint.lower} to {joint.upper}"
             )
-        clear, share = self.segments(given[:-1], given[1:], until=True)
-        between = None
-        if not clear.all():
-            at = int(np.argmin(clear))
-            between = self._named(int(self._ask(False, given[at : at + 1], given[at + 1 : at + 2])[1][0]))
+        states, culprits, share = self._ask(True, given[:-1], given[1:])
+        between = self._named(int(culprits[np.argmax(states != FREE)]))
         return Plan(given, share, self.margin, self.digest, name, len(self._given), between)
 
     @property
