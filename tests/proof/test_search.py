@@ -115,7 +115,7 @@ def test_boxes_hold_all_that_devices_compute(name, rng):
 
 @pytest.mark.parametrize(("many", "too_many"), [(1000, 2000), (10**9, 10**9)])
 def test_bounds_hold_however_few_boxes_may_wait(many, too_many, monkeypatch, rng):
-    for name, value in (("MANY", many), ("TOO_MANY", too_many), ("CHUNK", 512)):
+    for name, value in (("MANY", many), ("TOO_MANY", too_many), ("BOX_BATCH", 512)):
         monkeypatch.setattr(module, name, value)
     shell = wb.shapes.Function(
         None, [-0.4] * 3, [0.4] * 3, distance=lambda x: np.abs(np.linalg.norm(x, axis=1) - 0.35) - 0.05

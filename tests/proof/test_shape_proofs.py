@@ -14,7 +14,7 @@ from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.geometry import few_points, hull_of
 from warp_bounding.proof import least_value, minimum, prove, stress_test
 from warp_bounding.proof.search import ShapePositives
-from warp_bounding.proof.stress import CHUNK
+from warp_bounding.proof.stress import QUERY_BATCH
 from warp_bounding.queries import QUERIES
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.shapes.shape import IN, OUT
@@ -262,7 +262,9 @@ def test_networks_of_planes_are_proven_over_the_mesh_and_refuted_where_they_are_
 @pytest.mark.parametrize("query", REGIONS)
 def test_a_stress_test_asks_certain_positives_only(query):
     bounder = fit(mesh(), query, "sphere", margin=MARGIN)
-    result = stress_test(bounder, mesh(), 7 * CHUNK, seed=2)  # the seventh chunk is of float64, the eighth is placed
+    result = stress_test(
+        bounder, mesh(), 7 * QUERY_BATCH, seed=2
+    )  # the seventh chunk is of float64, the eighth is placed
     assert result.missed is None
     assert result.forms["float64"]
     assert result.forms["placed"]

@@ -13,7 +13,7 @@ from warp_bounding.bounders import supports
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import attempt_confidence, fn_rate_bound, prove, statistical_test, stress_test, try_positives
-from warp_bounding.proof.stress import CHUNK, CYCLE, Walk, descend, random_world
+from warp_bounding.proof.stress import CYCLE, QUERY_BATCH, Walk, descend, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
 from warp_bounding.queries.region_domain import domain_of
@@ -178,7 +178,11 @@ def made(method, query, name="blob", raised=0.0):
 def test_what_is_proven_is_not_contradicted(query):
     reported = []
     result = stress_test(
-        made("kdop", query), shape("blob"), 8 * CHUNK - 100_000, seed=1, progress=lambda *a: reported.append(a)
+        made("kdop", query),
+        shape("blob"),
+        8 * QUERY_BATCH - 100_000,
+        seed=1,
+        progress=lambda *a: reported.append(a),
     )
     assert result.missed is None
     assert all(result.forms[form] > 0 for form in FORMS)
@@ -193,13 +197,13 @@ def test_what_is_proven_is_not_contradicted(query):
 def test_no_method_misses_any(method, query, name):
     if not supports(method, query, shape(name).ndim):
         pytest.skip("not of this dimension")
-    assert stress_test(made(method, query, name), shape(name), 16 * CHUNK, seed=2).missed is None
+    assert stress_test(made(method, query, name), shape(name), 16 * QUERY_BATCH, seed=2).missed is None
 
 
 @pytest.mark.parametrize("query", QUERY_KINDS)
 def test_a_raised_threshold_is_caught(query):
     raised = made("kdop", query, raised=2e-2)
-    result = stress_test(raised, shape("blob"), 4 * CHUNK, seed=1)
+    result = stress_test(raised, shape("blob"), 4 * QUERY_BATCH, seed=1)
     assert result.missed is not None
     x = np.array([result.missed], np.float32)
     assert oracle(query, shape("blob"), "cpu", LENGTH)(x).all()
@@ -211,7 +215,7 @@ def test_a_false_negative_in_each_form_is_caught(form, monkeypatch):
     assert set(CYCLE) == set(FORMS)
     monkeypatch.setattr("warp_bounding.proof.stress.CYCLE", (form,))
     raised = made("kdop", "ray", raised=1e-2)
-    result = stress_test(raised, shape("blob"), 4 * CHUNK, seed=1)
+    result = stress_test(raised, shape("blob"), 4 * QUERY_BATCH, seed=1)
     assert result.missed_form == form
     options = result.missed_world or {}
     assert bool(options) == (form == "placed")

@@ -13,7 +13,7 @@ import warp as wp
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.functions import Words, lanes_of
 from warp_bounding.kernels.source import Lanes, fill
-from warp_bounding.newton.placing import IN_SUM, Hull, Placed
+from warp_bounding.newton.placing import IN_SUM, Extent, Placed
 from warp_bounding.runtime.native import Numbers, literal, named, unique_name
 
 SUM_ROUNDING = wp.constant(IN_SUM)
@@ -70,7 +70,7 @@ def gather_or_repeat(
 
 # --- Hulls ------------------------------------------------------------------------------------------------------------
 #
-# Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Hull``).
+# Which pairs need no bounder: the particle lies outside the ball or the box around the shape (``placing.Extent``).
 #
 # Newton lists its pairs shape by shape, and of each shape particle by particle. So ``PAIRS_AT_ONCE`` pairs in a row are
 # nearly always one shape and particles that follow each other, and are decided together; where they are not, it is one
@@ -159,7 +159,7 @@ def query_hulls(
     block: int,
     runs: wp.array(dtype=wp.bool),
     rows: wp.array(dtype=float),
-    hulls: wp.array(dtype=Hull),
+    hulls: wp.array(dtype=Extent),
     asked: wp.array(dtype=wp.int32),
     left: wp.array(dtype=wp.int32),
     keep: wp.array(dtype=wp.bool),
@@ -257,7 +257,7 @@ def query_distances_in_lanes(source: DistanceSource) -> wp.Kernel:
         pairs: wp.array(dtype=wp.vec2i),
         rows: wp.array(dtype=float),
         placed: wp.array(dtype=Placed),
-        hulls: wp.array(dtype=Hull),
+        hulls: wp.array(dtype=Extent),
         asked: wp.array(dtype=wp.int32),
         left: wp.array(dtype=wp.int32),
         keep: wp.array(dtype=wp.bool),

@@ -21,7 +21,7 @@ from warp_bounding.kernels.distances import DistanceSource, distance_func
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.kernels.source import Source
 from warp_bounding.newton.kernels import ONE_PAIR, SUM_ROUNDING
-from warp_bounding.newton.placing import Hull, Placed, coordinates_of
+from warp_bounding.newton.placing import Extent, Placed, coordinates_of
 from warp_bounding.runtime.native import named, unique_name
 
 WARP = wp.constant(32)
@@ -51,7 +51,7 @@ def _claim(counts: wp.array(dtype=wp.int32), which: int) -> int: ...
     + ONE_PAIR
     + "return known && !maybe ? 0 : known && !b.stays ? 2 : 1;"
 )
-def _ask_hull(hulls: wp.array(dtype=Hull), shape: int, q: wp.vec3, radius: float) -> int: ...
+def _ask_hull(hulls: wp.array(dtype=Extent), shape: int, q: wp.vec3, radius: float) -> int: ...
 
 
 @wp.kernel(enable_backward=False)
@@ -61,7 +61,7 @@ def sift(
     pairs: wp.array(dtype=wp.vec2i),
     particle_q: wp.array(dtype=wp.vec3),
     particle_radius: wp.array(dtype=float),
-    hulls: wp.array(dtype=Hull),
+    hulls: wp.array(dtype=Extent),
     # outputs
     keep: wp.array(dtype=wp.bool),
     undecided: wp.array(dtype=wp.int32),
@@ -133,7 +133,7 @@ def query_listed(source: Source | DistanceSource) -> wp.Kernel:
         particle_q: wp.array(dtype=wp.vec3),
         particle_radius: wp.array(dtype=float),
         placed: wp.array(dtype=Placed),
-        hulls: wp.array(dtype=Hull),
+        hulls: wp.array(dtype=Extent),
         undecided: wp.array(dtype=wp.int32),
         left: wp.array(dtype=wp.int32),
         # outputs
@@ -215,7 +215,7 @@ def count_cells(
     listed: wp.array(dtype=wp.vec2i),
     counts: wp.array(dtype=wp.int32),
     particle_q: wp.array(dtype=wp.vec3),
-    hulls: wp.array(dtype=Hull),
+    hulls: wp.array(dtype=Extent),
     # outputs
     cells: wp.array(dtype=wp.vec2i),
     sizes: wp.array(dtype=wp.int32),

@@ -1,4 +1,4 @@
-"""Where shapes lie in one pass, and a ball and a box around each, outside which no particle meets it (``Hull``).
+"""Where shapes lie in one pass, and a ball and a box around each, outside which no particle meets it (``Extent``).
 
 How much float32 may err, in the pass and when hulls are made and asked, is counted in units of 2^-24. The pass and
 ``place_shapes`` make the same transform of a shape: a product of quaternions, 8 in length, and a rotation and a sum, 42
@@ -69,7 +69,7 @@ class Placed:
 
 
 @wp.struct
-class Hull:
+class Extent:
     """A ball and a box in the world, outside which the pass makes no contact of a particle with the shape.
 
     How far the pass looks for a particle q of radius r, ``gap + (margin of the shape + r) / least scale``, and rounding
@@ -96,9 +96,9 @@ class Hull:
 
 
 @wp.func
-def _finite(half: wp.vec3) -> Hull:
+def _finite(half: wp.vec3) -> Extent:
     """The hull of a box that grows by the way alike on all sides, in a primitive's own axes; ``reach`` is its size."""
-    hull = Hull()
+    hull = Extent()
     hull.half = half
     hull.grow = wp.vec3(1.0, 1.0, 1.0)
     hull.below = 0.0
@@ -110,7 +110,7 @@ def _finite(half: wp.vec3) -> Hull:
 
 
 @wp.func
-def _cylinder(scale: wp.vec3) -> Hull:
+def _cylinder(scale: wp.vec3) -> Extent:
     r, h, b = wp.abs(scale[0]), wp.abs(scale[1]), wp.abs(scale[2])
     hull = _finite(wp.vec3(r, r, h))
     if b > 0.0:
@@ -121,7 +121,7 @@ def _cylinder(scale: wp.vec3) -> Hull:
 
 
 @wp.func
-def _ellipsoid(scale: wp.vec3) -> Hull:
+def _ellipsoid(scale: wp.vec3) -> Extent:
     r = wp.max(wp.vec3(_LEAST_RADIUS), wp.abs(scale))
     least, most = wp.min(r), wp.max(r)
     hull = _finite(r)
@@ -133,7 +133,7 @@ def _ellipsoid(scale: wp.vec3) -> Hull:
 
 
 @wp.func
-def _plane(scale: wp.vec3) -> Hull:
+def _plane(scale: wp.vec3) -> Extent:
     width, length = 0.5 * scale[0], 0.5 * scale[1]
     if width > 0.0 and length > 0.0:
         hull = _finite(wp.vec3(width, length, 0.0))
@@ -149,7 +149,7 @@ def _plane(scale: wp.vec3) -> Hull:
 
 
 @wp.func
-def extent_of(kind: int, scale: wp.vec3) -> Hull:
+def extent_of(kind: int, scale: wp.vec3) -> Extent:
     """The box and the ball around a primitive in its own axes, world units, and in ``reach`` the largest length."""
     if kind == _PLANE:
         return _plane(scale)
@@ -219,7 +219,7 @@ def _off_unit(q: wp.quat) -> float:
 
 @wp.func
 def _around_mesh(
-    hull: Hull,
+    hull: Extent,
     half: wp.vec3,
     grow: float,
     size: float,
@@ -228,7 +228,7 @@ def _around_mesh(
     margin: float,
     world: float,
     rounding: float,
-) -> Hull:
+) -> Extent:
     """The hull of a domain, or of a mesh, given in the mesh's units; ``rounding`` is a multiple of what is added."""
     hull.half = wp.abs(wp.cw_mul(half, scale))
     hull.radius = wp.length(wp.cw_mul(half, scale))
@@ -252,7 +252,7 @@ def _around_mesh(
 
 
 @wp.func
-def _around_primitive(kind: int, scale: wp.vec3, gap: float, margin: float, world: float) -> Hull:
+def _around_primitive(kind: int, scale: wp.vec3, gap: float, margin: float, world: float) -> Extent:
     """The hull of a primitive in closed form; its margin is minus infinity where there is none."""
     hull = extent_of(kind, scale)
     hull.grow = hull.grow * (1.0 + _HULL_ROUNDING)
@@ -265,7 +265,7 @@ def _around_primitive(kind: int, scale: wp.vec3, gap: float, margin: float, worl
 
 
 @wp.func
-def _nowhere(hull: Hull) -> Hull:
+def _nowhere(hull: Extent) -> Extent:
     """The hull of a shape with which particles do not collide: every finite particle is outside."""
     hull.half = wp.vec3(-wp.inf)
     hull.grow = wp.vec3(0.0)
@@ -301,7 +301,7 @@ def place_shapes(
     sizes: wp.array(dtype=float),
     # outputs
     placed: wp.array(dtype=Placed),
-    hulls: wp.array(dtype=Hull),
+    hulls: wp.array(dtype=Extent),
 ):
     """World to shape, by the operations of Newton's own pass; and the hull of each shape; for rounding see module.
 
@@ -324,7 +324,7 @@ def place_shapes(
     if shape_margin.shape[0] > 0:
         margin = shape_margin[s]
 
-    hull = Hull()
+    hull = Extent()
     hull.margin = margins[s]
     role = roles[s]
     if role == _PRIMITIVE:

@@ -11,7 +11,7 @@ import warp as wp
 from warp_bounding.bounders import Bounder
 from warp_bounding.errors import BounderError, warn
 from warp_bounding.newton import placing
-from warp_bounding.newton.placing import IN_MESH, IN_WORLD, PRIMITIVES, Hull, Placed
+from warp_bounding.newton.placing import IN_MESH, IN_WORLD, PRIMITIVES, Extent, Placed
 from warp_bounding.queries import QUERIES
 from warp_bounding.rounding import UNIT32
 from warp_bounding.runtime.launch import BlockLaunch
@@ -100,7 +100,7 @@ def _margin_for(coordinates: float, reach: float, world: float, scale: float) ->
     # In the mesh's units: gap + (margin + radius) / scale is at most reach / scale, and for scales above 1 at most
     # reach.
     way = reach / min(scale, 1.0)
-    # The most that ``query_hulls`` compares with the margin (``placing.Hull``): how far the pass looks, and what
+    # The most that ``query_hulls`` compares with the margin (``placing.Extent``): how far the pass looks, and what
     # float32 does in the mesh and in the world. There |x| + |y| + |z| counts, at most 3 world for the particle and,
     # turned back into the mesh's axes, as much for the shape's place. 1e-6 is more than ``_SUM_ROUNDING``, 8 units of
     # 2^-24, and the rounding of the margin to float32.
@@ -161,7 +161,7 @@ def check_bounder(
     scale = float(np.abs(model.shape_scale.numpy()[shape]).min())
     radius = float(np.abs(model.particle_radius.numpy()).max(initial=0.0))
     reach = radius + abs(float(model.shape_margin.numpy()[shape])) + abs(contact_gap(pipeline))
-    # World 0: what the coordinates in the world add is weighed pair by pair (``placing.Hull.per_coordinate``), and
+    # World 0: what the coordinates in the world add is weighed pair by pair (``placing.Extent.per_coordinate``), and
     # where it is too much the pair stays.
     needed = _margin_for(float(np.abs(vertices).max()), reach, world=0.0, scale=scale)
     if not margin >= needed:
@@ -192,7 +192,7 @@ class Shapes:
         roles: ``(S,)`` int, as in ``placing``.
         bounder_of: ``(S,)`` int32, which of the bounders; -1 for none.
         placed: ``(S,)`` ``Placed``, as the last pass has found them.
-        hulls: ``(S,)`` ``Hull``, likewise.
+        hulls: ``(S,)`` ``Extent``, likewise.
     """
 
     def __init__(
@@ -252,7 +252,7 @@ class Shapes:
             told = f"shapes that keep all their pairs, having no test: {reported}"
             warn(told)
         self.placed = wp.empty(count, dtype=Placed, device=model.device)
-        self.hulls = wp.empty(count, dtype=Hull, device=model.device)
+        self.hulls = wp.empty(count, dtype=Extent, device=model.device)
         on_device = [(self.roles, wp.int32), (self._ids, wp.uint64), (self._domains, wp.vec3)]
         on_device += [(values, wp.float32) for values in (self._margins, self._grows, self._sizes)]
         self._own = [wp.array(values, dtype=dtype, device=model.device) for values, dtype in on_device]

@@ -26,7 +26,7 @@ import warp as wp
 from warp_bounding.bounders import Data
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.newton.lists import maybe_func
-from warp_bounding.newton.placing import Hull, Placed, coordinates_of
+from warp_bounding.newton.placing import Extent, Placed, coordinates_of
 from warp_bounding.newton.shapes import Shapes
 from warp_bounding.newton.sieve import sieve_of
 from warp_bounding.rounding import UNIT32
@@ -122,7 +122,7 @@ def mark_kernel(source: DistanceSource | None) -> wp.Kernel:
         particle_q: wp.array(dtype=wp.vec3),
         particle_radius: wp.array(dtype=float),
         placed: wp.array(dtype=Placed),
-        hulls: wp.array(dtype=Hull),
+        hulls: wp.array(dtype=Extent),
         grids: wp.array(dtype=Cells),
         # outputs
         marks: wp.array(dtype=wp.bool),

@@ -40,7 +40,7 @@ from warp_bounding.shapes.shape import IN
 MOST = 2**15  # balls: ``kernels.STACK`` is enough for the groups of a tree
 INWARDS = 1 - 2.0**-40  # outweighs what float64 rounds in a squared length
 NEAREST = 8  # balls that are looked at for each box
-CHUNK = 1 << 16  # boxes that are halved at a time
+BOX_BATCH = 1 << 16  # boxes that are halved at a time
 FINEST = 2.0**-11  # of the longest side: boxes that small are not halved by ``of``
 LEAST_SIDE = 2.0**-14  # of the longest side: ``certify`` ends at boxes that small
 POINTS, CANDIDATES, FEWEST = 40, 10, 5000  # points on the surface and candidates, for each ball; points at least
@@ -86,7 +86,7 @@ def search_mesh(
 class _Balls:
     """Looks at boxes; arguments as in ``search_mesh``."""
 
-    chunk = CHUNK
+    chunk = BOX_BATCH
 
     def __init__(self, mesh: Mesh, centers: np.ndarray, radii: np.ndarray, least: float, grow: bool):
         self.mesh, self.centers, self.radii, self.least, self.grow = mesh, centers, radii, least, grow

@@ -30,7 +30,7 @@ PULL = 1e-4  # share of the way to its cell's centre: each suspect is also tried
 INWARD = 1 - 1e-3  # of the way from the domain's middle to a suspect: it is tried there, too
 LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
 AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a counterexample is searched for
-CHUNK = 16384  # boxes or cells of one step
+BOX_BATCH = 16384  # boxes or cells of one step
 TRIED = 512  # points of a chunk, those of the least f, that are tested for being positives
 SUSPECTS = 1024  # points of least f that are tried as counterexamples
 SMALLEST = 1e-9  # a box narrower than this, in the coordinates that f takes, ends the proof
@@ -182,7 +182,7 @@ class ReachesTarget:
         target: What every lower bound must reach.
     """
 
-    chunk = CHUNK
+    chunk = BOX_BATCH
 
     def __init__(self, positives: PositivesOnly | ShapePositives, target: float):
         self.positives, self.target = positives, target
@@ -286,9 +286,9 @@ def cover_cells(bounder: Bounder, grid: Grid) -> Covering:
         return grid.position(grid.occupied[some] - 0.5), grid.position(grid.occupied[some] + 0.5)
 
     def starts() -> Iterator[tuple[np.ndarray, np.ndarray, float]]:
-        for start in range(0, len(grid.occupied), CHUNK):
-            boxes = reachable(bounder.domain, *corners(slice(start, start + CHUNK)))
-            yield *boxes, CHUNK / max(len(grid.occupied), CHUNK)
+        for start in range(0, len(grid.occupied), BOX_BATCH):
+            boxes = reachable(bounder.domain, *corners(slice(start, start + BOX_BATCH)))
+            yield *boxes, BOX_BATCH / max(len(grid.occupied), BOX_BATCH)
 
     def inside(v: np.ndarray, box: np.ndarray) -> np.ndarray:
         first, last = corners(box)

@@ -74,7 +74,7 @@ class Tolerances:
 # --- search ----------------------------------------------------------------------------------------------------------
 
 
-CHUNK = 1 << 16  # boxes that are queried at a time
+BOX_BATCH = 1 << 16  # boxes that are queried at a time
 # relative: more than float64 rounds in the map of a box to object space, and in the values at its corners
 NOISE = 1e-12
 SAMPLES = 200_000  # points at which the largest overestimate is looked for first
@@ -139,7 +139,7 @@ def excesses(
 class _Excess:
     """Looks at boxes: by how much F exceeds the distance there; arguments as in ``excesses``."""
 
-    chunk = CHUNK
+    chunk = BOX_BATCH
 
     def __init__(self, bounder: DistanceBounder, shape: Shape, tolerances: Tolerances, halvings: int, least: float):
         self.bounder, self.shape, self.tolerances = bounder, shape, tolerances
@@ -284,7 +284,7 @@ def _searched(
 
 def _thirds(lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Boxes that cover some, three along each axis for one, as long as there are few of these."""
-    if len(lower) * 3 ** lower.shape[1] > CHUNK:
+    if len(lower) * 3 ** lower.shape[1] > BOX_BATCH:
         return lower, upper  # cells of a grid of distances, in which the values are known
     for axis in range(lower.shape[1]):
         cuts = [lower[:, axis] + share * (upper - lower)[:, axis] for share in (1 / 3, 2 / 3)]

@@ -27,7 +27,7 @@ from warp_bounding.shapes.shape import Shape
 # --- prove -----------------------------------------------------------------------------------------------------------
 
 
-ROOM = 1e-4  # of f: how far a statistical threshold lies under the least value that a search has found
+BELOW_FOUND = 1e-4  # of f: how far a statistical threshold lies under the least value that a search has found
 STARTS = 4096  # points of a shape's border from which a search starts, unless it is given points
 TOUCHED = ", at its time; segments and swept balls that are cleared touch nothing on their way, but may be enclosed"
 CENTERS = 64  # about how many centres of cells a search starts from, unless it is given points
@@ -147,7 +147,7 @@ def prove_or_test(
     if grid.certified and not statistical:
         return prove(bounder, grid, points=points, **limits)
     least, budget = least_found(bounder, grid, seed, points), limits.get("budget", float("inf"))
-    statistical_test(bounder, grid, least=least, room=ROOM, seed=seed, budget=budget)
+    statistical_test(bounder, grid, least=least, room=BELOW_FOUND, seed=seed, budget=budget)
     return None
 
 

@@ -35,7 +35,7 @@ from warp_bounding.shapes.shape import HalfSpaces, Shape
 # --- best first ------------------------------------------------------------------------------------------------------
 
 
-CHUNK = 32768  # boxes that are bounded at a time
+BOX_BATCH = 32768  # boxes that are bounded at a time
 MANY, TOO_MANY = 5_000_000, 15_000_000  # boxes that wait (a million takes about 0.1 GB in 4D)
 AGAIN = 1.2  # waiting boxes are pruned again when there are this many times as many as after the last pruning
 # The gap falls about as this power of the number of bounded boxes; pruning closes boxes whose gap is below this share
@@ -95,7 +95,7 @@ def minimum(
     Returns:
         The result; sound also where it is not complete.
     """
-    search = _BestFirst(bounder, eps, (lower[:CHUNK] + upper[:CHUNK]) / 2, points)
+    search = _BestFirst(bounder, eps, (lower[:BOX_BATCH] + upper[:BOX_BATCH]) / 2, points)
     for chunk in _chunks(lower, upper, np.full(len(lower), -np.inf), np.full(len(lower), np.inf)):
         search.look(chunk)
     while search.waiting and search.done < boxes and search.seconds < budget:
@@ -224,10 +224,10 @@ class _BestFirst:
 
 
 def _chunks(*columns: np.ndarray) -> list[_Chunk]:
-    """Boxes, given by the columns of ``_Chunk``, in chunks of ``CHUNK``."""
+    """Boxes, given by the columns of ``_Chunk``, in chunks of ``BOX_BATCH``."""
     order = np.argsort(-columns[-1], kind="stable")
     columns = [column[order] for column in columns]
-    return [_Chunk(*(column[i : i + CHUNK] for column in columns)) for i in range(0, len(order), CHUNK)]
+    return [_Chunk(*(column[i : i + BOX_BATCH] for column in columns)) for i in range(0, len(order), BOX_BATCH)]
 
 
 def _split(chunks: list[_Chunk], level: float, most: int) -> tuple[list[_Chunk], list[_Chunk]]:

@@ -62,7 +62,7 @@ LONGEST, SHORTEST, FRESH = 0.05, 1e-7, 3e-3  # of a walk: the limits, and about 
 LONGER, SHORTER = 1.6, 0.75  # factors of a step's length, after a success and after a failure
 ROUNDS, RENEWED = 240, 24  # steps of a walk, and after how many the lower half of the queries replaces the upper one
 
-CHUNK = 2**18  # queries that a stress test draws and asks at a time
+QUERY_BATCH = 2**18  # queries that a stress test draws and asks at a time
 CYCLE = ("float32",) * 6 + ("float64", "placed")  # the forms of successive chunks
 DISTANCE_FORMS = ("balls", "nearest", "segments", "rays", "boxes")
 WORLDS = 8  # placements that are tried, each gentler, before it is concluded that the certificate covers none
@@ -556,7 +556,7 @@ def stress_test(
     result.forms, started, chunk = dict.fromkeys(stream.forms, 0), time.perf_counter(), 0
     try:
         while result.missed is None and result.done < count and time.perf_counter() - started < budget:
-            form, queried, missed = stream.ask(result.seed, chunk, CHUNK)
+            form, queried, missed = stream.ask(result.seed, chunk, QUERY_BATCH)
             chunk += 1
             if missed is not None:
                 result.missed, result.missed_form, result.missed_world = missed

@@ -22,7 +22,7 @@ from warp_bounding.training.lazy_torch import torch
 # uses a core; threads that sleep in the operating system do not.
 
 _own = local()  # of each thread
-CHUNK = 1024  # things that a thread does at a time, such as samples that it evaluates
+PART = 1024  # things that a thread does at a time, such as samples that it evaluates
 
 
 class Team:
@@ -47,12 +47,12 @@ class Team:
         return slice(*(count * k // self.size for k in (index, index + 1)))
 
     def over(self, count: int, job: Callable[[int, slice], None]) -> None:
-        """Run ``job(k, part)`` over ``count`` things: thread k goes through its share in parts of at most ``CHUNK``."""
+        """Run ``job(k, part)`` over ``count`` things: thread k goes through its share in parts of at most ``PART``."""
 
         def go(index: int) -> None:
             own = self.share(index, count)
-            for start in range(own.start, own.stop, CHUNK):
-                job(index, slice(start, min(start + CHUNK, own.stop)))
+            for start in range(own.start, own.stop, PART):
+                job(index, slice(start, min(start + PART, own.stop)))
 
         self.run(go)
 

@@ -19,7 +19,7 @@ from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import Search, least_value, prove_or_test
 from warp_bounding.proof.lowering import prove_lower
-from warp_bounding.proof.prove import ROOM, least_found
+from warp_bounding.proof.prove import BELOW_FOUND, least_found
 from warp_bounding.queries import oracle
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.progress import Progress
@@ -222,7 +222,7 @@ class _Fit:
         limit = self._limit()
         if self.lowers:
             least = least_found(bounder, grid, self.problem.seed, points)
-            bounder.freeze(float(round_down(least - 2 * bounder.rounding_bound() - ROOM)), None)
+            bounder.freeze(float(round_down(least - 2 * bounder.rounding_bound() - BELOW_FOUND)), None)
             self.clock.go_on("estimating how long a proof takes")
             found = prove_lower(bounder, grid, scheduler=self.problem.scheduler, progress=self._proven, **limit)
             bounder.freeze(float(found.threshold), found.certificate)

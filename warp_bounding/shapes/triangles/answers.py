@@ -4,7 +4,7 @@ import warp as wp
 
 from warp_bounding.runtime.native import module_options
 from warp_bounding.shapes.shape import IN, OUT, UNDECIDED
-from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, Mesh, kernel_of, side_of
+from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, MeshArrays, kernel_of, side_of
 from warp_bounding.shapes.triangles.hierarchy import (
     PROJECTIONS,
     ROUNDING,
@@ -126,7 +126,7 @@ def _point(m: Motion, x: wp.vec4d) -> int:
 
 
 @wp.func
-def is_empty(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> bool:
+def is_empty(m: MeshArrays, lower: wp.vec3d, upper: wp.vec3d) -> bool:
     """Is it certain that a closed box holds no point of the object?"""
     for k in range(3):
         if not lower[k] <= upper[k]:
@@ -169,7 +169,7 @@ def is_empty(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
 
 
 @wp.func
-def _inside(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> bool:
+def _inside(m: MeshArrays, lower: wp.vec3d, upper: wp.vec3d) -> bool:
     """Is it certain that a closed box lies in the object whole?"""
     if not is_box(lower, upper):
         return False
@@ -203,7 +203,7 @@ def _inside(m: Motion, lower: wp.vec4d, upper: wp.vec4d) -> bool:
     return True
 
 
-AT_REST = tuple(kernel_of(answer, Mesh, wp.vec3d, MODULE) for answer in (is_empty, _inside))
+AT_REST = tuple(kernel_of(answer, MeshArrays, wp.vec3d, MODULE) for answer in (is_empty, _inside))
 MOVING = tuple(kernel_of(answer, Motion, wp.vec4d, f"{MODULE}.moving") for answer in (is_empty, _inside))
 decide_then = kernel_of(_point, Motion, wp.vec4d, f"{MODULE}.moving", rows=1)
 
@@ -313,7 +313,7 @@ def _box_walk(t: Triangles, centre: wp.vec3d, half: wp.vec3d, margin: wp.float64
 
 
 @wp.func
-def _decide_box(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> int:
+def _decide_box(m: MeshArrays, lower: wp.vec3d, upper: wp.vec3d) -> int:
     """Does a closed box meet the object?"""
     whole = wp.bool(True)
     for k in range(3):
@@ -336,7 +336,7 @@ def _decide_box(m: Mesh, lower: wp.vec3d, upper: wp.vec3d) -> int:
     return _UNDECIDED
 
 
-decide_boxes = kernel_of(_decide_box, Mesh, wp.vec3d, f"{MODULE}.boxes")
+decide_boxes = kernel_of(_decide_box, MeshArrays, wp.vec3d, f"{MODULE}.boxes")
 
 
 # --- Segments ---------------------------------------------------------------------------------------------------------
@@ -421,7 +421,7 @@ def _segment_walk(t: Triangles, start: wp.vec3d, end: wp.vec3d, margin: wp.float
 
 
 @wp.func
-def _decide_segment(m: Mesh, start: wp.vec3d, end: wp.vec3d) -> int:
+def _decide_segment(m: MeshArrays, start: wp.vec3d, end: wp.vec3d) -> int:
     """Does a closed segment meet the object? One with a NaN does not."""
     if wp.isnan(start) or wp.isnan(end):
         return _OUT
@@ -443,7 +443,7 @@ def _decide_segment(m: Mesh, start: wp.vec3d, end: wp.vec3d) -> int:
     return _UNDECIDED
 
 
-decide_segments = kernel_of(_decide_segment, Mesh, wp.vec3d, f"{MODULE}.segments")
+decide_segments = kernel_of(_decide_segment, MeshArrays, wp.vec3d, f"{MODULE}.segments")
 
 
 # --- Planes -----------------------------------------------------------------------------------------------------------
@@ -490,7 +490,7 @@ def _plane_walk(t: Triangles, normal: wp.vec3d, point: wp.vec3d, margin: wp.floa
 
 
 @wp.func
-def _decide_plane(m: Mesh, normal: wp.vec3d, point: wp.vec3d) -> int:
+def _decide_plane(m: MeshArrays, normal: wp.vec3d, point: wp.vec3d) -> int:
     """Does a plane meet the object? One without a normal, or with numbers that are not finite, does not."""
     length = largest(normal)
     if length > _SHORTEST_NORMAL and length < _LONGEST_NORMAL and largest(point) < _LIMIT:
@@ -500,4 +500,4 @@ def _decide_plane(m: Mesh, normal: wp.vec3d, point: wp.vec3d) -> int:
     return _OUT
 
 
-decide_planes = kernel_of(_decide_plane, Mesh, wp.vec3d, f"{MODULE}.planes")
+decide_planes = kernel_of(_decide_plane, MeshArrays, wp.vec3d, f"{MODULE}.planes")

@@ -214,7 +214,7 @@ class Sides:
 
 
 @wp.struct
-class Mesh:
+class MeshArrays:
     """A mesh that is dilated."""
 
     lower: wp.vec3d  # the box that holds the dilated object
@@ -281,19 +281,19 @@ def side_of(faces: Triangles, s: Sides, x: wp.vec3d) -> int:
 
 
 @wp.func
-def _joined(m: Mesh, a: wp.vec3i, b: wp.vec3i) -> bool:
+def _joined(m: MeshArrays, a: wp.vec3i, b: wp.vec3i) -> bool:
     """Is the segment between two centres proven to cross no face?"""
     return segment_is_free(m.closed, _centre(m.sides, a), _centre(m.sides, b), wp.float64(0.0))
 
 
 @wp.func
-def _enclosed(m: Mesh, cell: wp.vec3i) -> bool:
+def _enclosed(m: MeshArrays, cell: wp.vec3i) -> bool:
     """Is a centre proven to be enclosed?"""
     return is_enclosed(m.closed, _centre(m.sides, cell))
 
 
 @wp.func
-def _side_by_winding(m: Mesh, cell: wp.vec3i) -> int:
+def _side_by_winding(m: MeshArrays, cell: wp.vec3i) -> int:
     """The side of a centre by its winding number, TURNED where that is below 0."""
     found = winding(m.closed, _centre(m.sides, cell))
     if found < 0:
@@ -338,9 +338,9 @@ def kernel_of(answer: wp.Function, mesh: type, point: type, module: str, dtype: 
     return wp.kernel(kernel, enable_backward=False, module=module)
 
 
-_join = kernel_of(_joined, Mesh, wp.vec3i, MODULE)
-_enclose = kernel_of(_enclosed, Mesh, wp.vec3i, MODULE, rows=1)
-_wind = kernel_of(_side_by_winding, Mesh, wp.vec3i, f"{MODULE}.winding", rows=1)
+_join = kernel_of(_joined, MeshArrays, wp.vec3i, MODULE)
+_enclose = kernel_of(_enclosed, MeshArrays, wp.vec3i, MODULE, rows=1)
+_wind = kernel_of(_side_by_winding, MeshArrays, wp.vec3i, f"{MODULE}.winding", rows=1)
 
 
 class SidesGrid(NamedTuple):
@@ -378,14 +378,14 @@ def build_sides(
     surface = surface_cells(corners, faces.reshape(-1, 3), shape, 0.0)
     sides.lower, sides.upper, sides.origin = (wp.vec3d(*v) for v in (lower, upper, origin))
     sides.scale = wp.float64(scale)
-    mesh = Mesh()
+    mesh = MeshArrays()
     mesh.closed, mesh.sides = triangles, sides
     cells, hollows, both = _sides(surface, mesh, alike, empty)
     sides.cells = wp.array(cells, dtype=wp.uint8, device="cpu")
     return SidesGrid(sides, hollows, both)
 
 
-def _sides(surface: np.ndarray, mesh: Mesh, alike: bool, empty: bool) -> tuple[np.ndarray, int, bool]:
+def _sides(surface: np.ndarray, mesh: MeshArrays, alike: bool, empty: bool) -> tuple[np.ndarray, int, bool]:
     """Each cell's side, and ``FREE`` without a face; the number of free hollows; whether faces go around both ways."""
     from scipy import ndimage
 
@@ -429,7 +429,7 @@ def _neighbours(surface: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return tuple(np.concatenate(part) for part in zip(*pairs, strict=True))
 
 
-def _launch(kernel: wp.Kernel, mesh: Mesh, *cells: np.ndarray) -> np.ndarray:
+def _launch(kernel: wp.Kernel, mesh: MeshArrays, *cells: np.ndarray) -> np.ndarray:
     """``(N,)`` bool, what a kernel answers about cells ``(N, 3)``."""
     out = wp.zeros(len(cells[0]), dtype=wp.uint8, device="cpu")
     rows = [wp.array(np.ascontiguousarray(each, dtype=np.int32), dtype=wp.vec3i, device="cpu") for each in cells]

@@ -6,7 +6,7 @@ import warp as wp
 
 from warp_bounding.runtime.native import module_options
 from warp_bounding.shapes.triangles.answers import Motion, half_of, is_box, key_at, place_of
-from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, Mesh, kernel_of, side_of
+from warp_bounding.shapes.triangles.cells import ENCLOSED, MODULE, OUTSIDE, MeshArrays, kernel_of, side_of
 from warp_bounding.shapes.triangles.hierarchy import (
     MovingTriangle,
     Triangle,
@@ -163,7 +163,7 @@ def _nearest(t: Any, x: wp.vec3d) -> wp.vec2d:
 
 
 @wp.func
-def _distances(m: Mesh, p: wp.vec3d) -> wp.vec2d:
+def _distances(m: MeshArrays, p: wp.vec3d) -> wp.vec2d:
     """Lower and upper bound of a point's distance to the object; 0 and infinity where nothing is known."""
     zero = wp.float64(0.0)
     low, high = zero, _INFINITY
@@ -202,7 +202,7 @@ def _distances(m: Motion, x: wp.vec4d) -> wp.vec2d:
     return wp.vec2d(low, high)
 
 
-find_distances = kernel_of(_distances, Mesh, wp.vec3d, f"{MODULE}.distances", wp.vec2d, rows=1)
+find_distances = kernel_of(_distances, MeshArrays, wp.vec3d, f"{MODULE}.distances", wp.vec2d, rows=1)
 find_distances_then = kernel_of(_distances, Motion, wp.vec4d, f"{MODULE}.moving_distances", wp.vec2d, rows=1)
 
 
@@ -415,7 +415,13 @@ def _limits(values: Any) -> wp.vec2d:
 
 @wp.func
 def _largest_excess(
-    m: Mesh, low: wp.vec3d, high: wp.vec3d, values: Corners, limits: wp.vec2d, least: wp.float64, enough: wp.float64
+    m: MeshArrays,
+    low: wp.vec3d,
+    high: wp.vec3d,
+    values: Corners,
+    limits: wp.vec2d,
+    least: wp.float64,
+    enough: wp.float64,
 ) -> wp.float64:
     """Upper bound of a function's overestimate over the distance in a box, above ``least``."""
     if not is_box(low, high):
@@ -495,5 +501,5 @@ def _excess_kernel(mesh: type, point: type, corners: type, module: str) -> wp.Ke
     return find_excesses
 
 
-find_excesses = _excess_kernel(Mesh, wp.vec3d, Corners, f"{MODULE}.excesses")
+find_excesses = _excess_kernel(MeshArrays, wp.vec3d, Corners, f"{MODULE}.excesses")
 find_excesses_then = _excess_kernel(Motion, wp.vec4d, CornersThen, f"{MODULE}.moving_excesses")

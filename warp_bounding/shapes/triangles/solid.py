@@ -21,7 +21,7 @@ from warp_bounding.shapes.triangles.answers import (
     decide_segments,
     decide_then,
 )
-from warp_bounding.shapes.triangles.cells import Mesh, SidesGrid, build_sides
+from warp_bounding.shapes.triangles.cells import MeshArrays, SidesGrid, build_sides
 from warp_bounding.shapes.triangles.distances import (
     Corners,
     CornersThen,
@@ -112,7 +112,7 @@ class Solid(Hierarchies):
 
     def dilated(self, lower: np.ndarray, upper: np.ndarray, margin: float) -> "DilatedSolid":
         """The object dilated by a margin; ``lower`` and ``upper`` are the corners of a box that holds it."""
-        mesh = Mesh()
+        mesh = MeshArrays()
         mesh.lower, mesh.upper, mesh.margin = wp.vec3d(*lower), wp.vec3d(*upper), wp.float64(margin)
         mesh.faces, mesh.closed, mesh.sides = self.all, self.closed, self._grid.sides
         return DilatedSolid([mesh])
