@@ -21,6 +21,7 @@ DEMOS = {  # pictures of docs: title, command, and what is seen
     "cloth.png": ("Cloth", "cloth", "Newton's cloth on two meshes."),
     "path.png": ("Paths", "path", "Roadmaps in two maps."),
     "arm.png": ("Arms", "arm", "Plans of arms with three and four joints."),
+    "panda.png": ("Seven joints", "arm", "A Panda's plan, every motion proven, and another around a post."),
     "ur5.png": ("A UR5", "arm", "A robot plans among furniture, by two proven networks."),
     "shadows.png": ("Shadows", "shadows", "Shadow rays of a bunny and a chair."),
     "pile.png": ("Pile", "pile", "Two hundred bunnies and rings in a box."),

@@ -3,6 +3,9 @@
 Bounders come with the demo. Of each cell of a planar arm the rounded hulls are the narrow phase; of the one of four
 joints, where Coal and Pinocchio are installed, triangle meshes too, by the same bounders.
 
+A Panda, where its files are installed, moves all of its seven joints: nothing is fitted, and each motion of a plan is
+proven (``seven``).
+
 A UR5, where its files are installed, must not touch itself either. Two proven bounders are asked about it: of its cell,
 and of the robot alone, which serves in every cell. What both deny is free.
 """
@@ -18,8 +21,9 @@ import warp_bounding as wb
 from sims import base
 from sims.arm.exact import STEP, Hulls, Meshes, Stepped
 from sims.arm.pictures import draw, draw_one
-from sims.arm.robot_pictures import draw_robot
+from sims.arm.robot_pictures import draw_robot, draw_seven
 from sims.arm.robots import CELLS, KEPT, ROBOTS, ur5
+from sims.arm.seven import cell, planned
 from sims.arm.workplace import Workplace
 from sims.drawing import Drawn
 from sims.planning.broad import BroadPhase, Elsewhere, Every, First, Points, Samples, Segments
@@ -155,6 +159,8 @@ class Demo(PlanningDemo):
         self.flat = places()
         self.robots, self.lacking = robot_places()
         self.places = [*self.flat, *self.robots]
+        self.whole = None if self.lacking else cell()
+        self.seven = None if self.whole is None else planned(self.whole)
         self.steps, self.shape = 1, ", ".join(place.name for place in self.places)
         return {place.scene: place.around for place in self.places}
 
@@ -225,6 +231,8 @@ class Demo(PlanningDemo):
                 f"{place.name}: a network of the robot's collisions with itself is asked too; it serves in every cell.",
                 markup=False,
             )
+        if self.seven:
+            self.console.print(self.seven.sentence(), markup=False)
         if self.lacking:
             self.console.print(f"No robot is shown: {self.lacking}", markup=False)
         if not any("meshes" in section for section in self.examples):
@@ -240,10 +248,13 @@ class Demo(PlanningDemo):
             runs = next(runs for section, runs in self.examples.items() if section.startswith(place.name))
             paths, problem = draw_robot(runs["mlp"], self.out, runs["none"].checks)
             drawn = Drawn([*drawn.paths, *paths], problem or drawn.problem)
+        if self.seven:
+            paths, problem = draw_seven(self.seven, self.whole, self.out)
+            drawn = Drawn([*drawn.paths, *paths], problem or drawn.problem)
         return drawn
 
     def more(self) -> dict[str, Any]:
-        """``cells`` and ``bounders``: a row a cell and bounder."""
+        """``cells`` and ``bounders``: a row a cell and bounder; ``seven``: what is known of plans of seven joints."""
         rows = [{"cell": place.name, **row} for place in self.places for row in self.rows[place.scene]]
         reported = [
             {
@@ -254,7 +265,9 @@ class Demo(PlanningDemo):
             }
             for section, examples in self.examples.items()
         ]
-        return {"cells": reported, "bounders": rows}
+        plans = (self.seven.first, self.seven.spoiled, self.seven.second) if self.seven else ()
+        seven = [plan.statement for plan in plans if plan]
+        return {"cells": reported, "bounders": rows, "seven": seven}
 
 
 run = Demo.run

@@ -16,8 +16,10 @@ SUBDIVISIONS = 3  # of the ball that rounds a body: 1,280 triangles
 SHRUNK = 1 - 2.0**-30  # more than float64 rounds: meshes lie inside the bodies
 
 
-def mesh_of(body: wb.arms.Body) -> trimesh.Trimesh:
+def mesh_of(body: wb.arms.Body | wb.arms.Cylinder) -> trimesh.Trimesh:
     """A mesh inside a body, its corners on the body's surface: the hull of a triangulated ball around each point."""
+    if isinstance(body, wb.arms.Cylinder):
+        return trimesh.creation.cylinder(radius=body.radius * SHRUNK, height=body.length, transform=body.pose)
     if body.radius == 0:
         return trimesh.PointCloud(body.points).convex_hull
     ball = trimesh.creation.icosphere(subdivisions=SUBDIVISIONS, radius=body.radius * SHRUNK).vertices

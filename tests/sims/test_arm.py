@@ -12,6 +12,7 @@ from sims.arm.meshes import MeshModel
 from sims.arm.pictures import draw
 from sims.arm.robot_pictures import posed
 from sims.arm.robots import CELLS, Cell, planar
+from sims.arm.seven import cell, planned
 from sims.arm.workplace import Workplace
 from sims.planning.broad import BroadPhase, Every, Points, Samples, Segments
 from sims.prefitted import stored
@@ -181,8 +182,18 @@ def test_a_robot_plans_the_same_paths_with_bounders_of_its_cell_and_of_itself(ur
 def test_a_robot_is_drawn_where_its_hulls_are(ur5, rng):
     x = ur5.draw(5, rng)
     arm = ur5.cell.arm
-    for vertices, frames in zip(posed(ur5, x)[0], arm.frames(ur5.joint_values(x)), strict=True):
+    for vertices, frames in zip(posed(ur5.cell, ur5.joint_values(x))[0], arm.frames(ur5.joint_values(x)), strict=True):
         hulls = [b.points @ frames[b.link, :3, :3].T + frames[b.link, :3, 3] for b in arm.bodies[:-1] if b.link >= 0]
         hulls = np.concatenate([*hulls, arm.bodies[0].points])
         for end in (np.min, np.max):
             assert end(vertices, axis=0) == pytest.approx(end(hulls, axis=0), abs=2e-3)  # metres
+
+
+def test_a_panda_plans_with_all_joints_and_again_around_a_post(ur5):
+    seven = planned(cell())
+    assert len(seven.motions.arm.free) == 7
+    assert seven.first.proven
+    assert not seven.spoiled.proven
+    assert seven.spoiled.between[1] == "post"
+    assert seven.second.proven
+    assert (seven.second.waypoints[[0, -1]] == seven.first.waypoints[[0, -1]]).all()
