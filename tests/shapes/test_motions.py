@@ -7,7 +7,7 @@ import pytest
 from arm_cases import BRANCHES, posed, random_arm, random_body, robot
 
 import warp_bounding as wb
-from warp_bounding.arms import Arm, Body, Cylinder, Joint, Motions
+from warp_bounding.arms import Arm, Body, Cylinder, Joint, Motions, Scan
 from warp_bounding.rigid import lengths
 
 coal_clearance = pytest.importorskip("coal_clearance", reason="needs Coal: pip install 'warp-bounding[arms]'")
@@ -158,6 +158,66 @@ def test_obstacles_that_move_are_avoided_at_their_times(rng):
         motions.segments(q0, q1, velocities={"thing 1": [1, 2]})
 
 
+def test_what_is_proven_among_triangles_is_free(rng):
+    arm, _ = random_arm(rng, 3)
+    triangles = rng.normal(size=(60, 1, 3)) * 0.6 + rng.normal(size=(60, 3, 3)) * 0.1
+    scan = Scan(triangles, 0.01, posed(rng, 0.1), "scan")
+    motions, (q0, q1) = Motions(arm, scan), edges(arm, rng, 30)
+    single = [Body(corners, 0.01, name=f"{k}") for k, corners in enumerate(scan.placed)]
+    clear, share = motions.segments(q0, q1, until=True)
+    assert 0 < clear.sum() < len(clear)
+    alone = Motions(arm, single).segments(q0, q1, until=True)
+    assert np.array_equal(clear, alone[0])
+    assert np.allclose(share, alone[1], atol=2.0**-11)
+    normals = np.cross(scan.placed[:, 1] - scan.placed[:, 0], scan.placed[:, 2] - scan.placed[:, 0])
+    flat = [Body([*x, x[0] + 1e-6 * n / lengths(n)], 0.01) for x, n in zip(scan.placed, normals, strict=True)]
+    for a, b, free in zip(q0[:10], q1[:10], clear[:10], strict=True):  # Coal takes solids
+        least = clearance(arm, flat, motions.pairs, along(a, b, 15)).min()
+        assert not free or least > -COAL
+        assert free or least < 0.02
+    q = rng.uniform(arm.lower, arm.upper, (500, 3))
+    assert np.array_equal(motions.configurations(q), Motions(arm, single).configurations(q))
+    hit = q[motions.configurations(q) == 2]
+    assert {named[1] for named in motions.culprits(hit)} - {body.name for body in arm.bodies} == {"scan"}
+
+
+def test_the_inside_of_a_closed_mesh_counts(rng):
+    tetrahedron = wb.shapes.Mesh(
+        [[0, 0, 0], [8, 0, 0], [0, 8, 0], [0, 0, 8]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]]
+    )
+    arm = Arm([Joint(), Joint()], [Body.sphere([0.5, 0, 0], 0.1, link=i, name=f"ball {i}") for i in range(2)])
+    shift = np.eye(4)
+    shift[:3, 3] = [-2, -2, -2]
+    around, away = Scan.of_mesh(tetrahedron, pose=shift, name="rock"), np.eye(4)
+    away[:3, 3] = [50, 0, 0]
+    motions, q = Motions(arm, around, self_collision=False), rng.uniform(-3, 3, (20, 2))
+    assert (motions.configurations(q) == 2).all()
+    assert motions.culprits(q[:1])[0][1] == "rock"
+    assert not motions.segments(q[:10], q[10:])[0].any()
+    motions.move("rock", away)
+    assert (motions.configurations(q) == 0).all()
+    open_mesh = Scan.of_mesh(wb.shapes.Mesh(tetrahedron.vertices, tetrahedron.faces[:3]), pose=shift)
+    assert (Motions(arm, open_mesh, self_collision=False).configurations(q) == 0).all()
+
+
+def test_points_and_heights(rng):
+    arm = Arm([Joint()], [Body.capsule([0.2, 0, 0], [1, 0, 0], 0.05, link=0)])
+    angles = np.linspace(0.5, 2.5, 300)
+    points = np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1) * rng.uniform(0.2, 1, (300, 1))
+    motions = Motions(arm, Scan.of_points(points, 0.01))
+    assert motions.configurations([[0.0], [1.5], [-1.0]]).tolist() == [0, 2, 0]
+    clear, share = motions.segments([[0.0], [0.0]], [[-1.5], [1.5]], until=True)
+    assert clear.tolist() == [True, False]
+    assert 0.1 < share[1] < 0.4
+    hill = np.where(np.abs(np.linspace(-1, 1, 41))[:, None] < 0.2, 0.1, -0.5) * np.ones((1, 41))
+    assert Motions(arm, Scan.of_heights(hill, [-1, -1], [1, 1])).configurations([[0.0]]).tolist() == [2]
+    low = Scan.of_heights(hill - 0.2, [-1, -1], [1, 1])
+    assert Motions(arm, low).configurations([[0.0], [1.5]]).tolist() == [0, 0]
+    for bad, match in ((np.zeros((3, 2)), "points"), (np.full((1, 1, 3), np.nan), "finite")):
+        with pytest.raises(wb.BoundingError, match=match):
+            Scan(bad)
+
+
 def test_a_plan_is_kept_and_proven_again(tmp_path, rng):
     arm, obstacles = random_arm(rng, 3)
     motions = Motions(arm, obstacles)
@@ -206,7 +266,7 @@ def test_bad_waypoints_get_one_clear_error(waypoints, match):
     ("make", "match"),
     [
         (lambda arm: Motions(arm.joints), "expected an Arm, got tuple"),
-        (lambda arm: Motions(arm, ["box"]), "expected objects of Body or Cylinder, got str"),
+        (lambda arm: Motions(arm, ["box"]), "expected objects of Body or Cylinder or Scan, got str"),
         (lambda arm: Motions(arm, [Body.sphere([0, 0, 0], 1, link=0)]), "is an obstacle, and it is of link 0"),
         (lambda arm: Motions(arm, halvings=25), "expected halvings from 0 to 24, got 25"),
         (lambda arm: Motions(arm, margin=-1), "margin"),

@@ -111,6 +111,11 @@ class Body(Picklable):
             raise ShapeError(f"{name}: expected points (N, 3) of finite numbers up to {LARGEST:g}, got {points.shape}")
         return cls(*_enclosed(points), link, name, part)
 
+    @property
+    def numbers(self) -> np.ndarray:
+        """All that a digest needs to know."""
+        return np.append(self.points, [self.radius, self.link])
+
     def moved(self, pose) -> "Body":
         """This body at a pose ``(4, 4)``; itself for ``None``."""
         if pose is None:
@@ -156,6 +161,11 @@ class Cylinder(Picklable):
         pose = checked_pose(self.pose, self.name)
         pose.setflags(write=False)
         object.__setattr__(self, "pose", pose)
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All that a digest needs to know."""
+        return np.append(self.pose, [self.radius, self.length])
 
     def moved(self, pose) -> "Cylinder":
         """This cylinder at a pose ``(4, 4)``; itself for ``None``."""
@@ -473,18 +483,14 @@ class Arm:
         found.__dict__.pop("_moved", None)
         return found
 
-    def hash_into(self, sha, obstacles: Sequence["Body | Cylinder"] = ()) -> None:
+    def hash_into(self, sha, obstacles: Sequence = ()) -> None:
         """Add all numbers of joints, bodies and obstacles to a hash; names do not enter."""
         for joint in self.joints:
             numbers = [*joint.origin.ravel(), *joint.axis, joint.lower, joint.upper, joint.slides]
             numbers += [joint.continuous] * joint.continuous
             sha.update(np.array(numbers, dtype="<f8").tobytes())
         for body in (*self.bodies, *obstacles):
-            if isinstance(body, Body):
-                numbers = [*body.points.ravel(), body.radius, body.link]
-            else:
-                numbers = [*body.pose.ravel(), body.radius, body.length]
-            sha.update(np.array(numbers, dtype="<f8").tobytes() + b";")
+            sha.update(np.asarray(body.numbers, dtype="<f8").tobytes() + b";")
 
     def hash_tree_into(self, sha) -> None:
         """Add who carries and who follows whom, of an arm that is no chain."""

@@ -29,12 +29,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import warp as wp
 
 from warp_bounding.arms.arm import LARGEST, WORLD, Arm, Body, Cylinder, all_of, checked_pose
+from warp_bounding.arms.scan import Scan
 from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.rigid import lengths, matmul
 from warp_bounding.runtime.arrays import Picklable
@@ -52,7 +53,7 @@ LANES = 8  # corners of a group
 DEEPEST = 24  # times that a motion is halved, at most
 DEVICE = "cpu"
 
-Obstacle = Body | Cylinder
+Obstacle = Body | Cylinder | Scan
 
 
 class Motions:
@@ -60,7 +61,7 @@ class Motions:
 
     Args:
         arm: The arm; see ``load_urdf``.
-        obstacles: Bodies and cylinders that stand in the world.
+        obstacles: Bodies, cylinders and scans that stand in the world.
         attached: What links carry, such as a grasped object, by the names of parts of the arm: bodies in the frame of
             the joint that moves the part (``Body.link`` is not heeded). They are checked against what the part is
             checked against.
@@ -245,11 +246,11 @@ class Motions:
         return q if ((q >= low) & (q <= high)).all() else np.where((q >= low) & (q <= high), q, np.nan)
 
     def _named(self, item: int) -> tuple[str, str] | None:
-        own, around = self.arm.bodies, len(self._given)
+        own, around = self.arm.bodies, len(self._owners)
         if item < 0:
             return None
         if item < len(own) * around:
-            return own[item // around].name, self._given[item % around][0].name
+            return own[item // around].name, self._given[self._owners[item % around]][0].name
         return tuple(own[k].name for k in self.pairs[item - len(own) * around])
 
     def _ask(self, until: bool | None, *given: np.ndarray) -> list[np.ndarray]:
@@ -264,11 +265,29 @@ class Motions:
         for array, values in zip(call.given, given, strict=True):
             array[:] = values
         call.launch.launch()
-        return [answer.copy() for answer in call.answers] if count == 1 else call.answers
+        answers = [answer.copy() for answer in call.answers] if count == 1 else call.answers
+        if any(isinstance(body, Scan) and body.solid is not None for body, _ in self._given):
+            self._look_inside(given[0], answers)
+        return answers
+
+    def _look_inside(self, q: np.ndarray, answers: list[np.ndarray]) -> None:
+        """Bodies that begin inside of a closed scan: what never crosses its surface stays there."""
+        finite, own = np.isfinite(q).all(axis=1), [i for i, body in enumerate(self.arm.bodies) if body.link != WORLD]
+        frames = self.arm.frames(np.where(finite[:, None], q, 0.0))
+        for number, scan in enumerate(self.obstacles):
+            if not isinstance(scan, Scan) or scan.solid is None:
+                continue
+            first = int(np.argmax(self._owners == number))
+            for i in own:
+                body = self.arm.bodies[i]
+                pose, middle = frames[:, body.link], body.points.mean(axis=0)
+                inside = finite & scan.holds(matmul(pose[:, :3, :3], middle[:, None])[..., 0] + pose[:, :3, 3])
+                for answer, value in zip(answers, (COLLIDING, i * len(self._owners) + first, 0.0), strict=False):
+                    answer[inside] = value
 
     # --- Arrays, as native/motions.h reads them ----------------------------------------------------------------------
 
-    def _layout_of_arm(self) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray], float]:
+    def _layout_of_arm(self) -> tuple[list[np.ndarray], list[np.ndarray], "_Laid", float]:
         """Whole numbers and numbers of the joints, the numbers of each body, and the size of the arm."""
         arm, (origins, moved) = self.arm, self.arm.moved
         paths = [arm.path(WORLD, k) for k in range(len(arm.bodies))]
@@ -283,34 +302,29 @@ class Motions:
         ]
         poses = [np.concatenate([origin[:3, :3].ravel(), origin[:3, 3]]) for origin in origins]
         numbers = [arm.factor, arm.offset, np.concatenate(poses), np.array([s[2] for path in paths for s in path])]
-        bodies = [_Laid.of(points, body.radius) for points, body in zip(moved, arm.bodies, strict=True)]
+        bodies = _Laid.joined([_Laid.of(points, body.radius) for points, body in zip(moved, arm.bodies, strict=True)])
         limits = np.stack([arm.lower, arm.upper])[:, arm.coordinate] * arm.factor + arm.offset
         slides = sum(np.abs(ends).max() for joint, ends in zip(arm.joints, limits.T, strict=True) if joint.slides)
-        size = slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins) + max(body.size for body in bodies)
+        size = slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins) + bodies.size
         return whole, numbers, bodies, size
 
     def _laid_out(self) -> tuple[wp.array, wp.array]:
         (parent, slides, coordinate, first, path, pairs), (factor, offset, origin, reach), own, size = self._fixed
-        around = [_Laid.around(body) for body in self.obstacles]
-        bodies, links = [*own, *around], [*(body.link for body in self.arm.bodies), *([WORLD] * len(around))]
-        size += self.margin + max((body.size for body in around), default=0.0)
-        lanes = [body.lanes for body in bodies]
-        whole = [
-            parent,
-            slides,
-            coordinate,
-            links,
-            [body.cylinder for body in bodies],
-            np.cumsum([0, *map(len, lanes)]),
-        ]
-        numbers = [factor, offset, origin, [body.frame for body in bodies], [body.half for body in bodies]]
-        velocities = np.zeros((len(bodies), 3))
-        velocities[len(own) :] = [self._velocities.get(body.name, (0.0, 0.0, 0.0)) for body, _ in self._given] or 0.0
-        size += np.abs(velocities).sum(axis=1).max()
-        numbers += [[body.radius for body in bodies], [body.ball for body in bodies], velocities, reach]
-        counts = [len(parent), len(self.arm.free), len(own), len(bodies), len(self.pairs)]
-        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(lanes))]
-        whole = [np.ravel(each).astype(np.int32) for each in (*whole, first, path, pairs)]
+        around = _Laid.joined([_Laid.around(body) for body in self.obstacles])
+        owners = np.repeat(np.arange(len(self._given)), [_count(body) for body, _ in self._given])
+        shifts = np.array([self._velocities.get(body.name, (0.0, 0.0, 0.0)) for body, _ in self._given]).reshape(-1, 3)
+        order, skip, group, boxes = _tree(around, shifts[owners])
+        self._owners, around = owners[order], around.sorted(order)
+        bodies, fixed = _Laid.joined([own, around]), np.zeros((len(own.half), 3))
+        velocities = np.concatenate([fixed, shifts[self._owners]])
+        size += self.margin + around.size + np.abs(velocities).sum(axis=1).max()
+        links = [*(body.link for body in self.arm.bodies), *([WORLD] * len(order))]
+        lanes = np.cumsum([0, *map(len, bodies.lanes)])
+        whole = [parent, slides, coordinate, links, bodies.cylinder, lanes, first, path, pairs, skip, group]
+        numbers = [factor, offset, origin, bodies.frame, bodies.half, bodies.radius, bodies.ball, velocities, reach]
+        counts = [len(parent), len(self.arm.free), len(own.half), len(links), len(self.pairs), len(skip)]
+        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(bodies.lanes), boxes)]
+        whole = [np.ravel(each).astype(np.int32) for each in whole]
         header = len(counts) + len(whole) + len(numbers)
         at = header + np.cumsum([0, *map(len, whole[:-1])])
         places = 2 + np.cumsum([0, *map(len, numbers[:-1])])
@@ -406,6 +420,11 @@ class Plan(Picklable):
         return motions.path(self.waypoints)
 
 
+def _count(body: Obstacle) -> int:
+    """Of how many parts an obstacle is made."""
+    return len(body.corners) if isinstance(body, Scan) else 1
+
+
 class _Call:
     """A launch and its memory.
 
@@ -426,34 +445,139 @@ class _Call:
         self.launch = BlockLaunch(kernel, count, [0, *inputs], outputs, device, first_index=0, block=1)
 
 
+@dataclass(frozen=True)
 class _Laid:
-    """A body as the kernels read it: corners, a box or cylinder around them, and a ball."""
+    """K bodies as the kernels read them.
 
-    def __init__(self, frame: np.ndarray, half: np.ndarray, radius: float, lanes: np.ndarray, cylinder: bool):
-        self.frame, self.half, self.radius, self.lanes, self.cylinder = frame, half, radius, lanes, cylinder
-        self.ball, self.size = np.append(frame[9:], lengths(half) * OUTWARD), 0.0
+    Attributes:
+        frame: ``(K, 12)``, of boxes or cylinders around them: rotation by rows, then place.
+        half: ``(K, 3)``, half the sides; of a cylinder its radius twice and half its length.
+        radius: ``(K,)``.
+        ball: ``(K, 4)``, centre and radius.
+        lanes: Of each the corners in groups of eight.
+        cylinder: ``(K,)`` bool.
+        size: The largest sum of coordinates and radius.
+    """
+
+    frame: np.ndarray
+    half: np.ndarray
+    radius: np.ndarray
+    ball: np.ndarray
+    lanes: list[np.ndarray]
+    cylinder: np.ndarray
+    size: float
+    _ARRAYS: ClassVar = ("frame", "half", "radius", "ball", "cylinder")
+
+    @classmethod
+    def joined(cls, parts: "Sequence[_Laid]") -> "_Laid":
+        """All of them, one behind the other."""
+        parts = [cls._none(), *parts]
+        arrays = (np.concatenate([getattr(part, name) for part in parts]) for name in cls._ARRAYS)
+        found = dict(zip(cls._ARRAYS, arrays, strict=True))
+        lanes = [each for part in parts for each in part.lanes]
+        return cls(**found, lanes=lanes, size=max(part.size for part in parts))
+
+    @classmethod
+    def _none(cls) -> "_Laid":
+        shapes = ((0, 12), (0, 3), (0,), (0, 4))
+        return cls(*map(np.empty, shapes), lanes=[], cylinder=np.empty(0, dtype=bool), size=0.0)
+
+    def sorted(self, order: np.ndarray) -> "_Laid":
+        """In another order."""
+        arrays = {name: getattr(self, name)[order] for name in self._ARRAYS}
+        return replace(self, **arrays, lanes=[self.lanes[k] for k in order])
 
     @classmethod
     def around(cls, body: Obstacle) -> "_Laid":
         """Of an obstacle."""
         if isinstance(body, Body):
             return cls.of(body.points, body.radius)
-        half = np.array([body.radius, body.radius, body.length / 2])
-        found = cls(np.concatenate([body.pose[:3, :3].ravel(), body.pose[:3, 3]]), half, 0.0, np.empty(0), True)
-        found.size = float(np.abs(body.pose[:3, 3]).sum() + half.sum())
-        return found
+        if isinstance(body, Scan):
+            return cls.of_many(body.placed, body.radius)
+        half = np.array([[body.radius, body.radius, body.length / 2]])
+        frame, size = np.append(body.pose[:3, :3], body.pose[:3, 3])[None], np.abs(body.pose[:3, 3]).sum() + half.sum()
+        ball = np.concatenate([frame[:, 9:], lengths(half)[:, None] * OUTWARD], axis=1)
+        return cls(frame, half, np.zeros(1), ball, [np.empty(0)], np.ones(1, dtype=bool), float(size))
 
     @classmethod
     def of(cls, points: np.ndarray, radius: float) -> "_Laid":
-        """Of a rounded hull."""
+        """Of a rounded hull of points ``(P, 3)``."""
         frame, half = _box_around(points)
-        count = -(-len(points) // LANES) * LANES
-        padded = np.concatenate([points, np.broadcast_to(points[:1], (count - len(points), 3))])
-        found = cls(frame, half, radius, padded.reshape(-1, LANES, 3).transpose(0, 2, 1).ravel(), False)
         center = _center_of(points)
-        found.ball = np.append(center, lengths(points - center).max() * OUTWARD)
-        found.size = float(np.abs(points).sum(axis=1).max() + radius)
-        return found
+        ball = np.append(center, lengths(points - center).max() * OUTWARD)
+        size = float(np.abs(points).sum(axis=1).max() + radius)
+        return cls(
+            frame[None],
+            half[None],
+            np.array([radius]),
+            ball[None],
+            list(_in_lanes(points[None])),
+            np.zeros(1, bool),
+            size,
+        )
+
+    @classmethod
+    def of_many(cls, corners: np.ndarray, radius: float) -> "_Laid":
+        """Of many hulls of as many points each, ``(K, P, 3)``; their boxes have the world's axes."""
+        low, high, count = corners.min(axis=1), corners.max(axis=1), len(corners)
+        center, half = (low + high) / 2, (high - low) / 2 * OUTWARD
+        frame = np.concatenate([np.tile(np.eye(3).ravel(), (count, 1)), center], axis=1)
+        ball = np.concatenate([center, lengths(half)[:, None] * OUTWARD], axis=1)
+        size = float(np.abs(corners).sum(axis=2).max() + radius)
+        lanes, flat = list(_in_lanes(corners)), np.zeros(count, dtype=bool)
+        return cls(frame, half, np.full(count, radius), ball, lanes, flat, size)
+
+
+def _in_lanes(corners: np.ndarray) -> np.ndarray:
+    """``(K, L)``: of K hulls ``(K, P, 3)`` x, y and z of eight corners, one behind another; the first fills up."""
+    count = -(-corners.shape[1] // LANES) * LANES
+    first = np.broadcast_to(corners[:, :1], (len(corners), count - corners.shape[1], 3))
+    padded = np.concatenate([corners, first], axis=1).reshape(len(corners), -1, LANES, 3)
+    return padded.transpose(0, 1, 3, 2).reshape(len(corners), -1)
+
+
+def _tree(bodies: _Laid, shifts: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A tree of boxes over obstacles that move by ``(K, 3)``, in groups of eight neighbours.
+
+    Returns:
+        The order of the obstacles, and of each node, depth first, which one follows after all below it, the number of
+        its group or -1, and its box ``(6,)``.
+    """
+    center, turn = bodies.frame[:, 9:], bodies.frame[:, :9].reshape(-1, 3, 3)
+    half = (np.abs(turn) * bodies.half[:, None]).sum(axis=2) + bodies.radius[:, None]
+    half *= OUTWARD
+    low, high = center - half + np.minimum(shifts, 0), center + half + np.maximum(shifts, 0)
+    count = max(1, -(-len(center) // LANES))
+    depth = max(0, (count - 1).bit_length())
+    order = _along_a_curve((low + high) / 2)
+    boxes = np.full((LANES << depth, 6), np.inf)
+    boxes[: len(order)] = np.concatenate([low[order], -high[order]], axis=1)
+    level = boxes.reshape(-1, LANES, 6).min(axis=1)
+    nodes, places = (2 << depth) - 1, np.zeros(1, dtype=np.int64)
+    skip, group, found = np.empty(nodes, np.int32), np.full(nodes, -1, np.int32), np.empty((nodes, 6))
+    levels = [level]
+    for _ in range(depth):
+        levels.append(levels[-1].reshape(-1, 2, 6).min(axis=1))
+    for above, boxes in enumerate(reversed(levels)):
+        below = (2 << (depth - above)) - 1  # a node and all below it
+        skip[places], found[places] = places + below, boxes
+        if above == depth:
+            group[places] = np.arange(len(places))
+        else:
+            places = (places[:, None] + [1, 1 + below // 2]).ravel()
+    found[:, 3:] *= -1
+    return order, skip, group, found
+
+
+def _along_a_curve(points: np.ndarray) -> np.ndarray:
+    """The order of points ``(K, 3)`` by Morton's codes of 16 bits."""
+    if not len(points):
+        return np.empty(0, dtype=np.int64)
+    low = points.min(axis=0)
+    cells = ((points - low) / max(float((points - low).max()), 1e-300) * 65535).astype(np.int64)
+    bits = np.arange(16)
+    codes = ((cells[:, :, None] >> bits & 1) << (3 * bits + np.arange(3)[:, None])).sum(axis=(1, 2))
+    return np.argsort(codes, kind="stable")
 
 
 def _center_of(points: np.ndarray) -> np.ndarray:

@@ -3,17 +3,20 @@
 // and lays out the arrays.
 
 /// MOTIONS
-enum { JOINTS = 64, ITEMS = 4096, DEEPEST = 24, ROUNDS = 32 };
+enum { JOINTS = 64, MANY = 128, DEEPEST = 24, ROUNDS = 32 }; // MANY: items of an interval that are kept apart
 enum { CLEAR = 0, OPEN = 1, HIT = 2 };
 
 // An arm and what is around it. Bodies are those of the arm, then the obstacles. A body is a convex core and all within
 // its radius. The core is the hull of corners, or a cylinder.
 typedef struct {
-    int joints, coordinates, of_arm, bodies, selves;
+    int joints, coordinates, of_arm, bodies, selves, nodes;
     const int *parent, *slides, *coordinate; // of each joint; the base is the parent -1
     const int *link, *cylinder, *corners;    // of each body; where its groups of eight corners begin, and the last ends
     const int *first, *path;                 // of each arm's body, then of each pair: joints that move it
     const int *pair;                         // bodies of the arm that are checked against each other
+    const int *skip, *group;                 // of each node of the obstacles' tree: the next one but those below, and
+                                             // the number of its obstacles' group of eight, or -1
+    const double *box;                       // of each node: lower and upper corner of a box around its obstacles
     const double *factor, *offset;           // of each joint: value = factor q[coordinate] + offset
     const double *origin;                    // twelve each: rotation by rows, then place; joints move about or along z
     const double *frame;                     // of each body: the same, of a box or cylinder around its core
@@ -27,11 +30,13 @@ typedef struct {
 
 static Cell cell_of(const int *whole, const double *numbers) {
     Cell c;
-    const int *at = whole + 5, *places = whole + 5 + 9;
+    const int *at = whole + 6, *places = whole + 6 + 11;
     c.joints = whole[0], c.coordinates = whole[1], c.of_arm = whole[2], c.bodies = whole[3], c.selves = whole[4];
+    c.nodes = whole[5];
     c.parent = whole + at[0], c.slides = whole + at[1], c.coordinate = whole + at[2];
     c.link = whole + at[3], c.cylinder = whole + at[4], c.corners = whole + at[5];
     c.first = whole + at[6], c.path = whole + at[7], c.pair = whole + at[8];
+    c.skip = whole + at[9], c.group = whole + at[10], c.box = numbers + places[10];
     c.factor = numbers + places[0], c.offset = numbers + places[1], c.origin = numbers + places[2];
     c.frame = numbers + places[3], c.half = numbers + places[4], c.radius = numbers + places[5];
     c.ball = numbers + places[6], c.velocity = numbers + places[7], c.reach = numbers + places[8];
@@ -359,15 +364,39 @@ static int first_open(const Cell *c, const double *poses, const double *twists, 
                       double tolerance, int *item) {
     const int around = c->bodies - c->of_arm, obstacles = c->of_arm * around, all = obstacles + c->selves;
     while (*item < obstacles) {
-        const int b = *item / around, stands = c->first[b] == c->first[b + 1];
-        double center[3];
+        const int b = *item / around, begin = *item % around, stands = c->first[b] == c->first[b + 1];
+        const double *twist = twists + 6 * (c->link[b] + 1), bend = bend_of(c, dq, b);
+        double center[3], v[3];
         place(poses + 12 * (c->link[b] + 1), c->ball + 4 * b, center);
-        const double bend = bend_of(c, dq, b);
-        for (int a = c->of_arm + *item % around; a < c->bodies; ++a, ++*item) {
-            if (stands && !(dot(c->velocity + 3 * a, c->velocity + 3 * a) > 0.0)) continue;
-            const int state = state_of(c, poses, twists, t, a, b, h, center, bend, tolerance);
-            if (state != CLEAR) return state;
+        cross(twist, center, v);
+        for (int k = 0; k < 3; ++k) v[k] += twist[3 + k];
+        const double by = h * (sqrt(dot(v, v)) + h * bend);
+        const double reach = c->ball[4 * b + 3] + c->radius[b] + c->margin + tolerance + by;
+        for (int node = 0; node < c->nodes;) {
+            const double *low = c->box + 6 * node;
+            double away = 0.0;
+            for (int k = 0; k < 3; ++k) {
+                const double under = low[k] - center[k], over = center[k] - low[3 + k];
+                const double off = under > over ? under : over;
+                away += off > 0.0 ? off * off : 0.0;
+            }
+            const int group = c->group[node];
+            if (away > reach * reach || (group >= 0 && 8 * (group + 1) <= begin)) {
+                node = c->skip[node];
+                continue;
+            }
+            ++node;
+            if (group < 0) continue;
+            for (int k = 8 * group < begin ? begin : 8 * group; k < around && k < 8 * (group + 1); ++k) {
+                const int a = c->of_arm + k;
+                if (stands && !(dot(c->velocity + 3 * a, c->velocity + 3 * a) > 0.0)) continue;
+                const int state = state_of(c, poses, twists, t, a, b, h, center, bend, tolerance);
+                if (state == CLEAR) continue;
+                *item = b * around + k;
+                return state;
+            }
         }
+        *item = (b + 1) * around;
     }
     for (; *item < all; ++*item) {
         const int state = item_state(c, poses, twists, dq, t, *item, h, tolerance);
@@ -381,7 +410,7 @@ static int first_open(const Cell *c, const double *poses, const double *twists, 
 static double segment(const Cell *c, const double *q0, const double *q1, int deepest, int to_the_end, int *state,
                       int *culprit) {
     double poses[12 * (JOINTS + 1)], twists[6 * (JOINTS + 1)], dq[JOINTS], moved = 1.0;
-    int items[ITEMS], ends[DEEPEST + 2], depth = 0;
+    int items[DEEPEST + 1][MANY], counts[DEEPEST + 1], depth = 0; // of an interval so deep; all where counts is -1
     unsigned position = 0;
     *state = OPEN, *culprit = -1;
     for (int k = 0; k < c->coordinates; ++k) {
@@ -390,28 +419,31 @@ static double segment(const Cell *c, const double *q0, const double *q1, int dee
         if (!(fabs(q0[k]) <= 1e3 && fabs(q1[k]) <= 1e3)) return 0.0;
     }
     const double tolerance = c->allowance * moved;
-    ends[0] = 0;
+    counts[0] = -1;
     for (;;) {
         const double width = ldexp(1.0, -depth), h = 0.5 * width;
         const double t = (position + 0.5) * width;
         links_at(c, q0, dq, t, poses, twists);
-        const int begin = depth ? ends[depth - 1] : 0, end = depth ? ends[depth] : 0;
-        int open = end;
-        for (int k = begin, item = 0; !depth || k < end; ++k, ++item) { // all; later on, what was open before
-            if (depth) item = items[k];
-            const int found = depth ? item_state(c, poses, twists, dq, t, item, h, tolerance)
-                                    : first_open(c, poses, twists, dq, t, h, tolerance, &item);
-            if (found == CLEAR && depth) continue;
-            if (found == CLEAR) break;
-            if (open == ITEMS || depth == deepest || (found == HIT && !to_the_end)) {
+        const int count = counts[depth];
+        int open = 0, *halves = items[depth < deepest ? depth + 1 : 0];
+        for (int k = 0, item = 0; count < 0 || k < count; ++k, ++item) {
+            if (count >= 0) item = items[depth][k];
+            const int found = count >= 0 ? item_state(c, poses, twists, dq, t, item, h, tolerance)
+                                         : first_open(c, poses, twists, dq, t, h, tolerance, &item);
+            if (found == CLEAR && count < 0) break;
+            if (found == CLEAR) continue;
+            if (depth == deepest || (found == HIT && !to_the_end)) {
                 *state = found, *culprit = item;
                 return position * width;
             }
-            items[open++] = item;
+            if (open == MANY) { // too many: the halves look at all of them
+                open = -1;
+                break;
+            }
+            halves[open++] = item;
         }
-        if (open > end) {
-            ends[depth + 1] = open;
-            ++depth, position *= 2;
+        if (open) {
+            counts[++depth] = open, position *= 2;
             continue;
         }
         while (depth && position % 2) --depth, position /= 2;
