@@ -72,7 +72,7 @@ def test_workers_have_the_bounds_of_the_proof(client, monkeypatch):
     bar = -float(np.nextafter(float(claim.threshold) + claim.rounding_bound(), np.inf))
     assert distances.overestimate_within(claim, solid, bar, 60.0)[0] <= bar  # by the search's bounds it would be
     monkeypatch.setattr(halving, "FIRST", 1)
-    threads = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": None}
+    threads = {"processes": False, "n_workers": 1, "threads_per_worker": 1, "dashboard_address": "127.0.0.1:0"}
     with distributed.LocalCluster(**threads) as there:
         for scheduler in (None, there.scheduler_address):  # workers are threads of this process, where the fault is
             assert wb.certify(claim, solid, budget=3.0, scheduler=scheduler).kind != "proven"
