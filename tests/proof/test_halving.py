@@ -64,8 +64,8 @@ def test_workers_have_the_bounds_of_the_proof(client, monkeypatch):
     whole = wb.certify(bounder, solid)
     spread = wb.certify(bounder, solid, scheduler=client.scheduler.address)
     assert (spread.kind, spread.boxes, spread.lower_bound) == ("proven", whole.boxes, whole.lower_bound)
-    met = float(distances._sampled(bounder, solid)[1].max())
-    claim = bounder.to().freeze(float(np.float32(min(-met - bounder.rounding_bound() + 3e-3, 0.0))), None)
+    met = float(distances._sampled(bounder, solid)[0].max())
+    claim = bounder.to().freeze(float(np.float32(min(-met - bounder.rounding_bound() - 1e-6, 0.0))), None)
     claim.info = bounder.info
     true = network.SearchBounds.corners
     monkeypatch.setattr(network.SearchBounds, "corners", lambda *given: true(*given) + 0.01)
