@@ -300,7 +300,7 @@ def pays(results: Path) -> str:
     )
     lines = {
         "Whole motions of robots": f"of {edges:,} motions of three robots that 320 samples a radian accept, "
-        f"{100 * proven / edges:.2f} % are proven free all along, with nothing fitted, for "
+        f"{whole} are proven free all along, with nothing fitted, for "
         f"{100 * proof / samples:.0f} % of the time of 32 samples a radian ([guide](docs/guide/motions.md)).",
         "Expensive checks, many coordinates": "planning with checks of meshes takes "
         f"{_share(arm, 'mlp', 'Planar arm, 4 joints, meshes')} (an arm of four joints) and "
