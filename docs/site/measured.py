@@ -298,6 +298,7 @@ def pays(results: Path) -> str:
     edges, proven, proof, samples = (
         sum(row.get(k, 0) for row in moved) for k in ("edges", "proven", "proof_s", "samples_s")
     )
+    whole = "all" if proven == edges else f"{100 * proven / edges:.2f} %"
     lines = {
         "Whole motions of robots": f"of {edges:,} motions of three robots that 320 samples a radian accept, "
         f"{whole} are proven free all along, with nothing fitted, for "
