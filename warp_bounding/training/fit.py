@@ -496,14 +496,15 @@ def warn_of_restriction(shape: Shape) -> None:
         warn(f"{shape.name}: {text}{'' if getattr(shape, 'watertight', True) else CLOSE}")
 
 
-LITTLE = 1 / 3  # of the free queries: of a bounder that denies less a user should know
+LITTLE = 1 / 3  # of the free queries: of a network that denies less a user should know
+HARDLY_ANY = 0.1  # the same of other methods: boxes around slender things deny few, and their users know
 
 
 def warn_of_little(bounder: Bounder) -> None:
     """Warn if few free queries are denied, by ``info["rates"]``."""
     rates = bounder.info["rates"]
     denied = (rates["free"] - rates["fp_rate"]) / rates["free"] if rates["free"] else 1.0
-    if denied < LITTLE:
+    if denied < (LITTLE if isinstance(bounder, Mlp) else HARDLY_ANY):
         warn(
             f"{bounder.method}: denies {denied:.1%} of the free queries (of {rates['samples']:,} random ones); give a "
             "larger budget= or other options if it is learned, else another method="
