@@ -2,10 +2,10 @@
 
 DIR has a folder for each robot, with its URDF, SRDF and meshes, and folders ``problems/SCENARIO`` of MotionBenchMaker's
 ``requestNNNN.yaml`` and ``sceneNNNN.yaml`` (as in the public repository KavrakiLab/vamp, resources, unpacked). For each
-problem: whether start and goal are free, by ``Motions`` and by Coal on the meshes; edges near them and elsewhere that
-many samples accept, and which of these are proven; what a proof takes beside sampling, in one run on one core; and a
-plan whose every motion is proven. Rows are kept, and the same command goes on. ``--attack`` samples edges that were
-proven, densely, and asks Coal about the meshes.
+problem the program counts four things. Are start and goal free, by ``Motions`` and by Coal on the meshes? How many of
+the edges that dense samples accept are proven? How long does a proof take, compared with sampling in the same run on
+one core? Is there a plan whose every motion is proven? Rows are kept, and the same command goes on. ``--attack`` asks
+Coal on the meshes about many samples of each proven edge.
 """
 
 import os

@@ -42,7 +42,7 @@ balls are not held. Times on {cores} cores, which other work shared.
 
 
 def meshes_of(urdf: Path) -> dict[str, np.ndarray]:
-    """Of each link that has meshes their triangles ``(F, 3, 3)``, in its frame."""
+    """The triangles ``(F, 3, 3)`` of each link that has meshes, in the link's frame."""
     found = {}
     for link, element in links_of(urdf)[1].items():
         for kind, sizes, pose in map(shape_of, element.findall("collision")):

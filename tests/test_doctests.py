@@ -4,7 +4,7 @@ Names have theirs in their docstrings; others stand on the pages of the API refe
 a bounder that only authors of methods call in ``authors.md``. They share a few names, which each example may use
 without making them: ``ball``, ``grid``, ``mesh``, ``motion``, ``bounder``, ``points``, ``far``, a distance bounder of
 the ball, and ``ball_distances``, those of the points; ``balls``, which hold the mesh, and ``pair``, of both; and
-``motions`` of an arm of one joint beside a ball.
+``motions``, which proves those of an arm of one joint beside a ball.
 """
 
 import doctest

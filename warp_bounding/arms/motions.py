@@ -195,7 +195,7 @@ class Motions:
         return self._ask(None, self._configurations(q))[0]
 
     def culprits(self, q) -> list[tuple[str, str] | None]:
-        """Of configurations ``(N, n)`` the names of two bodies that collide, or are too close; ``None`` if free."""
+        """Name two bodies that collide or are too close, for each configuration ``(N, n)``; ``None`` if it is free."""
         return [self._named(each) for each in self._ask(None, self._configurations(q))[1].tolist()]
 
     def path(self, waypoints) -> "Plan":
@@ -421,7 +421,7 @@ class Plan(Picklable):
 
 
 def _count(body: Obstacle) -> int:
-    """Of how many parts an obstacle is made."""
+    """The number of convex parts of an obstacle."""
     return len(body.corners) if isinstance(body, Scan) else 1
 
 
@@ -489,7 +489,7 @@ class _Laid:
 
     @classmethod
     def around(cls, body: Obstacle) -> "_Laid":
-        """Of an obstacle."""
+        """Lays an obstacle out."""
         if isinstance(body, Body):
             return cls.of(body.points, body.radius)
         if isinstance(body, Scan):
@@ -501,7 +501,7 @@ class _Laid:
 
     @classmethod
     def of(cls, points: np.ndarray, radius: float) -> "_Laid":
-        """Of a rounded hull of points ``(P, 3)``."""
+        """Lays out a rounded hull of points ``(P, 3)``."""
         frame, half = _box_around(points)
         center = _center_of(points)
         ball = np.append(center, lengths(points - center).max() * OUTWARD)
@@ -518,7 +518,7 @@ class _Laid:
 
     @classmethod
     def of_many(cls, corners: np.ndarray, radius: float) -> "_Laid":
-        """Of many hulls of as many points each, ``(K, P, 3)``; their boxes have the world's axes."""
+        """Lays out K hulls of P points each, ``(K, P, 3)``; their boxes have the world's axes."""
         low, high, count = corners.min(axis=1), corners.max(axis=1), len(corners)
         center, half = (low + high) / 2, (high - low) / 2 * OUTWARD
         frame = np.concatenate([np.tile(np.eye(3).ravel(), (count, 1)), center], axis=1)
@@ -649,7 +649,7 @@ class _Kernels(NamedTuple):
 
 @cache
 def _kernels() -> _Kernels:
-    """Of whole motions, and of configurations."""
+    """The kernels that answer motions and configurations."""
     text = f"struct Text {{{native_text('motions.h').MOTIONS}}};\n"
     text += "const auto c = Text::cell_of(whole.data, numbers.data);\n"
     at = "c.coordinates * (long long)i"
