@@ -441,7 +441,7 @@ def twist(c: Collisions, pair: int, half: Any) -> wp.float64:
 def second_of(c: Collisions, turn: Any, at: Any, pair: int, normal: wp.vec3d, half: Any, second: Any):
     """What the second derivatives of ``normal . x`` weigh in a box, of corner p of the other: ``second . (p, 1)``.
 
-    Of each two joints of the path, the earlier one first: ``h_ij h_i h_j``, of the same joint half of that.
+    A row stands for two joints i and j of the path, i not after j: ``h_ij h_i h_j``, or half of that where i is j.
     """
     b, row = link(turn, at, c.bodies.link[c.pairs[pair][1]]), wp.int32(0)
     back = wp.transpose(b.turn)
