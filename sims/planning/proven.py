@@ -1,8 +1,9 @@
-"""Plans of which every motion is proven free: RRT-Connect (Kuffner and LaValle 2000) that asks ``Motions``.
+"""Plans of which every motion is proven free: RRT-Connect (Kuffner and LaValle 2000) that asks ``Motions`` in batches.
 
-One tree takes a step towards a random configuration; the other one goes on towards the new configuration until it
-arrives or something is in the way; then they change places. All steps of one way are asked together. Then shortcuts:
-of random pairs of places along the path those whose straight motion is proven replace what lies between.
+The smaller of two trees takes a step towards each of some random configurations; the other one goes on towards the new
+configurations until it arrives or something is in the way. Half of the random configurations are drawn near the tree
+that grows: one deep in a shelf finds no way out by targets from everywhere. Then shortcuts: of random pairs of places
+along the path those whose straight motion is proven replace what lies between.
 
 What this does not do: find the shortest path, or heed velocities.
 """
@@ -15,9 +16,9 @@ import warp_bounding as wb
 
 __all__ = ["Found", "connect", "plan", "shortened"]
 
-REACH = 0.5  # of a step, in joint values
-SAMPLES = 200_000  # random configurations, at most
-NEAR = 4.0  # steps: how far a target may be from a configuration from which a step has failed (Yershova et al. 2005)
+STEP = 1.0  # in joint values: a proof costs about the same for a long motion as for a short one
+SAMPLES, TOGETHER = 400_000, 16  # random configurations, at most, and how many are drawn together
+NEAR = 4.0  # in joint values: how far from a configuration of the tree are those that are drawn near it, about
 SHORTCUTS, AT_ONCE = 8, 16  # rounds of shortcuts, and how many are asked together
 
 
@@ -32,25 +33,24 @@ class _Tree:
     """Configurations, each with the number of the one that it was reached from."""
 
     def __init__(self, root: np.ndarray):
-        self.states, self.parents, self.near = root[None].repeat(256, axis=0), [-1], np.full(256, np.inf)
+        self.states, self.parents, self.count = np.empty((256, len(root))), np.empty(256, dtype=int), 0
+        self.add(root[None], -1)
 
     def add(self, states: np.ndarray, parent: int) -> int:
         """Add configurations one behind the other; the last one's number."""
-        for state in states:
-            count = len(self.parents)
-            if count == len(self.states):
-                self.states = np.concatenate([self.states, self.states])
-                self.near = np.concatenate([self.near, np.full(count, np.inf)])
-            self.states[count] = state
-            self.parents.append(parent)
-            parent = count
-        return parent
+        old, self.count = self.count, self.count + len(states)
+        if self.count > len(self.parents):
+            self.states = np.concatenate([self.states, np.empty((self.count, self.states.shape[1]))])
+            self.parents = np.concatenate([self.parents, np.empty(self.count, dtype=int)])
+        self.states[old : self.count], self.parents[old : self.count] = states, np.arange(old, self.count) - 1
+        self.parents[old] = parent
+        return self.count - 1
 
-    def nearest(self, state: np.ndarray) -> tuple[int, float]:
-        """Number of the nearest configuration, and how far it is."""
-        squares = ((self.states[: len(self.parents)] - state) ** 2).sum(axis=1)
-        at = int(squares.argmin())
-        return at, float(np.sqrt(squares[at]))
+    def nearest(self, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Number of the configuration that is nearest to each target, and how far it is."""
+        states = self.states[: self.count]
+        at = (np.einsum("ij,ij->i", states, states) - 2 * targets @ states.T).argmin(axis=1)
+        return at, np.linalg.norm(targets - states[at], axis=1)
 
     def way(self, number: int) -> list[np.ndarray]:
         """From the root to one of them."""
@@ -61,7 +61,7 @@ class _Tree:
         return found[::-1]
 
 
-def connect(motions: wb.arms.Motions, start, goal, *, seed: int = 0, reach: float = REACH, samples: int = SAMPLES):
+def connect(motions: wb.arms.Motions, start, goal, *, seed: int = 0, step: float = STEP, samples: int = SAMPLES):
     """A path from one configuration to another, as ``Found``.
 
     Args:
@@ -69,7 +69,7 @@ def connect(motions: wb.arms.Motions, start, goal, *, seed: int = 0, reach: floa
         start: ``(n,)``.
         goal: ``(n,)``.
         seed: Of random configurations.
-        reach: Length of a step, in joint values.
+        step: Length of a step, in joint values.
         samples: Random configurations, at most.
     """
     rng, lower, upper = np.random.default_rng(seed), motions.arm.lower, motions.arm.upper
@@ -77,38 +77,41 @@ def connect(motions: wb.arms.Motions, start, goal, *, seed: int = 0, reach: floa
     if motions.configurations([start, goal]).any():
         return Found(None, 0)
 
-    def grow(tree: _Tree, target: np.ndarray, most: int, drawn: bool = False) -> int | None:
-        """Number of the last configuration on the way to a target, after at most so many steps; ``None`` if none.
-
-        A target that was drawn has to lie near a configuration from which a step has failed.
-        """
+    def grow(tree: _Tree, targets: np.ndarray, most: int | None = None) -> list[int]:
+        """Number of the last configuration on the way to each target, after at most so many steps; -1 if none."""
         nonlocal asked
-        at, length = tree.nearest(target)
-        if drawn and length > tree.near[at]:
-            return None
-        way, count = target - tree.states[at], max(1, int(np.ceil(length / reach)))
-        shares = np.arange(min(count, most) + 1)[:, None] / count
-        steps = tree.states[at] + shares * way
-        if count <= most:
-            steps[-1] = target
-        clear, _ = motions.segments(steps[:-1], steps[1:])
+        ways, nearest = [], tree.nearest(targets)
+        for target, at, length in zip(targets, *nearest, strict=True):
+            count = max(1, int(np.ceil(length / step)))
+            shares = np.arange(min(count, most or count) + 1)[:, None] / count
+            way = tree.states[at] + shares * (target - tree.states[at])
+            if len(way) > count:
+                way[-1] = target
+            ways.append(way)
+        clear, _ = motions.segments(np.concatenate([way[:-1] for way in ways]), np.concatenate([w[1:] for w in ways]))
         asked += len(clear)
-        free = len(clear) if clear.all() else int(np.argmin(clear))
-        if not free:
-            tree.near[at] = NEAR * reach
-        return tree.add(steps[1 : 1 + free], at) if free else None
+        last, begun = [], 0
+        for at, way in zip(nearest[0], ways, strict=True):
+            proven = clear[begun : begun + len(way) - 1]
+            begun += len(proven)
+            free = len(proven) if proven.all() else int(np.argmin(proven))
+            last.append(tree.add(way[1 : 1 + free], at) if free else -1)
+        return last
 
-    for number in range(samples):
-        target = trees[1].states[0] if number == 0 else rng.uniform(lower, upper)
-        turn = len(trees[0].parents) > len(trees[1].parents)  # the smaller tree grows
+    for number in range(max(1, samples // TOGETHER)):
+        turn = trees[0].count > trees[1].count
         one, other = trees[::-1] if turn else trees
-        if (new := grow(one, target, 1, drawn=number > 0)) is None:
-            continue
-        met = grow(other, one.states[new], 1000)
-        if met is not None and (other.states[met] == one.states[new]).all():
-            ways = one.way(new), other.way(met)
-            first, second = ways[::-1] if turn else ways
-            return Found(np.array([*first, *second[::-1][1:]]), asked)
+        targets = rng.uniform(lower, upper, (TOGETHER, len(lower)))
+        near = one.states[rng.integers(one.count, size=TOGETHER // 2)]
+        targets[: len(near)] = np.clip(near + rng.normal(0, NEAR / np.sqrt(len(lower)), near.shape), lower, upper)
+        if number == 0:
+            targets[0] = other.states[0]
+        new = [each for each in grow(one, targets, 1) if each >= 0]
+        for a, b in zip(new, grow(other, one.states[new]) if new else [], strict=True):
+            if b >= 0 and (other.states[b] == one.states[a]).all():
+                ways = one.way(a), other.way(b)
+                first, second = ways[::-1] if turn else ways
+                return Found(np.array([*first, *second[::-1][1:]]), asked)
     return Found(None, asked)
 
 
