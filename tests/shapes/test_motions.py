@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from arm_cases import BRANCHES, posed, random_arm, random_body, robot
 
 import warp_bounding as wb
-from warp_bounding.arms import Arm, Body, Cylinder, Joint, Motions, Scan
+from warp_bounding.arms import Arm, Body, Cylinder, DistanceField, Joint, Motions, Scan
 from warp_bounding.rigid import lengths
 
 coal_clearance = pytest.importorskip("coal_clearance", reason="needs Coal: pip install 'warp-bounding[arms]'")
@@ -200,6 +201,66 @@ def test_the_inside_of_a_closed_mesh_counts(rng):
     assert (Motions(arm, open_mesh, self_collision=False).configurations(q) == 0).all()
 
 
+@pytest.fixture(scope="module")
+def rock():
+    ball, rng = trimesh.creation.icosphere(1), np.random.default_rng(0)
+    vertices = ball.vertices * rng.uniform(0.5, 1, (len(ball.vertices), 1)) * [0.5, 0.3, 0.6]
+    mesh = wb.shapes.Mesh(vertices, ball.faces)
+    options = {"nodes": 20, "device": "cpu"}
+    return mesh, {k: wb.fit(mesh, "distance", "distance-grid", storage=k, **options) for k in ("float16", "uint8")}
+
+
+@pytest.mark.parametrize("storage", ["float16", "uint8"])
+@pytest.mark.parametrize("n", [2, 4, 7])
+def test_what_is_proven_by_distances_is_free(n, storage, rock, rng):
+    mesh, far = rock[0], rock[1][storage]
+    arm, _ = random_arm(rng, n, slides=n == 4)
+    pose, velocity, (q0, q1) = posed(rng), rng.normal(size=3) * 0.3, edges(arm, rng, 60)
+    pose[:3, 3] = (arm.frames(q1[:1])[0, -1] @ [*arm.bodies[-1].points[0], 1.0])[:3]
+    truth = Scan.of_mesh(mesh, pose=pose)
+    motions = Motions(arm, far.field(pose, name="rock"), self_collision=False)
+    exact = Motions(arm, truth, self_collision=False)
+    t, proven = np.linspace(0, 1, 12), 0
+    for moving in (np.zeros(3), velocity):
+        clear, share = motions.segments(q0, q1, until=True, velocities={"rock": moving})
+        for a, b, free, part in zip(q0, q1, clear, share, strict=True):
+            if part > 0:
+                x, shifts = a + part * t[:, None] * (b - a), part * t[:, None, None] * moving
+                assert clearance(arm, [truth], motions.pairs, x, shifts).min() > 0.0
+            assert free == (part == 1.0)
+        proven += clear.sum()
+    assert 0 < proven < 2 * len(q0)
+    q = rng.uniform(arm.lower, arm.upper, (5000, n))
+    states, far_off = motions.configurations(q), Motions(arm, truth, self_collision=False, margin=0.15)
+    assert (exact.configurations(q)[states == 0] == 0).all()
+    assert (states[far_off.configurations(q) == 0] == 0).all()
+    assert set(states) == {0, 1}
+    assert motions.culprits(q[states == 1][:1])[0][1] == "rock"
+
+
+def test_plans_by_distances_know_them(rock):
+    far = rock[1]["uint8"]
+    arm = Arm([Joint()], [Body.capsule([0.2, 0, 0], [1, 0, 0], 0.05, link=0, name="link")])
+    pose, away = np.eye(4), np.eye(4)
+    pose[0, 3], away[1, 3] = 1.4, 50.0
+    motions = Motions(arm, [far.field(pose, name="rock")])
+    plan = motions.path([[1.5], [2.5]])
+    assert plan.proven
+    assert plan.certify(Motions(arm, far.field(pose))).proven
+    assert not motions.path([[1.5], [0.0]]).proven
+    assert motions.path([[1.5], [0.0]]).between == ("link", "rock")
+    lower = DistanceField(far.field().values - 1e-3, *(getattr(far.field(), k) for k in ("center", "half", "spacing")))
+    for other in (lower.moved(pose), far.field()):
+        with pytest.raises(wb.BoundingError, match="a plan among other things"):
+            plan.certify(Motions(arm, other))
+    motions.move("rock", away)
+    assert motions.path([[1.5], [0.0]]).proven
+    with pytest.raises(wb.BoundingError, match="an obstacle is proven, 3D"):
+        far.freeze(float(far.threshold), None).field()
+    with pytest.raises(wb.BoundingError, match="nodes all over the box"):
+        DistanceField(np.ones((2, 2, 2)), np.zeros(3), np.ones(3), np.ones(3))
+
+
 def test_points_and_heights(rng):
     arm = Arm([Joint()], [Body.capsule([0.2, 0, 0], [1, 0, 0], 0.05, link=0)])
     angles = np.linspace(0.5, 2.5, 300)
@@ -266,7 +327,7 @@ def test_bad_waypoints_get_one_clear_error(waypoints, match):
     ("make", "match"),
     [
         (lambda arm: Motions(arm.joints), "expected an Arm, got tuple"),
-        (lambda arm: Motions(arm, ["box"]), "expected objects of Body or Cylinder or Scan, got str"),
+        (lambda arm: Motions(arm, ["box"]), "expected objects of Body or Cylinder or Scan or DistanceField, got str"),
         (lambda arm: Motions(arm, [Body.sphere([0, 0, 0], 1, link=0)]), "is an obstacle, and it is of link 0"),
         (lambda arm: Motions(arm, halvings=25), "expected halvings from 0 to 24, got 25"),
         (lambda arm: Motions(arm, margin=-1), "margin"),

@@ -6,7 +6,7 @@ import trimesh
 from scipy.optimize import linprog
 
 import warp_bounding as wb
-from warp_bounding.arms.pieces import hulls_of
+from warp_bounding.arms.pieces import hulls_of, trees_of
 
 MESHES = {
     "angle": trimesh.util.concatenate(
@@ -21,6 +21,24 @@ MESHES = {
     ),
     "half a ring": trimesh.creation.annulus(0.9, 1.0, 0.5, sections=32).slice_plane([0, 0, 0], [1, 0, 0]),
 }
+
+
+def blocks(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices and faces of a solid of cubes, and the middles of these."""
+    rng, solid = np.random.default_rng(seed), np.zeros((10, 10, 10), dtype=bool)
+    solid[3:7, 3:7, 3:7] = True
+    for _ in range(4):
+        axis, low = rng.integers(3), rng.integers(1, 6, 3)
+        high = low + rng.integers(2, 5, 3)
+        low[axis], high[axis] = 1, 9
+        solid[tuple(map(slice, low, high))] = True
+    corners = []
+    for axis, side in np.ndindex(3, 2):
+        open_ = np.argwhere(solid & ~np.roll(solid, 1 - 2 * side, axis)) + side * np.eye(3, dtype=int)[axis]
+        a, b = np.delete(np.eye(3, dtype=int), axis, axis=0)
+        corners += [np.stack([open_, open_ + a, open_ + a + b], axis=1), np.stack([open_, open_ + b, open_ + a + b], 1)]
+    vertices, faces = np.unique(np.concatenate(corners).reshape(-1, 3), axis=0, return_inverse=True)
+    return vertices.astype(float), faces.reshape(-1, 3), np.argwhere(solid) + 0.5
 
 
 def held(body: wb.arms.Body, x: np.ndarray) -> bool:
@@ -50,3 +68,29 @@ def test_convex_and_flat_meshes_stay_whole():
     assert len(hulls_of(np.asarray(ball.vertices), np.asarray(ball.faces), 8)) == 1
     flat = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
     assert len(hulls_of(flat, np.array([[0, 1, 2], [0, 2, 3]]), 8)) == 1
+
+
+@pytest.mark.parametrize("seed", [22, 30, 31])
+def test_pieces_hold_what_a_mesh_encloses(seed, rng):
+    vertices, faces, middles = blocks(seed)
+    bodies = hulls_of(vertices, faces, 12)
+    assert len(bodies) > 1
+    assert all(any(held(body, x) for body in bodies) for x in middles)
+
+
+@pytest.mark.parametrize("points", [1, 2, 4, 30])
+def test_trees_of_balls_hold_hulls(points, rng):
+    hulls = [(np.eye(3), rng.normal(size=(points, 3)) * [1, 1, flat]) for flat in (1.0, 0.0)]
+    first, past, balls = trees_of(hulls, 60)
+    assert first[-1] == len(past) == len(balls)
+    leaves = past == np.arange(len(past)) + 1
+    assert leaves.sum() <= 60
+    assert points == 1 or leaves.sum() > 30
+    for k, (_, hull) in enumerate(hulls):
+        x = rng.dirichlet(np.full(points, 0.2), 500) @ hull
+        own = np.arange(first[k], first[k + 1])
+        inside = np.linalg.norm(x[:, None] - balls[own, :3], axis=2) <= balls[own, 3] * (1 + 1e-15)
+        assert inside[:, leaves[own]].any(axis=1).all()
+        assert inside[:, 0].all()
+        assert (past[own] > own).all()
+        assert (past[own] <= own[-1] + 1).all()

@@ -4,13 +4,21 @@ import coal
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from warp_bounding.arms import WORLD, Arm, Body, Cylinder
+from warp_bounding.arms import WORLD, Arm, Body, Cylinder, Scan
 
 
-def solid(body: Body | Cylinder):
-    """The core of a body, or a cylinder."""
+def solid(body: Body | Cylinder | Scan):
+    """The core of a body, a cylinder, or the triangles of a scan."""
     if isinstance(body, Cylinder):
         return coal.Cylinder(body.radius, body.length)
+    if isinstance(body, Scan):
+        model, corners, faces = coal.BVHModelOBBRSS(), coal.StdVec_Vec3s(), coal.StdVec_Triangle()
+        corners.extend(list(body.corners.reshape(-1, 3)))
+        faces.extend([coal.Triangle(3 * k, 3 * k + 1, 3 * k + 2) for k in range(len(body.corners))])
+        model.beginModel(len(faces), len(corners))
+        model.addSubModel(corners, faces)
+        model.endModel()
+        return model
     points = body.points
     if len(points) == 1:
         return coal.Sphere(0.0)
@@ -27,9 +35,9 @@ def solid(body: Body | Cylinder):
     return coal.Convex(corners, faces)
 
 
-def placed(body: Body | Cylinder, pose: np.ndarray):
+def placed(body: Body | Cylinder | Scan, pose: np.ndarray):
     """Where the solid of a body is, whose link is at a pose."""
-    if isinstance(body, Cylinder):
+    if isinstance(body, Cylinder | Scan):
         pose = pose @ body.pose
     elif len(body.points) <= 2:
         local = np.eye(4)
@@ -50,7 +58,7 @@ def clearance(arm: Arm, obstacles: list, pairs: np.ndarray, q: np.ndarray, shift
     """
     bodies = [*arm.bodies, *obstacles]
     solids = [solid(body) for body in bodies]
-    radii = [getattr(body, "radius", 0.0) if isinstance(body, Body) else 0.0 for body in bodies]
+    radii = [0.0 if isinstance(body, Cylinder) else body.radius for body in bodies]
     own = len(arm.bodies)
     todo = [(own + k, i) for i, body in enumerate(arm.bodies) if body.link != WORLD for k in range(len(obstacles))]
     todo += [tuple(pair) for pair in pairs.tolist()]

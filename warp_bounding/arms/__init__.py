@@ -14,7 +14,7 @@ Example:
 from warp_bounding.arms.arm import WORLD, Arm, Body, Cylinder, Joint, Mimic
 from warp_bounding.arms.configurations import ArmConfigurations
 from warp_bounding.arms.motions import Motions, Plan
-from warp_bounding.arms.scan import Scan
+from warp_bounding.arms.scan import DistanceField, Scan
 from warp_bounding.arms.scene import load_scene
 from warp_bounding.arms.urdf import load_urdf
 
@@ -24,6 +24,7 @@ __all__ = [
     "ArmConfigurations",
     "Body",
     "Cylinder",
+    "DistanceField",
     "Joint",
     "Mimic",
     "Motions",

@@ -27,7 +27,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
@@ -35,9 +35,10 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arms.arm import LARGEST, WORLD, Arm, Body, Cylinder, all_of, checked_pose
-from warp_bounding.arms.scan import Scan
+from warp_bounding.arms.pieces import trees_of
+from warp_bounding.arms.scan import DistanceField, Scan
 from warp_bounding.errors import FileFormatError, ShapeError
-from warp_bounding.rigid import lengths, matmul
+from warp_bounding.rigid import lengths, matmul, moved
 from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.launch import BlockLaunch
 from warp_bounding.runtime.native import named, native_text
@@ -53,7 +54,10 @@ LANES = 8  # corners of a group
 DEEPEST = 24  # times that a motion is halved, at most
 DEVICE = "cpu"
 
-Obstacle = Body | Cylinder | Scan
+HULL, CYLINDER, FIELD = 0, 1, 2  # kinds of bodies, as the native text numbers them
+BALLS = 1024  # of the trees, in all, that hold an arm's bodies among distance fields
+
+Obstacle = Body | Cylinder | Scan | DistanceField
 
 
 class Motions:
@@ -61,7 +65,7 @@ class Motions:
 
     Args:
         arm: The arm; see ``load_urdf``.
-        obstacles: Bodies, cylinders and scans that stand in the world.
+        obstacles: Bodies, cylinders, scans and distance fields that stand in the world.
         attached: What links carry, such as a grasped object, by the names of parts of the arm: bodies in the frame of
             the joint that moves the part (``Body.link`` is not heeded). They are checked against what the part is
             checked against.
@@ -308,6 +312,10 @@ class Motions:
         size = slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins) + bodies.size
         return whole, numbers, bodies, size
 
+    @cached_property
+    def _trees(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return trees_of([(_box_around(points)[0].reshape(4, 3)[:3], points) for points in self.arm.moved[1]], BALLS)
+
     def _laid_out(self) -> tuple[wp.array, wp.array]:
         (parent, slides, coordinate, first, path, pairs), (factor, offset, origin, reach), own, size = self._fixed
         around = _Laid.joined([_Laid.around(body) for body in self.obstacles])
@@ -320,10 +328,12 @@ class Motions:
         size += self.margin + around.size + np.abs(velocities).sum(axis=1).max()
         links = [*(body.link for body in self.arm.bodies), *([WORLD] * len(order))]
         lanes = np.cumsum([0, *map(len, bodies.lanes)])
-        whole = [parent, slides, coordinate, links, bodies.cylinder, lanes, first, path, pairs, skip, group]
+        fields = any(isinstance(body, DistanceField) for body, _ in self._given)
+        begin, past, inner = self._trees if fields else ((), (), ())
+        whole = [parent, slides, coordinate, links, bodies.kind, lanes, first, path, pairs, skip, group, begin, past]
         numbers = [factor, offset, origin, bodies.frame, bodies.half, bodies.radius, bodies.ball, velocities, reach]
         counts = [len(parent), len(self.arm.free), len(own.half), len(links), len(self.pairs), len(skip)]
-        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(bodies.lanes), boxes)]
+        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(bodies.lanes), boxes, inner)]
         whole = [np.ravel(each).astype(np.int32) for each in whole]
         header = len(counts) + len(whole) + len(numbers)
         at = header + np.cumsum([0, *map(len, whole[:-1])])
@@ -454,8 +464,8 @@ class _Laid:
         half: ``(K, 3)``, half the sides; of a cylinder its radius twice and half its length.
         radius: ``(K,)``.
         ball: ``(K, 4)``, centre and radius.
-        lanes: Of each the corners in groups of eight.
-        cylinder: ``(K,)`` bool.
+        lanes: Of each the corners in groups of eight, or the numbers of a field.
+        kind: ``(K,)``: ``HULL``, ``CYLINDER`` or ``FIELD``.
         size: The largest sum of coordinates and radius.
     """
 
@@ -464,9 +474,9 @@ class _Laid:
     radius: np.ndarray
     ball: np.ndarray
     lanes: list[np.ndarray]
-    cylinder: np.ndarray
+    kind: np.ndarray
     size: float
-    _ARRAYS: ClassVar = ("frame", "half", "radius", "ball", "cylinder")
+    _ARRAYS: ClassVar = ("frame", "half", "radius", "ball", "kind")
 
     @classmethod
     def joined(cls, parts: "Sequence[_Laid]") -> "_Laid":
@@ -480,7 +490,7 @@ class _Laid:
     @classmethod
     def _none(cls) -> "_Laid":
         shapes = ((0, 12), (0, 3), (0,), (0, 4))
-        return cls(*map(np.empty, shapes), lanes=[], cylinder=np.empty(0, dtype=bool), size=0.0)
+        return cls(*map(np.empty, shapes), lanes=[], kind=np.empty(0, dtype=int), size=0.0)
 
     def sorted(self, order: np.ndarray) -> "_Laid":
         """In another order."""
@@ -494,10 +504,14 @@ class _Laid:
             return cls.of(body.points, body.radius)
         if isinstance(body, Scan):
             return cls.of_many(body.placed, body.radius)
-        half = np.array([[body.radius, body.radius, body.length / 2]])
-        frame, size = np.append(body.pose[:3, :3], body.pose[:3, 3])[None], np.abs(body.pose[:3, 3]).sum() + half.sum()
-        ball = np.concatenate([frame[:, 9:], lengths(half)[:, None] * OUTWARD], axis=1)
-        return cls(frame, half, np.zeros(1), ball, [np.empty(0)], np.ones(1, dtype=bool), float(size))
+        if isinstance(body, DistanceField):
+            half, place, kind, lanes = body.half, moved(body.center[None], body.pose)[0], FIELD, body.lanes
+        else:
+            half, place = np.array([body.radius, body.radius, body.length / 2]), body.pose[:3, 3]
+            kind, lanes = CYLINDER, np.empty(0)
+        frame, ball = np.append(body.pose[:3, :3], place), np.append(place, lengths(half) * OUTWARD)
+        size = float(np.abs(place).sum() + half.sum())
+        return cls(frame[None], half[None], np.zeros(1), ball[None], [lanes], np.array([kind]), size)
 
     @classmethod
     def of(cls, points: np.ndarray, radius: float) -> "_Laid":
@@ -512,7 +526,7 @@ class _Laid:
             np.array([radius]),
             ball[None],
             list(_in_lanes(points[None])),
-            np.zeros(1, bool),
+            np.array([HULL]),
             size,
         )
 
@@ -524,8 +538,7 @@ class _Laid:
         frame = np.concatenate([np.tile(np.eye(3).ravel(), (count, 1)), center], axis=1)
         ball = np.concatenate([center, lengths(half)[:, None] * OUTWARD], axis=1)
         size = float(np.abs(corners).sum(axis=2).max() + radius)
-        lanes, flat = list(_in_lanes(corners)), np.zeros(count, dtype=bool)
-        return cls(frame, half, np.full(count, radius), ball, lanes, flat, size)
+        return cls(frame, half, np.full(count, radius), ball, list(_in_lanes(corners)), np.full(count, HULL), size)
 
 
 def _in_lanes(corners: np.ndarray) -> np.ndarray:

@@ -1,34 +1,41 @@
 """Convex bodies that together hold a mesh that is far from convex: cut again and again, where that saves most volume.
 
-A piece is what lies of the mesh on one side of a plane, a little more than half. The surface within it is held by the
-hull of the corners there and of the points in which edges cross the plane, and so is what lies inside of the mesh
-between them. Planes are at right angles to a piece's longest principal axes. What rounding moves a point by is added to
-the bodies' radius.
+A piece is what lies of the mesh on one side of some planes, a little more than half. It is held by the hull of the
+corners there, of the points in which edges cross a plane, and, inside of the mesh, of those in which three planes meet.
+Planes are at right angles to a piece's principal axes. What rounding moves a point by is added to the bodies' radius.
 """
 
+import heapq
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arms.arm import Body
-from warp_bounding.rigid import matmul
+from warp_bounding.arms.arm import Body, _solid
+from warp_bounding.rigid import lengths, matmul
 
 CUTS = np.linspace(0.2, 0.8, 5)  # where planes are tried, shares of a piece's length
 LEAST_GAIN = 0.05  # of the whole volume: what a cut must save
-OVERLAP = 1e-7  # of the size: by how much the two sides of a cut overlap
+PARALLEL = 1e-7  # of three planes: with a smaller determinant they meet nowhere near, or the overlap holds that
+OVERLAP = 1e-7  # of the size: by how much the two sides of a cut overlap, more than where three planes meet is off
 ROUNDING = 1e-13  # of the size: what a crossing is off by at most, and more
+SMALLEST = 1 / 32  # of the largest ball's radius: smaller balls are not halved
+STEPS = 20  # towards the centre of a ball (Badoiu and Clarkson 2003)
 
 
 class _Piece(NamedTuple):
-    triangles: np.ndarray  # (F, 3, 3)
-    volume: float  # of its hull
+    triangles: np.ndarray  # (F, 3, 3), its surface but for the cuts, and points where three of these meet
+    walls: np.ndarray  # (W, 4), planes n . x + d <= 0 that hold all of the mesh
+    cuts: np.ndarray  # (C, 4), those of the cuts
+    volume: float = 0.0  # of its hull
 
 
 def hulls_of(vertices: np.ndarray, faces: np.ndarray, count: int, **named) -> list[Body]:
     """At most so many bodies that together hold a mesh of vertices ``(V, 3)`` and faces ``(F, 3)``."""
-    whole = vertices[faces]
-    size = float(np.abs(vertices).max())
-    pieces = [_piece(whole)]
+    size, box = float(np.abs(vertices).max()), np.concatenate([-vertices, vertices], axis=1).max(axis=0)
+    walls = np.column_stack([np.concatenate([-np.eye(3), np.eye(3)]), -box])
+    pieces = [_measured(_Piece(vertices[faces], walls, np.empty((0, 4))))]
     total, cuts = pieces[0].volume, {0: _best_cut(pieces[0], size)} if count > 1 else {}
     while len(pieces) < count:
         gains = {k: cut[0] for k, cut in cuts.items() if cut is not None}
@@ -45,13 +52,12 @@ def hulls_of(vertices: np.ndarray, faces: np.ndarray, count: int, **named) -> li
     return [Body.hull(piece.triangles.reshape(-1, 3), **named).grown(ROUNDING * size) for piece in pieces]
 
 
-def _piece(triangles: np.ndarray) -> _Piece:
+def _measured(piece: _Piece) -> _Piece:
     from scipy.spatial import ConvexHull, QhullError
 
-    try:
-        return _Piece(triangles, float(ConvexHull(triangles.reshape(-1, 3)).volume))
-    except QhullError:  # flat
-        return _Piece(triangles, 0.0)
+    with suppress(QhullError):  # flat
+        return piece._replace(volume=float(ConvexHull(piece.triangles.reshape(-1, 3)).volume))
+    return piece
 
 
 def _best_cut(piece: _Piece, size: float) -> tuple[float, list[_Piece]] | None:
@@ -60,19 +66,37 @@ def _best_cut(piece: _Piece, size: float) -> tuple[float, list[_Piece]] | None:
     axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     best = None
     for axis in axes:
-        heights = matmul(piece.triangles, axis[:, None])[..., 0]
+        heights = matmul(points, axis[:, None])
         low, high = heights.min(), heights.max()
         for share in CUTS:
-            level, sides = low + share * (high - low), []
-            for sign in (1.0, -1.0):
-                sides.append(_clipped(piece.triangles, sign * heights, sign * level + OVERLAP * size))
-            if not all(map(len, sides)):
+            sides = _sides(piece, axis, low + share * (high - low), size)
+            if not all(len(side.triangles) for side in sides):
                 continue
-            pieces = [_piece(side) for side in sides]
-            saved = piece.volume - sum(each.volume for each in pieces)
+            sides = list(map(_measured, sides))
+            saved = piece.volume - sum(each.volume for each in sides)
             if best is None or saved > best[0]:
-                best = saved, pieces
+                best = saved, sides
     return best
+
+
+def _sides(piece: _Piece, axis: np.ndarray, level: float, size: float) -> list[_Piece]:
+    """The two sides of a plane at right angles to an axis ``(3,)``."""
+    heights, found, over = matmul(piece.triangles, axis[:, None])[..., 0], [], OVERLAP * size
+    for sign in (1.0, -1.0):
+        cut = np.append(sign * axis, -sign * level - over)
+        triangles = _clipped(piece.triangles, sign * heights, sign * level + over)
+        planes = np.concatenate([piece.walls, piece.cuts])
+        one, other = np.triu_indices(len(piece.cuts), 1)
+        a, b = piece.cuts[one], piece.cuts[other]
+        across = np.cross(a[:, :3], b[:, :3])
+        volume = matmul(across, cut[:3, None])
+        real = np.abs(volume[:, 0]) > PARALLEL
+        meet = a[:, 3:] * np.cross(b[:, :3], cut[:3]) + b[:, 3:] * np.cross(cut[:3], a[:, :3]) + cut[3] * across
+        meet = -meet[real] / volume[real]
+        meet = meet[(matmul(meet, planes[:, :3].T) + planes[:, 3] <= over).all(axis=1)]
+        triangles = np.concatenate([triangles, np.repeat(meet[:, None], 3, axis=1)])
+        found.append(_Piece(triangles, piece.walls, np.concatenate([piece.cuts, cut[None]])))
+    return found
 
 
 def _clipped(triangles: np.ndarray, heights: np.ndarray, level: float) -> np.ndarray:
@@ -91,3 +115,55 @@ def _clipped(triangles: np.ndarray, heights: np.ndarray, level: float) -> np.nda
         found.append(np.stack([a, p, q], axis=1)[inside])
         found += [np.stack([b, c, p], axis=1)[~inside], np.stack([c, p, q], axis=1)[~inside]]
     return np.concatenate(found)
+
+
+def trees_of(hulls: Sequence[tuple[np.ndarray, np.ndarray]], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Trees of balls that hold convex hulls: the largest ball of all gives way to those of two halves, again and again.
+
+    Args:
+        hulls: Of each a rotation ``(3, 3)``, along whose columns it is cut, and points ``(P, 3)``.
+        count: Of the balls that are not halved, in all and at most.
+
+    Returns:
+        Of each hull the number of its first ball, and how many there are; of each ball, depth first, the number of the
+        one behind all those in it, and centre and radius ``(4,)``.
+    """
+    knots, roots, heap = [], [], []
+
+    def knot(turn: np.ndarray, piece: _Piece) -> int:
+        points = piece.triangles.reshape(-1, 3)
+        center = points.mean(axis=0)
+        for step in range(2, STEPS):
+            center = center + (points[lengths(points - center).argmax()] - center) / step
+        radius = float(lengths(points - center).max()) * (1 + ROUNDING) + ROUNDING * float(np.abs(points).max())
+        knots.append([np.append(center, radius), ()])
+        heapq.heappush(heap, (-radius, len(knots) - 1, turn, piece))
+        return len(knots) - 1
+
+    for turn, points in hulls:
+        solid, _ = _solid(points)
+        piece = _Piece(solid.points[solid.simplices], solid.equations, np.empty((0, 4)))
+        roots.append(knot(turn, piece))
+    least = SMALLEST * heap[0][0]
+    for _ in range(count - len(roots)):
+        radius, k, turn, piece = heapq.heappop(heap)
+        if radius >= least:
+            break
+        along = matmul(piece.triangles, turn).reshape(-1, 3)
+        axis, size = np.ptp(along, axis=0).argmax(), float(np.abs(along).max())
+        level = (along[:, axis].min() + along[:, axis].max()) / 2
+        knots[k][1] = [knot(turn, side) for side in _sides(piece, turn[:, axis], level, size)]
+    order, first, past = [], [0], {}
+
+    def walk(k: int) -> None:
+        place = len(order)
+        order.append(k)
+        for below in knots[k][1]:
+            walk(below)
+        past[place] = len(order)
+
+    for root in roots:
+        walk(root)
+        first.append(len(order))
+    balls = np.array([knots[k][0] for k in order]).reshape(-1, 4)
+    return np.array(first), np.array([past[place] for place in range(len(order))], dtype=int), balls

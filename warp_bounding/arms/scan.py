@@ -1,4 +1,4 @@
-"""Obstacles of many small parts, exactly as they are: meshes, points, height fields."""
+"""Obstacles that are far from convex: meshes, points and height fields as they are, and fields of proven distances."""
 
 from dataclasses import dataclass, field, replace
 
@@ -9,6 +9,8 @@ from warp_bounding.errors import ShapeError
 from warp_bounding.rigid import matmul, moved
 from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.shapes.mesh import Mesh
+
+FITTING = 1e-5  # of a box: by how much the last nodes of a field may miss its end, as float32 tells their spacing
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,3 +100,66 @@ class Scan(Picklable):
         if self.solid is None or not len(points):
             return np.zeros(len(points), dtype=bool)
         return self.solid.contains(matmul(points - self.pose[:3, 3], self.pose[:3, :3]))
+
+
+@dataclass(frozen=True, eq=False)
+class DistanceField(Picklable):
+    """Distances from an object at the nodes of a grid, proven; an obstacle of ``Motions`` of few bytes.
+
+    The object lies in the grid's box, and in that box what is linear along each axis between nodes is nowhere more than
+    the distance. ``DistanceGrid.field`` makes one. Where it is an obstacle, the bodies of an arm are held by balls,
+    and a centre's distance less the radius is clear.
+
+    Attributes:
+        values: ``(X, Y, Z)`` float64, metres, at least two along each axis.
+        center: ``(3,)`` float64, of the box, in the field's frame.
+        half: ``(3,)`` float64, half the sides of the box.
+        spacing: ``(3,)`` float64, between nodes; the first ones lie in the box's lower corner, the last ones in the
+            upper one or a little outside.
+        pose: ``(4, 4)``, of the field's frame.
+        name: For people.
+
+    Raises:
+        ShapeError: For numbers that are none.
+
+    Example:
+        >>> field = wb.fit(mesh, "distance", "distance-grid", nodes=12, device="cpu").field(name="rock")
+        >>> field.values.ndim, field.name
+        (3, 'rock')
+    """
+
+    values: np.ndarray
+    center: np.ndarray
+    half: np.ndarray
+    spacing: np.ndarray
+    pose: np.ndarray = field(default_factory=lambda: np.eye(4))
+    name: str = "field"
+
+    def __post_init__(self):
+        for name in ("values", "center", "half", "spacing"):
+            value = np.array(getattr(self, name), dtype=np.float64)
+            three = value.shape == (3,) if name != "values" else value.ndim == 3 and min(value.shape) > 1
+            if not three or not (np.abs(value) <= LARGEST).all():
+                raise ShapeError(f"{self.name}: expected {name} of finite numbers up to {LARGEST:g}, got {value.shape}")
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        reached = self.spacing * (np.array(self.values.shape) - 1)
+        if not (self.spacing > 0).all() or not (np.abs(reached - 2 * self.half) <= FITTING * self.half).all():
+            raise ShapeError(f"{self.name}: expected nodes all over the box, got {reached} of {2 * self.half}")
+        pose = checked_pose(self.pose, self.name)
+        pose.setflags(write=False)
+        object.__setattr__(self, "pose", pose)
+
+    @property
+    def lanes(self) -> np.ndarray:
+        """As ``native/motions.h`` reads it."""
+        return np.concatenate([self.half, 1 / self.spacing, self.values.shape, self.values.ravel()])
+
+    @property
+    def numbers(self) -> np.ndarray:
+        """All that a digest needs to know."""
+        return np.concatenate([self.lanes, self.center, self.spacing, self.pose.ravel()])
+
+    def moved(self, pose) -> "DistanceField":
+        """This field at a pose ``(4, 4)``; itself for ``None``."""
+        return self if pose is None else replace(self, pose=matmul(checked_pose(pose, self.name), self.pose))

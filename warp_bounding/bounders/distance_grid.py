@@ -239,6 +239,33 @@ class DistanceGrid(DistanceBounder):
         raw = np.ascontiguousarray(self.tensors["values"]).tobytes()
         return np.frombuffer(raw + b"\0" * (-len(raw) % 4), dtype=np.uint32)
 
+    def field(self, pose=None, name: str | None = None):
+        """The ``arms.DistanceField`` of an object in space, an obstacle of ``arms.Motions``.
+
+        Values are what is proven: exact ones with the threshold added.
+
+        Args:
+            pose: ``(4, 4)``, where the object stands.
+            name: The object's for ``None``.
+
+        Raises:
+            BounderError: For what is not proven, has no three axes, or counts coordinates from an origin.
+
+        Example:
+            >>> far = wb.fit(mesh, "distance", "distance-grid", nodes=12, device="cpu")
+            >>> wb.arms.Motions(arm, far.field(name="rock")).obstacles[0].name
+            'rock'
+        """
+        from warp_bounding.arms.scan import DistanceField
+
+        if self.ndim != 3 or self.frame is not None or self.certificate is None or not self.certificate.proven:
+            raise BounderError(f"{self.method}: an obstacle is proven, 3D, and near its origin; pose= says where it is")
+        unit, domain = self.domain.unit, self.domain
+        values = (self._exact + float(self.threshold)) * unit
+        center, half = domain.center.astype(np.float64), domain.limit.astype(np.float64) * unit
+        placed, named = np.eye(4) if pose is None else pose, name or self.info.get("name") or "field"
+        return DistanceField(values, center, half, unit / self._inverse, placed, named)
+
     def _located(self, v: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
         """The cells that points ``(N, n)`` of the domain lie in: lower corners, and corner values.
 

@@ -3,19 +3,22 @@
 // and lays out the arrays.
 
 /// MOTIONS
-enum { JOINTS = 64, MANY = 128, DEEPEST = 24, ROUNDS = 32 }; // MANY: items of an interval that are kept apart
-enum { CLEAR = 0, OPEN = 1, HIT = 2 };
+enum { JOINTS = 64, MANY = 8, DEEPEST = 24, ROUNDS = 32 }; // MANY: items of an interval that are kept apart
+enum { CLEAR = 0, OPEN = 1, HIT = 2, STUCK = 3 }; // STUCK: open, and halving does not help
+enum { HULL = 0, CYLINDER = 1, FIELD = 2 };
 
 // An arm and what is around it. Bodies are those of the arm, then the obstacles. A body is a convex core and all within
-// its radius. The core is the hull of corners, or a cylinder.
+// its radius. The core is the hull of corners, or a cylinder. Obstacles may be fields: distances at the nodes of a grid.
 typedef struct {
     int joints, coordinates, of_arm, bodies, selves, nodes;
     const int *parent, *slides, *coordinate; // of each joint; the base is the parent -1
-    const int *link, *cylinder, *corners;    // of each body; where its groups of eight corners begin, and the last ends
+    const int *link, *kind, *corners;        // of each body; where its groups of eight corners begin, and the last ends
     const int *first, *path;                 // of each arm's body, then of each pair: joints that move it
     const int *pair;                         // bodies of the arm that are checked against each other
     const int *skip, *group;                 // of each node of the obstacles' tree: the next one but those below, and
                                              // the number of its obstacles' group of eight, or -1
+    const int *tree, *past;                  // of each arm's body where its tree of balls begins, and the last ends; of
+                                             // each ball the one behind all those in it
     const double *box;                       // of each node: lower and upper corner of a box around its obstacles
     const double *factor, *offset;           // of each joint: value = factor q[coordinate] + offset
     const double *origin;                    // twelve each: rotation by rows, then place; joints move about or along z
@@ -24,19 +27,22 @@ typedef struct {
     const double *radius, *ball;             // of a ball around the core: centre and radius
     const double *velocity;                  // of each body, for a motion: obstacles may move
     const double *reach;                     // of each joint of a path: how far the body is from its axis at most
-    const double *lanes;                     // x, y, z of eight corners, one behind another
+    const double *lanes;                     // x, y, z of eight corners, one behind another; of a field half the sides
+                                             // of its box, nodes a metre and their number along each axis; distances
+    const double *inner;                     // of each ball of the trees: centre and radius
     double margin, allowance;
 } Cell;
 
 static Cell cell_of(const int *whole, const double *numbers) {
     Cell c;
-    const int *at = whole + 6, *places = whole + 6 + 11;
+    const int *at = whole + 6, *places = whole + 6 + 13;
     c.joints = whole[0], c.coordinates = whole[1], c.of_arm = whole[2], c.bodies = whole[3], c.selves = whole[4];
     c.nodes = whole[5];
     c.parent = whole + at[0], c.slides = whole + at[1], c.coordinate = whole + at[2];
-    c.link = whole + at[3], c.cylinder = whole + at[4], c.corners = whole + at[5];
+    c.link = whole + at[3], c.kind = whole + at[4], c.corners = whole + at[5];
     c.first = whole + at[6], c.path = whole + at[7], c.pair = whole + at[8];
     c.skip = whole + at[9], c.group = whole + at[10], c.box = numbers + places[10];
+    c.tree = whole + at[11], c.past = whole + at[12], c.inner = numbers + places[11];
     c.factor = numbers + places[0], c.offset = numbers + places[1], c.origin = numbers + places[2];
     c.frame = numbers + places[3], c.half = numbers + places[4], c.radius = numbers + places[5];
     c.ball = numbers + places[6], c.velocity = numbers + places[7], c.reach = numbers + places[8];
@@ -110,7 +116,7 @@ static void farthest(const Cell *c, const double *poses, double t, int body, con
     const double *pose = poses + 12 * (c->link[body] + 1);
     double d[3], p[3];
     turn_back(pose, direction, d);
-    if (c->cylinder[body]) {
+    if (c->kind[body] == CYLINDER) {
         const double *frame = c->frame + 12 * body, *half = c->half + 3 * body;
         double e[3];
         turn_back(frame, d, e);
@@ -158,7 +164,7 @@ static double away_from(const Cell *c, const double *poses, double t, int body, 
     turn_back(pose, p, x);
     for (int k = 0; k < 3; ++k) x[k] -= frame[9 + k];
     turn_back(frame, x, e);
-    if (c->cylinder[body]) {
+    if (c->kind[body] == CYLINDER) {
         const double across = sqrt(e[0] * e[0] + e[1] * e[1]);
         const double share = across > half[0] ? (across - half[0]) / across : 0.0;
         e[0] *= share, e[1] *= share;
@@ -180,7 +186,7 @@ static double extent(const Cell *c, const double *poses, int body, const double 
     double d[3], e[3];
     turn_back(poses + 12 * (c->link[body] + 1), direction, d);
     turn_back(c->frame + 12 * body, d, e);
-    if (c->cylinder[body]) return half[0] * sqrt(e[0] * e[0] + e[1] * e[1]) + half[2] * fabs(e[2]);
+    if (c->kind[body] == CYLINDER) return half[0] * sqrt(e[0] * e[0] + e[1] * e[1]) + half[2] * fabs(e[2]);
     return half[0] * fabs(e[0]) + half[1] * fabs(e[1]) + half[2] * fabs(e[2]);
 }
 
@@ -260,6 +266,71 @@ static void across(double s[4][3], int count, double *n) {
     if (!(dot(n, n) > 1e-150)) n[0] = 1.0, n[1] = n[2] = 0.0;
 }
 
+// A lower bound of the distance from a point to what a field is of. It lies in the field's box, in which the distance is
+// no less than what is linear along each axis between nodes.
+static double away_from_field(const Cell *c, int body, const double *point) {
+    const double *frame = c->frame + 12 * body, *x = c->lanes + c->corners[body], *value = x + 9;
+    double e[3], p[3], share[3], beyond = 0.0;
+    int at = 0;
+    const int step[3] = {(int)x[7] * (int)x[8], (int)x[8], 1};
+    for (int k = 0; k < 3; ++k) p[k] = point[k] - frame[9 + k];
+    turn_back(frame, p, e);
+    for (int k = 0; k < 3; ++k) {
+        p[k] = e[k] > x[k] ? x[k] : e[k] < -x[k] ? -x[k] : e[k];
+        beyond += (e[k] - p[k]) * (e[k] - p[k]);
+        share[k] = (p[k] + x[k]) * x[3 + k];
+        const int cell = share[k] < x[6 + k] - 1.0 ? (int)share[k] : (int)x[6 + k] - 2;
+        share[k] -= cell, at += cell * step[k];
+    }
+    double f[4];
+    for (int i = 0; i < 4; ++i) {
+        const double *y = value + at + (i & 1) * step[1] + (i >> 1) * step[0];
+        f[i] = y[0] + share[2] * (y[1] - y[0]);
+    }
+    f[0] += share[1] * (f[1] - f[0]), f[2] += share[1] * (f[3] - f[2]);
+    f[0] += share[0] * (f[2] - f[0]);
+    return sqrt(beyond + (f[0] > 0.0 ? f[0] * f[0] : 0.0));
+}
+
+// The same as ``state_of`` of a field a, by the balls of a tree that together hold the core of b. Points of the
+// core are no faster than the centre of their ball by more than what turns them about it.
+static int field_state(const Cell *c, const double *poses, const double *twists, double t, int a, int b, double h,
+                       double bend, double tolerance) {
+    const double *pose = poses + 12 * (c->link[b] + 1), *w = twists + 6 * (c->link[b] + 1);
+    const double *velocity = c->velocity + 3 * a, turning = sqrt(dot(w, w));
+    int clear = 0; // balls before this one are clear at t, by themselves or within a larger one
+    for (int i = c->tree[b]; i < c->tree[b + 1];) {
+        const double radius = c->inner[4 * i + 3], need = radius + c->radius[b] + c->margin + tolerance;
+        double x[3], v[3];
+        place(pose, c->inner + 4 * i, x);
+        cross(w, x, v);
+        for (int k = 0; k < 3; ++k) v[k] += w[3 + k] - velocity[k], x[k] -= t * velocity[k];
+        const double away = away_from_field(c, a, x);
+        if (away > need && clear < c->past[i]) clear = c->past[i];
+        if (away > need + h * (sqrt(dot(v, v)) + turning * radius + h * bend))
+            i = c->past[i];
+        else if (c->past[i] == i + 1)
+            return i < clear ? OPEN : STUCK;
+        else
+            ++i;
+    }
+    return CLEAR;
+}
+
+// The least value that a direction n takes in the box around b, moving by cross(w, p) + u, at all times within h.
+static double least_in_box(const Cell *c, const double *poses, int b, const double *w, const double *u, double h,
+                           const double *n) {
+    double x[3], y[3], v[3], least = 1e300;
+    place(poses + 12 * (c->link[b] + 1), c->frame + 12 * b + 9, x);
+    cross(n, w, y);
+    for (int side = -1; side <= 1; side += 2) {
+        for (int k = 0; k < 3; ++k) v[k] = n[k] + side * h * y[k];
+        const double low = dot(v, x) + side * h * dot(n, u) - extent(c, poses, b, v);
+        if (low < least) least = low;
+    }
+    return least;
+}
+
 // Whether bodies a and b, b moving against a, are apart for all times within h of the present one, t. ``center`` is
 // that of the ball around b, ``bend`` half its largest acceleration.
 static int state_of(const Cell *c, const double *poses, const double *twists, double t, int a, int b, double h,
@@ -274,21 +345,13 @@ static int state_of(const Cell *c, const double *poses, const double *twists, do
     for (int k = 0; k < 3; ++k) v[k] += u[k], y[k] = center[k] - x[k] - t * c->velocity[3 * a + k];
     const double both = need + ball + c->ball[4 * a + 3] + h * sqrt(dot(v, v));
     if (dot(y, y) > both * both) return CLEAR; // balls around both
+    if (c->kind[a] == FIELD) return field_state(c, poses, twists, t, a, b, h, bend, tolerance);
     const double away = away_from(c, poses, t, a, center, nearest);
     if (away > 0.0) {
         const double left = away - h * fabs(dot(nearest, v)) - need;
         if (left > ball) return CLEAR;
         // the same with the box around b, of which the linear function is no larger anywhere in the core
-        place(poses + 12 * (c->link[b] + 1), c->frame + 12 * b + 9, x);
-        const double top = dot(nearest, center) - away;
-        double least = 1e300;
-        cross(nearest, w, y);
-        for (int side = -1; side <= 1; side += 2) {
-            for (int k = 0; k < 3; ++k) v[k] = nearest[k] + side * h * y[k];
-            const double low = dot(v, x) + side * h * dot(nearest, u) - extent(c, poses, b, v) - top;
-            if (low < least) least = low;
-        }
-        if (least > need) return CLEAR;
+        if (least_in_box(c, poses, b, w, u, h, nearest) - dot(nearest, center) + away > need) return CLEAR;
         if (left < 0.0 && away > ball + solid) return OPEN; // no hit, and hardly clear: the search can wait
     } else {
         for (int k = 0; k < 3; ++k) nearest[k] = y[k];
@@ -370,18 +433,30 @@ static int first_open(const Cell *c, const double *poses, const double *twists, 
         place(poses + 12 * (c->link[b] + 1), c->ball + 4 * b, center);
         cross(twist, center, v);
         for (int k = 0; k < 3; ++k) v[k] += twist[3 + k];
-        const double by = h * (sqrt(dot(v, v)) + h * bend);
-        const double reach = c->ball[4 * b + 3] + c->radius[b] + c->margin + tolerance + by;
-        for (int node = 0; node < c->nodes;) {
+        const double need = c->radius[b] + c->margin + tolerance + h * h * bend, ball = c->ball[4 * b + 3];
+        const double reach = need + ball + h * sqrt(dot(v, v));
+        int node = 0; // of the group at which to go on: the tree has as many nodes on the left as on the right
+        for (int size = c->nodes / 2, before = begin / 8; size > 0; size /= 2) {
+            const int right = before > size / 2;
+            node += right ? 1 + size : 1, before -= right ? size / 2 + 1 : 0;
+        }
+        node = begin > 0 ? node : 0;
+        while (node < c->nodes) {
             const double *low = c->box + 6 * node;
-            double away = 0.0;
+            double off[3];
             for (int k = 0; k < 3; ++k) {
-                const double under = low[k] - center[k], over = center[k] - low[3 + k];
-                const double off = under > over ? under : over;
-                away += off > 0.0 ? off * off : 0.0;
+                const double under = center[k] - low[k], over = center[k] - low[3 + k];
+                off[k] = under < 0.0 ? under : over > 0.0 ? over : 0.0;
             }
+            const double away = sqrt(dot(off, off));
             const int group = c->group[node];
-            if (away > reach * reach || (group >= 0 && 8 * (group + 1) <= begin)) {
+            int clear = away > reach || (group >= 0 && 8 * (group + 1) <= begin);
+            if (!clear && away > 1e-150) {
+                for (int k = 0; k < 3; ++k) off[k] /= away;
+                clear = away - h * fabs(dot(off, v)) > need + ball ||
+                        least_in_box(c, poses, b, twist, twist + 3, h, off) - dot(off, center) + away > need;
+            }
+            if (clear) {
                 node = c->skip[node];
                 continue;
             }
@@ -406,7 +481,8 @@ static int first_open(const Cell *c, const double *poses, const double *twists, 
 }
 
 // Halves a motion until all of it is clear, from its start on; the result is the share that is, and in ``culprit`` what
-// was in the way, or -1. ``state`` of what is in the way is OPEN or HIT. Ends at the first HIT if not ``to_the_end``.
+// was in the way, or -1. ``state`` of what is in the way is OPEN or HIT. If not ``to_the_end``, ends at the first HIT,
+// or where halving does not help.
 static double segment(const Cell *c, const double *q0, const double *q1, int deepest, int to_the_end, int *state,
                       int *culprit) {
     double poses[12 * (JOINTS + 1)], twists[6 * (JOINTS + 1)], dq[JOINTS], moved = 1.0;
@@ -432,8 +508,8 @@ static double segment(const Cell *c, const double *q0, const double *q1, int dee
                                          : first_open(c, poses, twists, dq, t, h, tolerance, &item);
             if (found == CLEAR && count < 0) break;
             if (found == CLEAR) continue;
-            if (depth == deepest || (found == HIT && !to_the_end)) {
-                *state = found, *culprit = item;
+            if (depth == deepest || (found >= HIT && !to_the_end)) {
+                *state = found == HIT ? HIT : OPEN, *culprit = item;
                 return position * width;
             }
             if (open == MANY) { // too many: the halves look at all of them
@@ -467,7 +543,7 @@ static int configuration(const Cell *c, const double *q, int *culprit) {
     for (int item = 0; state != HIT; ++item) {
         const int found = first_open(c, poses, twists, dq, 0.0, 0.0, c->allowance, &item);
         if (found == CLEAR) break;
-        if (found > state) state = found, *culprit = item;
+        if (state == CLEAR || found == HIT) state = found == HIT ? HIT : OPEN, *culprit = item;
     }
     return state;
 }
