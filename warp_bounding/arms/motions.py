@@ -609,10 +609,8 @@ def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     The axes are the world's, the points' principal ones, or edges at the first point, as a box has them.
     """
-    candidates = [
-        np.eye(3),
-        np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2] if len(points) > 1 else None,
-    ]
+    spread = points - points.mean(axis=0)
+    candidates = [np.eye(3), np.linalg.eigh(matmul(spread.T, spread))[1].T]
     if len(points) == 8:
         edges = points[[4, 2, 1]] - points[0]
         if (size := lengths(edges)).all() and np.abs(
@@ -621,8 +619,6 @@ def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             candidates.append(edges / size[:, None])
     best = None
     for axes in candidates:
-        if axes is None:
-            continue
         axes = np.stack([axes[0], axes[1], np.cross(axes[0], axes[1])])
         x = matmul(points, axes.T)
         low, high = x.min(axis=0), x.max(axis=0)
