@@ -150,12 +150,17 @@ def prices(text: str) -> float | tuple[float, ...]:
     return found[0] if len(found) == 1 else tuple(found)
 
 
+def values(text: str, kind: type = str, example: str = "finger=0.04,wrist=0") -> dict[Any, float]:
+    """Names and their values, such as finger=0.04,wrist=0."""
+    try:
+        return {kind(name): float(value) for name, _, value in (word.partition("=") for word in text.split(","))}
+    except ValueError:
+        raise ValueError(f"expected {example}, got {text!r}") from None
+
+
 def coordinates(text: str) -> dict[int, float]:
     """Coordinates and their values, such as 3=0.5,4=0."""
-    try:
-        return {int(axis): float(value) for axis, _, value in (word.partition("=") for word in text.split(","))}
-    except ValueError:
-        raise ValueError(f"expected coordinates and values such as 3=0.5,4=0, got {text!r}") from None
+    return values(text, int, "coordinates and values such as 3=0.5,4=0")
 
 
 def words(text: str) -> list[str]:
@@ -442,12 +447,21 @@ def certify(
     checkpoint: Annotated[Text, Option(help="Go on from this file, and keep there what is left.")] = None,
     jobs: Annotated[int | None, number_option("Processes of this machine (default: this one).", count)] = None,
     scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
+    srdf: Annotated[Path | None, Option(help="Of a plan: which links need no check.", **EXISTS)] = None,
+    scene: Annotated[
+        Text, Option(parser=words, help="Of a plan: scenes, meshes, distances: cell.scene,part.stl")
+    ] = None,
+    hold: Annotated[Text, Option(parser=values, help="Of a plan: joints that stand, finger=0.04.")] = None,
+    pieces: Annotated[
+        int | None, number_option("Of a plan: convex bodies of a link's mesh (default: 1).", count)
+    ] = None,
     **reading: Text,
 ) -> tuple:
     """Prove from scratch that FILE has no false negative on SHAPE. Exit status 0: proven; 1: not.
 
     Of the balls of a pair: that they hold SHAPE. Of balls of a robot's links (.urdf, .yaml), whoever made them: that
-    they hold the robot SHAPE (.urdf); else a point of each link is printed that none holds.
+    they hold the robot SHAPE (.urdf); else a point of each link is printed that none holds. Of a plan (.json): that the
+    robot SHAPE (.urdf) touches nothing of the scenes, and not itself, all along.
 
     Margin, length of rays, resolution and kind of query are taken from FILE, and printed. Those that are stated here
     are compared with FILE's.
@@ -458,7 +472,14 @@ def certify(
     from warp_bounding.bounders.load import BALLS
 
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
-    processes = one_of(jobs, scheduler)
+    processes, of_plan = one_of(jobs, scheduler), {"srdf": srdf, "scene": scene, "hold": hold, "pieces": pieces}
+    if file.suffix.lower() == ".json":
+        given = expected | reading | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler, "margin": None}
+        if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
+            raise BoundingError(f"a plan is certified at once; leave out {', '.join(unfit)}")
+        return _certify_plan(file, shape, margin, **of_plan)
+    if unfit := [f"--{name}" for name, value in of_plan.items() if value is not None]:
+        raise BoundingError(f"{file}: is no plan (.json); leave out {', '.join(unfit)}")
     if file.suffix.lower() in (".urdf", ".yaml", ".yml"):
         given = expected | reading | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
         if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
@@ -485,6 +506,34 @@ def certify(
         f"counterexample: {found.counterexample}" if found.counterexample else "",
         f"{found.boxes:,} boxes, {found.seconds:.2f} s",
     )
+
+
+def _certify_plan(file: Path, robot: Path, margin, srdf, scene, hold, pieces) -> tuple:
+    """What ``certify`` returns of a plan."""
+    quiet_warp()
+    plan, arm = wb.arms.Plan.load(file), wb.arms.load_urdf(robot, srdf=srdf, held=hold, pieces=pieces or 1)
+    obstacles = [body for name in scene or () for body in _obstacles(name)]
+    motions = wb.arms.Motions(arm, obstacles, margin=plan.margin)
+    if motions.digest != plan.digest or margin not in (None, plan.margin):
+        other = "margin" if motions.digest == plan.digest else "robot, scene or SRDF"
+        kind, line = "inapplicable", f"the plan is of another {other}; pieces and joints that stand count, too"
+    else:
+        plan = motions.path(plan.waypoints)
+        kind, line = "proven" if plan.proven else "undecided", plan.statement
+    known = {"path": file, "shape": robot, "proven": kind == "proven", "kind": kind, "statement": line}
+    return 0 if kind == "proven" else 1, known, f"{kind}: {line}"
+
+
+def _obstacles(name: str) -> list:
+    """What a file of a plan's scene holds."""
+    suffix = Path(name).suffix.lower()
+    if suffix in (".scene", ".yaml", ".yml"):
+        return wb.arms.load_scene(name)
+    if suffix != BOUNDER:
+        return [wb.arms.Scan.of_mesh(wb.load_shape(name))]
+    if not hasattr(bounder := wb.load(name, device="cpu"), "field"):
+        raise BoundingError(f"{name}: expected a distance-grid, got {bounder.method}")
+    return [bounder.field()]
 
 
 def _certify_balls(file: Path, robot: Path, budget: float) -> tuple:

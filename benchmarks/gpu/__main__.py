@@ -5,10 +5,11 @@ reads no mesh files. `--dry` compiles kernels for sm_90 and counts their instruc
 machine code, and writes `counted.json` if there is an `--out`, where the packages nvidia-cuda-nvdisasm and
 nvidia-cuda-cuobjdump are installed, or their tools are on the path; else it counts words of PTX.
 
-The parts: Newton's passes with the cull in a graph; rivals of distances; queries in graphs; `choose`; what proofs take
-from the hardware; answers against float64; times; and points and distances that are asked for mistakes. Each part
-writes `PART.json` when it is done, and is left out where that is there, so a run that was stopped goes on; `--parts`
-takes some of them. All parts take about four minutes, half of them compiling where nothing is compiled yet.
+The parts: Newton's passes with the cull in a graph; rivals of distances; queries in graphs; pairs; motions of arms;
+`choose`; what proofs take from the hardware; answers against float64; times; and points and distances that are asked
+for mistakes. Each part writes `PART.json` when it is done, and is left out where that is there, so a run that was
+stopped goes on; `--parts` takes some of them. All parts take about four minutes, half of them compiling where nothing
+is compiled yet.
 """
 
 import argparse
@@ -27,6 +28,7 @@ from pathlib import Path
 import warp as wp
 
 import warp_bounding as wb
+from warp_bounding.arms.motions import _kernels as motions_kernels
 from warp_bounding.kernels.functions import batch_kernel
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.inference import MlpSource
@@ -43,6 +45,7 @@ PARTS = {
     "closest": closest.closest,
     "graphs": contest.graphs,
     "pairs": contest.pairs,
+    "motions": contest.motions,
     "choose": contest.choose,
     "grids": closest.grids,
     "sine": lambda a: hardware.sine_errors(a.device),
@@ -159,6 +162,7 @@ def dry() -> dict:
         far = wb.load(stored("cloth", "bunny-distance"), device="cpu")
         kernels["Newton's passes over surfaces: balls and tables"] = (surface.place_faces,)
         kernels["Newton's passes over surfaces: marks"] = (surface.mark_kernel(None),)
+        kernels["whole motions of arms"] = (motions_kernels().segments,)
         kernels["Newton's passes over surfaces: marks of a bounder"] = (surface.mark_kernel(far.source),)
     except ImportError as error:
         print(error)

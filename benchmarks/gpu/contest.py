@@ -598,6 +598,30 @@ def surfaces(arguments) -> dict:
     return found
 
 
+def motions(arguments) -> dict:
+    """Ns a motion of an arm of seven joints among boxes that is proven, with copies to the card and back."""
+    found, rng, step = {}, np.random.default_rng(3), np.eye(4)
+    step[2, 3] = 0.25
+    joints = [wb.arms.Joint(step, ([0, 0, 1], [0, 1, 0])[k % 2], -2.5, 2.5) for k in range(7)]
+    links = [wb.arms.Body.capsule([0, 0, 0], [0, 0, 0.25], 0.06, link=k) for k in range(7)]
+    arm = wb.arms.Arm(joints, links, touching=[(k, k + 2) for k in range(5)])
+    boxes = [wb.arms.Body.box(x - 0.1, x + 0.1) for x in rng.normal((0, 0, 0.8), size=(24, 3))]
+    q0 = rng.uniform(arm.lower, arm.upper, (min(arguments.count, 200_000), 7))
+    q1 = np.clip(q0 + rng.normal(size=q0.shape) * 0.2, arm.lower, arm.upper)
+    answers = []
+    for device, count in ((arguments.device, len(q0)), ("cpu", min(len(q0), 20_000))):
+        ways = wb.arms.Motions(arm, boxes, device=device)
+        ways.segments(q0[:100], q1[:100])
+        begin = time.perf_counter()  # a call ends on the host
+        answers.append(ways.segments(q0[:count], q1[:count])[0])
+        found[f"{device}, ns"] = (time.perf_counter() - begin) * 1e9 / count
+    least = min(map(len, answers))
+    return found | {
+        "clear": float(answers[0].mean()),
+        "equal": float((answers[0][:least] == answers[1][:least]).mean()),
+    }
+
+
 def pairs(arguments) -> dict:
     """Ns a pair of placed bunnies, as a batch and as a function in a kernel, and ns a segment that a network clears.
 

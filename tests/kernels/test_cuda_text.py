@@ -11,6 +11,7 @@ from bounding_shapes import domain_points, random_bounder, random_mlp, random_su
 from distances import far, points_around
 from region_cases import REGIONS, fitted_region
 
+from warp_bounding.arms.motions import _kernels as _motions
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kernel
 from warp_bounding.kernels.functions import batch_kernel, batch_snippet
@@ -64,6 +65,10 @@ def test_distances(method, tmp_path):
         kernels += [box_kernel(source), lines_kernel(source, True)]
     for number, kernel in enumerate(kernels):
         check_compiles(kernel, tmp_path / str(number))
+
+
+def test_motions(tmp_path):
+    check_compiles(_motions().segments, tmp_path)
 
 
 def on_cpu(source, placed: bool, values: bool, x: np.ndarray, parameters: wp.array, placement: list) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from arm_cases import BRANCHES, posed, random_arm, random_body, robot
+from commands import check_bad, run
 
 import warp_bounding as wb
 from warp_bounding.arms import Arm, Body, Cylinder, DistanceField, Joint, Motions, Scan
@@ -79,14 +80,18 @@ def test_configurations_are_those_of_the_shape(rng):
     assert [named is None for named in motions.culprits(q[:200])] == (states[:200] == 0).tolist()
 
 
-def test_many_at_once_are_those_one_by_one(rng):
+def test_many_at_once_are_those_one_by_one(device, rng):
     arm, obstacles = random_arm(rng, 4)
-    motions = Motions(arm, obstacles)
+    motions = Motions(arm, obstacles, device=device)
     q0, q1 = edges(arm, rng, 200)
     clear, share = motions.segments(q0, q1)
     one = [motions.segments(a[None], b[None]) for a, b in zip(q0, q1, strict=True)]
     assert clear.tolist() == [each[0][0] for each in one]
     assert share.tolist() == [each[1][0] for each in one]
+    assert motions.segments(q0[:0], q1[:0])[0].shape == motions.configurations(q0[:0]).shape == (0,)
+    here = Motions(arm, obstacles)
+    assert (clear == here.segments(q0, q1)[0]).mean() > 0.99  # sines of another library
+    assert (motions.configurations(q0) == here.configurations(q0)).mean() > 0.99
     back = motions.segments(q1, q0, until=True)[0]
     assert (back == motions.segments(q0, q1, until=True)[0]).mean() > 0.99
 
@@ -130,11 +135,15 @@ def test_what_is_attached_is_checked(rng):
     arm = Arm(
         [Joint(), Joint()], [Body.box([-0.1, -0.1, 0], [0.1, 0.1, 1], link=i, name=f"link {i}") for i in range(2)]
     )
-    tool = Body.capsule([0, 0, 1], [1, 0, 1], 0.05, name="tool")
+    tool, lifted = Body.capsule([0, 0, 1], [1, 0, 1], 0.05, name="tool"), np.eye(4)
+    lifted[:3, 3] = [0.5, 0, 1]
     carrying = Motions(arm, [Body.sphere([1, 0, 1], 0.1, name="ball")], attached={"link 1": tool})
     q = np.array([[0.0, 0.0], [1.0, 1.0]])
     assert carrying.configurations(q).tolist() == [2, 0]
     assert carrying.culprits(q)[0] == ("tool", "ball")
+    can = Motions(arm, [Body.sphere([1, 0, 1], 0.1)], attached={"link 1": Cylinder(0.6, 0.1, lifted, "can")})
+    assert can.configurations([*q, [0.0, np.pi / 2]]).tolist() == [2, 0, 0]
+    assert can.culprits(q)[0][0] == "can"
     with pytest.raises(wb.BoundingError, match="a part that carries what is attached, of link 0, link 1, got hand"):
         Motions(arm, attached={"hand": tool})
 
@@ -210,12 +219,11 @@ def rock():
     return mesh, {k: wb.fit(mesh, "distance", "distance-grid", storage=k, **options) for k in ("float16", "uint8")}
 
 
-@pytest.mark.parametrize("storage", ["float16", "uint8"])
-@pytest.mark.parametrize("n", [2, 4, 7])
+@pytest.mark.parametrize(("n", "storage"), [(2, "uint8"), (4, "float16"), (7, "uint8")])
 def test_what_is_proven_by_distances_is_free(n, storage, rock, rng):
     mesh, far = rock[0], rock[1][storage]
     arm, _ = random_arm(rng, n, slides=n == 4)
-    pose, velocity, (q0, q1) = posed(rng), rng.normal(size=3) * 0.3, edges(arm, rng, 60)
+    pose, velocity, (q0, q1) = posed(rng), rng.normal(size=3) * 0.3, edges(arm, rng, 40)
     pose[:3, 3] = (arm.frames(q1[:1])[0, -1] @ [*arm.bodies[-1].points[0], 1.0])[:3]
     truth = Scan.of_mesh(mesh, pose=pose)
     motions = Motions(arm, far.field(pose, name="rock"), self_collision=False)
@@ -256,7 +264,7 @@ def test_plans_by_distances_know_them(rock):
     motions.move("rock", away)
     assert motions.path([[1.5], [0.0]]).proven
     with pytest.raises(wb.BoundingError, match="an obstacle is proven, 3D"):
-        far.freeze(float(far.threshold), None).field()
+        type(far)(far.domain, far.tensors, far.sizes, "cpu").field()
     with pytest.raises(wb.BoundingError, match="nodes all over the box"):
         DistanceField(np.ones((2, 2, 2)), np.zeros(3), np.ones(3), np.ones(3))
 
@@ -307,6 +315,53 @@ def test_a_plan_is_kept_and_proven_again(tmp_path, rng):
         wb.arms.Plan.load(tmp_path / "plan.json")
 
 
+def test_plans_are_certified_from_files(tmp_path, rock, capsys):
+    link = '<link name="{0}"><collision><geometry><box size="0.2 0.1 0.1"/></geometry></collision></link>'
+    joint = (
+        '<joint name="turn{2}" type="revolute"><parent link="{0}"/><child link="{1}"/><origin xyz="0.5 0 0"/>'
+        '<axis xyz="0 0 1"/><limit lower="-3" upper="3"/></joint>'
+    )
+    parts = [link.format(name) for name in "abc"] + [joint.format("a", "b", 1), joint.format("b", "c", 2)]
+    (tmp_path / "arm.urdf").write_text(f'<robot name="arm">{"".join(parts)}</robot>')
+    (tmp_path / "can.scene").write_text("cell\n* can\n1\ncylinder\n0.05 0.2\n0.85 0.4 0\n0 0 0 1\n0 0 0 0\n.\n")
+    far = rock[1]["uint8"]
+    far.save(tmp_path / "rock.safetensors")
+    trimesh.creation.box(bounds=[[2, 2, 0], [3, 3, 1]]).export(tmp_path / "box.stl")
+    arm = wb.arms.load_urdf(tmp_path / "arm.urdf", held={"turn2": 0.5})
+    box = Scan.of_mesh(wb.load_shape(tmp_path / "box.stl"))
+    scene = [*wb.arms.load_scene(tmp_path / "can.scene"), box]
+    plans = {
+        "good": Motions(arm, scene, margin=0.01).path([[-1.0], [0.0]]),
+        "bad": Motions(arm, scene, margin=0.01).path([[-1.0], [1.5]]),
+        "rock": Motions(arm, far.field()).path([[0.0], [0.3]]),
+    }
+    for name, plan in plans.items():
+        plan.save(tmp_path / f"{name}.json")
+    robot, hold = tmp_path / "arm.urdf", ("--hold", "turn2=0.5")
+    files = ("--scene", f"{tmp_path / 'can.scene'},{tmp_path / 'box.stl'}", *hold)
+
+    def certify(plan: str, *options) -> tuple[int, str, str]:
+        return run(capsys, "certify", tmp_path / f"{plan}.json", robot, *options)
+
+    status, out, _ = certify("good", *files)
+    assert (status, "proven: Proven free: 1 motions of arm, among 2 obstacles, margin 0.01 m." in out) == (0, True)
+    status, out, _ = certify("bad", *files)
+    assert (status, "undecided: Proven up to" in out) == (1, True)
+    for options, what in ((hold, "robot, scene or SRDF"), ((*files, "--margin", 0.02), "margin")):
+        status, out, _ = certify("good", *options)
+        assert (status, f"inapplicable: the plan is of another {what}" in out) == (1, True)
+    assert certify("rock", "--scene", tmp_path / "rock.safetensors", *hold)[0] == 1 - plans["rock"].proven
+    for options, message in (
+        ((*files, "--jobs", 2), "a plan is certified at once; leave out --jobs"),
+        (("--scene", "no.scene"), "no.scene"),
+        (("--hold", "turn2"), "expected finger=0.04,wrist=0"),
+    ):
+        told = certify("good", *options)
+        check_bad(*told)
+        assert message in told[2]
+    check_bad(*run(capsys, "certify", tmp_path / "rock.safetensors", robot, *hold))
+
+
 @pytest.mark.parametrize(
     ("waypoints", "match"),
     [
@@ -340,6 +395,28 @@ def test_bad_input_gets_one_clear_error(make, match, rng):
     arm, _ = random_arm(rng, len(BRANCHES))
     with pytest.raises(wb.BoundingError, match=match):
         make(arm)
+
+
+def test_what_rounds_beyond_a_limit_is_at_the_limit(rng):
+    limits = rng.uniform(0.1, 3.0, (5, 2)) * [-1, 1]
+    joints = [Joint(lower=low, upper=high, slides=k == 3) for k, (low, high) in enumerate(limits)]
+    arm = Arm(joints, [Body.sphere([0.1, 0, 0], 0.1, link=4)])
+    motions, low, high = Motions(arm, self_collision=False), *limits.T
+    q0, q1 = (np.where(rng.uniform(size=(20_000, 5)) < 0.5, low, high) for _ in range(2))
+    q0 *= rng.uniform(0.5, 1, q0.shape)
+    x = q0 + np.float64(1 - 2.0**-53) * (q1 - q0)
+    x = np.concatenate([x, q0 + 1.0 * (q1 - q0), np.nextafter(q1, 9 * q1)])
+    assert ((x < low) | (x > high)).any()
+    assert (motions.configurations(x) == 0).all()
+    assert motions.path(x[-2:]).proven
+    assert (motions.configurations(q1 * (1 + 1e-12)) == 1).all()
+
+
+def test_a_start_that_collides_is_told_with_its_bodies():
+    arm = Arm([Joint()], [Body.capsule([0, 0, 0], [1, 0, 0], 0.05, link=0, name="link")])
+    balls = [Body.sphere([1, 0, 0], 0.3, name="here"), Body.sphere([0, 1, 0], 0.3, name="there")]
+    plan = Motions(arm, balls[::-1]).path([[0.0], [1.5]])
+    assert (plan.end, plan.between) == ((0, 0.0), ("link", "here"))
 
 
 def test_of_numbers_that_are_none_nothing_is_proven(rng):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.rigid import lengths, matmul, moved, nearest_rotation, sine_cosine
+from warp_bounding.rigid import lengths, matmul, moved, nearest_rotation, ring, sine_cosine
 from warp_bounding.rounding import round_up
 from warp_bounding.runtime.arrays import Picklable
 
@@ -31,6 +31,7 @@ WORLD = -1  # the link that does not move
 MOST_POINTS = 512  # of a body
 LARGEST = 1e6  # metres: a coordinate or radius
 THIN = 1e-6  # of the largest coordinate: what is thinner counts as flat
+SIDES = 16  # of a prism around a cylinder
 CORNERS = np.indices((2, 2, 2)).reshape(3, -1).T  # of a box, by 0 and 1
 
 
@@ -166,6 +167,13 @@ class Cylinder(Picklable):
     def numbers(self) -> np.ndarray:
         """All that a digest needs to know."""
         return np.append(self.pose, [self.radius, self.length])
+
+    @property
+    def prism(self) -> Body:
+        """A body of ``SIDES`` sides that holds it: a fiftieth of the radius wider, at its edges."""
+        around = ring(SIDES) * (self.radius / sine_cosine(np.pi / SIDES)[1] * (1 + 1e-12))  # more than float64 rounds
+        ends = [np.column_stack([around, np.full(SIDES, side * self.length / 2)]) for side in (-1, 1)]
+        return Body(np.concatenate(ends), name=self.name).moved(self.pose)
 
     def moved(self, pose) -> "Cylinder":
         """This cylinder at a pose ``(4, 4)``; itself for ``None``."""

@@ -40,7 +40,7 @@ from warp_bounding.arms.scan import DistanceField, Scan
 from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.rigid import lengths, matmul, moved
 from warp_bounding.runtime.arrays import Picklable
-from warp_bounding.runtime.launch import BlockLaunch
+from warp_bounding.runtime.launch import BlockLaunch, device_of
 from warp_bounding.runtime.native import named, native_text
 from warp_bounding.runtime.whole_file import write_whole
 from warp_bounding.shapes.shape import checked_margin
@@ -50,9 +50,9 @@ __all__ = ["Motions", "Plan"]
 FREE, UNDECIDED, COLLIDING = 0, 1, 2  # states of configurations and motions
 ALLOWANCE = 2.0**-34  # of the size S: by how much a gap may be off, see above
 OUTWARD = 1 + 2.0**-40  # outweighs what sums of a few products round, relative to their size
+ROUNDED = 2.0**-51  # of a joint's limits: what q0 + t (q1 - q0) rounds beyond them at most, and more
 LANES = 8  # corners of a group
 DEEPEST = 24  # times that a motion is halved, at most
-DEVICE = "cpu"
 
 HULL, CYLINDER, FIELD = 0, 1, 2  # kinds of bodies, as the native text numbers them
 BALLS = 1024  # of the trees, in all, that hold an arm's bodies among distance fields
@@ -66,16 +66,18 @@ class Motions:
     Args:
         arm: The arm; see ``load_urdf``.
         obstacles: Bodies, cylinders, scans and distance fields that stand in the world.
-        attached: What links carry, such as a grasped object, by the names of parts of the arm: bodies in the frame of
-            the joint that moves the part (``Body.link`` is not heeded). They are checked against what the part is
-            checked against.
+        attached: What links carry, such as a grasped object, by the names of parts of the arm: bodies and cylinders (by
+            their prisms) in the frame of the joint that moves the part (``Body.link`` is not heeded). They are checked
+            against what the part is checked against.
         self_collision: Whether the arm is checked against itself, as ``Arm.pairs`` says.
         margin: Metres: what comes closer counts as touching.
         halvings: How often a motion is halved at most; each halving doubles the time that a hopeless one takes.
+        device: Warp device that proves batches; on CUDA a thread takes a motion.
 
     Attributes:
         arm: With what is attached.
         margin: As given.
+        device: As given, a ``wp.Device``.
         pairs: ``(P, 2)`` numbers of bodies of the arm that are checked against each other.
 
     Raises:
@@ -97,10 +99,11 @@ class Motions:
         arm: Arm,
         obstacles: Sequence[Obstacle] | Obstacle = (),
         *,
-        attached: Mapping[str, Sequence[Body] | Body] | None = None,
+        attached: Mapping[str, Sequence[Body | Cylinder] | Body | Cylinder] | None = None,
         self_collision: bool = True,
         margin: float = 0.0,
         halvings: int = 12,
+        device: str = "cpu",
     ):
         if not isinstance(arm, Arm):
             raise ShapeError(f"motions: expected an Arm, got {type(arm).__name__}; wb.arms.load_urdf reads files")
@@ -108,6 +111,7 @@ class Motions:
             raise ShapeError(f"{arm.name}: expected halvings from 0 to {DEEPEST}, got {halvings}")
         self.arm, self.margin, self.halvings = _carrying(arm, attached or {}), checked_margin(margin), int(halvings)
         self.pairs = self.arm.pairs() if self_collision else np.empty((0, 2), dtype=np.int32)
+        self.device = device_of(device)
         self._given: list[tuple[Obstacle, np.ndarray | None]] = []
         self._velocities: dict[str, Sequence[float]] = {}
         self._fixed = self._layout_of_arm()
@@ -195,7 +199,11 @@ class Motions:
         self._velocities, self._arrays = dict(velocities), None
 
     def configurations(self, q) -> np.ndarray:
-        """Whether configurations ``(N, n)`` are free, 0, collide, 2, or neither can be proven, 1: ``(N,)`` int32."""
+        """Whether configurations ``(N, n)`` are free, 0, collide, 2, or neither can be proven, 1: ``(N,)`` int32.
+
+        Beyond limits nothing is proven. What ``q0 + t (q1 - q0)`` of two configurations rounds beyond them counts as
+        the limit.
+        """
         return self._ask(None, self._configurations(q))[0]
 
     def culprits(self, q) -> list[tuple[str, str] | None]:
@@ -221,15 +229,18 @@ class Motions:
             raise ShapeError(f"{name}: expected waypoints (W, {len(self.arm.free)}), at least 2, got {given.shape}")
         if not np.isfinite(given).all():
             raise ShapeError(f"{name}: waypoint {int(np.argwhere(~np.isfinite(given))[0, 0])} is not finite")
-        low, high = self._limits
-        if (beyond := np.argwhere(~((given >= low) & (given <= high)))).size:
+        within = self._configurations(given)
+        if (beyond := np.argwhere(np.isnan(within))).size:
             at, column = beyond[0].tolist()
             joint, value = self.arm.joints[self.arm.free[column]], float(given[at, column])
             raise ShapeError(
                 f"{name}: waypoint {at} has {joint.name} at {value}, limits {joint.lower} to {joint.upper}"
             )
-        states, culprits, share = self._ask(True, given[:-1], given[1:])
-        between = self._named(int(culprits[np.argmax(states != FREE)]))
+        states, culprits, share = self._ask(True, within[:-1], within[1:])
+        first = int(np.argmax(states != FREE))
+        between = self._named(int(culprits[first]))
+        if share[first] == 0.0:  # it starts so
+            between = self.culprits(given[first : first + 1])[0] or between
         return Plan(given, share, self.margin, self.digest, name, len(self._given), between)
 
     @property
@@ -247,7 +258,11 @@ class Motions:
         if q.ndim != 2 or q.shape[1] != n:
             raise ShapeError(f"{self.arm.name}: expected configurations (N, {n}), got {q.shape}")
         low, high = self._limits
-        return q if ((q >= low) & (q <= high)).all() else np.where((q >= low) & (q <= high), q, np.nan)
+        if ((q >= low) & (q <= high)).all():
+            return q
+        with np.errstate(invalid="ignore"):
+            at = np.clip(q, low, high)  # what is moved by rounding is where it was, up to rounding
+            return np.where(np.abs(q - at) <= ROUNDED * (np.abs(low) + np.abs(high)), at, np.nan)
 
     def _named(self, item: int) -> tuple[str, str] | None:
         own, around = self.arm.bodies, len(self._owners)
@@ -263,13 +278,10 @@ class Motions:
             self._arrays, self._kept = self._laid_out(), {}
         count = len(given[0])
         if (call := self._kept.get(until)) is None or count != 1:
-            call = _Call(self._arrays, count, given[0].shape[1], until, self.halvings)
+            call = _Call(self._arrays, count, given[0].shape[1], until, self.halvings, self.device)
             if count == 1:
                 self._kept[until] = call
-        for array, values in zip(call.given, given, strict=True):
-            array[:] = values
-        call.launch.launch()
-        answers = [answer.copy() for answer in call.answers] if count == 1 else call.answers
+        answers = call.ask(given)
         if any(isinstance(body, Scan) and body.solid is not None for body, _ in self._given):
             self._look_inside(given[0], answers)
         return answers
@@ -340,8 +352,8 @@ class Motions:
         places = 2 + np.cumsum([0, *map(len, numbers[:-1])])
         constants = [self.margin, ALLOWANCE * size]
         return (
-            wp.array(np.concatenate([counts, at, places, *whole]), dtype=wp.int32, device=DEVICE),
-            wp.array(np.concatenate([constants, *numbers]), dtype=wp.float64, device=DEVICE),
+            wp.array(np.concatenate([counts, at, places, *whole]), dtype=wp.int32, device=self.device),
+            wp.array(np.concatenate([constants, *numbers]), dtype=wp.float64, device=self.device),
         )
 
 
@@ -436,23 +448,29 @@ def _count(body: Obstacle) -> int:
 
 
 class _Call:
-    """A launch and its memory.
+    """A recorded launch and its memory: for ``count`` configurations or motions of n coordinates."""
 
-    Attributes:
-        given: Configurations, or starts and ends ``(N, n)``.
-        answers: States and culprits ``(N,)`` int32, and shares ``(N,)`` float64 of motions.
-        launch: A recorded launch.
-    """
-
-    def __init__(self, arrays: tuple[wp.array, wp.array], count: int, n: int, until: bool | None, halvings: int):
-        of_motions, device = until is not None, wp.get_device(DEVICE)
-        self.given = [np.empty((count, n)) for _ in range(1 + of_motions)]
-        self.answers = [np.empty(count, dtype=np.int32) for _ in range(2)] + [np.empty(count)] * of_motions
-        inputs = [*arrays, *(wp.array(x.reshape(-1), device=device, copy=False) for x in self.given)]
-        inputs += [halvings, int(until)] if of_motions else []
-        outputs = [wp.array(x, device=device, copy=False) for x in self.answers]
+    def __init__(self, arrays, count: int, n: int, until: bool | None, halvings: int, device: wp.Device):
+        of_motions = until is not None
+        self._given = [wp.empty((count, n), dtype=wp.float64, device=device) for _ in range(1 + of_motions)]
+        kinds = [wp.int32, wp.int32] + [wp.float64] * of_motions
+        self._answers = [wp.empty(count, dtype=kind, device=device) for kind in kinds]
+        if device.is_cpu:  # the same memory, once and for all
+            self._here, self._read = ([x.numpy() for x in part] for part in (self._given, self._answers))
+        inputs = [*arrays, *(x.flatten() for x in self._given)] + [halvings, int(bool(until))] * of_motions
         kernel = _kernels().segments if of_motions else _kernels().configurations
-        self.launch = BlockLaunch(kernel, count, [0, *inputs], outputs, device, first_index=0, block=1)
+        self._launch = BlockLaunch(kernel, count, [0, *inputs], self._answers, device, first_index=0, block=1)
+        self._cpu = device.is_cpu
+
+    def ask(self, given: Sequence[np.ndarray]) -> list[np.ndarray]:
+        """States and culprits ``(N,)`` int32, and shares ``(N,)`` float64 of motions."""
+        for number, values in enumerate(given):
+            if self._cpu:
+                self._here[number][:] = values
+            else:
+                self._given[number].assign(values)
+        self._launch.launch()
+        return [x.copy() for x in self._read] if self._cpu else [x.numpy() for x in self._answers]
 
 
 @dataclass(frozen=True)
@@ -630,7 +648,7 @@ def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return best[1], best[2]
 
 
-def _carrying(arm: Arm, attached: Mapping[str, Sequence[Body] | Body]) -> Arm:
+def _carrying(arm: Arm, attached: Mapping[str, Sequence[Body | Cylinder] | Body | Cylinder]) -> Arm:
     """The arm with more bodies on its parts."""
     bodies, touching = [], set(arm.touching)
     for part, given in attached.items():
@@ -638,7 +656,8 @@ def _carrying(arm: Arm, attached: Mapping[str, Sequence[Body] | Body]) -> Arm:
         if link is None:
             known = ", ".join(dict.fromkeys(body.part for body in arm.bodies))
             raise ShapeError(f"{arm.name}: expected a part that carries what is attached, of {known}, got {part}")
-        for body in all_of(Body, given, arm.name):
+        for body in all_of(Body | Cylinder, given, arm.name):
+            body = body.prism if isinstance(body, Cylinder) else body
             bodies.append(replace(body, link=link, part=f"{body.name} on {part}"))
             touching.add(tuple(sorted((bodies[-1].part, part))))
             touching |= {

@@ -22,18 +22,16 @@ from xml.parsers import expat
 
 import numpy as np
 
-from warp_bounding.arms.arm import MOST_JOINTS, WORLD, Arm, Body, Joint, Mimic
+from warp_bounding.arms.arm import MOST_JOINTS, WORLD, Arm, Body, Cylinder, Joint, Mimic
 from warp_bounding.arms.pieces import hulls_of
 from warp_bounding.errors import ShapeError
-from warp_bounding.rigid import about, matmul, ring, sine_cosine
+from warp_bounding.rigid import about, matmul
 from warp_bounding.runtime.progress import slow
 from warp_bounding.shapes.formats.meshes import read_mesh_data
 from warp_bounding.shapes.formats.reading import MeshData
 
 Element = ElementTree.Element
-SIDES = 16  # of a prism around a cylinder
 TURNING, SLIDING, FIXED = ("revolute", "continuous"), ("prismatic",), ("fixed",)
-OUTWARD = 1 + 1e-12  # outweighs what float64 rounds
 # Attributes of the elements that are read, and of how many numbers each is; of none where it is text. What begins with
 # + has to be there.
 ATTRIBUTES: dict[str, dict[str, tuple[int, ...]]] = {
@@ -454,17 +452,10 @@ def _moved(joint: _Joint, value: float) -> np.ndarray:
 # --- Geometry ---------------------------------------------------------------------------------------------------------
 
 
-def _prism(radius: float, length: float) -> Body:
-    """Holds a cylinder about z."""
-    around = ring(SIDES) * (radius / sine_cosine(np.pi / SIDES)[1] * OUTWARD)
-    ends = [np.column_stack([around, np.full(SIDES, side * length / 2)]) for side in (-1, 1)]
-    return Body(np.concatenate(ends))
-
-
 SOLIDS: dict[str, Callable[..., Body]] = {
     "box": lambda size: Body.box(-size / 2, size / 2),
     "sphere": lambda radius: Body.sphere([0, 0, 0], radius),
-    "cylinder": _prism,
+    "cylinder": lambda radius, length: Cylinder(radius, length).prism,
     "capsule": lambda radius, length: Body.capsule([0, 0, -length / 2], [0, 0, length / 2], radius),
 }
 
