@@ -27,12 +27,12 @@ import warp_bounding as wb
 from sims.arm.robots import ROBOTS, robots
 from sims.arm.seven import GOAL, OPEN, START, cell
 from warp_bounding.arms import Cylinder, Motions, Scan
-from warp_bounding.arms.motions import BALLS
-from warp_bounding.arms.pieces import trees_of
+from warp_bounding.arms.motions import _box_around
 
 LONGEST, NOISE = 0.02, 0.001  # metres: of a triangle's edges, and by how much the scanner is off
 ROUNDS, TIMES = 8, 10  # of edges that are drawn, and of a batch that is timed
 NODES, FIT = (32, 64), 600.0  # of grids, along the longest side; seconds for a fit
+FINEST = 8  # of a body's box: the share of it that balls hold, as in `native/motions.h`
 
 
 def scanned(things) -> wb.shapes.Mesh:
@@ -178,21 +178,23 @@ def measured(ways: list[Motions], meshes: Meshes, q0: np.ndarray, q1: np.ndarray
 
 
 def clear_at_most(arm: wb.arms.Arm, far, q0: np.ndarray, q1: np.ndarray) -> np.ndarray:
-    """Which edges ``(N,)`` a distance could prove at most: at samples, by the balls that hold the arm's bodies."""
+    """Which edges ``(N,)`` a distance could prove at most: at samples, by balls around halves of the bodies' boxes."""
     x, rows = samples_of(q0, q1, USUAL)
     frames, clear = arm.frames(x), np.ones(len(x), dtype=bool)
-    first, past, balls = trees_of([(np.eye(3), body.points) for body in arm.bodies], BALLS)
-    for k, body in enumerate(arm.bodies):
-        if body.link == wb.arms.WORLD:
-            continue
-        own, pose = slice(first[k], first[k + 1]), frames[:, body.link]
-        places = np.einsum("nij,bj->nbi", pose[:, :3, :3], balls[own, :3]) + pose[:, None, :3, 3]
-        away = far.distance(places.reshape(-1, 3).astype(np.float32)).numpy().reshape(len(x), -1)
-        held = away > balls[own, 3] + body.radius
-        for ball in reversed(range(held.shape[1])):  # by itself, or by the two in it
-            if past[own][ball] > first[k] + ball + 1:
-                held[:, ball] |= held[:, ball + 1] & held[:, past[own][ball + 1] - first[k]]
-        clear &= held[:, 0]
+    for body in (body for body in arm.bodies if body.link != wb.arms.WORLD):
+        frame, half = _box_around(body.points)
+        least, stack = np.linalg.norm(half) / FINEST, [(np.zeros(3), half, np.flatnonzero(clear))]
+        while stack:
+            middle, half, left = stack.pop()
+            left, pose, radius = left[clear[left]], frames[left[clear[left]], body.link], np.linalg.norm(half)
+            place = frame[:9].reshape(3, 3) @ middle + frame[9:]
+            away = far.distance((pose[:, :3, :3] @ place + pose[:, :3, 3]).astype(np.float32)).numpy()
+            left = left[away <= radius + body.radius]
+            if radius <= least:
+                clear[left] = False
+            elif len(left):
+                step = np.where(np.arange(3) == half.argmax(), half / 2, 0.0)
+                stack += [(middle + sign * step, half - step, left) for sign in (-1, 1)]
     return np.bincount(rows, ~clear, minlength=len(q0)) == 0
 
 

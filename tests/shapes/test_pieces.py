@@ -6,7 +6,7 @@ import trimesh
 from scipy.optimize import linprog
 
 import warp_bounding as wb
-from warp_bounding.arms.pieces import hulls_of, trees_of
+from warp_bounding.arms.pieces import hulls_of
 
 MESHES = {
     "angle": trimesh.util.concatenate(
@@ -76,21 +76,3 @@ def test_pieces_hold_what_a_mesh_encloses(seed, rng):
     bodies = hulls_of(vertices, faces, 12)
     assert len(bodies) > 1
     assert all(any(held(body, x) for body in bodies) for x in middles)
-
-
-@pytest.mark.parametrize("points", [1, 2, 4, 30])
-def test_trees_of_balls_hold_hulls(points, rng):
-    hulls = [(np.eye(3), rng.normal(size=(points, 3)) * [1, 1, flat]) for flat in (1.0, 0.0)]
-    first, past, balls = trees_of(hulls, 60)
-    assert first[-1] == len(past) == len(balls)
-    leaves = past == np.arange(len(past)) + 1
-    assert leaves.sum() <= 60
-    assert points == 1 or leaves.sum() > 30
-    for k, (_, hull) in enumerate(hulls):
-        x = rng.dirichlet(np.full(points, 0.2), 500) @ hull
-        own = np.arange(first[k], first[k + 1])
-        inside = np.linalg.norm(x[:, None] - balls[own, :3], axis=2) <= balls[own, 3] * (1 + 1e-15)
-        assert inside[:, leaves[own]].any(axis=1).all()
-        assert inside[:, 0].all()
-        assert (past[own] > own).all()
-        assert (past[own] <= own[-1] + 1).all()

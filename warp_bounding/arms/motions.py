@@ -27,7 +27,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
@@ -35,7 +35,6 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.arms.arm import LARGEST, WORLD, Arm, Body, Cylinder, all_of, checked_pose
-from warp_bounding.arms.pieces import trees_of
 from warp_bounding.arms.scan import DistanceField, Scan
 from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.rigid import lengths, matmul, moved
@@ -55,7 +54,6 @@ LANES = 8  # corners of a group
 DEEPEST = 24  # times that a motion is halved, at most
 
 HULL, CYLINDER, FIELD = 0, 1, 2  # kinds of bodies, as the native text numbers them
-BALLS = 1024  # of the trees, in all, that hold an arm's bodies among distance fields
 
 Obstacle = Body | Cylinder | Scan | DistanceField
 
@@ -324,10 +322,6 @@ class Motions:
         size = slides + sum(np.abs(origin[:3, 3]).sum() for origin in origins) + bodies.size
         return whole, numbers, bodies, size
 
-    @cached_property
-    def _trees(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return trees_of([(_box_around(points)[0].reshape(4, 3)[:3], points) for points in self.arm.moved[1]], BALLS)
-
     def _laid_out(self) -> tuple[wp.array, wp.array]:
         (parent, slides, coordinate, first, path, pairs), (factor, offset, origin, reach), own, size = self._fixed
         around = _Laid.joined([_Laid.around(body) for body in self.obstacles])
@@ -340,12 +334,10 @@ class Motions:
         size += self.margin + around.size + np.abs(velocities).sum(axis=1).max()
         links = [*(body.link for body in self.arm.bodies), *([WORLD] * len(order))]
         lanes = np.cumsum([0, *map(len, bodies.lanes)])
-        fields = any(isinstance(body, DistanceField) for body, _ in self._given)
-        begin, past, inner = self._trees if fields else ((), (), ())
-        whole = [parent, slides, coordinate, links, bodies.kind, lanes, first, path, pairs, skip, group, begin, past]
+        whole = [parent, slides, coordinate, links, bodies.kind, lanes, first, path, pairs, skip, group]
         numbers = [factor, offset, origin, bodies.frame, bodies.half, bodies.radius, bodies.ball, velocities, reach]
         counts = [len(parent), len(self.arm.free), len(own.half), len(links), len(self.pairs), len(skip)]
-        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(bodies.lanes), boxes, inner)]
+        numbers = [np.ravel(each).astype(np.float64) for each in (*numbers, np.concatenate(bodies.lanes), boxes)]
         whole = [np.ravel(each).astype(np.int32) for each in whole]
         header = len(counts) + len(whole) + len(numbers)
         at = header + np.cumsum([0, *map(len, whole[:-1])])

@@ -5,23 +5,19 @@ corners there, of the points in which edges cross a plane, and, inside of the me
 Planes are at right angles to a piece's principal axes. What rounding moves a point by is added to the bodies' radius.
 """
 
-import heapq
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 
-from warp_bounding.arms.arm import Body, _solid
-from warp_bounding.rigid import lengths, matmul
+from warp_bounding.arms.arm import Body
+from warp_bounding.rigid import matmul
 
 CUTS = np.linspace(0.2, 0.8, 5)  # where planes are tried, shares of a piece's length
 LEAST_GAIN = 0.05  # of the whole volume: what a cut must save
 PARALLEL = 1e-7  # of three planes: with a smaller determinant they meet nowhere near, or the overlap holds that
 OVERLAP = 1e-7  # of the size: by how much the two sides of a cut overlap, more than where three planes meet is off
 ROUNDING = 1e-13  # of the size: what a crossing is off by at most, and more
-SMALLEST = 1 / 32  # of the largest ball's radius: smaller balls are not halved
-STEPS = 20  # towards the centre of a ball (Badoiu and Clarkson 2003)
 
 
 class _Piece(NamedTuple):
@@ -115,55 +111,3 @@ def _clipped(triangles: np.ndarray, heights: np.ndarray, level: float) -> np.nda
         found.append(np.stack([a, p, q], axis=1)[inside])
         found += [np.stack([b, c, p], axis=1)[~inside], np.stack([c, p, q], axis=1)[~inside]]
     return np.concatenate(found)
-
-
-def trees_of(hulls: Sequence[tuple[np.ndarray, np.ndarray]], count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Trees of balls that hold convex hulls: the largest ball of all gives way to those of two halves, again and again.
-
-    Args:
-        hulls: Of each a rotation ``(3, 3)``, along whose columns it is cut, and points ``(P, 3)``.
-        count: Of the balls that are not halved, in all and at most.
-
-    Returns:
-        Of each hull the number of its first ball, and how many there are; of each ball, depth first, the number of the
-        one behind all those in it, and centre and radius ``(4,)``.
-    """
-    knots, roots, heap = [], [], []
-
-    def knot(turn: np.ndarray, piece: _Piece) -> int:
-        points = piece.triangles.reshape(-1, 3)
-        center = points.mean(axis=0)
-        for step in range(2, STEPS):
-            center = center + (points[lengths(points - center).argmax()] - center) / step
-        radius = float(lengths(points - center).max()) * (1 + ROUNDING) + ROUNDING * float(np.abs(points).max())
-        knots.append([np.append(center, radius), ()])
-        heapq.heappush(heap, (-radius, len(knots) - 1, turn, piece))
-        return len(knots) - 1
-
-    for turn, points in hulls:
-        solid, _ = _solid(points)
-        piece = _Piece(solid.points[solid.simplices], solid.equations, np.empty((0, 4)))
-        roots.append(knot(turn, piece))
-    least = SMALLEST * heap[0][0]
-    for _ in range(count - len(roots)):
-        radius, k, turn, piece = heapq.heappop(heap)
-        if radius >= least:
-            break
-        along = matmul(piece.triangles, turn).reshape(-1, 3)
-        axis, size = np.ptp(along, axis=0).argmax(), float(np.abs(along).max())
-        level = (along[:, axis].min() + along[:, axis].max()) / 2
-        knots[k][1] = [knot(turn, side) for side in _sides(piece, turn[:, axis], level, size)]
-    order, first, past = [], [0], {}
-
-    def walk(k: int) -> None:
-        place = len(order)
-        order.append(k)
-        for below in knots[k][1]:
-            walk(below)
-        past[place] = len(order)
-
-    for root in roots:
-        walk(root)
-        first.append(len(order))
-    balls = np.array([knots[k][0] for k in order]).reshape(-1, 4)
-    return np.array(first), np.array([past[place] for place in range(len(order))], dtype=int), balls

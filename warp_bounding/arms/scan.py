@@ -107,8 +107,8 @@ class DistanceField(Picklable):
     """Distances from an object at the nodes of a grid, proven; an obstacle of ``Motions`` of few bytes.
 
     The object lies in the grid's box, and in that box what is linear along each axis between nodes is nowhere more than
-    the distance. ``DistanceGrid.field`` makes one. Where it is an obstacle, the bodies of an arm are held by balls,
-    and a centre's distance less the radius is clear.
+    the distance. ``DistanceGrid.field`` makes one. Balls hold the bodies of an arm, and are clear where the distance
+    at the centre exceeds the radius.
 
     Attributes:
         values: ``(X, Y, Z)`` float64, metres, at least two along each axis.

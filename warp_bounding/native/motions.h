@@ -6,6 +6,7 @@
 enum { JOINTS = 64, MANY = 8, DEEPEST = 24, ROUNDS = 32 }; // MANY: items of an interval that are kept apart
 enum { CLEAR = 0, OPEN = 1, HIT = 2, STUCK = 3 }; // STUCK: open, and halving does not help
 enum { HULL = 0, CYLINDER = 1, FIELD = 2 };
+enum { HALVINGS = 30, FINEST = 8 }; // of the box around a core: how often it is halved, and into what share of it
 
 // An arm and what is around it. Bodies are those of the arm, then the obstacles. A body is a convex core and all within
 // its radius. The core is the hull of corners, or a cylinder. Obstacles may be fields: distances at the nodes of a grid.
@@ -17,8 +18,6 @@ typedef struct {
     const int *pair;                         // bodies of the arm that are checked against each other
     const int *skip, *group;                 // of each node of the obstacles' tree: the next one but those below, and
                                              // the number of its obstacles' group of eight, or -1
-    const int *tree, *past;                  // of each arm's body where its tree of balls begins, and the last ends; of
-                                             // each ball the one behind all those in it
     const double *box;                       // of each node: lower and upper corner of a box around its obstacles
     const double *factor, *offset;           // of each joint: value = factor q[coordinate] + offset
     const double *origin;                    // twelve each: rotation by rows, then place; joints move about or along z
@@ -29,20 +28,18 @@ typedef struct {
     const double *reach;                     // of each joint of a path: how far the body is from its axis at most
     const double *lanes;                     // x, y, z of eight corners, one behind another; of a field half the sides
                                              // of its box, nodes a metre and their number along each axis; distances
-    const double *inner;                     // of each ball of the trees: centre and radius
     double margin, allowance;
 } Cell;
 
 static Cell cell_of(const int *whole, const double *numbers) {
     Cell c;
-    const int *at = whole + 6, *places = whole + 6 + 13;
+    const int *at = whole + 6, *places = whole + 6 + 11;
     c.joints = whole[0], c.coordinates = whole[1], c.of_arm = whole[2], c.bodies = whole[3], c.selves = whole[4];
     c.nodes = whole[5];
     c.parent = whole + at[0], c.slides = whole + at[1], c.coordinate = whole + at[2];
     c.link = whole + at[3], c.kind = whole + at[4], c.corners = whole + at[5];
     c.first = whole + at[6], c.path = whole + at[7], c.pair = whole + at[8];
     c.skip = whole + at[9], c.group = whole + at[10], c.box = numbers + places[10];
-    c.tree = whole + at[11], c.past = whole + at[12], c.inner = numbers + places[11];
     c.factor = numbers + places[0], c.offset = numbers + places[1], c.origin = numbers + places[2];
     c.frame = numbers + places[3], c.half = numbers + places[4], c.radius = numbers + places[5];
     c.ball = numbers + places[6], c.velocity = numbers + places[7], c.reach = numbers + places[8];
@@ -292,27 +289,32 @@ static double away_from_field(const Cell *c, int body, const double *point) {
     return sqrt(beyond + (f[0] > 0.0 ? f[0] * f[0] : 0.0));
 }
 
-// The same as ``state_of`` of a field a, by the balls of a tree that together hold the core of b. Points of the
-// core are no faster than the centre of their ball by more than what turns them about it.
+// The same as ``state_of`` of a field a, by balls around the box around the core of b, which is halved. Points of a ball
+// are no faster than its centre by more than what turns them about it.
 static int field_state(const Cell *c, const double *poses, const double *twists, double t, int a, int b, double h,
                        double bend, double tolerance) {
     const double *pose = poses + 12 * (c->link[b] + 1), *w = twists + 6 * (c->link[b] + 1);
-    const double *velocity = c->velocity + 3 * a, turning = sqrt(dot(w, w));
-    int clear = 0; // balls before this one are clear at t, by themselves or within a larger one
-    for (int i = c->tree[b]; i < c->tree[b + 1];) {
-        const double radius = c->inner[4 * i + 3], need = radius + c->radius[b] + c->margin + tolerance;
-        double x[3], v[3];
-        place(pose, c->inner + 4 * i, x);
+    const double *velocity = c->velocity + 3 * a, *half = c->half + 3 * b, turning = sqrt(dot(w, w));
+    double boxes[HALVINGS + 1][6], least = sqrt(dot(half, half)) / FINEST;
+    int still[HALVINGS + 1], count = 1; // whether a box is clear at t, by itself or within a larger one
+    for (int k = 0; k < 3; ++k) boxes[0][k] = 0.0, boxes[0][3 + k] = half[k];
+    still[0] = 0;
+    while (count) {
+        double *box = boxes[--count], *next = boxes[count + 1], x[3], y[3], v[3];
+        const double radius = sqrt(dot(box + 3, box + 3)), need = radius + c->radius[b] + c->margin + tolerance;
+        place(c->frame + 12 * b, box, y), place(pose, y, x);
         cross(w, x, v);
         for (int k = 0; k < 3; ++k) v[k] += w[3 + k] - velocity[k], x[k] -= t * velocity[k];
         const double away = away_from_field(c, a, x);
-        if (away > need && clear < c->past[i]) clear = c->past[i];
-        if (away > need + h * (sqrt(dot(v, v)) + turning * radius + h * bend))
-            i = c->past[i];
-        else if (c->past[i] == i + 1)
-            return i < clear ? OPEN : STUCK;
-        else
-            ++i;
+        if (away > need + h * (sqrt(dot(v, v)) + turning * radius + h * bend)) continue;
+        if (away > need) still[count] = 1;
+        if (radius <= least || count == HALVINGS) return still[count] ? OPEN : STUCK;
+        int longest = box[3] < box[4] ? 4 : 3;
+        if (box[longest] < box[5]) longest = 5;
+        box[longest] *= 0.5;
+        for (int k = 0; k < 6; ++k) next[k] = box[k];
+        box[longest - 3] -= box[longest], next[longest - 3] += box[longest];
+        still[count + 1] = still[count], count += 2;
     }
     return CLEAR;
 }
@@ -345,7 +347,11 @@ static int state_of(const Cell *c, const double *poses, const double *twists, do
     for (int k = 0; k < 3; ++k) v[k] += u[k], y[k] = center[k] - x[k] - t * c->velocity[3 * a + k];
     const double both = need + ball + c->ball[4 * a + 3] + h * sqrt(dot(v, v));
     if (dot(y, y) > both * both) return CLEAR; // balls around both
-    if (c->kind[a] == FIELD) return field_state(c, poses, twists, t, a, b, h, bend, tolerance);
+    if (c->kind[a] == FIELD) {
+        for (int k = 0; k < 3; ++k) x[k] = center[k] - t * c->velocity[3 * a + k];
+        if (away_from_field(c, a, x) > need + ball + h * sqrt(dot(v, v))) return CLEAR;
+        return field_state(c, poses, twists, t, a, b, h, bend, tolerance);
+    }
     const double away = away_from(c, poses, t, a, center, nearest);
     if (away > 0.0) {
         const double left = away - h * fabs(dot(nearest, v)) - need;
