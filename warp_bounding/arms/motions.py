@@ -672,40 +672,14 @@ def _kernels() -> _Kernels:
     """The kernels that answer motions and configurations."""
     text = f"struct Text {{{native_text('motions.h').MOTIONS}}};\n"
     text += "const auto c = Text::cell_of(whole.data, numbers.data);\n"
-    at = "c.coordinates * (long long)i"
+    text += "const long long at = c.coordinates * (long long)block;\n"
+    answers = "states.data + block, culprits.data + block"
 
-    @named("arm_motion").func_native(
-        f"{text}shares.data[i] = Text::segment(&c, q0.data + {at}, q1.data + {at}, deepest, until, states.data + i, "
-        "culprits.data + i);"
+    @named("arm_motions").block_kernel(
+        f"{text}shares.data[block] = Text::segment(&c, q0.data + at, q1.data + at, deepest, until, {answers});", ""
     )
-    def segment(
-        whole: wp.array(dtype=wp.int32),
-        numbers: wp.array(dtype=wp.float64),
-        q0: wp.array(dtype=wp.float64),
-        q1: wp.array(dtype=wp.float64),
-        deepest: int,
-        until: int,
-        states: wp.array(dtype=wp.int32),
-        culprits: wp.array(dtype=wp.int32),
-        shares: wp.array(dtype=wp.float64),
-        i: int,
-    ): ...
-
-    @named("arm_configuration").func_native(
-        f"{text}states.data[i] = Text::configuration(&c, q.data + {at}, culprits.data + i);"
-    )
-    def configuration(
-        whole: wp.array(dtype=wp.int32),
-        numbers: wp.array(dtype=wp.float64),
-        q: wp.array(dtype=wp.float64),
-        states: wp.array(dtype=wp.int32),
-        culprits: wp.array(dtype=wp.int32),
-        i: int,
-    ): ...
-
-    @named("arm_motions").kernel
     def segments(
-        first: int,
+        block: int,
         # inputs
         whole: wp.array(dtype=wp.int32),
         numbers: wp.array(dtype=wp.float64),
@@ -717,13 +691,13 @@ def _kernels() -> _Kernels:
         states: wp.array(dtype=wp.int32),
         culprits: wp.array(dtype=wp.int32),
         shares: wp.array(dtype=wp.float64),
-    ):
-        i, _ = wp.tid()
-        segment(whole, numbers, q0, q1, deepest, until, states, culprits, shares, first + i)
+    ): ...
 
-    @named("arm_configurations").kernel
+    @named("arm_configurations").block_kernel(
+        f"{text}states.data[block] = Text::configuration(&c, q.data + at, culprits.data + block);", ""
+    )
     def configurations(
-        first: int,
+        block: int,
         # inputs
         whole: wp.array(dtype=wp.int32),
         numbers: wp.array(dtype=wp.float64),
@@ -731,8 +705,6 @@ def _kernels() -> _Kernels:
         # outputs
         states: wp.array(dtype=wp.int32),
         culprits: wp.array(dtype=wp.int32),
-    ):
-        i, _ = wp.tid()
-        configuration(whole, numbers, q, states, culprits, first + i)
+    ): ...
 
     return _Kernels(segments, configurations)

@@ -147,7 +147,7 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
         named_function = self._rename(function, self.name)
         return wp.kernel(named_function, enable_backward=False, module="unique", module_options=options)
 
-    def block_kernel(self, snippet: str):
+    def block_kernel(self, snippet: str, inlining: str = INLINING):
         """A kernel of which each thread runs ``snippet`` on one block; a stub that is decorated names the arguments.
 
         One of them is the int ``block``: to the snippet the number of its own block, to the kernel, whose other
@@ -163,7 +163,7 @@ class named:  # noqa: N801 (used like a function: `@named(name).kernel`)
             scope = {"native": self.func_native(snippet)(stub), "wp": wp}
             exec(compile(text, file, "exec"), scope)
             scope["kernel"].__annotations__ = arguments
-            return self.kernel(scope["kernel"], INLINING)
+            return self.kernel(scope["kernel"], inlining)
 
         return kernel_of
 
