@@ -100,7 +100,7 @@ def _app(arguments: Sequence[str]) -> typer.Typer:
         _with_options(fit, *_method_options())
         _with_options(bake, *_bake_options().values())
     app = typer.Typer(name="warp-bounding", no_args_is_help=True, pretty_exceptions_enable=False)
-    for command in (fit, certify, evaluate, info, query, choose, show, bake):
+    for command in (fit, certify, evaluate, info, query, export, choose, show, bake):
         text, _, example = command.__doc__.partition("Example:")
         paragraphs = (" ".join(part.split()) for part in text.strip().split("\n\n"))
         example = f"Example: {' '.join(example.split())}"
@@ -665,6 +665,22 @@ def query(
     share = f" ({100 * maybe / len(mask):.2f} %)" if len(mask) else ""
     asked = f"{len(mask):,} {bounder.query_kind} queries"
     return 0, found, f"{bounder.method}: maybe for {maybe:,} of {asked}{share}; written to {output}"
+
+
+@command
+def export(
+    file: BounderFile,
+    output: Annotated[str, Option("--output", "-o", help="Header to write (.h).")],
+    name: Annotated[str | None, Option(help="What functions begin with; by default the header's name.")] = None,
+) -> tuple:
+    """Write FILE as a header for C, C++ and CUDA, which answers single queries without this library.
+
+    Example: warp-bounding export bunny.safetensors -o bunny.h
+    """
+    quiet_warp()
+    bounder = wb.load(file, device="cpu")
+    bounder.export(output, name)
+    return 0, about(bounder, file) | {"output": output}, f"{bounder.method}, {bounder.summary}: written to {output}"
 
 
 # --- choose ----------------------------------------------------------------------------------------------------------

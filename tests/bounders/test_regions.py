@@ -54,7 +54,8 @@ def device_values(bounder, v: np.ndarray) -> np.ndarray:
 #pragma clang fp contract(fast)
 #endif
 {TOOLS}
-typedef float V; V f; const float* v = x.data + (long long)block * {source.coordinates}; const float* w = numbers.data;
+typedef float V; typedef int Mask; V f;
+const float* v = x.data + (long long)block * {source.coordinates}; const float* w = numbers.data;
 {source.body(Lanes(vector=False))}
 out.data[block] = f;
 """

@@ -35,7 +35,10 @@ class Located(NamedTuple):
 def _text(query: str, n: int, time: bool, coordinates: int, lanes: bool) -> str:
     """The text that maps queries, one at a time or a vector of them, and what writes ``v`` and both answers."""
     vector = f"constexpr int L = {LANES}; typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));"
-    kind, zero, at = (vector, "{}", "[l]") if lanes else ("constexpr int L = 1; typedef float V;", "0.0f", "")
+    vector += " typedef int Mask __attribute__((vector_size(4 * L)));"
+    kind, zero, at = (
+        (vector, "{}", "[l]") if lanes else ("constexpr int L = 1; typedef float V; typedef int Mask;", "0.0f", "")
+    )
     return f"""
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(fast)

@@ -45,7 +45,7 @@ def turned_back(x: float, weight: float) -> Fraction:
 
 TURN = f"""
 typedef float V;
-constexpr int AXES = 1;
+enum {{ AXES = 1 }};
 const float* extra = numbers.data;
 const float q[1] = {{x.data[block]}};
 bool testable = true;

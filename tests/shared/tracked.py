@@ -60,15 +60,15 @@ struct T {
     bool operator==(const T& o) const { near(o); return x == o.x; }
     explicit operator Whole() const { return (Whole)x; }
 };
-auto root = [](T a) {
+auto wb_root = [](T a) {
     const double r = sqrt(a.e), far = sqrt(a.b), close = a.e > 0.0 ? a.b / r : far;
     return T::made(sqrtf(a.x), r, r > 0.0 ? a.s / r : sqrt(a.s), far < close ? far : close);
 };
 auto floorf = [](T a) { return T(::floorf(a.x)); };  // which cell it is: any will do that is so near
-auto over = [](T a, T b) { return a / b; };
-auto size_of = [](T a) { return a.x < 0.0f ? -a : a; };
-auto most = [](T a, T b) { return a < b ? b : a; };
-auto least = [](T a, T b) { return b < a ? b : a; };
+auto wb_over = [](T a, T b) { return a / b; };
+auto wb_size_of = [](T a) { return a.x < 0.0f ? -a : a; };
+auto wb_most = [](T a, T b) { return a < b ? b : a; };
+auto wb_least = [](T a, T b) { return b < a ? b : a; };
 auto whole = [](T& q) { q.e = q.x; q.s = q.b = 0.0; };  // any whole number will do
 auto finished = [](T z, T p, T q) {  // z is what the argument is, exactly or not; p the polynomial of its float32 value
     union { float f; unsigned int i; } a, b;
@@ -91,10 +91,11 @@ def tracked(bounder, v: np.ndarray) -> tuple[np.ndarray, ...]:
     source, weights, words = bounder.source, bounder.weights(), bounder.words()
     body = source.body(Lanes(vector=False))
     body = re.sub(r"union \{.*?h = a_\.f;", "h = finished(z_, p_, q_);", body)
-    body = body.replace("V z_ = z;", "V z_ = z; z_.e = z_.x; z_.s = z_.b = 0.0;").replace("finished(z_,", "finished(z,")
+    body = body.replace("V z_ = s[r];", "V z_ = s[r]; z_.e = z_.x; z_.s = z_.b = 0.0;")
+    body = body.replace("finished(z_,", "finished(s[r],")
     body = body.replace("V n_ =", "whole(q_); V n_ =")
     body = re.sub(r"(?<![\w.])((?:0x[\da-f.]+p[+-]?\d+|\d+\.\d*(?:e[+-]?\d+)?|\d+e[+-]?\d+)f)\b", r"V(\1)", body)
-    body = re.sub(r"\bfloat\b", "V", body).replace("constexpr V ", "const V ")
+    body = re.sub(r"\bfloat\b", "V", body)
     body = re.sub(r"(union \{[^}]*)\bV f;", r"\1Raw f;", body)
     n, count = v.shape[1], len(weights)
     numbers = np.concatenate([weights, bounder.domain.limit]).astype(np.float32)
@@ -102,8 +103,9 @@ def tracked(bounder, v: np.ndarray) -> tuple[np.ndarray, ...]:
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(off)
 {NUMBER}
-typedef T V; V f, v[{n}], held[{len(numbers)}]; const V zero = V(), *w = held, *limit = held + {count};
-constexpr int N = {n}; (void)N; (void)w; (void)limit; (void)zero;
+typedef T V; typedef bool Mask;
+V f, v[{n}], held[{len(numbers)}]; const V zero = V(), *w = held, *limit = held + {count};
+enum {{ N = {n} }}; (void)w; (void)limit; (void)zero;
 static const unsigned int WORDS[] = {{{", ".join(f"{int(word)}u" for word in words)}}};
 struct {{ const unsigned int* data; }} words = {{WORDS}}; (void)words;
 for (int k = 0; k < N; ++k) v[k] = V(x.data[(long long)block * N + k]);

@@ -29,6 +29,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from warp_bounding.bounders.batch import Queryable
+from warp_bounding.bounders.export import export
 from warp_bounding.bounders.file_format import save
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
@@ -444,6 +445,25 @@ class Bounder(Queryable):
             True
         """
         save(self, path)
+
+    def export(self, path, name: str | None = None) -> None:
+        """Write a header for C99, C++11 and CUDA that answers single queries without this library; see *In C++*.
+
+        Args:
+            path: File to write. An existing one is replaced only if it is an export.
+            name: What the functions' names begin with; the file's name without its suffix if ``None``.
+
+        Raises:
+            BounderError: If functions in C cannot have such names.
+            FileFormatError: If the file cannot be written, or is something else, which stays.
+            QueryError: For a bounder with an origin: export ``local``, and subtract ``origin`` in float64.
+
+        Example:
+            >>> bounder.export("ball.h")
+            >>> "int ball_maybe(const float q[3])" in open("ball.h").read()
+            True
+        """
+        export(self, path, name)
 
     def __repr__(self) -> str:
         proof = self.certificate.kind if self.certificate else "no certificate"

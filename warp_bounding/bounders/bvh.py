@@ -21,7 +21,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder, Option, whole
 from warp_bounding.bounders.distance import NOISE, Form, VolumeDistance
 from warp_bounding.bounders.mlp import HIDDEN
-from warp_bounding.bounders.volumes import CLEARANCE, CLIP, text
+from warp_bounding.bounders.volumes import CLEARANCE, SLOW, text
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.kernels.source import Lanes, Source
@@ -41,13 +41,13 @@ _BOX = "(v[N + {k}] >= b[{k}]) & (v[{k}] <= b[N + {k}])"
 
 def _along(n: int, axis: str) -> str:
     """C text of a test of all axes in one expression, which compiles to less than a loop does."""
-    return f"auto hit = {' & '.join(axis.format(k=k) for k in range(n))};"
+    return f"Mask hit = {' & '.join(axis.format(k=k) for k in range(n))};"
 
 
 # What is done before the walk, and at a node, in n dimensions.
 TOUCHES = {
     "point": lambda n: ("", _along(n, _POINT)),
-    "ray": lambda n: (fill(text.BVH_SPEEDS, clip=CLIP), fill(text.BVH_RAY, guard=literal(GUARD))),
+    "ray": lambda n: (fill(text.BVH_SPEEDS, slow=SLOW), fill(text.BVH_RAY, clip=text.CLIP, guard=literal(GUARD))),
     "plane": lambda n: (text.BVH_SIGNS, text.BVH_PLANE),
     "box": lambda n: ("", _along(n, _BOX)),
 }
@@ -462,7 +462,8 @@ class BvhDistanceSource(DistanceSource):
         first, none = (
             ("there[0]", "!__builtin_reduce_or(there < nearest)") if lanes.vector else ("there", "!(there < nearest)")
         )
-        return f"{{{fill(text.BVH_DISTANCE, first=first, none=none, farthest=literal(FARTHEST))}}}\n"
+        filled = fill(text.BVH_DISTANCE, first=first, none=none, farthest=literal(FARTHEST), way=text.BVH_WAY)
+        return f"{{{filled}}}\n"
 
 
 class BvhDistance(VolumeDistance):

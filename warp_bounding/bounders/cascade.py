@@ -99,7 +99,7 @@ def _at(place: tuple[int, int], code: str) -> str:
     """A part's code, with its own numbers at ``w`` and its own words in ``words``."""
     numbers, field = place
     if field:
-        code = f"const auto* const fields_ = words.data; {{ {words_at('fields_', field)} {code} }}"
+        code = f"const unsigned int* const fields_ = words.data; {{ {words_at('fields_', field)} {code} }}"
     return f"{{ const float* const whole_ = w; {{ const float* w = whole_ + {numbers}; (void)w; {code} }} }}"
 
 

@@ -504,19 +504,11 @@ class DistanceBounder(Bounder):
         data, source, steps = self.data, self.source, steps_of(steps)
         if count:
             lines = wp.empty(count * (2 * self.ndim + 4), dtype=wp.float32, device=self.device)
-            inputs = [0, data, a, b, numbers[0], many[0], numbers[1], many[1], self._clock]
+            inputs = [0, data, a, b, numbers[0], many[0], numbers[1], many[1]]
             launch_blocks(lines_kernel(source, ray), count, inputs, [lines], self.device, first_index=0, block=1)
             inputs = [lines, count, 0, data.parameters, data.words, steps]
             self._launch_of(partial(lanes_kernel, source), count, inputs, [maybe, t]).launch_once()
         return maybe, t
-
-    @property
-    def _clock(self) -> wp.vec3:
-        """What ``clock_of`` tells (``kernels.distances``)."""
-        domain = self.domain
-        if not domain.time:
-            return wp.vec3()
-        return wp.vec3(float(domain.center[0]), float(domain.limit[0] / domain.scale[0]), domain.speed)
 
 
 def steps_of(steps: int) -> int:
@@ -642,7 +634,7 @@ UPRIGHT = 1e-5  # entries of a frame's products less the identity's: rounding to
 
 _FACES = """
 {
-    constexpr int K = $faces;
+    enum { K = $faces };
     const float* high = w;
     const float* low = w + K;
     const float* a = w + ($two_sided ? 2 : 1) * K;
@@ -658,15 +650,15 @@ _FACES = """
             for (int j = 1; j < N; ++j) z = z + v[j] * a[k * N + j];
         }
         V m = z - high[k];
-        if ($two_sided) m = most(m, low[k] - z);
-        farthest = most(farthest, m);
+        if ($two_sided) m = wb_most(m, low[k] - z);
+        farthest = wb_most(farthest, m);
         if (k < $frame) {
-            const V out = most(m, zero);
+            const V out = wb_most(m, zero);
             square = square + out * out;
         }
     }
     f = farthest;
-    if ($frame > 0) f = most(f, root(square));
+    if ($frame > 0) f = wb_most(f, wb_root(square));
 }
 """
 _MOST_UNROLLED = 16
@@ -682,7 +674,7 @@ class FacesSource(DistanceSource):
     diagonal: bool
 
     def body(self, lanes: Lanes) -> str:
-        own = {name: str(value).lower() for name, value in vars(self).items()}
+        own = {name: int(value) if isinstance(value, bool) else value for name, value in vars(self).items()}
         return fill(_FACES, **own, unrolled=min(self.faces, _MOST_UNROLLED))
 
 

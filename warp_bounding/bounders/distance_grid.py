@@ -34,17 +34,14 @@ from warp_bounding.shapes.shape import Shape
 SMALLEST_HALF = 2.0**-14  # the least normal number of 16 bits; smaller ones are rounded down to 0, or to minus this
 LEVELS = 255  # of 8 bits, above the lowest
 
-# By the storage, a function of a value's number among those stored, and of what 8 bits mean.
+# By the storage, C text from a value's number i among those stored to the value.
 _DECODE = {
-    "float32": "[&](int i, float, float) { union { unsigned int u; float f; } x; x.u = words.data[i]; return x.f; }",
-    "float16": """[&](int i, float, float) {
-        const unsigned int h = words.data[i >> 1] >> (16 * (i & 1)) & 0xffffu;
-        union { unsigned int u; float f; } x;
-        x.u = (h & 0x8000u) << 16 | (h & 0x7fffu ? ((h & 0x7fffu) << 13) + 0x38000000u : 0u);
-        return x.f;
-    }""",
-    "uint8": "[&](int i, float low, float step) { return low + step * (float)(words.data[i >> 2] >> (8 * (i & 3)) & "
-    "0xffu); }",
+    "float32": "union { unsigned int u; float f; } x; x.u = words.data[i]; const float value = x.f;",
+    "float16": """const unsigned int h = words.data[i >> 1] >> (16 * (i & 1)) & 0xffffu;
+            union { unsigned int u; float f; } x;
+            x.u = (h & 0x8000u) << 16 | (h & 0x7fffu ? ((h & 0x7fffu) << 13) + 0x38000000u : 0u);
+            const float value = x.f;""",
+    "uint8": "const float value = w[3 * N] + w[3 * N + 1] * (float)(words.data[i >> 2] >> (8 * (i & 3)) & 0xffu);",
 }
 STORAGES = tuple(_DECODE)
 
@@ -93,12 +90,11 @@ _INTERPOLATION = """
     const float* inverse = w;
     const float* stride = w + N;
     const float* last = w + 2 * N;  // the last cell's number
-    const auto value = $decode;
     V share[N], at = zero;
 #pragma unroll
     for (int k = 0; k < N; ++k) {
         const V t = (v[k] + limit[k]) * inverse[k];
-        const V cell = $floor(least(most(t, zero), zero + last[k]));
+        const V cell = $floor(wb_least(wb_most(t, zero), zero + last[k]));
         share[k] = t - cell;
         at = at + cell * stride[k];
     }
@@ -108,7 +104,8 @@ _INTERPOLATION = """
         for (int c = 0; c < 1 << N; ++c) {
             int i = (int)at$l;
             for (int k = 0; k < N; ++k) i += (c >> k & 1) * (int)stride[k];
-            node[c]$l = value(i, w[3 * N], w[3 * N + 1]);
+            $decode
+            node[c]$l = value;
         }
     }
 #pragma unroll

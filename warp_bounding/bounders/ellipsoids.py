@@ -33,8 +33,7 @@ def _box(source: Source) -> str:
     return text.ELLIPSOID_INTERVALS if source.diagonal else text.ELLIPSOID_DESCENT
 
 
-TEXTS = {"point": text.ELLIPSOID_POINT, "ray": text.ELLIPSOID_RAY, "plane": text.ELLIPSOID_PLANE}
-TEXTS = {query: text.ELLIPSOID_ROW + test for query, test in TEXTS.items()} | {"box": _box}
+TEXTS = {"point": text.ELLIPSOID_POINT, "ray": text.ELLIPSOID_RAY, "plane": text.ELLIPSOID_PLANE, "box": _box}
 
 
 # --- regions ---------------------------------------------------------------------------------------------------------
@@ -242,7 +241,7 @@ class QuadricSource(VolumeSource):
     diagonal: bool
 
     texts = TEXTS
-    numbers = {"smallest": literal(SMALLEST), "sweeps": SWEEPS}  # noqa: RUF012
+    numbers = {"row": text.ELLIPSOID_ROW, "smallest": literal(SMALLEST), "sweeps": SWEEPS}  # noqa: RUF012
 
 
 class QuadricBounder(VolumeBounder):

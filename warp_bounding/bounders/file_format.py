@@ -30,9 +30,14 @@ INFO_FIELDS = ("indicator", "name", "grid_shape", "margin", "resolution", "shape
 
 def save(bounder: "Bounder", path: str | os.PathLike) -> None:
     """Write a bounder; see ``Bounder.save``."""
-    document = {
+    write(path, bounder.tensors, document_of(bounder))
+
+
+def document_of(bounder: "Bounder", library: str | None = None) -> dict[str, Any]:
+    """What a bounder's file says of it besides its tensors, written by a version of this library; by this one's."""
+    return {
         "format": 1 if bounder.frame is None else FRAMED,
-        "library": __version__,
+        "library": library or __version__,
         "method": bounder.method,
         "query": bounder.query_kind,
         "dimension": bounder.ndim,
@@ -46,7 +51,6 @@ def save(bounder: "Bounder", path: str | os.PathLike) -> None:
         **{field: bounder.info.get(field) for field in INFO_FIELDS},
         **({} if bounder.frame is None else {"frame": bounder.frame.to_dict()}),
     }
-    write(path, bounder.tensors, document)
 
 
 def write(path: str | os.PathLike, tensors: dict[str, np.ndarray], document: dict[str, Any]) -> None:

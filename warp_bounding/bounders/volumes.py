@@ -30,7 +30,7 @@ from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 
 text = native_text("volumes.h")
-CLIP = fill(text.CLIP, parallel=literal(PARALLEL))
+SLOW = fill(text.SLOW, parallel=literal(PARALLEL))
 
 # --- volumes ---------------------------------------------------------------------------------------------------------
 #
@@ -53,7 +53,12 @@ class VolumeSource(Source):
     """Native code of a volume's tests: a text for each kind; the class's own fields are its constants, in capitals."""
 
     texts: ClassVar[Mapping[str, str | Callable[[Any], str]]]  # by the kind of query that is tested
-    numbers: ClassVar[Mapping[str, object]] = {"clip": CLIP, "parallel": literal(PARALLEL), "guard": literal(GUARD)}
+    numbers: ClassVar[Mapping[str, object]] = {
+        "slow": SLOW,
+        "clip": text.CLIP,
+        "parallel": literal(PARALLEL),
+        "guard": literal(GUARD),
+    }
 
     def body(self, lanes: Lanes) -> str:
         test, shared = self.texts[self.query], Source.__dataclass_fields__
@@ -146,8 +151,7 @@ def _plane(source: Source) -> str:
     return text.CORNERS if source.slabs > source.ndim else text.SLABS_EDGES
 
 
-TEXTS = {"point": text.SLABS_ROW + text.SLABS_POINT, "ray": text.SLABS_ROW + text.SLABS_RAY}
-TEXTS |= {"plane": _plane, "box": text.SLABS_BOX}
+TEXTS = {"point": text.SLABS_POINT, "ray": text.SLABS_RAY, "plane": _plane, "box": text.SLABS_BOX}
 
 
 # --- regions ---------------------------------------------------------------------------------------------------------
@@ -358,6 +362,7 @@ class SlabsSource(VolumeSource):
     diagonal: bool
 
     texts = TEXTS
+    numbers = VolumeSource.numbers | {"row": text.SLABS_ROW}
 
 
 class FaceBounder(VolumeBounder):

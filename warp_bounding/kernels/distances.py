@@ -56,10 +56,10 @@ def share_of(ndim: int, growth: float) -> float:
 
 # Parts of ``distances.h``: where there is time; where f is asked of v itself; where distances are written.
 _CLOCK = {False: "", True: text.CLOCK}
-_AXES = {False: {"scale": "scale", "free": "false"}, True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"}}
+_AXES = {False: {"scale": "scale", "free": "0"}, True: {"scale": "(k == 0 ? time_scale : scale)", "free": "k == 0"}}
 _BEFORE = {True: text.BEFORE_WHOLE, False: text.BEFORE_NEAREST}
 _AFTER = {True: text.AFTER_WHOLE, False: text.AFTER_NEAREST}
-_THEN = {False: "", True: "g = size_of(v[0]) > zero + limit[0] ? zero : g;"}
+_THEN = {False: "", True: "g = wb_size_of(v[0]) > zero + limit[0] ? zero : g;"}
 _STORE_ONE = {True: "\nanswer = g;", False: "\nanswer = !(g > radius[many * i]);"}
 _STORE = {True: text.STORE_DISTANCES, False: text.STORE_ANSWERS}
 
@@ -121,7 +121,7 @@ class DistanceSource(Source):
 # + 16) u``. Where ``g(x) > radius + room``, every point within ``g(x) - radius - room`` of the exact point at t is
 # farther than the radius from the object. So t may grow by that over the length of the segment: the length is rounded
 # up, the quotient and the new t down, by more than their operations round. A march begins where the segment enters the
-# box that holds the object, and ends with *no* where t reaches the end of that (``clip``), with *maybe* where
+# box that holds the object, and ends with *no* where t reaches the end of that (``span_func``), with *maybe* where
 # nothing is gained, numbers are not finite, or the steps are over; t is then a lower bound of the time of first
 # contact. Batches march in lanes (``lanes_kernel``), by the same steps.
 #
@@ -210,58 +210,58 @@ def clock_of(w: Numbers, n: int, time: int) -> wp.vec3:
     return clock
 
 
-@wp.func
-def clip(w: Numbers, start: Any, way: Any, room: float, tag: wp.vec2ui, time: int) -> wp.vec2:
-    """Contact is possible between these two times only; never if they fall."""
-    span = wp.vec2(0.0, 1.0)
-    if not owns(w, tag) or not room < FINITE:
-        return span
-    for k in range(len(start)):
-        if k >= time:
-            at, half = float(w[LABEL + k]), half_at(w, len(start), k)
-            far = half + room + ((wp.abs(at) + half + room) * SUMS + LEAST)
-            low, high = at - far - start[k], at + far - start[k]
-            if way[k] == 0.0:
-                if low > 0.0 or high < 0.0:
-                    span[0] = 2.0
-            else:
-                enter, leave = low / way[k], high / way[k]
-                if way[k] < 0.0:
-                    enter, leave = high / way[k], low / way[k]
-                if enter * SHORTER > span[0]:
-                    span[0] = enter * SHORTER
-                if leave * LONGER < span[1]:
-                    span[1] = leave * LONGER
+def line_texts(source: DistanceSource) -> dict[str, str]:
+    """The C texts of lines: ``way``, from the ends of a segment to its way and length, and ``span``; see above."""
+    numbers = {"blur": (source.ndim + 16) * UNIT32, "sums": SUMS, "least": LEAST, "finite": FINITE}
+    numbers |= {"longer": LONGER, "shorter": SHORTER, "shortest": SHORTEST}
+    texts = {name: literal(value) for name, value in numbers.items()} | {"n": source.ndim, "first": int(source.time)}
+    clocked = fill(text.WAY_OF_TIME, **texts) if source.time else ""
+    speed = f"center[{2 * source.ndim + HEADER + 1}]" if source.time else "0.0f"
+    return texts | {"way": fill(text.WAY, **texts, clocked=clocked), "span": fill(text.SPAN, **texts, speed=speed)}
+
+
+@cache
+def way_func(source: DistanceSource) -> wp.Function:
+    """``way(data, a: vec_n, b: vec_n) -> vec_{n + 1}``: a segment's displacement and length, rounded up.
+
+    The length is infinite where it leaves the range of time.
+    """
+    name, n, tag = _named(source, "way"), source.ndim, wp.vec2ui(source.tag)
+    vector, longer = vector_type(n), vector_type(n + 1)
+    texts = line_texts(source) | source.around(placed=False, values=True)
+
+    @name.func_native(fill(text.WAY_FUNCTION, **texts))
+    def native_way(parameters: Numbers, a: vector, b: vector) -> longer: ...
+
+    @name.func
+    def way(data: Data, a: vector, b: vector) -> longer:
+        if owns(data.parameters, tag):
+            return native_way(data.parameters, a, b)
+        return longer()
+
+    return way
+
+
+@cache
+def span_func(source: DistanceSource) -> wp.Function:
+    """``span(data, a: vec_n, w: vec_n, length, radius) -> vec3``: what g must exceed, and two times.
+
+    The first number, for radius and rounding, is infinite for numbers that cannot be marched. Contact is possible
+    between the two times only; never if they fall.
+    """
+    name, vector, tag = _named(source, "span"), vector_type(source.ndim), wp.vec2ui(source.tag)
+    texts = line_texts(source) | source.around(placed=False, values=True)
+
+    @name.func_native(fill(text.SPAN_FUNCTION, **texts))
+    def native_span(parameters: Numbers, a: vector, w_: vector, length: float, radius: float) -> wp.vec3: ...
+
+    @name.func
+    def span(data: Data, a: vector, w_: vector, length: float, radius: float) -> wp.vec3:
+        if owns(data.parameters, tag):
+            return native_span(data.parameters, a, w_, length, radius)
+        return wp.vec3(wp.inf, 0.0, 1.0)
+
     return span
-
-
-@wp.func
-def room_of(start: Any, way: Any, length: float, radius: float, clock: wp.vec3, time: int) -> float:
-    """What g must exceed, for radius and rounding; infinite for numbers that cannot be marched."""
-    size = wp.float32(0.0)
-    for k in range(len(start)):
-        if k < time:
-            size += clock[2] * (wp.abs(start[k]) + wp.abs(way[k]))
-        else:
-            size += wp.abs(start[k]) + wp.abs(way[k])
-    if radius >= 0.0 and size < FINITE and length < FINITE:
-        return (radius + size * (float(len(start) + 16) * UNIT32) + LEAST) * LONGER
-    return wp.inf
-
-
-@wp.func
-def segment_line(start: Any, end: Any, clock: wp.vec3, time: int):
-    """A segment ``start + t way`` and its length, rounded up; infinite where it leaves the range of time."""
-    way, square = end - start, wp.float32(0.0)
-    for k in range(len(start)):
-        if k >= time:
-            square += way[k] * way[k]
-    length = wp.sqrt(square) * LONGER + SHORTEST
-    if time > 0:
-        length = (length + clock[2] * wp.abs(way[0]) * LONGER) * LONGER
-        if not (wp.abs(start[0] - clock[0]) <= clock[1] and wp.abs(end[0] - clock[0]) <= clock[1]):
-            length = wp.inf
-    return way, length
 
 
 @wp.func
@@ -337,18 +337,12 @@ def reach_of(first: Any, last: Any, c: Any, pace: float, time: int) -> float:
 
 @cache
 def march_func(source: DistanceSource) -> wp.Function:
-    """``(maybe, t)`` along ``start + t way``; ``length`` is at least ``|way|``."""
-    vector, time, tag, distance = (
-        vector_type(source.ndim),
-        int(source.time),
-        wp.vec2ui(source.tag),
-        distance_func(source),
-    )
+    """``(maybe, t)`` along ``start + t way``; ``length`` is at least ``|way|``, ``span`` what ``span_func`` gives."""
+    vector, distance = vector_type(source.ndim), distance_func(source)
 
     @_named(source, "march").func
-    def march(data: Data, start: vector, way: vector, length: float, room: float, steps: int):
-        span = clip(data.parameters, start, way, room, tag, time)
-        t, last, maybe, going = span[0], span[1], wp.bool(True), wp.int32(steps)
+    def march(data: Data, start: vector, way: vector, length: float, span: wp.vec3, steps: int):
+        room, t, last, maybe, going = span[0], span[1], span[2], wp.bool(True), wp.int32(steps)
         if t > last:
             t, maybe, going = wp.float32(1.0), wp.bool(False), wp.int32(0)
         while going > 0:
@@ -370,13 +364,20 @@ def march_func(source: DistanceSource) -> wp.Function:
 @cache
 def segment_func(source: DistanceSource) -> wp.Function:
     """``segment(data, start: vec_n, end: vec_n, radius: float, steps: int = 32)``: ``(maybe: bool, t: float)``."""
-    vector, n, time, march = vector_type(source.ndim), source.ndim, int(source.time), march_func(source)
+    vector, n, way_of, span_of, march = (
+        vector_type(source.ndim),
+        source.ndim,
+        way_func(source),
+        span_func(source),
+        march_func(source),
+    )
 
     @_named(source, "segment").func
     def segment(data: Data, start: vector, end: vector, radius: float, steps: int = SEGMENT_STEPS):
-        clock = clock_of(data.parameters, n, time)
-        way, length = segment_line(start, end, clock, time)
-        maybe, t = march(data, start, way, length, room_of(start, way, length, radius, clock, time), steps)
+        line, way = way_of(data, start, end), vector()
+        for k in range(n):
+            way[k] = line[k]
+        maybe, t = march(data, start, way, line[n], span_of(data, start, way, line[n], radius), steps)
         return maybe, t
 
     return segment
@@ -385,12 +386,12 @@ def segment_func(source: DistanceSource) -> wp.Function:
 @cache
 def ray_func(source: DistanceSource) -> wp.Function:
     """``ray(data, origin: vec_n, direction: vec_n, length: float, radius: float, steps: int = 32)``: ``(maybe, t)``."""
-    vector, time, march = vector_type(source.ndim), int(source.time), march_func(source)
+    vector, span_of, march = vector_type(source.ndim), span_func(source), march_func(source)
 
     @_named(source, "ray").func
     def ray(data: Data, origin: vector, direction: vector, length: float, radius: float, steps: int = SEGMENT_STEPS):
         way, long = ray_line(direction, length)
-        maybe, t = march(data, origin, way, long, room_of(origin, way, long, radius, wp.vec3(), time), steps)
+        maybe, t = march(data, origin, way, long, span_of(data, origin, way, long, radius), steps)
         return maybe, t
 
     return ray
@@ -447,7 +448,7 @@ def box_func(source: DistanceSource) -> wp.Function:
 # Marching in lanes: segments and rays of a batch, one in each lane of a vector, and a new one in a lane whenever one
 # has ended.
 #
-# A first kernel, in Warp's own Python, makes of each query what a march needs (``segment_line``): a, w, its
+# A first kernel, in Warp's own Python, makes of each query what a march needs (``way_func``): a, w, its
 # length, the room that rounding needs with the radius, and from when to when contact is possible (``clip``): a
 # query that passes the object's box takes no lane at all. The second one, native, marches: the same steps as
 # ``march`` with the same rounding, but for what sums in another order round, which the room covers.
@@ -465,10 +466,10 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
     texts = {"shorter": literal(SHORTER), "least": literal(LEAST), "block": source.block, "lanes": lanes_of(source)}
     texts |= source.around(placed=False, values=True) | {"scalar_body": source.body(Lanes(vector=False))}
     if body is None:
-        step = fill(text.STEP, **texts, body=source.body(Lanes(vector=True)))
-        scalar_step = fill(text.STEP, **texts, body=texts["scalar_body"])
+        step = _step(texts, source.body(Lanes(vector=True)))
+        alone = fill(text.MARCH_ALONE, **texts, scalar_step=_step(texts, texts["scalar_body"]))
 
-        @_named(source, "lines").block_kernel(fill(text.MARCH, **texts, step=step, scalar_step=scalar_step))
+        @_named(source, "lines").block_kernel(fill(text.MARCH, **texts, step=step, march_alone=alone))
         def march(
             lines: Numbers,
             count: int,
@@ -482,7 +483,7 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
 
         return march
 
-    step = fill(text.STEP, **texts, body=body)
+    step = _step(texts, body)
 
     @_named(source, "warp_lines").block_kernel(fill(text.TOGETHER, **texts, step=step))
     def together(
@@ -500,13 +501,18 @@ def lanes_kernel(source: DistanceSource, body: str | None = None) -> wp.Kernel:
     return together
 
 
+def _step(texts: dict[str, str], body: str) -> str:
+    """C text of one step of a march: g, and how far that leads."""
+    return fill(text.STEP, **texts, value=fill(text.VALUE, **texts, body=body))
+
+
 @cache
 def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
-    """``(first, data, a, b, length, lengths, radius, radii, clock, lines)``.
+    """``(first, data, a, b, length, lengths, radius, radii, lines)``.
 
     Writes what ``lanes_kernel`` marches along: a row of 2 n + 4 numbers a query.
     """
-    n, vector, time, tag = source.ndim, vector_type(source.ndim), int(source.time), wp.vec2ui(source.tag)
+    n, vector, way_of, span_of = source.ndim, vector_type(source.ndim), way_func(source), span_func(source)
 
     def lines_of(
         first: int,
@@ -518,7 +524,6 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
         lengths: int,
         radius: Numbers,
         radii: int,
-        clock: wp.vec3,
         # outputs
         lines: Numbers,
     ):
@@ -536,16 +541,17 @@ def lines_kernel(source: DistanceSource, ray: bool) -> wp.Kernel:
         if ray:
             w, long = ray_line(end, length[lengths * i])
         else:
-            w, long = segment_line(start, end, clock, time)
-        row, most = i * (2 * n + 4), room_of(start, w, long, radius[radii * i], clock, time)
-        span = clip(data.parameters, start, w, most, tag, time)
+            line = way_of(data, start, end)
+            for k in range(n):
+                w[k] = line[k]
+            long = line[n]
+        row, span = i * (2 * n + 4), span_of(data, start, w, long, radius[radii * i])
         for k in range(n):
             lines[row + k] = start[k]
             lines[row + n + k] = w[k]
         lines[row + 2 * n] = long
-        lines[row + 2 * n + 1] = most
-        lines[row + 2 * n + 2] = span[0]
-        lines[row + 2 * n + 3] = span[1]
+        for k in range(3):
+            lines[row + 2 * n + 1 + k] = span[k]
 
     return _named(source, "ray_lines" if ray else "segment_lines").kernel(lines_of)
 

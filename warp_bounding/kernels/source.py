@@ -162,7 +162,7 @@ class Source:
 
     def function_body(self) -> str:
         """C statements that declare and compute ``float f`` for one query on a CPU, from ``float v[]``."""
-        return "typedef float V; V f;\n" + self.body(Lanes(vector=False))
+        return "typedef float V; typedef int Mask; V f;\n" + self.body(Lanes(vector=False))
 
 
 def aligned(count: int) -> int:

@@ -6,11 +6,11 @@
 /// up to the module: they are approximations under its option ``fast_math``, which leaves nothing else in a source to
 /// approximate.
 #if !defined(__CUDA_ARCH__)
-auto root = [](auto x) { return __builtin_elementwise_sqrt(x); };
-auto over = [](auto a, auto b) { return a / b; };
+auto wb_root = [](auto x) { return __builtin_elementwise_sqrt(x); };
+auto wb_over = [](auto a, auto b) { return a / b; };
 #else
-auto root = [](float x) { return __fsqrt_rn(x); };
-auto over = [](float a, float b) { return __fdiv_rn(a, b); };
+auto wb_root = [](float x) { return __fsqrt_rn(x); };
+auto wb_over = [](float a, float b) { return __fdiv_rn(a, b); };
 #endif
 
 /// PARTS:
@@ -21,6 +21,7 @@ const float* limit = center + 2 * $n;
 const float threshold = center[3 * $n];
 const float* extra = center + 3 * $n + 1;
 const float* w = parameters.data + $start;
+(void)extra; (void)w;
 
 /// LANES:
 /// V is a vector of queries, one in each lane.
@@ -31,6 +32,7 @@ constexpr int L = $other;
 #endif
 typedef float V __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef int I __attribute__((vector_size(4 * L)));
+typedef I Mask;
 typedef int J __attribute__((vector_size(4 * L), aligned(4), may_alias));
 typedef unsigned char B __attribute__((vector_size(L), aligned(1), may_alias));
 
@@ -51,7 +53,7 @@ $on_cuda
 
 /// ONE:
 /// One query, on CUDA.
-typedef float V;
+typedef float V; typedef int Mask;
 constexpr int N = $columns, M = $coordinates;
 const float zero = 0.0f;
 $parts
@@ -98,9 +100,7 @@ if (any) {
     typedef Floats V;
     V* v = together;
     V f;
-#define SEVERAL  // to network.h
     $several_body
-#undef SEVERAL
     found = f;
 }
 decltype(+out.data[0]) answers[L];  // stored behind the loop, so that nothing need be loaded again in it
@@ -117,7 +117,7 @@ for (int l = 0; l < L; ++l) if (first + 32 * l < count) out.data[first + 32 * l]
 /// QUERY
 const int i = first + 32 * l;
 const bool own = i < count;
-typedef float V;
+typedef float V; typedef int Mask;
 V q[N], v[M];
 #pragma unroll
 for (int k = 0; k < N; ++k) q[k] = x.data[(long long)(own ? i : count - 1) * N + k];
@@ -127,7 +127,7 @@ $locate
 /// 32 queries and again 32, by the lanes of a warp together: lane 4 g + t has query 8 t + g. CUDA, whole blocks of
 /// threads.
 #if defined(__CUDA_ARCH__)
-typedef float V;
+typedef float V; typedef int Mask;
 constexpr int N = $columns, M = $coordinates;
 const float zero = 0.0f;
 $parts
@@ -275,17 +275,17 @@ if (m == L) {
 /// LOCATED:
 /// In a function: the coordinates, unless the answer is known without them.
 float v[$coordinates];
-bool asked, held;
+int asked, held;
 {
-    typedef float V;
+    typedef float V; typedef int Mask;
     const float zero = 0.0f;
     $numbers
     $locate
     asked = testable;
     held = inside;
 }
-if (!asked) return true;
-if (!held) return false;
+if (!asked) return 1;
+if (!held) return 0;
 
 /// FUNCTION
 #if !defined(__CUDA_ARCH__)
@@ -304,7 +304,7 @@ $located
 $function_body
 $returned
 #else
-typedef float V;
+typedef float V; typedef int Mask;
 V f;
 $scalar_body
 $returned

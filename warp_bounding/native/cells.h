@@ -2,8 +2,8 @@
 
 /// VOXELS:
 /// A bit field: is a cell occupied that the point may lie in?
-constexpr int N = $n;
-constexpr int SHAPE[N] = {$shape};
+enum { N = $n };
+const int SHAPE[N] = {$shape};
 $integer first[N], last[N];  // cells that the point may lie in
 #pragma unroll
 for (int k = 0; k < N; ++k) {
@@ -29,10 +29,10 @@ $lanes
 
 /// FIELD:
 /// Multilinear interpolation between the 2^M nodes around a point, neighbours in pairs.
-constexpr int M = $m;
-constexpr int NODES[M] = {$nodes}, STRIDES[M] = {$strides};
+enum { M = $m };
+const int NODES[M] = {$nodes}, STRIDES[M] = {$strides};
 V share[M], c[1 << M];
-$integer base = {};
+$integer base = {0};
 #pragma unroll
 for (int k = 0; k < M; ++k) {  // node coordinate t, cut at the grid's ends, and the node below
     const float last = NODES[k] - 1;

@@ -3,13 +3,13 @@
 
 /// TOOLS
 #if !defined(__CUDA_ARCH__)
-auto size_of = [](auto x) { return __builtin_elementwise_abs(x); };
-auto most = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
-auto least = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
+auto wb_size_of = [](auto x) { return __builtin_elementwise_abs(x); };
+auto wb_most = [](auto a, auto b) { return __builtin_elementwise_max(a, b); };
+auto wb_least = [](auto a, auto b) { return __builtin_elementwise_min(a, b); };
 #else
-auto size_of = [](float x) { return fabsf(x); };
-auto most = [](float a, float b) { return fmaxf(a, b); };
-auto least = [](float a, float b) { return fminf(a, b); };
+auto wb_size_of = [](float x) { return fabsf(x); };
+auto wb_most = [](float a, float b) { return fmaxf(a, b); };
+auto wb_least = [](float a, float b) { return fminf(a, b); };
 #endif
 
 /// PARTS
@@ -28,7 +28,7 @@ V away = zero;
 #pragma unroll
 for (int k = 0; k < N; ++k) {
     v[k] = (q[k] - center[k]) * scale;
-    away = away + size_of(v[k]);
+    away = away + wb_size_of(v[k]);
 }
 
 /// BEFORE_NEAREST
@@ -36,21 +36,21 @@ V away = zero, beyond = zero;
 #pragma unroll
 for (int k = 0; k < N; ++k) {
     v[k] = (q[k] - center[k]) * $scale;
-    away = away + size_of(v[k]);
+    away = away + wb_size_of(v[k]);
     if ($free) continue;
-    const V p = least(most(v[k], zero - limit[k]), zero + limit[k]), r = v[k] - p;
+    const V p = wb_least(wb_most(v[k], zero - limit[k]), zero + limit[k]), r = v[k] - p;
     beyond = beyond + r * r;
     v[k] = p;
 }
 
 /// AFTER_WHOLE
 V g = f + threshold;
-g = g - share * (away + size_of(f));
+g = g - share * (away + wb_size_of(f));
 g = g > zero + $tiniest ? g * unit : zero;
 
 /// AFTER_NEAREST
-const V h = most(f + threshold, zero);
-V g = root(beyond + h * h);
+const V h = wb_most(f + threshold, zero);
+V g = wb_root(beyond + h * h);
 g = g - share * (away + g);
 g = g > zero + $tiniest ? g * unit : zero;
 $then
@@ -80,16 +80,78 @@ float v[N];
 $locate
 #undef V
 
-/// STEP
-V q[N], v[N];
-#pragma unroll
-for (int k = 0; k < N; ++k) q[k] = a[k] + w_[k] * t;
+/// WAY:
+/// From the ends a and b of a segment to its way w_ and its length, rounded up.
+float w_[$n], square = 0.0f;
+for (int k = 0; k < $n; ++k) {
+    w_[k] = b[k] - a[k];
+    if (k >= $first) square += w_[k] * w_[k];
+}
+float length = wb_root(square) * $longer + $shortest;
+$clocked
+
+/// WAY_OF_TIME:
+/// The object moves, too; nothing is known beyond the range of time.
+const float speed = center[2 * $n + 5], middle = center[0], half = wb_over(limit[0], time_scale);
+length = (length + speed * wb_size_of(w_[0]) * $longer) * $longer;
+if (!(wb_size_of(a[0] - middle) <= half && wb_size_of(b[0] - middle) <= half)) length = INFINITY;
+
+/// SPAN:
+/// What g must exceed, and from when to when contact is possible.
+float size = 0.0f, begins = 0.0f, ends = 1.0f;
+for (int k = 0; k < $n; ++k) size += (k < $first ? $speed : 1.0f) * (wb_size_of(a[k]) + wb_size_of(w_[k]));
+const int usable = radius >= 0.0f && size < $finite && length < $finite;
+const float room = usable ? (radius + size * $blur + $least) * $longer : INFINITY;
+for (int k = $first; k < $n && room < $finite; ++k) {
+    const float at = center[k], side = limit[k] * unit;
+    const float far_ = side + room + ((wb_size_of(at) + side + room) * $sums + $least);
+    const float low = at - far_ - a[k], high = at + far_ - a[k];
+    if (w_[k] == 0.0f) {
+        if (low > 0.0f || high < 0.0f) begins = 2.0f;
+        continue;
+    }
+    const float enter = wb_over(w_[k] < 0.0f ? high : low, w_[k]) * $shorter;
+    const float leave = wb_over(w_[k] < 0.0f ? low : high, w_[k]) * $longer;
+    begins = enter > begins ? enter : begins;
+    ends = leave < ends ? leave : ends;
+}
+
+/// WAY_FUNCTION
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(off)
+#endif
+$parts
+$tools
+$way
+wp::vec_t<$n + 1, float> line;
+for (int k = 0; k < $n; ++k) line[k] = w_[k];
+line[$n] = length;
+return line;
+
+/// SPAN_FUNCTION
+#if !defined(__CUDA_ARCH__)
+#pragma clang fp contract(off)
+#endif
+$parts
+$tools
+$span
+return wp::vec3(room, begins, ends);
+
+/// VALUE:
+/// g at q.
+V v[N];
 $locate
 V f;
 $body
 $after
+
+/// STEP
+V q[N];
+#pragma unroll
+for (int k = 0; k < N; ++k) q[k] = a[k] + w_[k] * t;
+$value
 const V free_ = g - room;
-const V later = (t + over(free_ * $shorter, length)) * $shorter;
+const V later = (t + wb_over(free_ * $shorter, length)) * $shorter;
 
 /// MARCH
 #if !defined(__CUDA_ARCH__)
@@ -128,7 +190,7 @@ const auto fill_lane = [&](int l) {
 for (int l = 0; l < L; ++l) fill_lane(l);
 while (active > 0) {
     $step
-    const I on = (free_ > zero) & (later > most(t, zero + $least));
+    const I on = (free_ > zero) & (later > wb_most(t, zero + $least));
     const I clear = on & (later >= last);
     t = on ? later : t;
     int on_[L], clear_[L];  // in memory: lanes of a vector are dear one by one
@@ -144,7 +206,7 @@ while (active > 0) {
     }
 }
 #else
-typedef float V;
+typedef float V; typedef int Mask;
 const float zero = 0.0f;
 const int i = block;
 if (i >= count) return;
@@ -153,21 +215,25 @@ V a[N], w_[N], t = row[ROW - 2];
 #pragma unroll
 for (int k = 0; k < N; ++k) { a[k] = row[k]; w_[k] = row[N + k]; }
 const V length = row[2 * N], room = row[2 * N + 1], last = row[ROW - 1];
-bool clear = t > last;
-for (int step = 0; step < steps && !clear; ++step) {
-    $scalar_step
-    if (!(free_ > 0.0f && later > most(t, $least))) break;
-    t = later;
-    clear = later >= last;
-}
+$march_alone
 maybe.data[i] = clear ? 0 : 1;
 times.data[i] = clear ? 1.0f : t;
 #endif
 
+/// MARCH_ALONE:
+/// One segment or ray, from t to last.
+int clear = t > last;
+for (int step = 0; step < steps && !clear; ++step) {
+    $scalar_step
+    if (!(free_ > 0.0f && later > wb_most(t, $least))) break;
+    t = later;
+    clear = later >= last;
+}
+
 /// TOGETHER:
 /// The same by the lanes of a warp together, each with a march of its own, and the next one when that has ended. CUDA only.
 #if defined(__CUDA_ARCH__)
-typedef float V;
+typedef float V; typedef int Mask;
 constexpr int N = $n, ROW = 2 * N + 4;
 const float zero = 0.0f;
 $parts
@@ -204,7 +270,7 @@ while (true) {
     if (!__any_sync(all, who >= 0)) break;
     const float threshold = tensor[0];  // lowered
     $step
-    const bool on = (free_ > zero) & (later > most(t, zero + $least));
+    const bool on = (free_ > zero) & (later > wb_most(t, zero + $least));
     const bool clear = on & (later >= last);
     t = on ? later : t;
     if (who >= 0 && (!on || clear || --left <= 0)) {

@@ -5,17 +5,13 @@
 /// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
 /// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
 /// at OUTPUT_AT and at SECOND_AT.
-#if defined(SEVERAL)
-#pragma unroll (KEEP ? BLOCKS : 1)
-#endif
+$unroll_blocks
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
     V s[J];
 #pragma unroll
     for (int r = 0; r < J; ++r) s[r] = x[0] * p[J + r] + p[r];
-#if defined(SEVERAL)
-#pragma unroll
-#endif
+    $unroll_inputs
     for (int k = 1; k < K; ++k) {
         const V input = x[k]; const float* c = p + J + k * J;
 #pragma unroll
@@ -24,7 +20,8 @@ for (int b = 0; b < BLOCKS; ++b) {
 #pragma unroll
     for (int r = 0; r < J; ++r) {
         const int j = FIRST + b * J + r;
-        const V h = act(s[r]);
+        V h;
+        $act
         if (KEEP) y[j] = h;
         if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
         if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
@@ -70,7 +67,9 @@ for (int k = K / WAYS * WAYS; k < K; ++k) {
 for (int q = 0; q < REGISTERS; ++q) {
     V sum = a[0][q] + a[1][q];
     if (WAYS > 2) sum += a[2 % WAYS][q] + a[3 % WAYS][q];
-    *(V*)(y + q * L) = act(sum);
+    V h;
+    $act
+    *(V*)(y + q * L) = h;
 }
 
 /// SUM:

@@ -44,14 +44,14 @@ rotation(turn, M);
 for (int k = 0; k < 3; ++k) {
     const float a = fabsf(scale_a[k]), b = fabsf(scale_b[k]);
     if (!(a >= $small && a <= $large && b >= $small && b <= $large)) return FAILED;
-    least_a = least(least_a, a);
-    most_b = most(most_b, b);
+    least_a = wb_least(least_a, a);
+    most_b = wb_most(most_b, b);
     offset[k] = $pb[k] - $pa[k];
     apart += fabsf(offset[k]);
 }
 for (int k = 0; k < 3; ++k) {
-    shift[k] = over(back[0][k] * offset[0] + back[1][k] * offset[1] + back[2][k] * offset[2], scale_a[k]);
-    for (int j = 0; j < 3; ++j) M[k][j] = over(M[k][j] * scale_b[j], scale_a[k]);
+    shift[k] = wb_over(back[0][k] * offset[0] + back[1][k] * offset[1] + back[2][k] * offset[2], scale_a[k]);
+    for (int j = 0; j < 3; ++j) M[k][j] = wb_over(M[k][j] * scale_b[j], scale_a[k]);
 }
 const float nearer = least_a * $shorter, larger = most_b * $longer, blur = $room * apart + $least;
 
@@ -64,7 +64,7 @@ $lanes
 const V zero = {};
 constexpr int TOGETHER = L / GROUP;
 #else
-typedef float V;
+typedef float V; typedef int Mask;
 const float zero = 0.0f;
 #endif
 while (top > 0) {
@@ -90,7 +90,7 @@ while (top > 0) {
         V f;
         $body
         $after
-        const V far_ = size_of(cx * scale_b[0]) + size_of(cy * scale_b[1]) + size_of(cz * scale_b[2]);
+        const V far_ = wb_size_of(cx * scale_b[0]) + wb_size_of(cy * scale_b[1]) + wb_size_of(cz * scale_b[2]);
         *(V*)found = g * nearer - (cr * larger + (far_ * $room + blur));
     }
 #else
@@ -109,7 +109,7 @@ while (top > 0) {
         V f;
         $scalar_body
         $after
-        const V far_ = size_of(cx * scale_b[0]) + size_of(cy * scale_b[1]) + size_of(cz * scale_b[2]);
+        const V far_ = wb_size_of(cx * scale_b[0]) + wb_size_of(cy * scale_b[1]) + wb_size_of(cz * scale_b[2]);
         found[l] = g * nearer - (cr * larger + (far_ * $room + blur));
     }
 #endif

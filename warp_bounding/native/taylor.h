@@ -152,7 +152,7 @@ for (int j = 0; j < NEURONS; ++j) {
     taylor(z, u * (1 + 1e-9) + pad, b, a0, a1, a2, a3, left, d, s2, flat, spread);
     const V most = d + absolute(s2) * b;
     V low = a1 - most, high = a1 + most;
-    low = low > LEAST ? low : zero + LEAST; high = high < 1.0 ? high : zero + 1.0;
+    low = low > (double)LEAST ? low : zero + (double)LEAST; high = high < 1.0 ? high : zero + 1.0;
     d += absolute(s2) * (b - near); high = (high - low) * 0.5;
     const auto steady = !(d < high);
     own.slope[j] = steady ? low + high : a1; s2 = steady ? zero : s2;

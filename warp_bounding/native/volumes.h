@@ -2,57 +2,63 @@
 // are constants that stand in front of a part; names behind $ are numbers and other parts. A part sets f from v and the
 // numbers w, in a scope of its own.
 
-/// CLIP:
+/// SLOW:
 /// Slab clipping without a division by zero: a face that may be met is at least ``CLEARANCE / 2`` from a ray that runs
-/// along it, so the parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should.
-auto slow_of = [&](V s) {  // one over the speed
-    const V none = {};
-    const V speed = s < none ? -s : s;
-    const V cross = speed > $parallel ? s : none + $parallel;
-    return over(none + 1.0f, cross);
-};
-V enter = {}, leave = enter + 1.0f;
-auto clip = [&](float low, float high, V y, V slow) {  // y + t s lies in [low, high] between two parameters
-    const V one = (low - y) * slow, two = (high - y) * slow;
-    const V near = one < two ? one : two, away = one < two ? two : one;
-    enter = near > enter ? near : enter;
-    leave = away < leave ? away : leave;
-};
+/// along it, so the parameters at which a speed of ``PARALLEL`` meets the faces lie outside [0, 1] as they should. This
+/// is one over the speed s.
+const V speed = s < none ? -s : s, cross = speed > $parallel ? s : none + $parallel;
+const V slow = wb_over(none + 1.0f, cross);
+
+/// CLIP:
+/// y + t s lies in [low, high] between two parameters.
+const V one = (low - y) * slow, two = (high - y) * slow;
+const V near = one < two ? one : two, away = one < two ? two : one;
+enter = near > enter ? near : enter;
+leave = away < leave ? away : leave;
 
 /// SLABS_ROW:
-/// y, the product of direction i with the point at v[at].
-const auto row = [&](int i, int at) {
-    const float* d = w + 2 * SLABS + i * N;
-    V y = DIAGONAL ? v[at + i % N] : v[at] * d[0];
+/// The product of direction i with the vector at v[at].
+const float* d = w + 2 * SLABS + i * N;
+V along = DIAGONAL ? v[at + i % N] : v[at] * d[0];
 #pragma unroll
-    for (int j = 1; j < N && !DIAGONAL; ++j) y = y + v[at + j] * d[j];
-    return y;
-};
+for (int j = 1; j < N && !DIAGONAL; ++j) along = along + v[at + j] * d[j];
 
 /// SLABS_POINT
-const V none = {};
+const V none = {0.0f};
 f = none + 3.0e38f;
 #pragma unroll
 for (int i = 0; i < SLABS; ++i) {
-    const V y = row(i, 0);
-    const V a = y - w[i], b = w[SLABS + i] - y, c = a < b ? a : b;
+    const int at = 0;
+    $row
+    const V a = along - w[i], b = w[SLABS + i] - along, c = a < b ? a : b;
     f = c < f ? c : f;
 }
 
 /// SLABS_RAY
-const V none = {};
-$clip
+const V none = {0.0f};
+V enter = none, leave = none + 1.0f;
 #pragma unroll
 for (int i = 0; i < SLABS; ++i) {
-    const V y = row(i, 0);
-    const V s = row(i, N);
-    clip(w[i], w[SLABS + i], y, slow_of(s));
+    const float low = w[i], high = w[SLABS + i];
+    V y, s;
+    {
+        const int at = 0;
+        $row
+        y = along;
+    }
+    {
+        const int at = N;
+        $row
+        s = along;
+    }
+    $slow
+    $clip
 }
 f = enter <= leave + $guard ? none : none - 1.0f;
 
 /// SLABS_EDGES:
 /// A plane against a parallelepiped, by its edges.
-const V none = {};
+const V none = {0.0f};
 V foot = v[0] * w[0];
 #pragma unroll
 for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
@@ -71,7 +77,7 @@ f = reach - off;
 
 /// CORNERS:
 /// A plane against a polytope, by its vertices.
-const V none = {};
+const V none = {0.0f};
 const int corners = (int)w[0];
 V most = none - 3.0e38f, least = none + 3.0e38f;
 for (int i = 0; i < corners; ++i) {
@@ -87,7 +93,7 @@ least = v[N] - least;
 f = most < least ? most : least;
 
 /// SLABS_BOX
-const V none = {};
+const V none = {0.0f};
 f = none + 3.0e38f;
 V middle[N], half[N];
 #pragma unroll
@@ -114,7 +120,7 @@ for (int i = 0; i < SLABS; ++i) {
 }
 
 /// HALF_SPACES_POINT
-const V none = {};
+const V none = {0.0f};
 f = none + 3.0e38f;
 #pragma unroll
 for (int i = 0; i < HALF_SPACES; ++i) {
@@ -128,7 +134,7 @@ for (int i = 0; i < HALF_SPACES; ++i) {
 
 /// HALF_SPACES_RAY:
 /// A face along which a ray may run is ``CLEARANCE`` away, so there is no division by zero.
-const V none = {};
+const V none = {0.0f};
 V come = none, gone = none + 1.0f;
 #pragma unroll
 for (int i = 0; i < HALF_SPACES; ++i) {
@@ -141,7 +147,7 @@ for (int i = 0; i < HALF_SPACES; ++i) {
     }
     const V speed = s < none ? -s : s;
     const V cross = speed > $parallel ? s : none + $parallel;
-    const V at = over(w[i] - y, cross);
+    const V at = wb_over(w[i] - y, cross);
     const V first = cross < none ? at : none, last = cross < none ? none + 1.0f : at;
     come = first > come ? first : come;
     gone = last < gone ? last : gone;
@@ -149,7 +155,7 @@ for (int i = 0; i < HALF_SPACES; ++i) {
 f = come <= gone + $guard ? none : none - 1.0f;
 
 /// HALF_SPACES_BOX
-const V none = {};
+const V none = {0.0f};
 f = none + 3.0e38f;
 #pragma unroll
 for (int i = 0; i < HALF_SPACES; ++i) {
@@ -162,33 +168,37 @@ for (int i = 0; i < HALF_SPACES; ++i) {
 }
 
 /// ELLIPSOID_ROW:
-/// y, the product of row i of A with the vector at v[at].
-const auto row = [&](int i, int at) {
-    const float* a = w + N + i * N;
-    V y = DIAGONAL ? v[at + i] * w[N + i] : v[at] * a[0];
+/// The product of row i of A with the vector at v[at].
+const float* a = w + N + i * N;
+V along = DIAGONAL ? v[at + i] * w[N + i] : v[at] * a[0];
 #pragma unroll
-    for (int j = 1; j < N && !DIAGONAL; ++j) y = y + v[at + j] * a[j];
-    return y;
-};
+for (int j = 1; j < N && !DIAGONAL; ++j) along = along + v[at + j] * a[j];
 
 /// ELLIPSOID_POINT
 f = v[0] * 0.0f;
 #pragma unroll
 for (int i = 0; i < N; ++i) {
-    V y = row(i, 0);
-    y = y + w[i];
+    const int at = 0;
+    $row
+    const V y = along + w[i];
     f = f - y * y;
 }
 
 /// ELLIPSOID_RAY
-const V none = {};
+const V none = {0.0f};
 V origin[N], speed[N];
 #pragma unroll
 for (int i = 0; i < N; ++i) {
-    V y = row(i, 0);
-    const V s = row(i, N);
-    origin[i] = y + w[i];
-    speed[i] = s;
+    {
+        const int at = 0;
+        $row
+        origin[i] = along + w[i];
+    }
+    {
+        const int at = N;
+        $row
+        speed[i] = along;
+    }
 }
 V towards = origin[0] * speed[0], length = speed[0] * speed[0];
 #pragma unroll
@@ -196,7 +206,7 @@ for (int i = 1; i < N; ++i) towards = towards + origin[i] * speed[i];
 #pragma unroll
 for (int i = 1; i < N; ++i) length = length + speed[i] * speed[i];
 const V along = -towards;
-V t = over(along, length > $smallest ? length : none + 1.0f);
+V t = wb_over(along, length > $smallest ? length : none + 1.0f);
 t = t < none ? none : t;
 t = t > 1.0f ? none + 1.0f : t;
 t = length > $smallest ? t : none;
@@ -208,7 +218,7 @@ for (int i = 0; i < N; ++i) {
 }
 
 /// ELLIPSOID_PLANE
-const V none = {};
+const V none = {0.0f};
 V foot = v[0] * w[0];
 #pragma unroll
 for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
@@ -216,14 +226,15 @@ const V off = v[N] - foot;
 V length = none;
 #pragma unroll
 for (int i = 0; i < N; ++i) {
-    const V g = row(i, 0);
-    length = length + g * g;
+    const int at = 0;
+    $row
+    length = length + along * along;
 }
-f = over(-(off * off), length);
+f = wb_over(-(off * off), length);
 
 /// ELLIPSOID_INTERVALS:
 /// A box, row by row where A is diagonal.
-const V none = {};
+const V none = {0.0f};
 f = none;
 #pragma unroll
 for (int i = 0; i < N; ++i) {
@@ -236,7 +247,7 @@ for (int i = 0; i < N; ++i) {
 
 /// ELLIPSOID_DESCENT:
 /// A box, by coordinate descent.
-const V none = {};
+const V none = {0.0f};
 const float* a = w + N;
 const float *step = a + N * N, *start = step + N;
 V y[N], z[N];
@@ -283,11 +294,12 @@ for (int j = 0; j < N; ++j) {
 }
 least = least < none ? none : least;
 least = length > $smallest ? least : none;
-f = over(-(least * least), length > $smallest ? length : none + 1.0f);
+f = wb_over(-(least * least), length > $smallest ? length : none + 1.0f);
 
 /// BVH_ALONE:
 /// The walk of one query through a hierarchy: $touches sets hit, whether a node is met.
 const V none = 0.0f;
+(void)none;
 $prepare
 const int count = (int)w[0];
 int i = 0;
@@ -302,11 +314,11 @@ while (i < count) {
 
 /// BVH_TOGETHER:
 /// The walk of lanes together. A lane waits until the walk is at its next node; it is done where that is the end.
-const V none = {};
+const V none = {0.0f};
 $prepare
 const int count = (int)w[0];
 int i = 0;
-I next = {}, found = {};
+I next = {0}, found = {0};
 while (i < count) {
     const float* b = w + LEADING + i * (2 * N + 1);  // low, high, past
     const int past = (int)b[2 * N];
@@ -341,58 +353,71 @@ for (int k = 1; k < N; ++k) {
     most = most + (plus[k] * b[N + k]) + (minus[k] * b[k]);
     least = least + (plus[k] * b[k]) + (minus[k] * b[N + k]);
 }
-auto hit = (under <= most) & (above >= least);
+Mask hit = (under <= most) & (above >= least);
 
 /// BVH_SPEEDS:
 /// A ray, likewise.
-$clip
-V slow[N];
+V each[N];
 #pragma unroll
-for (int k = 0; k < N; ++k) slow[k] = slow_of(v[N + k]);
+for (int k = 0; k < N; ++k) {
+    const V s = v[N + k];
+    $slow
+    each[k] = slow;
+}
 
 /// BVH_RAY
-enter = none;
-leave = none + 1.0f;
+V enter = none, leave = none + 1.0f;
 #pragma unroll
-for (int k = 0; k < N; ++k) clip(b[k], b[N + k], v[k], slow[k]);
-auto hit = enter <= leave + $guard;
+for (int k = 0; k < N; ++k) {
+    const float low = b[k], high = b[N + k];
+    const V y = v[k], slow = each[k];
+    $clip
+}
+Mask hit = enter <= leave + $guard;
 
 /// BVH_DISTANCE:
 /// The distance to the leaves: down to one that is near, then to all nodes that are nearer than what was found.
 const int count = (int)w[0];
-const auto way = [&](int i) {
-    const float* b = w + 1 + i * (2 * N + 1);  // low, high, past
-    V sum = zero;
-#pragma unroll
-    for (int k = 0; k < N; ++k) {
-        const V out = most(most(b[k] - v[k], v[k] - b[N + k]), zero);
-        sum = sum + out * out;
-    }
-    return sum;
-};
-const auto past = [&](int i) { return (int)w[1 + i * (2 * N + 1) + 2 * N]; };
+enum { NODE = 2 * N + 1 };  // low, high, past
 V nearest = zero + $farthest;
-int i = 0;
-while (past(i) > i + 1) {  // down to the leaf that is near the first lane
+int i = 0, leaf = 0;
+while (!leaf) {  // down to the leaf that is near the first lane
+    const int past = (int)w[1 + i * NODE + 2 * N];
     int best = i + 1;
     float nearer = $farthest;
-    for (int child = i + 1; child < past(i); child = past(child)) {
-        const V there = way(child);
+    for (int child = i + 1; child < past; child = (int)w[1 + child * NODE + 2 * N]) {
+        const float* b = w + 1 + child * NODE;
+        $way
         const float first = $first;
         if (first < nearer) { nearer = first; best = child; }
     }
-    i = best;
+    leaf = past <= i + 1;
+    i = leaf ? i : best;
 }
-nearest = least(nearest, way(i));
+{
+    const float* b = w + 1 + i * NODE;
+    $way
+    nearest = wb_least(nearest, there);
+}
 i = 0;
 while (i < count) {
-    const V there = way(i);
-    const int behind = past(i);
+    const float* b = w + 1 + i * NODE;
+    $way
+    const int behind = (int)b[2 * N];
     if ($none) {
         i = behind;
     } else {
-        if (behind == i + 1) nearest = least(nearest, there);
+        if (behind == i + 1) nearest = wb_least(nearest, there);
         ++i;
     }
 }
-f = root(nearest);
+f = wb_root(nearest);
+
+/// BVH_WAY:
+/// The squared distance to the box b of a node.
+V there = zero;
+#pragma unroll
+for (int k = 0; k < N; ++k) {
+    const V out = wb_most(wb_most(b[k] - v[k], v[k] - b[N + k]), zero);
+    there = there + out * out;
+}

@@ -15,7 +15,7 @@ import numpy as np
 from warp_bounding.activations import activation_of
 from warp_bounding.kernels.source import Lanes, Source
 from warp_bounding.networks.network import HEADS, Head
-from warp_bounding.runtime.native import constants, native_text
+from warp_bounding.runtime.native import constants, fill, native_text
 
 text = native_text("network.h")
 
@@ -78,9 +78,8 @@ class MlpSource(Source):
     # --- a query in each lane ----------------------------------------------------------------------------------------
 
     def body(self, lanes: Lanes) -> str:
-        act = _function("act", activation_of(self.activation), lanes)
-        lines = [act, "const V none = {}; V other = none;", self.inputs_text("V")]
-        lines += [self.layer(index) for index in range(len(self.hidden))]
+        lines = ["const V none = {0.0f}; V other = none; (void)other;", self.inputs_text("V")]
+        lines += [self.layer(index, lanes) for index in range(len(self.hidden))]
         for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
             lines.append(f"{name} = {name} + w[{self.places[-1] + output * self.head_row}];")
         return "\n".join([*lines, self._finish()])
@@ -94,19 +93,22 @@ class MlpSource(Source):
         """C statements from ``v`` to the inputs ``h0``, numbers of this type."""
         return f"{type_} h0[{self.inputs}]; for (int k = 0; k < {self.inputs}; ++k) h0[k] = v[k];"
 
-    def layer(self, index: int) -> str:
+    def layer(self, index: int, lanes: Lanes) -> str:
         """C statements of a hidden layer: keep its activations, or of the last one add them up to the outputs."""
         (k, h), at, last = self.layers[index], self.places[index], index == len(self.hidden) - 1
         places = {"OUTPUTS": self.head.outputs if last else 0, "OUTPUT_AT": self.places[-1]}
         places |= {"SECOND_AT": self.places[-1] + self.head_row, "KEEP": int(not last)}
         lines = [f"V h{index + 1}[{1 if last else h}];", "f = other = none;"]
         lines.append(f"{{ const V* x = h{index}; V* y = h{index + 1}; (void)y;")
+        unrolled = {"unroll_blocks": "#pragma unroll (KEEP ? BLOCKS : 1)", "unroll_inputs": "#pragma unroll"}
+        unrolled = unrolled if lanes.several else dict.fromkeys(unrolled, "")
+        queries = fill(text.QUERIES_IN_LANES, act=_act(self.activation, lanes, "s[r]"), **unrolled)
         j = _block(h)
         for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
             if size:
                 place = at + first * (k + 1)
                 own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place)
-                lines += ["{", own, constants(**places), text.QUERIES_IN_LANES, "}"]
+                lines += ["{", own, constants(**places), queries, "}"]
         return "\n".join([*lines, "}"])
 
     # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
@@ -121,8 +123,8 @@ class MlpSource(Source):
         inputs, neurons = self.layers[index]
         own = constants(K=inputs, NEURONS=neurons, ROW=row, AT=place)
         names = f"const float* x = h{index}; float* y = h{index + 1};"
-        act = _function("act", activation_of(self.activation), Lanes(vector=True))
-        return "\n".join([f"float h{index + 1}[{row}]; {{", own, text.LANES, act, names, text.NEURONS_IN_LANES, "}"])
+        layer = fill(text.NEURONS_IN_LANES, act=_act(self.activation, Lanes(vector=True), "sum"))
+        return "\n".join([f"float h{index + 1}[{row}]; {{", own, text.LANES, names, layer, "}"])
 
     def function_output(self) -> str:
         """``float f``, by the outputs behind the last layer."""
@@ -140,12 +142,12 @@ class MlpSource(Source):
         return f"{{ {constants(OFFSET=self.coordinates - 1)} {self.head.finish} }}"
 
 
-def _function(name: str, activation, lanes: Lanes) -> str:
-    """A C lambda of an activation."""
+def _act(activation: str, lanes: Lanes, z: str) -> str:
+    """C statements that set ``h`` to the activation of ``z``, both of type ``V``."""
+    statement = activation_of(activation).statement
     if lanes.several:
-        one = f"{{ typedef float V; V z = sums[l], h; {activation.statement(lanes, 'h', 'z')} sums[l] = h; }}"
-        return f"auto {name} = [&](V sums) {{ for (int l = 0; l < L; ++l) {{ {one} }} return sums; }};"
-    return f"auto {name} = [&](V z) {{ V h; {activation.statement(lanes, 'h', 'z')} return h; }};"
+        return f"for (int l = 0; l < L; ++l) {{ typedef float V; {statement(lanes, 'h[l]', f'{z}[l]')} }}"
+    return statement(lanes, "h", z)
 
 
 def padded(neurons: int) -> int:

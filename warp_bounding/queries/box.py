@@ -114,7 +114,7 @@ for (int k = 0; k < AXES; ++k) {
     const V low = (q[k] - center[k]) * scale[k], high = (q[AXES + k] - center[k]) * scale[k];
     const V top = zero + limit[k], bottom = zero - limit[k];
     testable = testable & (q[k] <= q[AXES + k]);
-    const auto within = (low <= top) & (high >= bottom);
+    const Mask within = (low <= top) & (high >= bottom);
     inside = inside & within;
     v[k] = low < bottom ? bottom : low;
     v[k] = v[k] > top ? top : v[k];

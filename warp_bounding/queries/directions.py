@@ -62,20 +62,15 @@ def nudged_directions(d: np.ndarray, move: np.ndarray) -> np.ndarray:
 # (``POINT_AT``, ``DIRECTION_AT``), and where the direction's matrix begins in ``place`` (``MATRIX_AT``; see
 # ``Placement.values``).
 
-# The largest entry of a direction, and whether it has a size that directions may have.
+# The largest entry of a direction ``e``, and whether it has a size that directions may have.
 POSSIBLE = f"""
-const auto largest = [&](const V* e) {{
-    V most = zero;
-    for (int k = 0; k < AXES; ++k) {{
-        const V size = e[k] < zero ? -e[k] : e[k];
-        most = size > most ? size : most;
-    }}
-    return most;
-}};
-const auto possible = [&](V most) {{
-    return (most >= zero + {literal(DIRECTION_SMALLEST)}) & (most <= zero + {literal(DIRECTION_LARGEST)});
-}};
-"""
+V longest = zero;
+for (int k = 0; k < AXES; ++k) {{
+    const V entry = e[k] < zero ? -e[k] : e[k];
+    longest = entry > longest ? entry : longest;
+}}
+testable = testable & (longest >= zero + {literal(DIRECTION_SMALLEST)}) & (longest <= zero + {literal(DIRECTION_LARGEST)});
+"""  # noqa: E501
 
 # The point in local space: a, |a| by axis, and its distance |a|_1 from the domain's centre. ``beyond`` is that
 # distance where it is more than FAR, else 0.
@@ -91,23 +86,24 @@ const V beyond = distance > {literal(FAR)} ? distance : zero;
 
 # u, the direction with Euclidean length 1. It is divided by its largest entry first, so that squares neither overflow
 # nor vanish.
-UNIT = f"""{POSSIBLE}
-V longest = largest(q + DIRECTION_AT), u[AXES];
-testable = testable & possible(longest);
+UNIT = f"""
+const V* e = q + DIRECTION_AT;
+{POSSIBLE}
+V u[AXES];
 longest = longest > zero ? longest : zero + 1.0f;  // no division by zero in lanes that are maybe
-for (int k = 0; k < AXES; ++k) u[k] = over(q[DIRECTION_AT + k], longest);
+for (int k = 0; k < AXES; ++k) u[k] = wb_over(e[k], longest);
 V squares = u[0] * u[0];
 for (int k = 1; k < AXES; ++k) squares = squares + u[k] * u[k];
-const V norm = root(squares);
-for (int k = 0; k < AXES; ++k) u[k] = over(u[k], norm);
+const V norm = wb_root(squares);
+for (int k = 0; k < AXES; ++k) u[k] = wb_over(u[k], norm);
 """
 
 # Move the point by the matrix M, the direction by its own matrix. A direction whose entries are as small as the
 # rounding of subnormal numbers, before or after the move, is *maybe*.
-MOVING = f"""{POSSIBLE}
+MOVING = f"""
 V d[AXES], e[AXES];
 for (int k = 0; k < AXES; ++k) d[k] = q[POINT_AT + k] - place[k], e[k] = q[DIRECTION_AT + k];
-testable = testable & possible(largest(e));
+{{ {POSSIBLE} }}
 for (int k = 0; k < AXES; ++k) {{
     V moved = d[0] * place[AXES + AXES * k], turned = e[0] * place[MATRIX_AT + AXES * k];
     for (int j = 1; j < AXES; ++j) {{
@@ -116,7 +112,7 @@ for (int k = 0; k < AXES; ++k) {{
     }}
     q[POINT_AT + k] = moved, q[DIRECTION_AT + k] = turned;
 }}
-testable = testable & possible(largest(q + DIRECTION_AT));
+{{ const V* e = q + DIRECTION_AT; {POSSIBLE} }}
 for (int k = 0; k < 2 * AXES; ++k) testable = testable & ((q[k] - q[k]) == zero);  // an overflow
 """
 

@@ -131,7 +131,7 @@ def _outermost_first(corners: np.ndarray) -> np.ndarray:
 
 
 # what the texts of ``directions`` read
-_PLACES = "constexpr int POINT_AT = AXES, DIRECTION_AT = 0, MATRIX_AT = 2 * AXES + AXES * AXES;\n"
+_PLACES = "enum { POINT_AT = AXES, DIRECTION_AT = 0, MATRIX_AT = 2 * AXES + AXES * AXES };\n"
 
 
 class PlaneQuery(DirectedQuery):
@@ -239,7 +239,7 @@ testable = testable & (longest <= {literal(DIRECTION_LARGEST)});
 pivot = longest > zero ? pivot : zero + 1.0f;
 V offset = zero, summed = zero, reach = zero;
 for (int k = 0; k < AXES; ++k) {{
-    v[k] = over(e[k], pivot);
+    v[k] = wb_over(e[k], pivot);
     const V part = v[k] * a[k];
     offset = offset + part;
     summed = summed + (part < zero ? -part : part);

@@ -88,7 +88,7 @@ class PointQuery(Query):
     map_text = """
 for (int k = 0; k < AXES; ++k) {
     v[k] = (q[k] - center[k]) * scale[k];
-    const auto within = (v[k] <= limit[k]) & (v[k] >= -limit[k]);
+    const Mask within = (v[k] <= limit[k]) & (v[k] >= -limit[k]);
     inside = inside & within;
     if (k < FREE) testable = testable & within;  // outside, the object may be anywhere
 }

@@ -168,7 +168,7 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
 
 
 # what the texts of ``directions`` read
-_PLACES = "constexpr int POINT_AT = 0, DIRECTION_AT = AXES, MATRIX_AT = AXES;\n"
+_PLACES = "enum { POINT_AT = 0, DIRECTION_AT = AXES, MATRIX_AT = AXES };\n"
 
 
 class DirectedQuery(Query):
@@ -293,7 +293,7 @@ for (int k = 0; k < AXES; ++k) {{
     V room = zero + limit[k] + size[k] * {literal(GUARD)};
     if (PLACED) room = room + beyond * place[AXES + AXES * AXES + k];
     const V speed = w[k] < zero ? -w[k] : w[k], cross = speed > {literal(PARALLEL)} ? w[k] : zero + 1.0f;
-    const V low = over(-room - a[k], cross), high = over(room - a[k], cross);  // t at the two faces
+    const V low = wb_over(-room - a[k], cross), high = wb_over(room - a[k], cross);  // t at the two faces
     // parallel to the faces: between them for all t in [0, 1], or for no t, which the empty interval [2, -1] says
     const V parallel_first = size[k] <= room ? zero : zero + 2.0f;
     const V parallel_last = size[k] <= room ? zero + 1.0f : zero - 1.0f;

@@ -55,11 +55,9 @@ def oracle(
 
 
 _FRAME = """
-auto testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
+Mask testable = (q[0] - q[0]) == zero, inside = zero <= zero;  // false for NaN and for infinity
 {{
-    constexpr int AXES = {n}, FREE = {free};
-    constexpr bool TIME = FREE > 0, PLACED = {placed};
-    (void)TIME;
+    enum {{ AXES = {n}, FREE = {free}, TIME = FREE > 0, PLACED = {placed} }};
     {no_place}
     for (int k = 1; k < {columns}; ++k) testable = testable & ((q[k] - q[k]) == zero);
     {moving}
@@ -81,8 +79,8 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
     return _FRAME.format(
         n=n,
         free=int(free),
-        placed=str(placed).lower(),
-        no_place="" if placed else "const float* place = nullptr; (void)place;",
+        placed=int(placed),
+        no_place="" if placed else "const float* const place = 0; (void)place;",
         columns=kind.columns(n),
         moving=f"{{ {kind.placed_text} }}" if placed else "",
         text=text,

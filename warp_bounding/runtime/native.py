@@ -14,6 +14,7 @@ from string import Template
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import warp as wp
 
 Numbers = wp.array(dtype=wp.float32)
@@ -45,7 +46,7 @@ def fill(text: str, **values: object) -> str:
 
 def constants(**values: int) -> str:
     """C declaration of integer constants, by name."""
-    return f"constexpr int {', '.join(f'{name} = {int(value)}' for name, value in values.items())};"
+    return f"enum {{ {', '.join(f'{name} = {int(value)}' for name, value in values.items())} }};"
 
 
 @cache
@@ -56,8 +57,9 @@ def vector_type(length: int) -> Any:
 
 
 def literal(value: float) -> str:
-    """A float32 constant in C, exactly."""
-    return f"{float(value).hex()}f"
+    """A float32 constant in C, exactly; others are rounded to one."""
+    mantissa, exponent = float(np.float32(value)).hex().split("p")
+    return f"{mantissa.rstrip('0').rstrip('.')}p{exponent}f"
 
 
 def constant(value: float) -> str:

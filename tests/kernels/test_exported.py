@@ -1,0 +1,206 @@
+"""Headers for C and C++ answer as ``query`` does, under every compiler, language and option; nothing is missed."""
+
+import ctypes
+import shutil
+import subprocess
+from functools import cache
+
+import numpy as np
+import pytest
+from bounding_shapes import (
+    domain_points,
+    object_points,
+    random_bounder,
+    random_mlp,
+    random_supports,
+    reloaded,
+    rounding_of_answers,
+    shape,
+)
+from commands import ROOT, check_bad, fit, run
+from distances import far, squared_distance_to_cells
+from region_cases import REGIONS, VOLUMES, fitted_region, hard_regions, ray_length
+from snippets import FENCED
+
+import warp_bounding as wb
+from warp_bounding.bounders import DISTANCES, METHODS
+from warp_bounding.bounders.cascade import Cascade
+from warp_bounding.bounders.file_format import digest_of, read
+from warp_bounding.queries import oracle
+
+COUNT = 100_000
+STRICT = ("-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
+OPTIONS = ("-O0", "-O2", "-O3 -march=native")
+LANGUAGES = {"c": "-std=c99 -pedantic", "c++": "-std=gnu++11"}
+ASK = """
+void ask_{0}(const float *q, int count, unsigned char *answers) {{ {0}_maybe_many(q, count, answers); }}
+"""
+MEASURE = """
+void ask_{0}(const float *q, int count, float *d, unsigned char *near, unsigned char *swept) {{
+    for (int i = 0; i < count; ++i) {{
+        d[i] = {0}_distance(q + 3 * i);
+        near[i] = (unsigned char){0}_within(q + 3 * i, 0.1f);
+        swept[i] = (unsigned char){0}_segment(q + 3 * i, q + 3 * (count - 1 - i), 0.1f);
+    }}
+}}
+"""
+
+
+@cache
+def bounders() -> dict[str, wb.Bounder]:
+    """One of every method and kind of query, by the name of its header."""
+    grid = shape("blob")
+    points = {method: random_bounder(method, "blob") for method in METHODS}
+    found = points | {f"{m} {query}": fitted_region(m, query, grid) for m in VOLUMES for query in REGIONS}
+    found |= {"mlp plane": random_supports(grid), "mlp wide": random_mlp(grid, (50, 50), "relu")}
+    found["mlp time"] = random_bounder("mlp", "animated")
+    found["cascade"] = Cascade.of([points["aabb"], points["voxels"], points["mlp"]])
+    found |= {f"{method} distance": far(method, "blob") for method in DISTANCES}
+    return {name.replace("-", "_").replace(" ", "_"): bounder for name, bounder in found.items()}
+
+
+@cache
+def queries(query: str, ndim: int) -> np.ndarray:
+    """Hard ones, most of which meet the object barely, and some that are no numbers."""
+    rng, grid = np.random.default_rng(3), shape("blob" if ndim == 3 else "animated")
+    if query in REGIONS:
+        q = hard_regions(query, grid, rng, ray_length(grid), COUNT // 2)
+    else:
+        x = np.concatenate([object_points(grid, rng, COUNT), domain_points(grid, COUNT, rng)])
+        q = rng.permutation(x)[:COUNT].astype(np.float32)
+    q[::997, 0], q[1::997, -1] = np.nan, np.inf
+    return np.ascontiguousarray(q)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """The headers, and a source that asks all of them."""
+    place, lines = tmp_path_factory.mktemp("headers"), []
+    for name, bounder in bounders().items():
+        bounder.export(place / f"{name}.h")
+        lines.append(f'#include "{name}.h"')
+    open_, close = ('#ifdef __cplusplus\nextern "C" {\n#endif', "#ifdef __cplusplus\n}\n#endif")
+    asked = [(MEASURE if each.of_distances else ASK).format(name) for name, each in bounders().items()]
+    declared = [text[: text.index("{")].strip() + ";" for text in asked]
+    (place / "all.c").write_text("\n".join([*lines, open_, *declared, *asked, close, ""]))
+    return place
+
+
+def compiled(compiler: str, language: str, options: str, source, output):
+    """Standard error of a compiler, empty where all is well."""
+    name = {"gcc": {"c": "gcc", "c++": "g++"}, "clang": {"c": "clang", "c++": "clang++"}}[compiler][language]
+    if shutil.which(name) is None:
+        pytest.skip(f"there is no {name}")
+    line = [name, "-x", language, *LANGUAGES[language].split(), *options.split(), *STRICT, source, "-o", output, "-lm"]
+    return subprocess.run(line, capture_output=True, text=True, check=False).stderr
+
+
+def pointer(array: np.ndarray):
+    return array.ctypes.data_as(ctypes.c_void_p)
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("compiler", ["gcc", "clang"])
+def test_answers_are_those_of_query(compiler, language, options, folder, tmp_path):
+    """Equal; but where products and sums are fused, what is rounded may decide, and no positive is missed."""
+    assert compiled(compiler, language, options, folder / "all.c", tmp_path / "all.so") == ""
+    library = ctypes.CDLL(str(tmp_path / "all.so"))
+    for name, bounder in bounders().items():
+        q, ask = queries(bounder.query_kind, bounder.ndim), library[f"ask_{name}"]
+        if bounder.of_distances:
+            check_distances(ask, bounder, q)
+            continue
+        answers, expected = np.empty(len(q), np.uint8), answers_of(name)
+        ask(pointer(q), len(q), pointer(answers))
+        assert (answers != expected).mean() < 1e-3, name
+        if len(denied := q[expected & (answers == 0)]):
+            if bounder.rounding_bound() > 0:
+                near = np.abs(bounder.values(denied).numpy() - bounder.threshold)
+                assert near.max() <= 2 * rounding_of_answers(bounder), name
+            else:
+                assert not oracle(bounder.query_kind, shape("blob"), "cpu", ray_length(shape("blob")))(denied).any(), (
+                    name
+                )
+
+
+@cache
+def answers_of(name: str) -> np.ndarray:
+    bounder = bounders()[name]
+    return bounder.query(queries(bounder.query_kind, bounder.ndim)).numpy()
+
+
+@cache
+def distances_of(bounder) -> tuple[np.ndarray, ...]:
+    q = queries("distance", 3)
+    return bounder.distance(q).numpy(), bounder.query(q, 0.1).numpy(), bounder.segments(q, q[::-1], 0.1)[0].numpy()
+
+
+def check_distances(ask, bounder, q):
+    found = np.empty(len(q), np.float32), np.empty(len(q), np.uint8), np.empty(len(q), np.uint8)
+    ask(pointer(q), len(q), *map(pointer, found))
+    distance, near, swept = distances_of(bounder)
+    assert np.abs(found[0] - distance).max() < 1e-6
+    assert (found[1] != near).mean() < 1e-4
+    assert (found[2] != swept).mean() < 1e-4
+    for x, g in zip(q[2:40], found[0][2:40], strict=True):
+        if np.isfinite(x).all():
+            assert float(g) ** 2 <= squared_distance_to_cells(shape("blob"), x)
+    inside = shape("blob").contains(q)
+    assert not found[0][inside].any()
+    assert found[1][inside].all()
+
+
+def test_cuda(folder, tmp_path):
+    if shutil.which("nvcc") is None:
+        pytest.skip("there is no nvcc")
+    text = "".join(f'#include "{folder}/{name}.h"\n' for name in bounders())
+    asked = [name for name, bounder in bounders().items() if not bounder.of_distances]
+    calls = "".join(f"    *found += {name}_maybe(q);\n" for name in asked)
+    (tmp_path / "all.cu").write_text(f"{text}__global__ void ask(const float *q, int *found) {{\n{calls}}}\n")
+    line = ["nvcc", "-arch=sm_90", "-cubin", tmp_path / "all.cu", "-o", tmp_path / "all.cubin"]
+    assert subprocess.run(line, capture_output=True, text=True, check=False).returncode == 0
+
+
+def test_the_guide_compiles(tmp_path):
+    page = (ROOT / "docs/guide/in-cpp.md").read_text()
+    code = dict(FENCED.findall(page))["c"]
+    bounders()["mlp_wide"].export(tmp_path / "bunny.h")
+    bounders()["kdop_distance"].export(tmp_path / "far.h")
+    (tmp_path / "guide.c").write_text(code)
+    for language in LANGUAGES:
+        assert compiled("gcc", language, "-O2", tmp_path / "guide.c", tmp_path / "guide.so") == ""
+
+
+def test_fast_math_is_refused(folder, tmp_path):
+    assert "leave it out" in compiled("gcc", "c", "-O2 -ffast-math", folder / "aabb.h", tmp_path / "none")
+
+
+def test_the_comment_names_the_file_and_its_claim(tmp_path):
+    bounder = reloaded(far("kdop", "blob"), tmp_path)
+    bounder.save(tmp_path / "b.safetensors")
+    bounder.export(tmp_path / "b.h")
+    text = (tmp_path / "b.h").read_text()
+    assert digest_of(*read(tmp_path / "b.safetensors")) in text
+    assert "certificate: proven" in text
+
+
+def test_mistakes_of_the_command(capsys, tmp_path):
+    np.save(tmp_path / "c.npy", shape("c").occupancy)
+    path, _ = fit(capsys, tmp_path)
+    for _ in range(2):  # an export is replaced by another
+        assert run(capsys, "export", path, "-o", tmp_path / "c.h")[0] == 0
+    (tmp_path / "other.h").write_text("int main(void);\n")
+    check_bad(*run(capsys, "export", path, "-o", tmp_path / "other.h"))
+    assert (tmp_path / "other.h").read_text() == "int main(void);\n"
+    for name in ("2d", "a b", "é", ""):
+        check_bad(*run(capsys, "export", path, "-o", tmp_path / "c.h", "--name", name))
+    check_bad(*run(capsys, "export", path, "-o", path))
+
+
+def test_an_origin_is_refused(tmp_path):
+    shifted = wb.load_shape(shape("blob").occupancy, spacing=0.1, origin=(5e5, 4e6, 12.0))
+    bounder = wb.fit(shifted, method="aabb", device="cpu", progress=False)
+    with pytest.raises(wb.QueryError, match="local"):
+        bounder.export(tmp_path / "b.h")
+    bounder.local.export(tmp_path / "b.h")
