@@ -103,6 +103,7 @@ def table(found: dict[str, list[dict[str, str]]]) -> list[str]:
 
 
 def main() -> int:
+    """Everything; see above."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("build", type=Path)
     parser.add_argument("--out", type=Path)

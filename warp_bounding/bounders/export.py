@@ -85,7 +85,7 @@ def export(bounder: "Bounder", path: str | os.PathLike, name: str | None = None)
         "columns": source.columns,
         "coordinates": source.coordinates,
         "kind": bounder.query_kind,
-        "scalar_body": source.body(Lanes(vector=False)),
+        "scalar_body": source.body(Lanes(vector=False, alone=True)),
     }
     texts["begin"] = fill(text.BEGIN, **texts)
     if bounder.of_distances:

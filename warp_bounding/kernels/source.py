@@ -47,6 +47,7 @@ class Lanes:
 
     vector: bool
     several: bool = False  # on CUDA: whether ``V`` is ``Floats``, L of them (``batch.h``)
+    alone: bool = False  # in an export: one query, and the compiler's own vectors
 
 
 class Early(NamedTuple):

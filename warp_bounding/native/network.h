@@ -2,7 +2,7 @@
 
 /// QUERIES_IN_LANES:
 /// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``). Here are
-/// BLOCKS blocks of J neurons, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
+/// BLOCKS blocks of J neurons, of which USED are real, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
 /// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
 /// at OUTPUT_AT and at SECOND_AT.
 $unroll_blocks
@@ -18,7 +18,7 @@ for (int b = 0; b < BLOCKS; ++b) {
         for (int r = 0; r < J; ++r) s[r] += input * c[r];
     }
 #pragma unroll
-    for (int r = 0; r < J; ++r) {
+    for (int r = 0; r < USED; ++r) {
         const int j = FIRST + b * J + r;
         V h;
         $act

@@ -104,11 +104,13 @@ class MlpSource(Source):
         unrolled = unrolled if lanes.several else dict.fromkeys(unrolled, "")
         queries = fill(text.QUERIES_IN_LANES, act=_act(self.activation, lanes, "s[r]"), **unrolled)
         j = _block(h)
-        for first, size, blocks in ((0, j, h // j), (h // j * j, h % j, 1)):
-            if size:
-                place = at + first * (k + 1)
-                own = constants(K=k, J=size, FIRST=first, BLOCKS=blocks, AT=place)
-                lines += ["{", own, constants(**places), queries, "}"]
+        blocks = [(first, size, size, at + first * (k + 1)) for first, size in ((0, j), (h // j * j, h % j)) if size]
+        if lanes.alone:  # all neurons at a time, from the copy that has a row of them for each input
+            place, row = self.neuron_rows[index]
+            blocks, j = [(0, row, h, place)], row
+        for first, size, used, place in blocks:
+            own = constants(K=k, J=size, USED=used, FIRST=first, BLOCKS=1 if first else max(1, h // j), AT=place)
+            lines += ["{", own, constants(**places), queries, "}"]
         return "\n".join([*lines, "}"])
 
     # --- one query on a CPU, a neuron in each lane -------------------------------------------------------------------
