@@ -32,7 +32,7 @@ import warp_bounding as wb
 from warp_bounding.bounders import Bounder
 from warp_bounding.certificates.claim import as_fitted, mismatch
 from warp_bounding.errors import BoundingError, FileFormatError
-from warp_bounding.proof import check_points
+from warp_bounding.proof import check
 from warp_bounding.proof.stress import DistancePositives, HardStream, Missed
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives
@@ -152,14 +152,14 @@ class Tally:
 @contextmanager
 def undistracted():
     """Without the search for a refutation (it decides nothing here) and warnings, and by the process's own clock."""
-    positives, check_points.POSITIVES = check_points.POSITIVES, 0
+    positives, check.POSITIVES = check.POSITIVES, 0
     clock, time.perf_counter = time.perf_counter, time.process_time
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
             yield
     finally:
-        check_points.POSITIVES, time.perf_counter = positives, clock
+        check.POSITIVES, time.perf_counter = positives, clock
 
 
 class _StuckError(Exception):

@@ -16,7 +16,7 @@ from warp_bounding.bounders.distance_grid import DistanceGrid
 from warp_bounding.bounders.file_format import digest_of
 from warp_bounding.errors import BounderError, FileFormatError, ShapeError
 from warp_bounding.networks import network_shape
-from warp_bounding.proof import check_points, distances
+from warp_bounding.proof import covering, distances
 from warp_bounding.proof.halving import KEY, Checkpoint
 from warp_bounding.shapes.recentred import Frame, Recentred
 
@@ -52,7 +52,7 @@ def small_steps(monkeypatch, ticking):
     """
     ticking(2.0**-13)
     monkeypatch.setattr(distances._Excess, "chunk", 16)
-    monkeypatch.setattr(check_points.ReachesTarget, "chunk", 2)
+    monkeypatch.setattr(covering.ReachesTarget, "chunk", 2)
     monkeypatch.setattr(distances, "SAMPLES", 2000)
 
 

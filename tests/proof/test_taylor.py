@@ -15,7 +15,7 @@ from warp_bounding import activations
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.networks import bounds, network
 from warp_bounding.networks.bounds import BoxBounds, Parametrization
-from warp_bounding.proof import check_points, minimum, positive_boxes, search, settle, taylor
+from warp_bounding.proof import minimum, positive_boxes, search, settle, taylor
 from warp_bounding.proof.prove import least_value
 from warp_bounding.queries import domain
 from warp_bounding.shapes.shape import Shape
@@ -238,4 +238,3 @@ def test_a_delta_without_a_term_is_refused(monkeypatch):
     reported = wb.certify(wb.fit(solid, method="kdop", device="cpu"), solid)
     assert reported.kind == "inapplicable"
     assert "delta" in reported.message
-    assert check_points.uncovered(domain.Domain.of(solid))

@@ -151,49 +151,41 @@ class Verdict(NamedTuple):
     statistics: dict | None = None
 
 
-def document(
-    bounder: "Bounder",
-    grid: Shape | None,
-    kind: str,
-    threshold: float,
-    least: float,
-    boxes: int,
-    seconds: float,
-    message: str,
-    counterexample=None,
-    numbers: str = "",
-    **more,
-) -> Certificate:
-    """The certificate of a bounder for a grid, or ``None`` where the object cannot be the bounded one.
+def document(bounder: "Bounder", shape: Shape, verdict: Verdict, seconds: float, numbers: str = "") -> Certificate:
+    """The certificate of a bounder, at its threshold, for a shape.
 
-    ``least`` is its ``lower_bound``; the others are fields of ``Certificate``. To the message is added what the claim
-    is about and what restricts the object (``Shape.restriction``), then sentences with ``numbers``, and what placements
-    are covered.
+    To the verdict's message is added what the claim is about and what restricts the object (``Shape.restriction``),
+    then sentences with ``numbers``, and what placements are covered. Where the claim cannot be about the shape, no more
+    of the shape is said than its digest, and it may be anything.
     """
-    base = bounder.domain.base
-    if grid is not None:
-        sentences = [f"{message.strip().rstrip('.')}.", about(bounder, grid), numbers, _placed(bounder)]
+    base, message, of_shape = bounder.domain.base, verdict.message, {"delta": [], "cells": 0}
+    if verdict.kind != "inapplicable":
+        sentences = [f"{message.strip().rstrip('.')}.", about(bounder, shape), numbers, _placed(bounder)]
         message = " ".join(filter(None, sentences))
+        of_shape = {
+            "delta": (base.delta / (base.scale / shape.details_per_unit)).tolist(),
+            "cells": len(shape.occupied) if isinstance(shape, Grid) else 0,
+            "object": shape.name,
+            "margin": float(shape.margin),
+            "resolution": shape.resolution,
+            "placement": placement_allowance(bounder.domain).tolist(),
+        }
+    x = verdict.counterexample
     return Certificate(
-        kind=kind,
+        kind=verdict.kind,
         query=bounder.query_kind,
         domain=[base.lower.tolist(), base.upper.tolist()],
-        threshold=float(np.float32(threshold)),
-        lower_bound=float(np.clip(least, *FINITE)),
+        threshold=float(bounder.threshold),
+        lower_bound=float(np.clip(verdict.lower_bound, *FINITE)),
         rounding_bound=bounder.rounding_bound(),
-        delta=[] if grid is None else (base.delta / (base.scale / grid.details_per_unit)).tolist(),
-        boxes=int(boxes),
+        boxes=int(verdict.boxes),
         seconds=round(float(seconds), 3),
-        indicator="" if grid is None else grid.digest,
-        cells=len(grid.occupied) if isinstance(grid, Grid) else 0,
-        counterexample=None if counterexample is None else [float(c) for c in counterexample],
+        indicator=getattr(shape, "digest", ""),
+        counterexample=None if x is None else [float(c) for c in x],
         message=message,
-        object=None if grid is None else grid.name,
-        margin=None if grid is None else float(grid.margin),
         length=bounder.domain.length,
-        resolution=None if grid is None else grid.resolution,
-        placement=None if grid is None else placement_allowance(bounder.domain).tolist(),
-        **more,
+        **of_shape,
+        **(verdict.statistics or {}),
     )
 
 

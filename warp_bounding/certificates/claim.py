@@ -17,9 +17,8 @@ import numpy as np
 from warp_bounding import shapes
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BoundingError, FileFormatError, ShapeError
-from warp_bounding.queries.boundary import border_points
 from warp_bounding.queries.distance import DISTANCE
-from warp_bounding.rounding import round_down
+from warp_bounding.rounding import UNIT32, round_down
 from warp_bounding.shapes.complement import SIDES, Complement, outside_of
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.recentred import Frame, own_coordinates, parted
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     from warp_bounding.bounders.bounder import Bounder
 
 OUTSIDE = "the shape reaches outside the domain that the bounder was made for"
-BORDER = 65_536  # points of a border among which some outside the domain are looked for
 
 
 # --- a bounder and a shape -------------------------------------------------------------------------------------------
@@ -124,12 +122,25 @@ def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
         return "the shape's joints have other limits, turns or weights than those that the bounder was made for"
     if shape.time and (other := _other_times(bounder, shape)):
         return other
-    return domain.fault() or (OUTSIDE if _reaches_outside(bounder, shape) else None)
+    if fault := domain.fault():
+        return fault
+    return OUTSIDE if shape.reaches_beyond(domain.base.lower, domain.base.upper) else None
 
 
 def target(bounder: "Bounder") -> float:
     """What every lower bound of f must reach: at least the exact sum of the threshold and the rounding bound E."""
     return float(np.nextafter(float(bounder.threshold) + bounder.rounding_bound(), np.inf))
+
+
+def uncovered(bounder: "Bounder") -> str:
+    """A message if ``delta`` is less than the rounding on the way to v at a corner of the domain; empty if it is not.
+
+    Three operations round: the point to float32, its difference to the centre, and the product with the scale.
+    """
+    domain = bounder.domain.base
+    center, scale = np.float64(domain.center), np.float64(domain.scale)
+    needed = [UNIT32 * (np.abs(x) * scale + 2 * np.abs(x - center) * scale) for x in (domain.lower, domain.upper)]
+    return "the domain's delta does not cover what float32 rounds" if (np.maximum(*needed) > domain.delta).any() else ""
 
 
 def _other_times(bounder: "Bounder", shape: Shape) -> str | None:
@@ -145,35 +156,6 @@ def _other_times(bounder: "Bounder", shape: Shape) -> str | None:
         moves = "by no speed that is known" if shape.speed is None else f"by up to {shape.speed:.6g} a unit of time"
         return f"the shape moves {moves}, the bounder knows {base.speed:.6g}"
     return None
-
-
-def _reaches_outside(bounder: "Bounder", shape: Shape) -> bool:
-    """Whether a shape may have points outside the bounder's domain."""
-    if isinstance(shape, Grid):
-        return len(outside(bounder, shape)) > 0
-    domain = bounder.domain.base
-    if domain.unbounded:  # proofs search all of the domain, and outside it the answer is maybe
-        return False
-    for side, axis in np.argwhere([shape.lower < domain.lower, shape.upper > domain.upper]):
-        beyond = np.array([shape.lower, shape.upper])
-        beyond[1 - side, axis] = (domain.lower, domain.upper)[side][axis]
-        if not shape.empty(*beyond[:, None])[0]:
-            return True
-    return False
-
-
-def outside(bounder: "Bounder", shape: Shape) -> np.ndarray:
-    """``(N, n)`` points in object space: those that may be in the shape and outside the bounder's domain.
-
-    Middles of the cells that reach outside, or of a shape without cells points of its border.
-    """
-    domain = bounder.domain.base
-    if isinstance(shape, Grid):
-        x = shape.position(shape.occupied)
-        lower, upper = shape.position(shape.occupied - 0.5), shape.position(shape.occupied + 0.5)
-    else:
-        x = lower = upper = border_points(shape, BORDER, np.random.default_rng(0))
-    return x[((lower < domain.lower) | (upper > domain.upper)).any(axis=1)]
 
 
 # --- a bounder and what is expected of it, or another one ------------------------------------------------------------

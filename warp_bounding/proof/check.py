@@ -1,27 +1,38 @@
 """Prove from scratch what a file claims: which claim it is, whether it can be about the shape, and what must be proven.
 
-The checks themselves are apart: of points and planes (``check_points``), and of distances (``check_distances``). Both
-halve boxes in a loop of their own (``halving``), and ``taylor`` bounds networks.
+Both searches are loops of their own, which halve boxes (``halving``): of points and planes (``covering``), and of
+distances (``distances``), by other boxes than those by which the threshold was set. ``taylor`` bounds networks. A
+volume has one bound, here and where its threshold is set; where F is the distance to a volume, that volume is checked.
+Where the shape certifies no box, fresh positives are queried (``stress``).
 """
 
 import os
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
+from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, Verdict, conjunction, document
-from warp_bounding.certificates.claim import OUTSIDE, fitted_and_fault, in_local, mismatch, outside
+from warp_bounding.certificates.claim import OUTSIDE, fitted_and_fault, in_local, mismatch, target, uncovered
 from warp_bounding.errors import BounderError, BoundingError
-from warp_bounding.proof.check_distances import check_distance, distance_to, overestimated, volume_of
-from warp_bounding.proof.check_points import check_part, denied, uncovered
-from warp_bounding.proof.halving import Checkpoint
+from warp_bounding.proof.covering import Checked, check_covering, cover_cells, cover_domain, cover_planes
+from warp_bounding.proof.distances import overestimate_within
+from warp_bounding.proof.halving import Checkpoint, unfinished
+from warp_bounding.proof.prove import TOUCHED
+from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import TaylorBounds
-from warp_bounding.queries import QUERIES
+from warp_bounding.queries import QUERIES, decision
+from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.shapes.shape import Shape
+from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import IN, Shape
+
+BORDER = 65_536  # points of a border among which some outside the domain are looked for
+LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
+AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a counterexample is searched for
+CLOSE = "f comes closer to the threshold than the proof's margins for rounding allow"
 
 
 def certify(
@@ -84,7 +95,7 @@ def certify(
     except BoundingError as error:
         fault = str(error)
     if fault:
-        return _inapplicable(bounder, shape, fault)
+        return document(bounder, shape, Verdict("inapplicable", fault, 0.0), 0.0)
     bounder, shape = (TaylorBounds().given_to(each) for each in (bounder, shape))
     options = {"checkpoint": checkpoint, "progress": progress, "scheduler": scheduler}
     certificate = _certify(bounder, shape, expected, budget, **options)
@@ -118,11 +129,11 @@ def _certify(
     started = working_seconds()
     shape, fault = fitted_and_fault(bounder, shape, expected)
     if not bounder.of_distances:
-        fault = fault or uncovered(bounder.domain.base)
+        fault = fault or uncovered(bounder)
     if not bounder.conservative:
         fault = f"{bounder.method} is not conservative"
     if fault and fault != OUTSIDE:
-        return _inapplicable(bounder, shape, fault)
+        return document(bounder, shape, Verdict("inapplicable", fault, 0.0), 0.0)
     volume, saved = volume_of(bounder) if bounder.of_distances else None, None
     parts = bounder.parts if volume is None else [volume]
     if fault:  # the object reaches out of the domain, where the bounder answers before any part does
@@ -135,7 +146,7 @@ def _certify(
     for part in parts:
         begun = working_seconds() - (saved.seconds if saved else 0.0)
         if part is not bounder:
-            fault = mismatch(part, shape) or uncovered(part.domain.base)
+            fault = mismatch(part, shape) or uncovered(part)
         limits = {"budget": max(budget - (working_seconds() - started), 0.0), "checkpoint": saved, **options}
         deployed = bounder if volume is None else volume
         if fault:
@@ -146,7 +157,7 @@ def _certify(
             verdict = check_part(part, shape, deployed, **limits)
         if part is volume:
             part, verdict = bounder, distance_to(bounder, shape, verdict)
-        certificates.append(_certificate(part, shape, verdict, working_seconds() - begun))
+        certificates.append(document(part, shape, verdict, working_seconds() - begun))
         if verdict.kind not in ("proven", "statistical"):
             break
     return conjunction(certificates)
@@ -155,20 +166,186 @@ def _certify(
 def _at_fault(bounder: Bounder, shape: Shape, deployed: Bounder, fault: str) -> Verdict:
     """What is known where the claim is not about the shape: points of it outside the domain may refute the claim."""
     x = None
-    if fault == OUTSIDE and bounder.of_distances:
-        x = overestimated(bounder, shape, outside(bounder, shape))
-    elif fault == OUTSIDE and not QUERIES[bounder.query_kind].is_region:
-        x = denied(deployed, shape, outside(bounder, shape))
+    if fault == OUTSIDE and (bounder.of_distances or not QUERIES[bounder.query_kind].is_region):
+        domain = bounder.domain.base
+        if isinstance(shape, Grid):
+            x = shape.position(shape.cells_beyond(domain.lower, domain.upper))
+        else:
+            x = border_points(shape, BORDER, np.random.default_rng(0))
+            x = x[((x < domain.lower) | (x > domain.upper)).any(axis=1)]
+        x = overestimated(bounder, shape, x) if bounder.of_distances else denied(deployed, shape, x)
     return Verdict("undecided" if x is None else "refuted", fault, float(bounder.threshold), counterexample=x)
 
 
-def _certificate(bounder: Bounder, shape: Shape | None, verdict: Verdict, seconds: float) -> Certificate:
-    """A verdict's certificate."""
-    kind, message, least, boxes, counterexample, statistics = verdict
-    about = bounder, shape, kind, float(bounder.threshold), least, boxes, seconds, message, counterexample
-    return document(*about, **(statistics or {}))
+# --- points and regions -----------------------------------------------------------------------------------------------
 
 
-def _inapplicable(bounder: Bounder, shape, reason: str) -> Certificate:
-    certificate = _certificate(bounder, None, Verdict("inapplicable", reason, 0.0), 0.0)
-    return replace(certificate, indicator=getattr(shape, "digest", ""))
+def check_part(bounder: Bounder, shape: Shape, deployed: Bounder, budget: float, **options) -> Verdict:
+    """Check one part of a conjunction.
+
+    Args:
+        bounder: The part.
+        shape: What it must be proven for.
+        deployed: The whole: a query that it does not deny refutes nothing.
+        budget: Seconds.
+        **options: For ``halving.search``.
+    """
+    if QUERIES[bounder.query_kind].is_region:
+        verdict = _check_regions(bounder, shape, budget, options)
+    elif shape.certified:
+        verdict = _check_points(bounder, shape, deployed, budget, options)
+    else:
+        verdict = _test(bounder, shape, budget)
+    x = verdict.counterexample
+    if x is not None and deployed.query(np.float32(x)[None]).numpy()[0]:
+        text = "a part by itself denies a query that meets the object, and the whole does not"
+        return verdict._replace(kind="undecided", message=text, counterexample=None)
+    return verdict
+
+
+def _check_points(bounder: Bounder, shape: Shape, deployed: Bounder, budget: float, options: dict) -> Verdict:
+    """``check_part`` of points, where the shape certifies boxes."""
+    if not isinstance(shape, Grid):
+        shape.check()
+        if bounder.exact_on_hull(shape):
+            least, boxes = bounder.least(shape)
+            if target(bounder) <= least < np.inf:
+                return _proven(bounder, least, boxes)
+    covering = cover_cells(bounder, shape) if isinstance(shape, Grid) else cover_domain(bounder, shape)
+    checked = check_covering(covering, target(bounder), budget, **options)
+    if checked.complete and checked.suspects is None:
+        return _proven(bounder, checked.least, checked.boxes)
+    if checked.complete:
+        text, x = CLOSE, denied(deployed, shape, checked.suspects)
+    else:
+        text = unfinished(f"{budget:.3g} s", options["checkpoint"])
+        x = next(iter(descend(deployed, shape, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]), None)
+    return _unproven(bounder, x, text, checked.least, checked.boxes)
+
+
+def _check_regions(bounder: Bounder, shape: Shape, budget: float, options: dict) -> Verdict:
+    """``check_part`` of rays, planes and boxes."""
+    checked, text = Checked(-np.inf, 0), CLOSE
+    try:
+        if bounder.exact_on_cells:
+            checked = Checked(*bounder.least(shape))
+        else:
+            checked = check_covering(cover_planes(bounder, shape), target(bounder), budget, **options)
+    except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
+        text = str(error)
+    decided = checked.complete and checked.suspects is None
+    if decided and target(bounder) <= checked.least < np.inf:  # infinity: no positive was looked at
+        return _proven(bounder, checked.least, checked.boxes)
+    x = None if checked.suspects is None else _denied_near(bounder, shape, checked.suspects)
+    if x is None:
+        x = try_positives(bounder, shape, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
+    text = text if checked.complete else unfinished(f"{budget:.3g} s", options["checkpoint"])
+    return _unproven(bounder, x, text, checked.least, checked.boxes)
+
+
+def _test(bounder: Bounder, shape: Shape, budget: float) -> Verdict:
+    """A statistical verdict by fresh positives, where there is no proof."""
+    done, lowest, x = try_positives(bounder, shape, POSITIVES, fresh_seed(), budget=budget)
+    if x is not None or not done:
+        lowest = lowest if done else float(bounder.threshold)
+        return _unproven(bounder, x, f"no positive could be queried within {budget:g} s", lowest, 0)
+    rate = fn_rate_bound(done)
+    text = (
+        f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
+        f"fewer than {rate:.2g} of such queries are missed."
+    )
+    counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE}
+    return Verdict("statistical", text, lowest, statistics=counts | {"worst_margin": lowest - float(bounder.threshold)})
+
+
+def _proven(bounder: Bounder, least: float, boxes: int) -> Verdict:
+    text = f"Proven from scratch: every {QUERIES[bounder.query_kind].positive} is answered with maybe."
+    return Verdict("proven", text, least, boxes)
+
+
+def _unproven(bounder: Bounder, x: np.ndarray | None, text: str, least: float, boxes: int) -> Verdict:
+    """Refuted by a query ``x`` that is denied; without one undecided, for the reason in ``text``."""
+    if x is None:
+        return Verdict("undecided", text, least, boxes)
+    return Verdict("refuted", f"a {bounder.query_kind} that meets the object is answered with no", least, boxes, x)
+
+
+def denied(bounder: Bounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:
+    """The first of these points, as float32, that lies in the object and that the bounder denies."""
+    x = np.asarray(x, dtype=np.float64).astype(np.float32)
+    x = x[shape.contains(x)]
+    return next(iter(x[~bounder.query(x).numpy()]), None) if len(x) else None
+
+
+def _denied_near(bounder: Bounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
+    """A float32 query at or close to coordinates ``v`` that meets the object and that the bounder denies."""
+    truth = decision(bounder.query_kind, shape, bounder.device, bounder.domain.oracle_length)
+    rng = np.random.default_rng(0)
+    for step in AROUND:
+        x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
+        missed = np.flatnonzero(~bounder.query(x).numpy() & (truth(x) == IN))
+        if len(missed):
+            return x[missed[0]]
+    return None
+
+
+# --- distances -------------------------------------------------------------------------------------------------------
+
+
+def check_distance(bounder: DistanceBounder, shape: Shape, budget: float, **options) -> Verdict:
+    """Check a distance whose F is bounded over boxes.
+
+    Args:
+        bounder: Its threshold and numbers are taken as they are; its own certificate is ignored.
+        shape: The object, its margin included.
+        budget: Seconds allowed.
+        **options: For ``halving.search``.
+    """
+    overestimate, boxes, complete, suspects = overestimate_within(bounder, shape, -target(bounder), budget, **options)
+    text = "F comes closer to the distance than the proof allows"
+    if not complete:
+        text = unfinished(f"{budget:.3g} s", options["checkpoint"])
+    return _concluded(bounder, shape, -overestimate, boxes, text, suspects)
+
+
+def volume_of(bounder: DistanceBounder) -> Bounder | None:
+    """The bounder of points whose volume's distance F is, to be checked by itself; ``None`` if F is another one."""
+    if bounder.volume is None:
+        return None
+    volume = bounder.volume.to()
+    volume.info = {name: bounder.info.get(name) for name in ("margin", "resolution")}
+    return volume
+
+
+def distance_to(bounder: DistanceBounder, shape: Shape, volume: Verdict) -> Verdict:
+    """The verdict of a distance to a volume, from that of the volume."""
+    suspects = np.reshape([] if volume.counterexample is None else volume.counterexample, (-1, shape.ndim))
+    if volume.kind == "proven":
+        text = "the threshold does not cover what float32 rounds"
+        return _concluded(bounder, shape, 0.0, volume.boxes, text, suspects)
+    return _concluded(bounder, shape, -np.inf, volume.boxes, volume.message, suspects)
+
+
+def _concluded(
+    bounder: DistanceBounder, shape: Shape, least: float, boxes: int, text: str, suspects: np.ndarray
+) -> Verdict:
+    """The verdict where ``d - F >= least`` holds; ``text`` says why that may not be enough."""
+    if float(bounder.threshold) <= 0 and target(bounder) <= least < np.inf:
+        text = f"Proven from scratch: the distance is never overestimated{TOUCHED if shape.time else ''}."
+        return Verdict("proven", text, least, boxes)
+    if (x := overestimated(bounder, shape, suspects)) is not None:
+        return Verdict("refuted", "a distance is overestimated", least, boxes, x)
+    return Verdict("undecided", text, least, boxes)
+
+
+def overestimated(bounder: DistanceBounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:
+    """The first of these points, as float32, whose distance the deployed bounder overestimates for certain."""
+    x = np.asarray(x, dtype=np.float64).astype(np.float32)
+    if not len(x):
+        return None
+    g, known = bounder.distance(x).numpy().astype(np.float64), shape.distances(x)
+    above = (g > 0) & (shape.decide(x) == IN)
+    if known is not None:
+        above |= g > known[:, 1]
+    missed = np.flatnonzero(above)
+    return x[missed[0]] if len(missed) else None

@@ -11,10 +11,10 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.certificates.claim import as_fitted, in_local, mismatch, target
+from warp_bounding.certificates.claim import as_fitted, in_local, mismatch, target, uncovered
 from warp_bounding.errors import BounderError, FileFormatError, ProofError
 from warp_bounding.proof.check import check_budget
-from warp_bounding.proof.check_points import ReachesTarget, check_covering, cover_domain, uncovered
+from warp_bounding.proof.covering import ReachesTarget, check_covering, cover_domain
 from warp_bounding.proof.halving import Boxes, Checkpoint, unfinished
 from warp_bounding.proof.prove import settle
 from warp_bounding.proof.search import Search
@@ -79,7 +79,7 @@ def make_proven(
     frame = bounder.frame
     bounder, shape = in_local(bounder, shape)
     grid = as_fitted(bounder, shape)
-    if reason := mismatch(bounder, grid) or uncovered(bounder.domain.base):
+    if reason := mismatch(bounder, grid) or uncovered(bounder):
         raise BounderError(f"{bounder.method}: {reason}")
     if isinstance(grid, Grid) or bounder.query_kind != "point" or len(bounder.parts) > 1:
         raise BounderError(f"{bounder.method}: expected a bounder of points of a shape without cells, in one part")

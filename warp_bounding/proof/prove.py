@@ -10,7 +10,7 @@ import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
-from warp_bounding.certificates import Certificate, document, shown
+from warp_bounding.certificates import Certificate, Verdict, document, shown
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError
 from warp_bounding.proof.distances import largest_overestimate
@@ -213,7 +213,7 @@ def settle(bounder: Bounder, grid: Shape, search: Search) -> Certificate:
         rounded = f"in float32 at most {error:.2g} less" if error else "in float32 too"
         least, from_ = shown(search.lower_bound), shown(threshold)
         numbers = f"For every {positive} f >= {least}, {rounded}; from f = {from_} on the answer is maybe."
-    found = (search.lower_bound, search.boxes, search.seconds)
-    certificate = document(bounder, grid, "proven", threshold, *found, message, numbers=numbers)
+    verdict = Verdict("proven", message, search.lower_bound, search.boxes)
+    certificate = document(bounder.freeze(threshold, None), grid, verdict, search.seconds, numbers)
     bounder.freeze(threshold, certificate)
     return certificate

@@ -35,7 +35,7 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
-from warp_bounding.certificates import Certificate, document, fn_rate_bound
+from warp_bounding.certificates import Certificate, Verdict, document, fn_rate_bound
 from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, mismatch
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof.search import ShapePositives, halve
@@ -175,17 +175,14 @@ def statistical_test(
         f"(attempt {restart + 1}{before}, judged at {judged:.6%}, so that all attempts together keep to "
         f"{CONFIDENCE:.0%})."
     )
-    threshold, spent = float(bounder.threshold), working_seconds() - started
     # No f was computed where every positive was answered without one, or none was queried.
-    margin = lowest - threshold if np.isfinite(lowest) else None
+    margin = lowest - float(bounder.threshold) if np.isfinite(lowest) else None
     counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE, "worst_margin": margin}
     found = f", which found no denied positive in {opened:,} open boxes at last" if opened else ""
-    counts |= {
-        "numbers": f"The threshold was set by an adversarial search{found}. No proof was tried.",
-        "restarts": restart,
-    }
-    certificate = document(bounder, grid, "statistical", threshold, least, 0, spent, message, **counts)
-    bounder.freeze(threshold, certificate)
+    numbers = f"The threshold was set by an adversarial search{found}. No proof was tried."
+    verdict = Verdict("statistical", message, least, statistics=counts | {"restarts": restart})
+    certificate = document(bounder, grid, verdict, working_seconds() - started, numbers)
+    bounder.freeze(float(bounder.threshold), certificate)
     return certificate
 
 

@@ -41,7 +41,7 @@ while (some) {
 
 
 class PointQuery(Query):
-    """Point queries; ``Grid.contains`` is a plain reference implementation of their oracle too."""
+    """Point queries; ``Grid.decide`` is a plain reference implementation of their oracle too."""
 
     name = "point"
     decider = "decide"

@@ -228,24 +228,10 @@ class Grid(Shape):
 
     # --- what it is --------------------------------------------------------------------------------------------------
 
-    def contains(self, x: np.ndarray) -> np.ndarray:
-        """The truth for points, in plain NumPy: is a closed occupied cell around them?
-
-        Args:
-            x: ``(N, n)``, object space. Points outside the grid, and NaN, are in no cell.
-
-        Returns:
-            ``(N,)`` bool.
-
-        Raises:
-            QueryError: For another shape.
-
-        Example:
-            >>> grid.contains(np.array([[0.5, 0.5, 0.5], [0.0, 0.0, 0.0]]))
-            array([ True, False])
-        """
+    def decide(self, x: np.ndarray) -> np.ndarray:
+        """In plain NumPy: is a closed occupied cell around them? Points outside the grid, and NaN, are in none."""
         with np.errstate(invalid="ignore", over="ignore"):
-            t = self.cell_coordinate(self._points(x))
+            t = self.cell_coordinate(x)
             first, last = np.ceil(t - 0.5), np.floor(t + 0.5)  # all cells i with |t - i| <= 1/2: one, or two on a face
         found = np.zeros(len(t), dtype=bool)
         for choice in np.ndindex((2,) * self.ndim):
@@ -253,13 +239,18 @@ class Grid(Shape):
             inside = ((cell >= 0) & (cell < self.shape)).all(axis=1)  # False for NaN
             index = np.where(inside[:, None], cell, 0).astype(np.int64)
             found |= inside & self.occupancy[tuple(index.T)]
-        return found
-
-    def decide(self, x: np.ndarray) -> np.ndarray:
-        return self.contains(x).astype(np.uint8)
+        return found.astype(np.uint8)
 
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return (lower <= upper).all(axis=1) & (block_counts(self._table, *self._blocks(lower, upper)) == 0)
+
+    def cells_beyond(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
+        """``(K, n)``, those of ``occupied`` that reach outside the box with these corners, object space."""
+        low, high = self.position(self.occupied - 0.5), self.position(self.occupied + 0.5)
+        return self.occupied[((low < lower) | (high > upper)).any(axis=1)]
+
+    def reaches_beyond(self, lower: np.ndarray, upper: np.ndarray) -> bool:
+        return len(self.cells_beyond(lower, upper)) > 0
 
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         first, end = self._blocks(lower, upper)

@@ -376,18 +376,18 @@ class Shape(Picklable, ABC):
 
         Raises:
             QueryError: For another shape, or values of joints that are far beyond their limits, such as degrees.
-        """
-        return self.decide(self._points(x)) != OUT
 
-    def _points(self, x: np.ndarray) -> np.ndarray:
-        """What ``contains`` is given, checked."""
+        Example:
+            >>> grid.contains(np.array([[0.5, 0.5, 0.5], [0.0, 0.0, 0.0]]))
+            array([ True, False])
+        """
         x = np.asarray(x)
         if x.ndim != 2 or x.shape[1] != self.ndim:
             mend = "" if self.joints is None else PER_JOINT
             raise QueryError(f"{self.name}: points must have shape (N, {self.ndim}), got {x.shape}{mend}")
         if self.joints is not None and (fault := self.joints.other_units(x)):
             raise QueryError(f"{self.name}: {fault}")
-        return x
+        return self.decide(x) != OUT
 
     @abstractmethod
     def empty(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
@@ -399,6 +399,15 @@ class Shape(Picklable, ABC):
     def inside(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         """Certified: which closed boxes lie in the object whole; ``(N,)`` bool, False proves nothing."""
         return np.zeros(len(lower), dtype=bool)
+
+    def reaches_beyond(self, lower: np.ndarray, upper: np.ndarray) -> bool:
+        """Whether the object may have points outside the closed box with these corners ``(n,)``."""
+        for side, axis in np.argwhere([self.lower < lower, self.upper > upper]):
+            beyond = np.array([self.lower, self.upper])
+            beyond[1 - side, axis] = (lower, upper)[side][axis]
+            if not self.empty(*beyond[:, None])[0]:
+                return True
+        return False
 
     def half_spaces(self, lower: np.ndarray, upper: np.ndarray) -> HalfSpaces | None:
         """Half-spaces that hold the object's points in closed boxes of finite corners ``(N, n)``; ``None`` if unknown.

@@ -1,9 +1,8 @@
-"""Checks ``f >= threshold + E`` over all positives of a bounder of points or regions, in a loop of its own.
+"""Checks ``f >= threshold + E`` over all positives of a bounder of points or planes, in a loop of its own.
 
 Boxes cover what comes from the object: cell by cell; of a shape without cells the whole domain, of which boxes that the
 shape certifies to be empty are left out; of planes all normals. They are halved (``halving``) until every bound reaches
-the target or a counterexample is found. A volume has one bound, here and where its threshold is set. Where the shape
-certifies no box, fresh positives are queried (``stress``).
+the target or a counterexample is found.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -12,142 +11,22 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.bounders.bounder import Bounder
-from warp_bounding.certificates import Verdict
-from warp_bounding.certificates.claim import target
-from warp_bounding.errors import BounderError
 from warp_bounding.networks.bounds import BoxBounds
-from warp_bounding.proof.halving import Boxes, Seen, search, unfinished
+from warp_bounding.proof.halving import Boxes, Seen, search
 from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives
-from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
-from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.domain import Domain
-from warp_bounding.rounding import UNIT32, UNIT64
+from warp_bounding.rounding import UNIT64
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.shape import IN, Shape
+from warp_bounding.shapes.shape import Shape
 
 PULL = 1e-4  # share of the way to its cell's centre: each suspect is also tried there, farther inside
 INWARD = 1 - 1e-3  # of the way from the domain's middle to a suspect: it is tried there, too
-LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
-AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a counterexample is searched for
 BOX_BATCH = 16384  # boxes or cells of one step
 TRIED = 512  # points of a chunk, those of the least f, that are tested for being positives
 SUSPECTS = 1024  # points of least f that are tried as counterexamples
 SMALLEST = 1e-9  # a box narrower than this, in the coordinates that f takes, ends the proof
 FINER = 1 / 8  # times the fit's smallest box: the size at which a box counts as object here
-CLOSE = "f comes closer to the threshold than the proof's margins for rounding allow"
-
-
-def check_part(bounder: Bounder, shape: Shape, deployed: Bounder, budget: float, **options) -> Verdict:
-    """Check one part of a conjunction.
-
-    Args:
-        bounder: The part.
-        shape: What it must be proven for.
-        deployed: The whole: a query that it does not deny refutes nothing.
-        budget: Seconds.
-        **options: For ``halving.search``.
-    """
-    if QUERIES[bounder.query_kind].is_region:
-        verdict = _check_regions(bounder, shape, budget, options)
-    elif shape.certified:
-        verdict = _check_points(bounder, shape, deployed, budget, options)
-    else:
-        verdict = _test(bounder, shape, budget)
-    x = verdict.counterexample
-    if x is not None and deployed.query(np.float32(x)[None]).numpy()[0]:
-        text = "a part by itself denies a query that meets the object, and the whole does not"
-        return verdict._replace(kind="undecided", message=text, counterexample=None)
-    return verdict
-
-
-def _check_points(bounder: Bounder, shape: Shape, deployed: Bounder, budget: float, options: dict) -> Verdict:
-    """``check_part`` of points, where the shape certifies boxes."""
-    if not isinstance(shape, Grid):
-        shape.check()
-        if bounder.exact_on_hull(shape):
-            least, boxes = bounder.least(shape)
-            if target(bounder) <= least < np.inf:
-                return _proven(bounder, least, boxes)
-    covering = cover_cells(bounder, shape) if isinstance(shape, Grid) else cover_domain(bounder, shape)
-    checked = check_covering(covering, target(bounder), budget, **options)
-    if checked.complete and checked.suspects is None:
-        return _proven(bounder, checked.least, checked.boxes)
-    if checked.complete:
-        text, x = CLOSE, denied(deployed, shape, checked.suspects)
-    else:
-        text = unfinished(f"{budget:.3g} s", options["checkpoint"])
-        x = next(iter(descend(deployed, shape, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]), None)
-    return _unproven(bounder, x, text, checked.least, checked.boxes)
-
-
-def _check_regions(bounder: Bounder, shape: Shape, budget: float, options: dict) -> Verdict:
-    """``check_part`` of rays, planes and boxes."""
-    checked, text = Checked(-np.inf, 0), CLOSE
-    try:
-        if bounder.exact_on_cells:
-            checked = Checked(*bounder.least(shape))
-        else:
-            checked = check_covering(cover_planes(bounder, shape), target(bounder), budget, **options)
-    except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
-        text = str(error)
-    decided = checked.complete and checked.suspects is None
-    if decided and target(bounder) <= checked.least < np.inf:  # infinity: no positive was looked at
-        return _proven(bounder, checked.least, checked.boxes)
-    x = None if checked.suspects is None else _denied_near(bounder, shape, checked.suspects)
-    if x is None:
-        x = try_positives(bounder, shape, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
-    text = text if checked.complete else unfinished(f"{budget:.3g} s", options["checkpoint"])
-    return _unproven(bounder, x, text, checked.least, checked.boxes)
-
-
-def _test(bounder: Bounder, shape: Shape, budget: float) -> Verdict:
-    """A statistical verdict by fresh positives, where there is no proof."""
-    done, lowest, x = try_positives(bounder, shape, POSITIVES, fresh_seed(), budget=budget)
-    if x is not None or not done:
-        lowest = lowest if done else float(bounder.threshold)
-        return _unproven(bounder, x, f"no positive could be queried within {budget:g} s", lowest, 0)
-    rate = fn_rate_bound(done)
-    text = (
-        f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
-        f"fewer than {rate:.2g} of such queries are missed."
-    )
-    counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE}
-    return Verdict("statistical", text, lowest, statistics=counts | {"worst_margin": lowest - float(bounder.threshold)})
-
-
-def _proven(bounder: Bounder, least: float, boxes: int) -> Verdict:
-    text = f"Proven from scratch: every {QUERIES[bounder.query_kind].positive} is answered with maybe."
-    return Verdict("proven", text, least, boxes)
-
-
-def _unproven(bounder: Bounder, x: np.ndarray | None, text: str, least: float, boxes: int) -> Verdict:
-    """Refuted by a query ``x`` that is denied; without one undecided, for the reason in ``text``."""
-    if x is None:
-        return Verdict("undecided", text, least, boxes)
-    return Verdict("refuted", f"a {bounder.query_kind} that meets the object is answered with no", least, boxes, x)
-
-
-def denied(bounder: Bounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:
-    """The first of these points, as float32, that lies in the object and that the bounder denies."""
-    x = np.asarray(x, dtype=np.float64).astype(np.float32)
-    x = x[shape.contains(x)]
-    return next(iter(x[~bounder.query(x).numpy()]), None) if len(x) else None
-
-
-def _denied_near(bounder: Bounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
-    """A float32 query at or close to coordinates ``v`` that meets the object and that the bounder denies."""
-    truth = decision(bounder.query_kind, shape, bounder.device, bounder.domain.oracle_length)
-    rng = np.random.default_rng(0)
-    for step in AROUND:
-        x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
-        missed = np.flatnonzero(~bounder.query(x).numpy() & (truth(x) == IN))
-        if len(missed):
-            return x[missed[0]]
-    return None
-
-
-# --- the search ------------------------------------------------------------------------------------------------------
 
 
 class PositivesOnly:
@@ -267,16 +146,6 @@ def reachable(domain: Domain, lower: np.ndarray, upper: np.ndarray) -> tuple[np.
         v += sign * (domain.delta + 4 * UNIT64 * (np.abs(v) + domain.delta))  # a difference, a product, a sum
         sides.append(np.clip(v, -limit, limit))
     return sides[0], sides[1]
-
-
-def uncovered(domain: Domain) -> str:
-    """A message if ``delta`` is less than the rounding on the way to v at a corner of the domain; empty if it is not.
-
-    Three operations round: the point to float32, its difference to the centre, and the product with the scale.
-    """
-    center, scale = np.float64(domain.center), np.float64(domain.scale)
-    needed = [UNIT32 * (np.abs(x) * scale + 2 * np.abs(x - center) * scale) for x in (domain.lower, domain.upper)]
-    return "the domain's delta does not cover what float32 rounds" if (np.maximum(*needed) > domain.delta).any() else ""
 
 
 def cover_cells(bounder: Bounder, grid: Grid) -> Covering:
