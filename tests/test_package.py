@@ -5,6 +5,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
+import warp_bounding as wb
+
 ROOT = Path(__file__).parents[1]
 HEAVY = ("torch", "trimesh", "pyvista", "matplotlib", "scipy", "typer", "PIL", "pxr")
 
@@ -39,3 +43,9 @@ def test_help_is_quick_and_imports_no_library():
     code = "import sys; from warp_bounding.cli import main\ntry: main(['info', '--help'])\nexcept SystemExit: pass\n"
     code += "print([name for name in ('warp', 'torch', 'scipy', 'numpy') if name in sys.modules])"
     assert python(code) == "[]"
+
+
+@pytest.mark.parametrize("name", ["union", "hierarchy", "load_indicator", "bake", "IndicatorMesh"])
+def test_names_of_earlier_releases_say_what_to_use(name):
+    with pytest.raises(AttributeError, match=f"wb.{name} is gone: take wb."):
+        getattr(wb, name)

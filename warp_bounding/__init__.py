@@ -89,11 +89,28 @@ _HOMES = {
 }
 _MODULES = ("arms", "baking", "newton", "pairs", "proof", "shapes", "views")
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
+# What 0.2.0 had under other names, or has been removed since.
+_GONE = {f"Indicator{name}": f"wb.shapes.{name}" for name in ("Function", "Grid", "Mesh", "Network")}
+_GONE |= {name: f"wb.baking.{name}" for name in ("Baked", "BounderLibrary", "BounderStack", "bake")}
+_GONE |= dict.fromkeys(("union", "hierarchy"), "wb.fit of the whole shape, or wb.cascade of proven bounders")
+_GONE |= {
+    "Complement": "wb.shapes.Complement",
+    "IndicatorBlendShapes": "wb.shapes.MovingMesh, or a wb.shapes.Mesh at each pose",
+    "IndicatorError": "wb.ShapeError",
+    "IndicatorMotion": "wb.shapes.MovingMesh",
+    "choose_among": "wb.choose(bounders=)",
+    "clear_segments": "wb.proof.clear_segments",
+    "load_indicator": "wb.load_shape",
+    "proven_share": "wb.certify, which proves or refutes the whole",
+    "solids": "wb.shapes.Function; np.minimum of distances unites, np.maximum intersects",
+}
 
 
 def __getattr__(name: str):
     if name in _MODULES:
         return import_module(f"{__name__}.{name}")
+    if name in _GONE:
+        raise AttributeError(f"wb.{name} is gone: take {_GONE[name]}")
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(_WHERE[name]), name)

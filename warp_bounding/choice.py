@@ -430,44 +430,17 @@ def choose(
     check_query(query)
     check_numbers(budget, seed, margin)
     check_asked(query, NONE, length, SIDES[0])
-    narrow = narrow_ns if isinstance(narrow_ns, tuple | list) else (narrow_ns, narrow_ns)
-    if not callable(narrow_ns) and (len(narrow) != 2 or not all(is_number(each) and each >= 0 for each in narrow)):
-        expected = "nanoseconds of at least 0, two of them (denied, left), or a function of queries"
-        raise BounderError(f"narrow_ns must be {expected}, got {narrow_ns!r}")
-    if not is_number(overhead_ns) or overhead_ns < 0:
-        raise BounderError(f"overhead_ns must be a number of nanoseconds of at least 0, got {overhead_ns!r}")
-    if how not in HOW:
-        raise BounderError(f"how must be one of {', '.join(HOW)}, got {how!r}")
-    if memory is not None and (not isinstance(memory, int | np.integer) or memory < 1):
-        raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
+    _check_prices(narrow_ns, overhead_ns, how, memory)
     methods = [*METHODS, CASCADE] if methods is None else [methods] if isinstance(methods, str) else list(methods)
     for name in set(methods) - {*METHODS, CASCADE}:
         raise BounderError(f"methods must be some of {', '.join([*METHODS, CASCADE])}, got {name!r}")
     shape, length, device = own_coordinates(load_shape(shape), "choose"), float(length or 1.0), str(device_of(device))
-    for label, bounder in (bounders or {}).items():
-        able = bounder.query_kind == query
-        if bounder.of_distances:
-            able = query in ASKED and not (bounder.domain.time and QUERIES[query].is_region)
-            if HOW[how] is function_of:
-                raise BounderError(f"bounders: how={how!r} needs ones with func, got a distance, {label!r}")
-        if not able or bounder.ndim != shape.ndim or label == NONE:
-            expected = f"{query} queries in {shape.ndim}D"
-            raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
+    _check_bounders(bounders or {}, query, shape, how)
     warn_of_restriction(shape)
     if checkpoint is not None:
         shape.expect_identified("a checkpoint")
-    bounded, rng = shape.dilated(margin) if margin else shape, np.random.default_rng(seed)
-    given = sample(query, bounded, SAMPLES, rng) if workload is None else workload
-    domain = domain_of(bounded, query, length)
-    x = CallersQueries(given, bounded, domain, seed).x
-    outside = (np.abs(domain.to_local(x)) > domain.limit).any(axis=1).mean() if domain.tested_as_point else 0
-    far = f"{100 * outside:.3g} % lie outside of its box" if outside else ""
-    if outside == 1:
-        words = "all queries lie outside of the object's box; are they in the units and the space of the shape?"
-        warn(f"workload: {words}")
-    half = np.zeros(len(x), dtype=bool)
-    half[rng.permutation(len(x))[: len(x) // 2]] = True
-    fit_to, measured = (x[half], x[~half]) if len(x) > 1 else (x, x)  # what is measured is in the caller's order
+    bounded = shape.dilated(margin) if margin else shape
+    fit_to, measured, count, far = _halves(workload, bounded, query, length, seed)
     truth = np.asarray(oracle(query, bounded, "cpu", length)(measured), dtype=bool)
     if callable(narrow_ns):
         check_test(narrow_ns, measured[:CHECKED], truth[:CHECKED], device)
@@ -491,23 +464,11 @@ def choose(
     launches = {label: HOW[how](bounder, query, many, length) for label, bounder in fitted.items()}
     taken, rows, kinds = fastest(launches, device), [], {NONE: measured}
     for label, bounder in fitted.items():
-        indices, count = batch_of(bounder, query, measured, length)()
-        left = indices.numpy()[: count.numpy()[0]]
-        kinds[label], doubtful = measured[left], measured[np.setdiff1d(np.flatnonzero(truth), left)]
-        # of a shape without cells some may be undecided, and not missed
-        missed = int(QUERIES[query].certain(bounded, doubtful, length).sum()) if len(doubtful) else 0
-        row = Row(label, bounder.nbytes, overhead_ns + 1e9 * taken[label] / len(many), len(left) / len(measured))
-        of_fit = {"seconds": (bounder.info.get("training") or {}).get("seconds", 0.0), "missed": missed}
-        of_fit["certificate"] = bounder.certificate.kind if bounder.certificate else ""
-        rows.append(replace(row, **of_fit, why_not=why_not_of(bounder, missed, memory, statistical)))
+        row, kinds[label] = _row(label, bounder, query, measured, truth, bounded, length)
+        reason = why_not_of(bounder, row.missed, memory, statistical)
+        rows.append(replace(row, nanoseconds=overhead_ns + 1e9 * taken[label] / len(many), why_not=reason))
     positives = float(truth.mean())
-    if callable(narrow_ns):
-        mean, works = measured_works(narrow_ns, kinds, device)
-        priced = "the exact test was timed on them, and on what each leaves"
-    else:
-        mean, works = works_of(rows, *narrow, positives)
-        one, two = "{:g} ns for each: too hopeful where what is denied costs less", "{:g} ns if denied, {:g} ns if left"
-        priced = (two if narrow is narrow_ns else one).format(*narrow)
+    mean, works, priced = _priced(narrow_ns, rows, kinds, positives, device)
     rows = [replace(row, work=(work := works.get(row.label, 0.0)), cost=row.nanoseconds + work * mean) for row in rows]
     rows.insert(0, Row(NONE, 0, 0.0, 1.0, 1.0, mean, "by construction"))
     rows.sort(key=lambda row: (bool(row.why_not), row.cost))
@@ -515,7 +476,80 @@ def choose(
     about |= {"threads": cpu_threads() if wp.get_device(device).is_cpu else 0, "budget": budget}
     about |= {"interrupted": interrupted, "priced": priced}
     about |= {"seconds": working_seconds() - started, "compile_seconds": compile_seconds() - compiled}
-    return Choice(fitted.get(rows[0].label), (*rows, *missing), float(mean), positives, len(x), about)
+    return Choice(fitted.get(rows[0].label), (*rows, *missing), float(mean), positives, count, about)
+
+
+def _halves(workload, bounded: Shape, query: str, length: float, seed: int) -> tuple[np.ndarray, np.ndarray, int, str]:
+    """The queries that candidates are fitted to, those they are measured on, how many there are, and how many are far.
+
+    The latter in words. What is measured is in the caller's order.
+    """
+    rng = np.random.default_rng(seed)
+    given = sample(query, bounded, SAMPLES, rng) if workload is None else workload
+    domain = domain_of(bounded, query, length)
+    x = CallersQueries(given, bounded, domain, seed).x
+    outside = (np.abs(domain.to_local(x)) > domain.limit).any(axis=1).mean() if domain.tested_as_point else 0
+    if outside == 1:
+        words = "all queries lie outside of the object's box; are they in the units and the space of the shape?"
+        warn(f"workload: {words}")
+    half = np.zeros(len(x), dtype=bool)
+    half[rng.permutation(len(x))[: len(x) // 2]] = True
+    fit_to, measured = (x[half], x[~half]) if len(x) > 1 else (x, x)
+    return fit_to, measured, len(x), f"{100 * outside:.3g} % lie outside of its box" if outside else ""
+
+
+def _row(
+    label: str, bounder: Bounder, query: str, x: np.ndarray, truth: np.ndarray, bounded: Shape, length: float
+) -> tuple[Row, np.ndarray]:
+    """A candidate's row, without its time, from queries and their truth; and the queries that it leaves."""
+    indices, count = batch_of(bounder, query, x, length)()
+    left = indices.numpy()[: count.numpy()[0]]
+    doubtful = x[np.setdiff1d(np.flatnonzero(truth), left)]
+    # of a shape without cells some may be undecided, and not missed
+    missed = int(QUERIES[query].certain(bounded, doubtful, length).sum()) if len(doubtful) else 0
+    seconds = (bounder.info.get("training") or {}).get("seconds", 0.0)
+    kind = bounder.certificate.kind if bounder.certificate else ""
+    known = {"share": len(left) / len(x), "certificate": kind, "missed": missed, "seconds": seconds}
+    return Row(label, bounder.nbytes, **known), x[left]
+
+
+def _priced(
+    narrow_ns, rows: list[Row], kinds: dict[str, np.ndarray], positives: float, device: str
+) -> tuple[float, dict[str, float], str]:
+    """The mean price of a query, the share of the narrow phase's time that each row leaves, and in words from what."""
+    if callable(narrow_ns):
+        return *measured_works(narrow_ns, kinds, device), "the exact test was timed on them, and on what each leaves"
+    if isinstance(narrow_ns, tuple | list):
+        return *works_of(rows, *narrow_ns, positives), "{:g} ns if denied, {:g} ns if left".format(*narrow_ns)
+    words = f"{narrow_ns:g} ns for each: too hopeful where what is denied costs less"
+    return *works_of(rows, narrow_ns, narrow_ns, positives), words
+
+
+def _check_prices(narrow_ns, overhead_ns: float, how: str, memory: int | None) -> None:
+    """Refuse prices, ``how`` and a memory that make no sense, with ``BounderError``."""
+    narrow = narrow_ns if isinstance(narrow_ns, tuple | list) else (narrow_ns, narrow_ns)
+    if not callable(narrow_ns) and (len(narrow) != 2 or not all(is_number(each) and each >= 0 for each in narrow)):
+        expected = "nanoseconds of at least 0, two of them (denied, left), or a function of queries"
+        raise BounderError(f"narrow_ns must be {expected}, got {narrow_ns!r}")
+    if not is_number(overhead_ns) or overhead_ns < 0:
+        raise BounderError(f"overhead_ns must be a number of nanoseconds of at least 0, got {overhead_ns!r}")
+    if how not in HOW:
+        raise BounderError(f"how must be one of {', '.join(HOW)}, got {how!r}")
+    if memory is not None and (not isinstance(memory, int | np.integer) or memory < 1):
+        raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
+
+
+def _check_bounders(bounders: Mapping[str, Bounder], query: str, shape: Shape, how: str) -> None:
+    """Refuse bounders of the caller's that do not answer these queries, with ``BounderError``."""
+    for label, bounder in bounders.items():
+        able = bounder.query_kind == query
+        if bounder.of_distances:
+            able = query in ASKED and not (bounder.domain.time and QUERIES[query].is_region)
+            if HOW[how] is function_of:
+                raise BounderError(f"bounders: how={how!r} needs ones with func, got a distance, {label!r}")
+        if not able or bounder.ndim != shape.ndim or label == NONE:
+            expected = f"{query} queries in {shape.ndim}D"
+            raise BounderError(f"bounders: expected ones of {expected}, got {label!r}: {bounder!r}")
 
 
 def fit_all(

@@ -15,7 +15,7 @@ from warp_bounding.bounders import DISTANCES
 from warp_bounding.bounders.distance_grid import STORAGES, DistanceGrid
 from warp_bounding.errors import BounderError, FileFormatError, QueryError
 from warp_bounding.proof import stress_test
-from warp_bounding.proof.distances import excesses, largest_overestimate
+from warp_bounding.proof.distances import largest_overestimate, overestimates_in
 
 GRIDS = ("c", "blob", "anisotropic")
 ALL_SHAPES = ("aabb", "kdop", "mlp", "distance-grid")  # methods of which each shape has some
@@ -441,13 +441,13 @@ def test_raised_values_are_not_proven():
     assert raised.distance(point).numpy()[0] > shape.distances(point)[0, 1]
 
 
-def test_excesses_hold(rng):
+def test_overestimates_hold(rng):
     """No point of a box has a larger overestimate than is certified, and the largest is not far from that."""
     shape, bounder = thing("c"), far("distance-grid", "c")
     tensors = {"values": (bounder.tensors["values"].astype(np.float32) + 0.1)}
     raised = DistanceGrid(bounder.domain, tensors, bounder.sizes | {"storage": "float32"}, "cpu")
     lower, upper = raised.pieces()
-    found, boxes, complete = excesses(raised, shape, lower, upper, tolerance=1e-3, halvings=12)
+    found, boxes, complete = overestimates_in(raised, shape, lower, upper, tolerance=1e-3, halvings=12)
     assert complete
     assert boxes >= len(lower)
     for cell in rng.integers(len(lower), size=60):

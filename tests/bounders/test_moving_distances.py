@@ -130,7 +130,7 @@ def test_marching_depends_on_the_speed(rng):
 
 @pytest.mark.parametrize("margin", [0.0, 0.1])
 @pytest.mark.parametrize("name", ["solid", "sheet"])
-def test_excesses_hold(name, margin, rng):
+def test_overestimates_hold(name, margin, rng):
     """No point of a box has more than what is said of it, for functions that are multilinear in it."""
     shape, count = moving(name, margin), 300
     low = moments(shape, count, rng).astype(np.float64)

@@ -103,7 +103,7 @@ def test_what_is_not_proven_is_said(files, capsys):
     assert as_json(capsys, "info", path, status=1)["certificate"] is None
     bounder = random_mlp(shape("c"))
     bounder.info = {"indicator": shape("c").digest, "margin": 0.0, "seed": 0}
-    statistical_test(bounder, shape("c"), least=0.0, room=20.0, count=10_000)
+    statistical_test(bounder, shape("c"), least=0.0, below=20.0, count=10_000)
     bounder.save(path)
     status, out, err = run(capsys, "info", path)
     assert (status, err) == (1, "")

@@ -51,7 +51,7 @@ def small_steps(monkeypatch, ticking):
     busy machine.
     """
     ticking(2.0**-13)
-    monkeypatch.setattr(distances._Excess, "chunk", 16)
+    monkeypatch.setattr(distances._Overestimates, "chunk", 16)
     monkeypatch.setattr(covering.ReachesTarget, "chunk", 2)
     monkeypatch.setattr(distances, "SAMPLES", 2000)
 
@@ -124,10 +124,10 @@ def spoilt(content: bytes):
     entry = json.loads(json.loads(content[8 : 8 + length])["__metadata__"][KEY])
     first, document = sorted(k for k in held if k.startswith("lower"))[0], entry["left"]
     for changes, told, signed in (
-        ({"found": held["found"] - 1}, {}, False),
+        ({"maxima": held["maxima"] - 1}, {}, False),
         ({}, {"worths": document["worths"][:-1]}, False),
-        ({"found": held["found"][:-1]}, {}, True),
-        ({"found": held["found"].astype(np.float32)}, {}, True),
+        ({"maxima": held["maxima"][:-1]}, {}, True),
+        ({"maxima": held["maxima"].astype(np.float32)}, {}, True),
         ({first: held[first].T.copy()}, {}, True),
         ({first: held[first] + 9.0}, {}, True),
         ({first: held[first] * np.nan}, {}, True),

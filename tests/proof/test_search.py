@@ -141,7 +141,7 @@ def test_what_is_held_bounds_f_and_what_is_cut_off_does_not_matter(rng):
     low, high = np.maximum(low, -limit), np.minimum(low + size, limit)
     bounds = positives.bound(low, high)
     target = bounds.lower + rng.uniform(-1, 3, 4000)
-    found = positives.held(low, high, bounds, target)
+    found = positives.tightened(low, high, bounds, target)
     inside, outside = found.corners
     v = low[:, None] + rng.choice([0.0, 1.0, 0.5, 0.2, 0.7], (4000, 40, 3)) * (high - low)[:, None]
     holds = positives.holds(v.reshape(-1, 3)).reshape(4000, 40)

@@ -100,12 +100,12 @@ def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be
     bounder, grid = made("mlp", "plane", "c"), shape("c")
     proven = float(bounder.threshold)
     high = proven + 0.5 * abs(proven) + 1.0
-    certificate = statistical_test(bounder, grid, least=high, room=0.0, count=100_000, seed=4)
+    certificate = statistical_test(bounder, grid, least=high, below=0.0, count=100_000, seed=4)
     assert certificate.restarts > 0
     assert certificate.fn_rate_bound == fn_rate_bound(certificate.samples, attempt_confidence(certificate.restarts))
     assert bounder.threshold < high
     assert try_positives(bounder, grid, 300_000, 99)[2] is None or certificate.worst_margin < 1e-2
-    assert statistical_test(bounder, grid, least=proven + 2 * bounder.rounding_bound(), room=0.0).kind == "statistical"
+    assert statistical_test(bounder, grid, least=proven + 2 * bounder.rounding_bound(), below=0.0).kind == "statistical"
     assert bounder.threshold <= proven
     assert wb.certify(bounder, grid).proven
     assert try_positives(bounder, grid, 1_000_000, 1, budget=0.0) == (0, np.inf, None)
@@ -120,7 +120,7 @@ def test_networks_without_a_proof_say_so(tmp_path):
     ball = Function(lambda x: np.linalg.norm(x, axis=1) < 0.5, [-1, -1], [1, 1])  # no box is certified to be empty
     bounder = random_mlp(ball, seed=3)
     bounder.info = {"indicator": ball.digest, "margin": 0.0, "seed": 0}
-    certificate = statistical_test(bounder, ball, least=10.0, room=0.0, count=100_000)
+    certificate = statistical_test(bounder, ball, least=10.0, below=0.0, count=100_000)
     assert certificate.kind == "statistical"
     assert certificate.samples >= 100_000
     judged = attempt_confidence(certificate.restarts)
@@ -130,7 +130,7 @@ def test_networks_without_a_proof_say_so(tmp_path):
     assert wb.evaluate(bounder, ball, samples=200_000).fn == 0
     again = reloaded(bounder, tmp_path)
     # far below any value: no fresh positive refutes it
-    statistical_test(again, ball, least=0.0, room=20.0, count=10_000)
+    statistical_test(again, ball, least=0.0, below=20.0, count=10_000)
     assert wb.certify(again, ball).kind == "statistical"
     with pytest.raises(BounderError, match="no proof"):
         prove(bounder, ball)
@@ -142,7 +142,7 @@ def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
     narrow = replace(bounder.domain.base, limit=bounder.domain.base.limit / 4)
     wrong = type(bounder)(replace(bounder.domain, base=narrow), bounder.tensors, bounder.sizes, "cpu")
     with pytest.raises(BounderError, match="limit does not fit its corners"):
-        statistical_test(wrong, shape("c"), least=-1e3, room=0.0, count=1000)
+        statistical_test(wrong, shape("c"), least=-1e3, below=0.0, count=1000)
     assert wb.certify(wrong, shape("c")).kind != "proven"
 
 
@@ -259,7 +259,7 @@ def test_a_descent_finds_what_no_sample_meets(rng):
     assert grain.contains(found).all()
     assert not bounder.query(found).numpy().any()
     # lowered until it finds none; and where all is proven there is nothing to find
-    certificate = statistical_test(bounder, grain, least=float(bounder.threshold), room=0.0, count=10_000)
+    certificate = statistical_test(bounder, grain, least=float(bounder.threshold), below=0.0, count=10_000)
     assert certificate.restarts >= 1
     assert "open boxes" in certificate.message
     assert not len(descend(bounder, grain, 1)[0])

@@ -87,5 +87,5 @@ def test_a_statistical_test_keeps_its_time(colliding, loose, ticking):
     assert loose.certificate.samples >= 1_000_000
     ticking(0.5)
     least = float(loose.threshold)
-    found = wb.proof.statistical_test(loose.to(), colliding, least=least, room=1e-3, budget=3.0)
+    found = wb.proof.statistical_test(loose.to(), colliding, least=least, below=1e-3, budget=3.0)
     assert 0 < found.samples < 1_000_000

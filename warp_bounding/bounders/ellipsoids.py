@@ -1,7 +1,7 @@
 """Ellipsoids ``|A v + b|^2 <= r^2``. What ``sphere``, ``ellipsoid`` and ``oriented-ellipsoid`` have in common.
 
 The three methods minimise a size over a family (``geometry``); their rounding is paid for in the threshold,
-which the proof sets. Rays, planes and boxes are tested against the same ellipsoid (``ellipsoids.regions``), with the
+which the proof sets. Rays, planes and boxes are tested against the same ellipsoid (``Quadric``), with the
 same threshold but for rounding.
 """
 
@@ -235,7 +235,7 @@ TESTS = {"point": QuadricPoint, "ray": QuadricRay, "plane": QuadricPlane, "box":
 class QuadricSource(VolumeSource):
     """Native code of the ellipsoid test; a diagonal A costs n products instead of n^2.
 
-    Numbers: ``b[n]``, then A's diagonal, or A in row order; of regions, see ``ellipsoids.regions``.
+    Numbers: ``b[n]``, then A's diagonal, or A in row order; of regions, see ``Quadric``.
     """
 
     diagonal: bool

@@ -14,7 +14,7 @@ from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.halving import Boxes, Seen, search
 from warp_bounding.proof.planes import SupportGap
-from warp_bounding.proof.search import NARROWEST, CachedBounds, ShapePositives
+from warp_bounding.proof.search import NARROWEST, ShapePositives, TightenedBounds
 from warp_bounding.queries.domain import Domain
 from warp_bounding.rounding import UNIT64
 from warp_bounding.shapes.grid import Grid
@@ -39,8 +39,8 @@ class PositivesOnly:
     def __init__(self, f):
         self.bound = f.bound
 
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
-        return CachedBounds(bounds.lower, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
+    def tightened(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> TightenedBounds:
+        return TightenedBounds(bounds.lower, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
 
     def too_small(self, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
         return np.zeros(len(lower), dtype=bool)
@@ -53,7 +53,7 @@ class ReachesTarget:
     """Looks whether ``f >= target`` on all positives.
 
     A positive with f under the target ends the search, and so does a box that is too small to be halved. Neither
-    refutes the claim: only a positive that the deployed bounder denies does (``certify``). ``found`` holds minus the
+    refutes the claim: only a positive that the deployed bounder denies does (``certify``). ``maxima`` holds minus the
     least lower bound of the boxes that reach the target, and minus that of the others.
 
     Args:
@@ -73,8 +73,8 @@ class ReachesTarget:
         least = bounds.lower[reached].min(initial=np.inf)
         unreached = np.flatnonzero(~reached)  # NaN has not reached it
         low, high, bounds = low[unreached], high[unreached], bounds.part(unreached)
-        small = positives.too_small(low, high)  # of whole boxes, as the bounds are: ``held`` may cut parts off
-        known = positives.held(low, high, bounds, np.full(len(unreached), target))
+        small = positives.too_small(low, high)  # of whole boxes, as the bounds are: ``tightened`` may cut parts off
+        known = positives.tightened(low, high, bounds, np.full(len(unreached), target))
         open_ = ~(known.lower >= target)
         least = min(least, known.lower[~open_].min(initial=target if known.cut.any() else np.inf))
         low, high = (np.asarray(corner)[open_] for corner in known.corners)
@@ -122,7 +122,7 @@ def check_covering(covering: Covering, target: float, budget: float, **options) 
     """Check that ``f >= target`` on all positives, until that fails or time is over; ``options`` are the search's."""
     look = ReachesTarget(covering.positives, target)
     end = search(look, covering.starts, np.full(2, -np.inf), budget=budget, **options)
-    reached, not_reached = -end.found
+    reached, not_reached = -end.maxima
     if end.failed is not None:
         return Checked(float(reached), end.boxes, covering.at(*end.failed))
     return Checked(float(reached if end.complete else np.fmin(reached, not_reached)), end.boxes, None, end.complete)

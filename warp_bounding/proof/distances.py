@@ -25,7 +25,7 @@ from warp_bounding.shapes.shape import Shape
 ASKED = 1024
 
 
-def excesses_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
+def overestimates_at(bounder: DistanceBounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
     """F less the distance at points ``(N, n)``, local coordinates and units; ``None`` where no distance is known."""
     known = shape.distances(bounder.domain.sample_at(v))
     return None if known is None else bounder.reference(v) - known[:, 0] / bounder.domain.unit
@@ -65,7 +65,7 @@ class Tolerances:
         over = overestimate - (self.met + self.above)
         queried = np.argpartition(-over, ASKED)[:ASKED] if len(over) > ASKED else np.arange(len(over))
         v = low[queried] / 2 + high[queried] / 2
-        met = excesses_at(bounder, shape, v)
+        met = overestimates_at(bounder, shape, v)
         if met is not None:
             self.raised.append(v[met > self.met])
             self.met = max(self.met, float(met.max()))
@@ -88,7 +88,7 @@ WORTH = 0.7  # a search that can be no finer than this share of the last one is 
 HALVINGS = 14  # on each axis, at most
 
 
-def excesses(
+def overestimates_in(
     bounder: DistanceBounder,
     shape: Shape,
     lower: np.ndarray,
@@ -111,7 +111,7 @@ def excesses(
         tolerance: Of each box, or of all, or tolerances that rise: an overestimate up to this is good enough, the box
             is not halved. Local units.
         halvings: How often a box is halved at most.
-        least: Excesses under it are not distinguished.
+        least: Overestimates under it are not distinguished.
         budget: Seconds; when it is over, boxes count with what is known of them.
         most: Boxes that are looked at; when there are more, it is as if time were over.
         **options: For ``halving.search``.
@@ -124,9 +124,9 @@ def excesses(
         BounderError: If the shape has no distance.
     """
     tolerances = tolerance if isinstance(tolerance, Tolerances) else Tolerances(tolerance)
-    look = _Excess(bounder, shape, tolerances, halvings, least)
+    look = _Overestimates(bounder, shape, tolerances, halvings, least)
     state = search(look, [(lower, upper, 1.0)], np.full(len(lower), least), budget=budget, most=most, **options)
-    overestimates, boxes, complete = state.found, state.boxes, True
+    overestimates, boxes, complete = state.maxima, state.boxes, True
     for each in state.waiting:  # there is no time: they count with what is known of them
         for start in range(0, each.count, look.chunk):
             some = each.part(slice(start, start + look.chunk))
@@ -136,8 +136,8 @@ def excesses(
     return overestimates, boxes, complete
 
 
-class _Excess:
-    """Looks at boxes: by how much F exceeds the distance there; arguments as in ``excesses``."""
+class _Overestimates:
+    """Looks at boxes: by how much F exceeds the distance there; arguments as in ``overestimates_in``."""
 
     chunk = BOX_BATCH
 
@@ -190,7 +190,7 @@ def worst_points(
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     tolerances = Tolerances(met, eps, rising=True)
     options = {"halvings": HALVINGS * bounder.ndim, "least": met + eps, "budget": budget, "most": boxes}
-    excesses(bounder, shape, lower, upper, tolerance=tolerances, **options)
+    overestimates_in(bounder, shape, lower, upper, tolerance=tolerances, **options)
     return np.concatenate([*tolerances.raised, np.empty((0, bounder.ndim))])
 
 
@@ -231,7 +231,7 @@ def largest_overestimate(bounder: DistanceBounder, shape: Shape, budget: float) 
 def overestimate_within(
     bounder: DistanceBounder,
     shape: Shape,
-    bar: float,
+    enough: float,
     budget: float,
     **options,
 ) -> tuple[float, int, bool, np.ndarray]:
@@ -240,17 +240,17 @@ def overestimate_within(
     Args:
         bounder: Its F.
         shape: The object.
-        bar: An overestimate up to this is good enough, local units.
+        enough: An overestimate up to this is good enough, local units.
         budget: Seconds.
         **options: For ``halving.search``.
 
     Returns:
-        As ``largest_overestimate``. Where samples have more than the bar, nothing is searched.
+        As ``largest_overestimate``. Where samples have more than that, nothing is searched.
     """
     sampled, worst = _sampled(bounder, shape)
-    if sampled.max() > bar:
+    if sampled.max() > enough:
         return float(sampled.max()), 0, True, worst
-    return (*_searched(bounder, shape, Tolerances(bar), budget, again=True, **options), worst)
+    return (*_searched(bounder, shape, Tolerances(enough), budget, again=True, **options), worst)
 
 
 def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.ndarray]:
@@ -259,7 +259,7 @@ def _sampled(bounder: DistanceBounder, shape: Shape) -> tuple[np.ndarray, np.nda
     near = _near(bounder, shape, SAMPLES // 2, rng)
     v = np.concatenate([rng.uniform(-limit, limit, (SAMPLES // 2, bounder.ndim)), near])
     x = bounder.domain.sample_at(v)
-    sampled = excesses_at(bounder, shape, v)
+    sampled = overestimates_at(bounder, shape, v)
     if sampled is None:
         raise BounderError(f"{shape.name}: no distance is known of it")
     return sampled, x[np.argsort(-sampled)[:1024]]
@@ -271,14 +271,14 @@ def _searched(
     """The largest overestimate, where one up to the tolerance counts as that; how many boxes; whether there was time.
 
     ``again``, to certify what another search has found: by other boxes, which begin with thirds. The rest is for
-    ``excesses``.
+    ``overestimates_in``.
     """
     least = tolerance.met + tolerance.above
     options |= {"halvings": HALVINGS * bounder.ndim, "least": least, "budget": budget}
     lower, upper = _between(*bounder.pieces(), _knots(bounder, shape))
     if again:
         lower, upper = _thirds(lower, upper)
-    overestimates, boxes, complete = excesses(bounder, shape, lower, upper, tolerance=tolerance, **options)
+    overestimates, boxes, complete = overestimates_in(bounder, shape, lower, upper, tolerance=tolerance, **options)
     return max(least, float(overestimates.max())), boxes, complete
 
 

@@ -82,7 +82,7 @@ class Seen(NamedTuple):
 
     Attributes:
         halves: Halves of the undecided boxes, which may be cut to the parts that matter.
-        number: ``(F,)`` int, indices into ``found``; ``found[number]`` is raised to at least ``value``.
+        number: ``(F,)`` int, indices into ``maxima``; ``maxima[number]`` is raised to at least ``value``.
         value: ``(F,)`` float64.
         failed: Ends the search: suspect points, and the owners of their boxes. ``None`` if it goes on.
     """
@@ -106,7 +106,7 @@ class State(NamedTuple):
 
     Attributes:
         waiting: Open boxes; the last ones are next.
-        found: ``(F,)`` float64, the numbers that looks raise.
+        maxima: ``(F,)`` float64, the numbers that looks raise.
         boxes: How many boxes were looked at.
         seconds: How long that took.
         taken: How many of the starts were begun.
@@ -115,7 +115,7 @@ class State(NamedTuple):
     """
 
     waiting: list[Boxes]
-    found: np.ndarray
+    maxima: np.ndarray
     boxes: int = 0
     seconds: float = 0.0
     taken: int = 0
@@ -136,7 +136,7 @@ def halve(low: np.ndarray, high: np.ndarray, axis: np.ndarray) -> tuple[np.ndarr
 def search(
     look: Look,
     starts: Iterable[tuple[np.ndarray, np.ndarray, float]],
-    found: np.ndarray,
+    maxima: np.ndarray,
     *,
     budget: float = float("inf"),
     most: float = float("inf"),
@@ -150,7 +150,7 @@ def search(
         look: Bounds the boxes.
         starts: Batches of start boxes: lower and upper corners ``(N, n)`` float64, and the batch's share of the search.
             The boxes of all batches are numbered consecutively.
-        found: ``(F,)`` float64, initial values of the numbers that looks raise; changed in place.
+        maxima: ``(F,)`` float64, initial values of the numbers that looks raise; changed in place.
         budget: Seconds.
         most: Boxes, after which the search stops as if time were over; ignored with a scheduler.
         checkpoint: Where to go on from, and to save the state; removed once all boxes are decided or one has failed.
@@ -160,7 +160,7 @@ def search(
     Returns:
         What was found, and what is left to do.
     """
-    run, end = _Search(look, starts, found, checkpoint, progress), working_seconds() + budget
+    run, end = _Search(look, starts, maxima, checkpoint, progress), working_seconds() + budget
     try:
         if scheduler is None:
             run.alone(end, most)
@@ -183,10 +183,10 @@ WAIT = 1.0  # seconds between two looks at the clock
 class _Search:
     """A running search; arguments as in ``search``."""
 
-    def __init__(self, look: Look, starts: Iterable, found: np.ndarray, checkpoint=None, progress=None):
+    def __init__(self, look: Look, starts: Iterable, maxima: np.ndarray, checkpoint=None, progress=None):
         self.look, self.checkpoint, self.progress, self.started = look, checkpoint, progress, working_seconds()
-        state = (checkpoint.load(len(found)) if checkpoint else None) or State([], found)
-        self.waiting, self.found, self.boxes, self.before, self.taken, *_ = state
+        state = (checkpoint.load(len(maxima)) if checkpoint else None) or State([], maxima)
+        self.waiting, self.maxima, self.boxes, self.before, self.taken, *_ = state
         self.failed, self.complete, self.out = None, False, {}  # out: boxes that are being looked at, by task
         self.starts, self.begun, self.numbered = iter(starts), 0.0, 0
         for lower, _, share in islice(self.starts, self.taken):
@@ -201,7 +201,7 @@ class _Search:
     def state(self) -> State:
         """See ``State``; boxes that are being looked at count as open."""
         waiting, spent = [*self.waiting, *self.out.values()], self.before + working_seconds() - self.started
-        return State(waiting, self.found, self.boxes, spent, self.taken, self.failed, self.complete)
+        return State(waiting, self.maxima, self.boxes, spent, self.taken, self.failed, self.complete)
 
     def take(self, count: int) -> Boxes | None:
         """The next boxes, at most ``count``, all of one worth; ``None`` if there are none."""
@@ -228,8 +228,8 @@ class _Search:
         """Look at boxes in this process."""
         self.out[None] = boxes
         halves, number, value, failed = self.look(boxes)
-        np.maximum.at(self.found, number, value)
-        self.ended(None, State([halves] if halves.count else [], self.found, boxes.count, failed=failed))
+        np.maximum.at(self.maxima, number, value)
+        self.ended(None, State([halves] if halves.count else [], self.maxima, boxes.count, failed=failed))
 
     def ended(self, key, state: State) -> None:
         """Take over the state in which a task ended."""
@@ -264,7 +264,7 @@ class _Search:
             given, spent = 0, 0.0  # boxes and seconds of finished tasks
             while self.failed is None:
                 while len(self.out) < AHEAD * workers.count and (boxes := self._next(size, workers.count)) is not None:
-                    self.out[workers.submit(_task, look, boxes, len(self.found))] = boxes
+                    self.out[workers.submit(_task, look, boxes, len(self.maxima))] = boxes
                 if self.failed is not None or working_seconds() > end:
                     return
                 if not self.out:
@@ -273,7 +273,7 @@ class _Search:
                 for key, state in workers.ended(WAIT):
                     given, spent = given + self.out[key].count, spent + state.seconds
                     size = TASK * given / max(spent, 1e-3)
-                    np.maximum(self.found, state.found, out=self.found)
+                    np.maximum(self.maxima, state.maxima, out=self.maxima)
                     self.ended(key, state)
                 self.report()
 
@@ -328,12 +328,12 @@ class Checkpoint:
         self._left = self._read() if self.path.exists() else None
 
     def load(self, count: int) -> State | None:
-        """The saved state of a search with ``count`` numbers in ``found``; ``None`` if there was no file.
+        """The saved state of a search with ``count`` numbers in ``maxima``; ``None`` if there was no file.
 
         Raises:
             FileFormatError: If the file holds another count of numbers.
         """
-        if self._left is not None and len(self._left.found) != count:
+        if self._left is not None and len(self._left.maxima) != count:
             raise self.damaged
         return self._left
 
@@ -355,7 +355,7 @@ class Checkpoint:
         """
         if not now and working_seconds() - self._written < EVERY:
             return
-        tensors = {"found": state.found} | {
+        tensors = {"maxima": state.maxima} | {
             f"{name}.{i}": np.ascontiguousarray(getattr(boxes, name))
             for i, boxes in enumerate(state.waiting)
             for name in Boxes._fields[:-1]
@@ -390,8 +390,8 @@ class Checkpoint:
                 Boxes(*(tensors[f"{name}.{i}"] for name in Boxes._fields[:-1]), worth)
                 for i, worth in enumerate(document["worths"])
             ]
-            found = tensors["found"].copy()
-            state = State(waiting, found, document["boxes"], document["seconds"], document["taken"])
+            maxima = tensors["maxima"].copy()
+            state = State(waiting, maxima, document["boxes"], document["seconds"], document["taken"])
             if not _well_formed(state):
                 raise self.damaged
         except (KeyError, TypeError, ValueError) as error:
@@ -409,7 +409,7 @@ def _well_formed(state: State) -> bool:
     """Whether all arrays and numbers have the types, shapes and ranges that a search gives them."""
     sound = all(type(count) is int and count >= 0 for count in (state.boxes, state.taken))
     sound = sound and type(state.seconds) is float and 0 <= state.seconds < float("inf")
-    sound = sound and state.found.dtype == np.float64 and state.found.ndim == 1
+    sound = sound and state.maxima.dtype == np.float64 and state.maxima.ndim == 1
     for low, high, owner, level, worth in state.waiting:
         sound = sound and low.dtype == high.dtype == np.float64 and owner.dtype == level.dtype == np.int64
         sound = sound and low.ndim == 2 and low.shape == high.shape and owner.shape == level.shape == (len(low),)

@@ -147,7 +147,7 @@ def prove_or_test(
     if grid.certified and not statistical:
         return prove(bounder, grid, points=points, **limits)
     least, budget = least_found(bounder, grid, seed, points), limits.get("budget", float("inf"))
-    statistical_test(bounder, grid, least=least, room=BELOW_FOUND, seed=seed, budget=budget)
+    statistical_test(bounder, grid, least=least, below=BELOW_FOUND, seed=seed, budget=budget)
     return None
 
 

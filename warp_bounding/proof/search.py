@@ -203,7 +203,7 @@ class _BestFirst:
         """Let the shape raise bounds and cut boxes, in place."""
         target = self.target
         rows = np.flatnonzero(bound < target)
-        known = self.positives.held(low[rows], high[rows], bounds.part(rows), np.full(len(rows), target))
+        known = self.positives.tightened(low[rows], high[rows], bounds.part(rows), np.full(len(rows), target))
         bound[rows], axis[rows] = np.fmax(known.lower, bound[rows]), known.axis
         low[rows], high[rows] = known.corners
         self.closed = min(self.closed, target) if known.cut.any() else self.closed
@@ -268,7 +268,7 @@ def lowest(
 ROUNDINGS = 128.0
 
 
-class CachedBounds(NamedTuple):
+class TightenedBounds(NamedTuple):
     """What is known about f over those v of N boxes that come from points of the object.
 
     Attributes:
@@ -287,7 +287,7 @@ class CachedBounds(NamedTuple):
 
 def bound_in_half_spaces(
     domain: Domain, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, known: HalfSpaces, target: np.ndarray
-) -> CachedBounds:
+) -> TightenedBounds:
     """Bounds of f over the v of boxes that come from points of half-spaces.
 
     With ``f >= a + b . zeta``, ``|zeta| <= 1``, on the box, and ``c + d . zeta >= 0`` for every v of such a point, f is
@@ -334,7 +334,7 @@ def bound_in_half_spaces(
     low, high = center + radius * low - rounding, center + radius * high + rounding
     low, high = np.maximum(lower, low), np.minimum(upper, high)
     cut = ((low > lower) | (high < upper)).any(axis=1)
-    return CachedBounds(least, np.where(by_shape, known.axis, bounds.axis), (low, high), cut)
+    return TightenedBounds(least, np.where(by_shape, known.axis, bounds.axis), (low, high), cut)
 
 
 def _cut(low: np.ndarray, high: np.ndarray, rest: np.ndarray, line: np.ndarray) -> None:
@@ -391,7 +391,7 @@ class ShapePositives:
         """``(N,)`` bool, certified: nothing in the closed box can come from a positive."""
         return self.shape.empty(*self.domain.origins(lower, upper))
 
-    def held(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> CachedBounds:
+    def tightened(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> TightenedBounds:
         """What is known of f over those v of boxes that come from positives.
 
         Args:
@@ -403,7 +403,7 @@ class ShapePositives:
         known = None if bounds.slope is None else self.shape.half_spaces(*self.domain.origins(lower, upper))
         if known is None:
             least = np.where(self.vacant(lower, upper), np.inf, bounds.lower)
-            return CachedBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
+            return TightenedBounds(least, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
         least = bound_in_half_spaces(self.domain, lower, upper, bounds, known, target)
         return least._replace(axis=_unless_flat(least.corners[1] - least.corners[0], least.axis))
 

@@ -124,7 +124,7 @@ def statistical_test(
     grid: Shape,
     *,
     least: float,
-    room: float,
+    below: float,
     count: int = POSITIVES,
     seed: int = 0,
     budget: float = float("inf"),
@@ -135,7 +135,7 @@ def statistical_test(
         bounder: Changed in place (``freeze``).
         grid: The object.
         least: Least f that is known of any positive.
-        room: How far below it the threshold is set, beyond what rounding needs.
+        below: How far below it the threshold is set, beyond what rounding needs.
         count: How many fresh positives to ask.
         seed: Seed of these positives; every attempt draws others.
         budget: Seconds: where they do not suffice for ``count`` positives, there are fewer, but some.
@@ -148,7 +148,7 @@ def statistical_test(
         raise BounderError(f"{bounder.method}: {reason}")
     started, error = working_seconds(), bounder.rounding_bound()
     for restart in range(MOST_RESTARTS):
-        bounder.freeze(float(round_down(least - 2 * error - room)), None)
+        bounder.freeze(float(round_down(least - 2 * error - below)), None)
         left = budget - (working_seconds() - started)
         denied, opened = descend(bounder, grid, (seed, restart), min(DESCENT_SHARE * left, DESCENT_SECONDS))
         if len(denied):
@@ -214,7 +214,7 @@ def descend(
             break
         bounds, boxes = positives.bound(low, high), boxes + len(low)
         left = np.flatnonzero(~(bounds.lower >= target))
-        held = positives.held(low[left], high[left], bounds.part(left), np.full(len(left), target))
+        held = positives.tightened(low[left], high[left], bounds.part(left), np.full(len(left), target))
         open_ = np.flatnonzero(~(held.lower >= target))
         if not len(open_):
             break

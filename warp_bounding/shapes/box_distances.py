@@ -27,13 +27,13 @@ class Asked:
     Attributes:
         point: Warp's type of a point.
         corners: Warp's type of a function's numbers at the corners of a box.
-        excesses: The kernel for ``overestimate``.
+        overestimates: The kernel for ``overestimate``.
         sizes: Of the object, which this kernel takes last.
     """
 
     point: type
     corners: type
-    excesses: wp.Kernel
+    overestimates: wp.Kernel
     sizes: Sequence = ()
 
     def __init__(self, given: Sequence):
@@ -46,7 +46,7 @@ class Asked:
         numbers = wp.array(np.ascontiguousarray(values, dtype=np.float64), dtype=self.corners, device="cpu")
         bars = wp.array(np.broadcast_to(enough, len(values)).astype(np.float64), dtype=wp.float64, device="cpu")
         more = [numbers, wp.float64(least), bars, *self.sizes]
-        return self._answer(self.excesses, lower, upper, dtype=wp.float64, more=more)
+        return self._answer(self.overestimates, lower, upper, dtype=wp.float64, more=more)
 
     def _answer(self, kernel: wp.Kernel, *queries: np.ndarray, dtype: type = wp.uint8, more: Sequence = ()):
         """``(N,)``, a kernel's answers to queries ``(N, n)``, and ``more`` inputs; of a type of vectors, ``(N, k)``."""
@@ -88,7 +88,7 @@ class BoxDistances(Asked):
         self.sizes = [wp.float64(np.abs(lower).max() + np.abs(upper).max())]
 
     @property
-    def excesses(self) -> wp.Kernel:
+    def overestimates(self) -> wp.Kernel:
         return _overestimates(self._n)
 
     def __call__(self, x: np.ndarray) -> np.ndarray:

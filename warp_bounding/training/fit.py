@@ -26,7 +26,7 @@ from warp_bounding.certificates.claim import as_fitted
 from warp_bounding.errors import BounderError, ProofError, QueryError, warn
 from warp_bounding.evaluation import quick_rates
 from warp_bounding.proof import prove_or_test
-from warp_bounding.proof.distances import excesses
+from warp_bounding.proof.distances import overestimates_in
 from warp_bounding.proof.prove import prove_distance
 from warp_bounding.queries import QUERIES, check_query
 from warp_bounding.queries.distance import DISTANCE, DistanceDomain
@@ -36,7 +36,7 @@ from warp_bounding.runtime.launch import compile_seconds, device_of
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.shapes import Grid, Mesh, MovingMesh, load_shape
 from warp_bounding.shapes.complement import SIDES, Complement
-from warp_bounding.shapes.recentred import parted
+from warp_bounding.shapes.recentred import Frame, parted
 from warp_bounding.shapes.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.training.fit_network import fit_network
 from warp_bounding.training.learned_kdop import train_learned_kdop
@@ -168,12 +168,38 @@ def fit(
     shape, frame = parted(load_shape(shape))
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
+    own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
+    own |= {"progress": progress}
     if far:
-        own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
-        found = _fit_distance(shape, method, options, spent, **own, progress=progress, force=force)
-        found.info["training"] |= spent.seconds()
-        warn_of_little(found)
-        return found.in_frame(frame)
+        bounder = _fit_distance(shape, method, options, spent, force=force, **own)
+    else:
+        own |= {"length": length, "side": side, "workload": workload, "scheduler": scheduler, "frame": frame}
+        bounder = _fit_answers(shape, query, method, options, spent, **own)
+    warn_of_little(bounder)
+    bounder.info["training"] |= spent.seconds()
+    return bounder.in_frame(frame)
+
+
+def _fit_answers(
+    shape: Shape,
+    query: str,
+    method: str,
+    options: dict[str, Any],
+    spent: "Stopwatch",
+    *,
+    budget: float,
+    seed: int,
+    margin: float,
+    resolution: int | None,
+    length: float,
+    side: str,
+    workload,
+    device: str | None,
+    progress,
+    scheduler: str | int | None,
+    frame: Frame | None,
+) -> Bounder:
+    """``fit`` of points or regions, of a shape in its own coordinates; ``fit`` has checked the arguments."""
     if side == SIDES[1]:
         shape = Complement(shape)
     grid = _bounded(shape, query, method, resolution, margin)
@@ -188,21 +214,19 @@ def fit(
             if issubclass(cls, Mlp):
                 own[HIDDEN.name] = (2 * len(grid.waves), *BEHIND_WAVES)
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in chosen)
-    callers = None if workload is None else CallersQueries(workload, grid, domain, int(seed), frame)
+    callers = None if workload is None else CallersQueries(workload, grid, domain, seed, frame)
     more = {"callers": callers, "repeatable": repeatable, "scheduler": scheduler}
-    problem = Problem(grid, domain, query, int(seed), device, **more)
+    problem = Problem(grid, domain, query, seed, device, **more)
     with reported(progress, f"fit {method}") as update:
         try:
             parts = _fit_parts(problem, classes, chosen, budget, spent, update)
         except ProofError as error:
-            error.bounder.info = described(grid, int(seed), spent.seconds())
+            error.bounder.info = described(grid, seed, spent.seconds())
             error.bounder = error.bounder.in_frame(frame)
             raise
     bounder = parts[0] if len(classes) == 1 else cascade(*parts)
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
-    warn_of_little(bounder)
-    bounder.info["training"] |= spent.seconds()
-    return bounder.in_frame(frame)
+    return bounder
 
 
 class Stopwatch:
@@ -375,7 +399,7 @@ def _overestimate_of_cells(bounder: DistanceBounder, shape: Shape, seconds: floa
     lower, upper = bounder.pieces()
     tolerance = TOLERANCE * float((upper - lower).max()) + LOOSER * _sampled_overestimate(bounder, shape, lower, upper)
     halvings = CELL_HALVINGS * min(bounder.ndim, MOST_HALVED)
-    return excesses(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, budget=seconds)[0]
+    return overestimates_in(bounder, shape, lower, upper, tolerance=tolerance, halvings=halvings, budget=seconds)[0]
 
 
 def _sampled_overestimate(bounder: DistanceBounder, shape: Shape, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:

@@ -414,7 +414,7 @@ def _limits(values: Any) -> wp.vec2d:
 
 
 @wp.func
-def _largest_excess(
+def _largest_overestimate(
     m: MeshArrays,
     low: wp.vec3d,
     high: wp.vec3d,
@@ -442,7 +442,7 @@ def _largest_excess(
 
 
 @wp.func
-def _largest_excess(
+def _largest_overestimate(
     m: Motion,
     lower: wp.vec4d,
     upper: wp.vec4d,
@@ -474,11 +474,11 @@ def _largest_excess(
     return _overestimate(during(m.faces, span), f, least, enough)
 
 
-def _excess_kernel(mesh: type, point: type, corners: type, module: str) -> wp.Kernel:
-    """For ``excess``: ``least`` where the overestimate is less, and any bound where it is above ``enough``."""
+def _overestimate_kernel(mesh: type, point: type, corners: type, module: str) -> wp.Kernel:
+    """For ``overestimate``: ``least`` where the overestimate is less, and any bound where it is above ``enough``."""
 
     @wp.kernel(enable_backward=False, module=module)
-    def find_excesses(
+    def find_overestimates(
         first: int,
         # inputs
         m: mesh,
@@ -488,18 +488,18 @@ def _excess_kernel(mesh: type, point: type, corners: type, module: str) -> wp.Ke
         least: wp.float64,
         enough: wp.array(dtype=wp.float64),
         # outputs
-        excesses: wp.array(dtype=wp.float64),
+        overestimates: wp.array(dtype=wp.float64),
     ):
         i, _ = wp.tid()
         i += first
         limits = _limits(values[i])
         answer = limits[0]
         if answer > least:
-            answer = _largest_excess(m, lower[i], upper[i], values[i], limits, least, enough[i])
-        excesses[i] = wp.max(answer, least)
+            answer = _largest_overestimate(m, lower[i], upper[i], values[i], limits, least, enough[i])
+        overestimates[i] = wp.max(answer, least)
 
-    return find_excesses
+    return find_overestimates
 
 
-find_excesses = _excess_kernel(MeshArrays, wp.vec3d, Corners, f"{MODULE}.excesses")
-find_excesses_then = _excess_kernel(Motion, wp.vec4d, CornersThen, f"{MODULE}.moving_excesses")
+find_overestimates = _overestimate_kernel(MeshArrays, wp.vec3d, Corners, f"{MODULE}.overestimates")
+find_overestimates_then = _overestimate_kernel(Motion, wp.vec4d, CornersThen, f"{MODULE}.moving_overestimates")

@@ -27,8 +27,8 @@ from warp_bounding.shapes.triangles.distances import (
     CornersThen,
     find_distances,
     find_distances_then,
-    find_excesses,
-    find_excesses_then,
+    find_overestimates,
+    find_overestimates_then,
 )
 from warp_bounding.shapes.triangles.half_spaces import find_half_spaces
 from warp_bounding.shapes.triangles.hierarchy import MovingTriangles, Triangles, build
@@ -121,7 +121,7 @@ class Solid(Hierarchies):
 class DilatedSolid(Dilated):
     """A solid and its margin."""
 
-    point, corners, excesses = wp.vec3d, Corners, find_excesses
+    point, corners, overestimates = wp.vec3d, Corners, find_overestimates
     kernels = (*AT_REST, find_distances)
 
     def decide(self, x: np.ndarray) -> np.ndarray:
@@ -159,7 +159,7 @@ class MovingSolid(Hierarchies):
 class DilatedMovingSolid(Dilated):
     """A solid that moves, in a box ``(4,)`` with time first, its margin, and the speed of its fastest point at most."""
 
-    point, corners, excesses = wp.vec4d, CornersThen, find_excesses_then
+    point, corners, overestimates = wp.vec4d, CornersThen, find_overestimates_then
     kernels = (*MOVING, find_distances_then)
 
     def __init__(self, solid: MovingSolid, lower: np.ndarray, upper: np.ndarray, margin: float, speed: float):
