@@ -622,8 +622,8 @@ class VolumeDistance(DistanceBounder):
 #
 # *Directions.* Those of the bounder of points belong to its own coordinates; here they are turned into unit normals,
 # shortened by ``SHORTENED`` so that after rounding to float32 none is longer than 1, and a frame of n of them, as a
-# matrix, has a norm of at most 1 (``frame_norm``). What the rounding of a normal moves a face by is at most ``|rounding| .
-# limit``, since the object lies in the domain, and is added to the face.
+# matrix, has a norm of at most 1 (``frame_norm``). What the rounding of a normal moves a face by is at most
+# ``|rounding| . limit``, since the object lies in the domain, and is added to the face.
 #
 # *Rounding*, u = 2^-24: a product of a normal with v is off by ``gamma(n + 1) |v|_1``, the difference to a face by ``u
 # (|v|_1 + |h|)``; n of them at right angles by ``root(n)`` times as much, their squares, sum and root by ``(n + 4) u``

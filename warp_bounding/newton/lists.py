@@ -20,7 +20,7 @@ from warp_bounding.bounders import Data
 from warp_bounding.kernels.distances import DistanceSource, distance_func
 from warp_bounding.kernels.functions import point_func
 from warp_bounding.kernels.source import Source
-from warp_bounding.newton.kernels import ONE_PAIR, SUM_ROUNDING
+from warp_bounding.newton.kernels import SUM_ROUNDING, text
 from warp_bounding.newton.placing import Extent, Placed, coordinates_of
 from warp_bounding.runtime.native import named, unique_name
 
@@ -32,23 +32,13 @@ OUT, STAYS, ASK = (wp.constant(k) for k in range(3))  # what a hull says of a pa
 CELLS = 32**3  # of survivors that are sorted by place: 5 bits along each axis of a hull
 
 
-@named("wb_claim").func_native("""
-#if defined(__CUDA_ARCH__)
-const unsigned int together = __match_any_sync(__activemask(), which), lane = threadIdx.x & 31u;
-const int leader = __ffs(together) - 1;
-int base = 0;
-if ((int)lane == leader) base = atomicAdd(counts.data + which, __popc(together));
-return __shfl_sync(together, base, leader) + __popc(together & (1u << lane) - 1u);
-#else
-return counts.data[which]++;
-#endif
-""")
+@named("wb_claim").func_native(text.CLAIM)
 def _claim(counts: wp.array(dtype=wp.int32), which: int) -> int: ...
 
 
 @named("wb_ask_hull").func_native(
     "const auto& b = hulls.data[shape]; const float x = q[0], y = q[1], z = q[2], r = radius;"
-    + ONE_PAIR
+    + text.ONE_PAIR
     + "return known && !maybe ? 0 : known && !b.stays ? 2 : 1;"
 )
 def _ask_hull(hulls: wp.array(dtype=Extent), shape: int, q: wp.vec3, radius: float) -> int: ...

@@ -14,40 +14,14 @@ from warp_bounding.queries.domain import GROWTH, Domain, input_rounding
 from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32
+from warp_bounding.runtime.native import native_text
 from warp_bounding.shapes.grid import Grid, summed_area
 
+text = native_text("truth.h")
 # Sides of hard boxes, as shares of the way from a point p of the object to the domain's end: 0 touches p, ``NARROW``
 # makes the box thin, 1 reaches the end of the domain. Half of all sides touch p or are narrow.
 TOUCHING, BEYOND = 0.3, 0.15  # shares of all sides: those that touch p, and those outside the domain
 FARTHEST = 10  # these are up to 2^FARTHEST times as far away as the domain's end
-
-# See ``exact.loop_snippet``. ``map`` is cells per unit, offset and number of cells, N of each; ``indices`` is the table
-# of sums, one longer than the grid on every axis.
-_BODY = """
-bool some = true;
-long long first[N], last[N];  // in the table of sums: cells first .. last - 1
-for (int k = 0; k < N; ++k) {
-    const double size = map.data[2 * N + k];
-    const double lo = Coordinate(q[k], map.data[k], map.data[N + k]).lo;
-    const double hi = Coordinate(q[N + k], map.data[k], map.data[N + k]).hi;
-    some &= q[k] <= q[N + k] && hi >= 0.0 && lo < size;
-    first[k] = lo > 0.0 ? (lo < size ? (long long)lo : 0) : 0;
-    last[k] = hi < size - 1.0 ? (hi < 0.0 ? 0 : (long long)hi + 1) : (long long)size;
-}
-if (!some) break;
-int sum = 0;
-for (int corner = 0; corner < (1 << N); ++corner) {
-    long long index = 0;
-    int sign = 1;
-    for (int k = 0; k < N; ++k) {
-        const bool low = (corner >> k) & 1;
-        index = index * ((long long)map.data[2 * N + k] + 1) + (low ? first[k] : last[k]);
-        sign = low ? -sign : sign;
-    }
-    sum += sign * indices.data[index];
-}
-answer = sum > 0;
-"""
 
 
 class BoxQuery(Query):
@@ -60,10 +34,8 @@ class BoxQuery(Query):
         "thin, small or touching boxes around its points, mostly on faces, edges and corners of boundary cells, some "
         "reaching outside the domain"
     )
-    oracle_body = _BODY
-    sampled_point = """
-for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
-"""
+    oracle_body = text.BOX
+    sampled_point = text.SAMPLED_BOX
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)

@@ -16,30 +16,14 @@ import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.runtime.launch import BLOCK, launch_blocks
-from warp_bounding.runtime.native import named
+from warp_bounding.runtime.native import constant, constants, fill, named, native_text
 from warp_bounding.shapes.grid import Grid
 
 if TYPE_CHECKING:
     from warp_bounding.queries.base import Query
 
+text = native_text("truth.h")
 RELATIVE_ERROR = 2.0**-48  # 32 roundings of float64: no quantity that carries it goes through more than 16 (n <= 16)
-
-COORDINATE = """
-struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi: the first and the last closed cell there
-    double t, rest, lo, hi;
-    Coordinate() = default;
-    Coordinate(float x, double scale, double offset) {
-        const double p = (double)x * scale;  // at most 48 bits: exact
-        t = p - offset;
-        const double back = t - p;
-        rest = (p - (t - back)) + (-offset - back);
-        lo = ceil(t - 0.5), hi = floor(t + 0.5);
-        if (hi > lo && rest > 0.0) lo = hi;  // t was rounded onto a face, from above
-        else if (hi > lo && rest < 0.0) hi = lo;
-    }
-    double to(double face) const { return (face - t) - rest; }  // sign exact, a few roundings
-};
-"""  # noqa: E501
 
 
 def loop_snippet(ndim: int, body: str, columns: int) -> str:
@@ -49,27 +33,8 @@ def loop_snippet(ndim: int, body: str, columns: int) -> str:
     which is 0 at first, to 1 (the query meets the object) or 2 (too close to say), and may end the query with
     ``break``.
     """
-    return f"""
-constexpr int N = {ndim}, M = {columns};
-constexpr double rho = {RELATIVE_ERROR.hex()};
-{COORDINATE}
-#if defined(__CUDA_ARCH__)
-const int begin = block; const int end = block < count ? block + 1 : count;
-#else
-const int begin = block * {BLOCK}; const int end = begin + {BLOCK} < count ? begin + {BLOCK} : count;
-#endif
-for (int i = begin; i < end; ++i) {{
-    const float* q = x.data + (size_t)i * M;
-    unsigned char answer = 0;
-    bool finite = true;
-    for (int k = 0; k < M; ++k) finite &= q[k] - q[k] == 0.0f;
-    while (finite) {{
-        {body}
-        break;
-    }}
-    out.data[i] = answer;
-}}
-"""
+    sizes = constants(N=ndim, M=columns, BLOCK=BLOCK) + f" constexpr double rho = {constant(RELATIVE_ERROR)};"
+    return sizes + text.COORDINATE + fill(text.LOOP, body=body)
 
 
 @cache

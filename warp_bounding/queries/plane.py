@@ -44,81 +44,17 @@ from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, intege
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import DirectedQuery
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
-from warp_bounding.runtime.native import literal
+from warp_bounding.runtime.native import constants, literal, native_text
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 
+text = native_text("truth.h")
 AWAY = 8.0  # a hard plane's given point is up to so many times as far from the object's as a random point of the domain
 TANGENT = 0.6  # share of the hard planes of a grid that are tangent to a hull, or nearly
 SMALLEST_STEP = 26  # these are a quarter to 2^-26 of a cell from being tangent
 AT_ONCE = 1024  # tangents that are laid to one component's hull
 LANES = 8  # hull corners that one vector instruction takes
 GROUPS = 4  # groups of LANES corners after which the kernel looks whether it knows enough
-
-_BODY = f"""
-Coordinate p[N];
-double m[N], offset = 0.0, magnitude = 0.0;
-int slanted = 0, axis = 0;
-for (int k = 0; k < N; ++k) {{
-    p[k] = Coordinate(q[N + k], map.data[k], map.data[N + k]);
-    m[k] = (double)q[k] / map.data[k];
-    if (m[k] != 0.0) slanted += 1, axis = k;
-    offset += m[k] * p[k].t;
-    magnitude += fabs(m[k]) * (fabs(p[k].t) + map.data[2 * N + k] + 1.0);
-}}
-if (slanted == 0) break;
-const double error = magnitude * rho;
-const int components = indices.shape[0] - 1;  // component c: groups indices[c] to indices[c + 1] - 1 of corners
-for (int c = 0; c < components && answer != 1; ++c) {{
-    const double* lower = map.data + 3 * N + (size_t)c * (2 * N); const double* upper = lower + N;
-    if (slanted == 1) {{  // the component is connected: its cells leave no gap along an axis
-        if (p[axis].to(lower[axis]) <= 0.0 && p[axis].to(upper[axis]) >= 0.0) answer = 1;
-        continue;
-    }}
-    double middle = -offset, reach = 0.0;
-    for (int k = 0; k < N; ++k) {{
-        middle += m[k] * (0.5 * (lower[k] + upper[k]));
-        reach += fabs(m[k]) * (0.5 * (upper[k] - lower[k]));
-    }}
-    if (fabs(middle) > reach + error) continue;
-    double low[{LANES}], high[{LANES}], least, greatest;
-    for (int j = 0; j < {LANES}; ++j) low[j] = 1.0e300, high[j] = -1.0e300;
-    for (int g = indices.data[c]; g < indices.data[c + 1] && answer != 1; ) {{
-        const int pause = g + {GROUPS} < indices.data[c + 1] ? g + {GROUPS} : indices.data[c + 1];
-        for (; g < pause; ++g) {{
-            const double* corner = numbers.data + (size_t)g * (N * {LANES});
-            double d[{LANES}];
-            for (int j = 0; j < {LANES}; ++j) d[j] = -offset;
-            for (int k = 0; k < N; ++k) for (int j = 0; j < {LANES}; ++j) d[j] += m[k] * corner[k * {LANES} + j];
-            for (int j = 0; j < {LANES}; ++j) {{
-                low[j] = d[j] < low[j] ? d[j] : low[j];
-                high[j] = d[j] > high[j] ? d[j] : high[j];
-            }}
-        }}
-        least = low[0], greatest = high[0];
-        for (int j = 1; j < {LANES}; ++j) {{
-            least = low[j] < least ? low[j] : least;
-            greatest = high[j] > greatest ? high[j] : greatest;
-        }}
-        if (least <= -error && greatest >= error) answer = 1;
-    }}
-    if (answer == 1) break;
-    if (least > error || greatest < -error) continue;
-    // again, with an error bound for each corner that vanishes where the corner is the plane's own point
-    bool below = false, above = false, perhaps_below = false, perhaps_above = false;
-    for (int g = indices.data[c]; g < indices.data[c + 1]; ++g) for (int j = 0; j < {LANES}; ++j) {{
-        double d = 0.0, bound = 0.0;
-        for (int k = 0; k < N; ++k) {{
-            const double term = m[k] * p[k].to(numbers.data[((size_t)g * N + k) * {LANES} + j]);
-            d += term;
-            bound += fabs(term) * rho;
-        }}
-        below |= d <= -bound, above |= d >= bound, perhaps_below |= d <= bound, perhaps_above |= d >= -bound;
-    }}
-    if (below && above) answer = 1;
-    else if (perhaps_below && perhaps_above) answer = 2;
-}}
-"""
 
 
 def _outermost_first(corners: np.ndarray) -> np.ndarray:
@@ -144,20 +80,8 @@ class PlaneQuery(DirectedQuery):
         "planes through its points, mostly on faces, edges and corners of boundary cells, given by that point or one "
         "as far as several domains away"
     )
-    oracle_body = _BODY
-    sampled_point = """
-if (q[0] == 0.0f) break;
-// all points whose free coordinates lie outside the domain are skipped at once: their number is geometric
-const double skipped = floor(log(uniform()) / map.data[5 * N]);
-if (skipped >= COUNT - sample) break;
-sample += (int)skipped;
-double rest = 0.0;
-for (int k = 1; k < N; ++k) {
-    y[k] = map.data[3 * N + k] + uniform() * (map.data[4 * N + k] - map.data[3 * N + k]);
-    rest += (double)q[k] * (y[k] - (double)q[N + k]);
-}
-y[0] = (double)q[N] - rest / (double)q[0];
-"""
+    oracle_body = constants(LANES=LANES, GROUPS=GROUPS) + text.PLANE
+    sampled_point = text.SAMPLED_PLANE
 
     def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)

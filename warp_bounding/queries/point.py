@@ -13,31 +13,9 @@ from warp_bounding.queries.directions import at_points
 from warp_bounding.queries.domain import GROWTH, Domain, rounding_of_map
 from warp_bounding.queries.exact import any_occupied, rational_map
 from warp_bounding.rounding import TINY, UNIT32
+from warp_bounding.runtime.native import native_text
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
-
-_BODY = """
-int first[N], last[N], cell[N];  // cells that the point may lie in, two where it lies on a face
-bool some = true;
-for (int k = 0; k < N; ++k) {
-    const double t = (double)q[k] * map.data[k] - map.data[N + k], r = map.data[2 * N + k];
-    const double lo = ceil(t - 0.5), hi = floor(t + 0.5);
-    some = hi >= 0.0 && lo < r;
-    if (!some) break;
-    first[k] = cell[k] = lo < 0.0 ? 0 : (int)lo;
-    last[k] = hi >= r ? (int)r - 1 : (int)hi;
-}
-while (some) {
-    int c = 0, k = N - 1;
-    for (int j = 0; j < N; ++j) c = c * (int)map.data[2 * N + j] + cell[j];
-    if (indices.data[c >> 5] >> (c & 31) & 1) { answer = 1; break; }
-    for (; k >= 0; --k) {
-        if (++cell[k] <= last[k]) break;
-        cell[k] = first[k];
-    }
-    some = k >= 0;
-}
-"""
 
 
 class PointQuery(Query):
@@ -48,7 +26,7 @@ class PointQuery(Query):
     is_region = False
     every = "every point of the domain"
     hard_positives = "points of the object, mostly on its border (of cells: on faces, edges and corners)"
-    oracle_body = _BODY
+    oracle_body = native_text("truth.h").POINT
 
     @property
     def positive(self) -> str:

@@ -42,9 +42,10 @@ from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.queries.exact import RELATIVE_ERROR, cell_coordinates, integers, rational_map
 from warp_bounding.queries.point import POINT
 from warp_bounding.rounding import TINY, UNIT32, gamma, round_up
-from warp_bounding.runtime.native import literal
+from warp_bounding.runtime.native import literal, native_text
 from warp_bounding.shapes.grid import Grid
 
+text = native_text("truth.h")
 AT_END, AT_START = 0.3, 0.2  # shares of the hard rays that end, and that begin, at their point of the object
 ALMOST = 1 - 2e-7  # of the length: a ray that ends at a point still reaches it after its numbers are rounded to float32
 FROM_OUTSIDE = 0.5  # share of the hard rays with an origin outside the domain that keep it; others begin at their point
@@ -56,115 +57,6 @@ def empty_distance(occupancy: np.ndarray) -> np.ndarray:
     from scipy import ndimage
 
     return np.minimum(ndimage.distance_transform_cdt(~occupancy, metric="chessboard"), MOST_JUMP).astype(np.uint8)
-
-
-# See ``exact.loop_snippet``. Names that end in _sure are rounded inwards, those in _most outwards.
-_BODY = """
-const auto distance = cells.data;  // empty_distance: 0 in an occupied cell, else cells to the nearest one
-const auto larger = [](double a, double b) { return a > b ? a : b; };
-const auto smaller = [](double a, double b) { return a < b ? a : b; };
-double v[N], inverse[N], ratio[N];
-Coordinate o[N];
-int size[N], stride[N], first[N], last[N], cell[N];
-double square = 0.0, fastest = 0.0, largest = 0.0;
-int steepest = 0;
-for (int k = N - 1, step = 1; k >= 0; --k) {
-    o[k] = Coordinate(q[k], map.data[k], map.data[N + k]);
-    v[k] = (double)q[N + k] * map.data[k];
-    square += (double)q[N + k] * (double)q[N + k];
-    size[k] = (int)map.data[2 * N + k];
-    stride[k] = step;
-    step *= size[k];
-    if (fabs(v[k]) > fastest) fastest = fabs(v[k]), steepest = k;
-    if (fabs(o[k].t) + size[k] > largest) largest = fabs(o[k].t) + size[k];
-}
-if (!(fastest > 0.0)) break;
-{   // the steepest axis comes first
-    const Coordinate c = o[0]; o[0] = o[steepest]; o[steepest] = c;
-    const double e = v[0]; v[0] = v[steepest]; v[steepest] = e;
-    int i = size[0]; size[0] = size[steepest]; size[steepest] = i;
-    i = stride[0]; stride[0] = stride[steepest]; stride[steepest] = i;
-}
-// the parameter s is the distance along the steepest axis, in cells
-const double s_length = length * fastest / sqrt(square);
-double s_first = 0.0, s_last = s_length + s_length * rho;
-bool outside = false;
-for (int k = 0; k < N; ++k) {
-    if (v[k] == 0.0) {
-        outside |= !(o[k].hi >= 0.0 && o[k].lo < size[k]);
-        first[k] = o[k].lo > 0.0 && o[k].lo < size[k] ? (int)o[k].lo : 0;
-        last[k] = o[k].hi >= 0.0 && o[k].hi < size[k] ? (int)o[k].hi : size[k] - 1;
-        inverse[k] = ratio[k] = 0.0;
-        continue;
-    }
-    inverse[k] = fastest / v[k];
-    ratio[k] = v[k] / fastest;
-    const double u0 = o[k].to(-0.5) * inverse[k], u1 = o[k].to(size[k] - 0.5) * inverse[k];
-    const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
-    s_first = larger(s_first, a - fabs(a) * rho);
-    s_last = smaller(s_last, b + fabs(b) * rho);
-}
-if (outside || !(s_first <= s_last)) break;
-if (!(largest < 0x1p36)) { answer = 2; break; }  // position_error would reach 2^-8 of a cell
-// positions y = t + s ratio, s in [s_first, s_last], are wrong by under 20 roundings of 2 * largest
-const double position_error = 0x1p-44 * (largest + 1.0);
-const int sign = v[0] > 0.0 ? 1 : -1;
-const double y_first = o[0].t + sign * s_first, y_last = o[0].t + sign * s_last;
-const double i_first = sign > 0 ? ceil(y_first - position_error - 0.5) : floor(y_first + position_error + 0.5);
-const double i_last = sign > 0 ? floor(y_last + position_error + 0.5) : ceil(y_last - position_error - 0.5);
-const int begin_slab = i_first < 0.0 ? 0 : i_first > size[0] - 1 ? size[0] - 1 : (int)i_first;
-const int end_slab = i_last < 0.0 ? 0 : i_last > size[0] - 1 ? size[0] - 1 : (int)i_last;
-const double certain_length = s_length - s_length * rho;
-for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && answer != 1; ) {
-    const double s_middle = ((double)slab - o[0].t) * sign;
-    int index = slab * stride[0];
-    for (int k = 1; k < N; ++k) {
-        const double y = floor(o[k].t + s_middle * ratio[k] + 0.5);
-        index += (y < 0.0 ? 0 : y > size[k] - 1 ? size[k] - 1 : (int)y) * stride[k];
-    }
-    // Until slab j ahead (this one: 0) is left, y moves by at most j + 1/2 cells, so the ray meets cells at most j + 1 from
-    // the one at its middle here: distance - 1 slabs hold nothing. A y that is cut off at the border only comes nearer.
-    const int jump = distance[index] - 1;
-    if (jump > 0) { left -= jump; slab += sign * jump; continue; }
-    const double s0 = larger(s_first, s_middle - 0.5), s1 = smaller(s_last, s_middle + 0.5);
-    bool none = false;
-    for (int k = 1; k < N; ++k) {
-        if (v[k] != 0.0) {
-            const double y0 = o[k].t + s0 * ratio[k], y1 = o[k].t + s1 * ratio[k];
-            const double lo = ceil(smaller(y0, y1) - position_error - 0.5);
-            const double hi = floor(larger(y0, y1) + position_error + 0.5);
-            none |= !(hi >= 0.0 && lo < size[k]);
-            first[k] = lo > 0.0 && lo < size[k] ? (int)lo : 0;
-            last[k] = hi >= 0.0 && hi < size[k] ? (int)hi : size[k] - 1;
-        }
-        cell[k] = first[k];
-    }
-    cell[0] = slab;
-    while (!none) {
-        int at = 0;
-        for (int k = 0; k < N; ++k) at += cell[k] * stride[k];
-        if (distance[at] == 0) {
-            double a_sure = 0.0, b_sure = certain_length, a_most = 0.0, b_most = s_length + s_length * rho;
-            for (int k = 0; k < N; ++k) {
-                if (v[k] == 0.0) continue;
-                const double u0 = o[k].to(cell[k] - 0.5) * inverse[k], u1 = o[k].to(cell[k] + 0.5) * inverse[k];
-                const double a = v[k] > 0.0 ? u0 : u1, b = v[k] > 0.0 ? u1 : u0;
-                a_sure = larger(a_sure, a + fabs(a) * rho), a_most = larger(a_most, a - fabs(a) * rho);
-                b_sure = smaller(b_sure, b - fabs(b) * rho), b_most = smaller(b_most, b + fabs(b) * rho);
-            }
-            if (a_sure <= b_sure) { answer = 1; break; }
-            if (a_most <= b_most) answer = 2;
-        }
-        int k = 1;
-        for (; k < N; ++k) {
-            if (++cell[k] <= last[k]) break;
-            cell[k] = first[k];
-        }
-        none = k >= N;
-    }
-    left -= 1; slab += sign;
-}
-"""  # noqa: E501
 
 
 # what the texts of ``directions`` read
@@ -207,11 +99,8 @@ class RayQuery(DirectedQuery):
         "rays that pass, begin or end at such points, mostly on faces, edges and corners of boundary cells, many of "
         "them from outside the domain"
     )
-    oracle_body = _BODY
-    sampled_point = """
-const double along = length * uniform() / size;
-for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
-"""
+    oracle_body = text.RAY
+    sampled_point = text.SAMPLED_RAY
 
     def halves(self, q: np.ndarray, length: float) -> list[np.ndarray]:
         """Both ends of segments, the second one rounded to float64."""

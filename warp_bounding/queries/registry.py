@@ -13,6 +13,7 @@ from warp_bounding.queries.exact import ExactOracle, oracle_kernel
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
+from warp_bounding.runtime.native import constants, fill, native_text
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.joints import TEXT
 from warp_bounding.shapes.shape import Shape
@@ -100,50 +101,10 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
 PLANE_SPAN = 3.0  # free coordinates of a plane's points are uniform in [-3, 3], as in the paper
 
 
-def _body(kind: Query, ndim: int) -> str:
-    return f"""
-struct Generator {{  // PCG-RXS-M-XS 32 (O'Neill 2014), keyed by a hash of the seed and the query
-    unsigned int state;
-    void absorb(unsigned int word) {{ state ^= word; (*this)(); }}
-    unsigned int operator()() {{
-        state = state * 747796405u + 2891336453u;
-        unsigned int word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-        return (word >> 22u) ^ word;
-    }}
-}};
-if (out.data[i] != 1) break;  // the exact truth
-Generator generator;
-generator.state = (unsigned int)seed;
-unsigned int key = generator();
-for (int k = 0; k < 2 * N; ++k) {{
-    union {{ float f; unsigned int u; }} bits;
-    bits.f = q[k];
-    generator.state = key ^ bits.u;
-    key = generator() + 0x9e3779b9u * (unsigned int)(k + 1);
-}}
-generator.state = key;
-const auto uniform = [&]() {{ return ((double)generator() + 0.5) * 0x1p-32; }};
-double size = 0.0;
-for (int k = 0; k < N; ++k) size += (double)q[N + k] * (double)q[N + k];
-size = sqrt(size);
-constexpr int COUNT = {500 if ndim < 4 else 1500};
-for (int sample = 0; sample < COUNT; ++sample) {{
-    double y[N];
-    {kind.sampled_point}
-    long long index = 0;
-    bool inside = true;
-    for (int k = 0; k < N; ++k) {{
-        const double t = floor(y[k] * map.data[k] - map.data[N + k] + 0.5), r = map.data[2 * N + k];
-        inside &= t >= 0.0 && t < r;
-        index = index * (long long)r + (t >= 0.0 && t < r ? (long long)t : 0);
-    }}
-    if (inside && cells.data[index]) {{ answer = 1; break; }}
-}}
-"""
-
-
 def _kernel(query: str, ndim: int) -> wp.Kernel:
-    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, _body(QUERIES[query], ndim))
+    body = fill(native_text("truth.h").SAMPLED, sampled_point=QUERIES[query].sampled_point)
+    body = constants(COUNT=500 if ndim < 4 else 1500) + body
+    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, body)
 
 
 class SampledOracle(ExactOracle):
