@@ -447,6 +447,7 @@ def certify(
     checkpoint: Annotated[Text, Option(help="Go on from this file, and keep there what is left.")] = None,
     jobs: Annotated[int | None, number_option("Processes of this machine (default: this one).", count)] = None,
     scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
+    log: Annotated[Text, Option(help="Write which boxes are halved, for the program in verifier/.")] = None,
     srdf: Annotated[Path | None, Option(help="Of a plan: which links need no check.", **EXISTS)] = None,
     scene: Annotated[
         Text, Option(parser=words, help="Of a plan: scenes, meshes, distances: cell.scene,part.stl")
@@ -472,21 +473,22 @@ def certify(
     from warp_bounding.bounders.load import BALLS
 
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
+    searched = {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler, "log": log}
     processes, of_plan = one_of(jobs, scheduler), {"srdf": srdf, "scene": scene, "hold": hold, "pieces": pieces}
     if file.suffix.lower() == ".json":
-        given = expected | reading | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler, "margin": None}
+        given = expected | reading | searched | {"margin": None}
         if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
             raise BoundingError(f"a plan is certified at once; leave out {', '.join(unfit)}")
         return _certify_plan(file, shape, margin, **of_plan)
     if unfit := [f"--{name}" for name, value in of_plan.items() if value is not None]:
         raise BoundingError(f"{file}: is no plan (.json); leave out {', '.join(unfit)}")
     if file.suffix.lower() in (".urdf", ".yaml", ".yml"):
-        given = expected | reading | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
+        given = expected | reading | searched
         if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
             raise BoundingError(f"balls of a robot are certified at once; leave out {', '.join(unfit)}")
         return _certify_balls(file, shape, budget)
     if read(file)[1].get("method") == BALLS:
-        given = expected | {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
+        given = expected | searched
         if unfit := [f"--{name}" for name, value in given.items() if value is not None]:
             raise BoundingError(f"balls of a pair are certified at once; leave out {', '.join(unfit)}")
         found = wb.pairs.Balls.load(file).certify(wb.load_shape(str(shape), **reading_of(reading)), budget)
@@ -494,8 +496,8 @@ def certify(
         return 0 if found.proven else 1, known, f"{found.kind}: {found.message}"
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
-        run = {"budget": budget, "progress": update, "checkpoint": checkpoint, "scheduler": processes}
-        found = wb.certify(bounder, loaded, **expected, **run)
+        run = {"budget": budget, "progress": update, "checkpoint": checkpoint, "scheduler": processes, "log": log}
+        found = wb.certify(bounder if log is None else file, loaded, **expected, **run)
     of_both = about(bounder, file, found, shape, found.indicator)
     if restricted := getattr(loaded, "restriction", ""):
         warn(f"warp-bounding: {loaded.name}: {restricted}")

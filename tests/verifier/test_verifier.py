@@ -1,0 +1,337 @@
+"""``python -m verifier``: what holds is verified, and every planted fault is found."""
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from asking import ask
+from bounding_shapes import DEEP, HIDDEN, random_mlp
+from rewriting import changed, rewrite
+
+import warp_bounding as wb
+from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.networks import network as networks
+from warp_bounding.networks import tensor_cores
+from warp_bounding.proof import prove
+from warp_bounding.proof.search import ShapePositives
+from warp_bounding.queries.domain import Domain
+
+pytest.importorskip("flint", reason="the verifier needs python-flint (the extra verify)")
+from verifier import files, search
+from verifier.__main__ import main
+from verifier.bounders import Claim
+
+MARGIN = 0.05
+RING = trimesh.creation.torus(0.7, 0.3, major_sections=12, minor_sections=8)
+METHODS = ("aabb", "obb", "kdop", "learned-kdop", "bvh")
+
+
+@cache
+def ring(margin=MARGIN):
+    return wb.shapes.Mesh(RING.vertices, RING.faces, name="ring").dilated(margin)
+
+
+@cache
+def bounder(kind):
+    """Proven bounders of the ring: by method, fitted networks, or networks of random weights."""
+    if kind in ("sin", "relu", "deep"):
+        made = random_mlp(ring(), DEEP if kind == "deep" else HIDDEN, "relu" if kind == "relu" else "sin")
+        prove(made, ring(), eps=1e-6)
+        made.info["margin"] = MARGIN
+        return made
+    options = {"resolution": 24} if kind == "bvh" else {"steps": 20} if kind == "learned-kdop" else {}
+    options = {"hidden": HIDDEN, "steps": 60} if kind == "mlp" else options
+    return wb.fit(ring(), method=kind, device="cpu", **options)
+
+
+@pytest.fixture
+def files_of(tmp_path):
+    """Writes a bounder and the ring; the command's arguments."""
+
+    def write(kind, change=None):
+        made = bounder(kind) if isinstance(kind, str) else kind
+        made.save(tmp_path / "ring.safetensors")
+        if change:
+            rewrite(tmp_path / "ring.safetensors", change)
+        RING.export(tmp_path / "ring.obj", digits=17)
+        return [str(tmp_path / "ring.safetensors"), str(tmp_path / "ring.obj")]
+
+    return write
+
+
+def lowest(made, count=200_000):
+    """The least exact f of many points of the object."""
+    return float(made.reference(made.domain.to_local(ring().points(count, np.random.default_rng(3)))).min())
+
+
+@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "relu", "deep"])
+def test_what_is_proven_is_verified(files_of, capsys, kind):
+    assert main(files_of(kind)) == 0
+    assert capsys.readouterr().out.startswith("verified: every point within 0.05 of the solid in ring.obj")
+
+
+@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin"])
+@pytest.mark.parametrize("fault", ["threshold", "margin", "vertex", "margin in the file"])
+def test_changes_are_found(files_of, tmp_path, capsys, kind, fault):
+    def change(document):
+        if fault == "threshold":
+            document["threshold"] = float(np.float32(lowest(bounder(kind)) + 0.05)) if kind != "bvh" else 0.5
+        if fault == "margin in the file":
+            document["margin"] = 3 * MARGIN
+
+    given = files_of(kind, change)
+    if fault == "vertex":
+        moved = RING.copy()
+        moved.vertices[5] += 0.3 * moved.vertex_normals[5]
+        moved.export(tmp_path / "ring.obj", digits=17)
+    status = main([*given, *(["--margin", "0.2"] if fault == "margin" else [])])
+    assert status == 1, capsys.readouterr()
+    assert "not verified: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin"])
+def test_a_changed_number_is_found(files_of, capsys, kind):
+    made = bounder(kind)
+    name, by = {"aabb": ("low", 0.3), "bvh": ("low", 0.3), "learned-kdop": ("offsets", -0.3)}.get(kind, ("high", -0.3))
+    if kind in ("mlp", "sin"):
+        name, by = f"layers.{len(made.hidden)}.bias", -0.3
+    names = ("low", "high") if kind == "bvh" else (name,)
+    assert main(files_of(changed(made, {name: made.tensors[name] + np.float32(by) for name in names}))) == 1
+    assert "not verified: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", ["mlp", "sin", "deep"])
+def test_an_error_that_is_a_hundredth_too_small_is_found(files_of, kind):
+    least, error = (
+        lowest(bounder(kind)),
+        Claim(*files.read_bounder(Path(files_of(kind)[0]))[:2]).error,
+    )
+    threshold = float(np.float32(least - 0.99 * error))
+
+    def change(document):
+        document["threshold"] = threshold
+
+    assert main(files_of(kind, change)) == 1
+
+
+# --- logs, and going on ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def logged(files_of, tmp_path):
+    given = files_of("mlp")
+    assert wb.certify(given[0], given[1], log=tmp_path / "halvings.npz").proven
+    return [*given, "--log", str(tmp_path / "halvings.npz")]
+
+
+def relog(path, change):
+    with np.load(path) as log:
+        axis, sha = log["axis"], log["sha256"]
+    np.savez_compressed(path, axis=change(axis), sha256=sha)
+
+
+def test_a_log_is_followed(logged, capsys):
+    assert main(logged) == 0
+    with np.load(logged[-1]) as log:
+        assert (log["axis"] >= 0).sum() * 2 + 1 == len(log["axis"]) > 100
+
+
+def test_a_log_that_leaves_out_a_box_or_is_of_another_file_is_refused(logged, files_of, capsys):
+    relog(logged[-1], lambda axis: np.delete(axis, np.flatnonzero(axis < 0)[7]))
+    assert main(logged) == 1
+    assert "leaves out boxes" in capsys.readouterr().out
+    files_of("deep")
+    assert main(logged) == 2
+    assert "another bounder" in capsys.readouterr().err
+
+
+def test_a_log_of_nonsense_changes_nothing(logged):
+    """Of a wrong threshold, too: nothing of a log is believed."""
+    rng = np.random.default_rng(0)
+
+    def nonsense(axis):
+        made, inner = np.where(rng.random(4001) < 0.5, rng.integers(0, 3, 4001), -1), 0
+        made[:50] = rng.integers(0, 3, 50)
+        inner = int((made >= 0).sum())
+        return np.concatenate([made, np.full(max(2 * inner + 1 - 4001, 0), -1)])[: 2 * inner + 1].astype(np.int8)
+
+    relog(logged[-1], nonsense)
+    with np.load(logged[-1]) as log:
+        axis = log["axis"]
+    if len(axis) == 2 * (axis >= 0).sum() + 1:
+        assert main(logged) == 0
+
+
+def test_logs_need_a_file_and_one_process(tmp_path, files_of):
+    for given in ({"checkpoint": tmp_path / "left"}, {"scheduler": 2}):
+        with pytest.raises(wb.BounderError, match="a log is of"):
+            wb.certify(files_of("mlp")[0], ring(), log=tmp_path / "log", **given)
+    with pytest.raises(wb.BounderError, match="give certify its path"):
+        wb.certify(bounder("mlp"), ring(), log=tmp_path / "log")
+
+
+def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_path):
+    given, looks, whole = files_of("mlp"), [], search.Points.__call__
+
+    def stopped(self, boxes):
+        looks.append(len(boxes.node))
+        if len(looks) == 12:
+            raise KeyboardInterrupt
+        return whole(self, boxes)
+
+    assert main(given) == 0
+    alone = capsys.readouterr().out
+    monkeypatch.setattr(search.Points, "__call__", stopped)
+    assert main(given) == 2
+    saved = tmp_path / "ring.safetensors.verify.npz"
+    assert saved.is_file()
+    assert main([*given, "--margin", "0.04"]) == 2  # of another search
+    assert main(given) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == alone.splitlines()[-1]
+    assert not saved.exists()
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+
+def edits():
+    yield lambda d: d.update(query="ray")
+    yield lambda d: d.update(method="sphere")
+    yield lambda d: d["domain"].update(unbounded=True)
+    yield lambda d: d["sizes"].update(activation="tanh")
+    yield lambda d: d["sizes"].update(hidden=[9])
+    yield lambda d: d["domain"].update(scale=[0.1, 0.1, 0.1])
+    yield lambda d: d.pop("threshold")
+
+
+@pytest.mark.parametrize("change", list(edits()))
+def test_other_kinds_and_damaged_files_are_bad_input(files_of, change, capsys):
+    assert main(files_of("mlp", change)) == 2
+    assert "bad input" in capsys.readouterr().err
+
+
+def test_damaged_bytes_and_open_meshes_are_bad_input(files_of, tmp_path):
+    given = files_of("mlp")
+    (tmp_path / "short").write_bytes((tmp_path / "ring.safetensors").read_bytes()[:-40])
+    assert main([str(tmp_path / "short"), given[1]]) == 2
+    assert main([given[0], str(tmp_path / "none.obj")]) == 2
+    assert main([*given, "--margin", "nan"]) == 2
+    RING.submesh([np.arange(5, len(RING.faces))])[0].export(tmp_path / "ring.obj")
+    assert main(given) == 2
+
+
+# --- faults of the library -------------------------------------------------------------------------------------------
+
+
+def relaxed(monkeypatch, made):
+    bounds = networks.bound_boxes
+
+    def too_high(*given):
+        found = bounds(*given)
+        return found._replace(lower=found.lower + 0.2)
+
+    monkeypatch.setattr(networks, "bound_boxes", too_high)
+
+
+def lowest_place(made):
+    x = ring().points(10_000, np.random.default_rng(3))
+    return x[made.reference(made.domain.to_local(x)).argmin()]
+
+
+def uncovered(monkeypatch, made):
+    """The eighth of the domain alone that is opposite to the lowest f."""
+    end = -np.sign(made.domain.to_local(lowest_place(made))) * made.domain.limit
+    cover = np.minimum(end, 0)[None], np.maximum(end, 0)[None]
+    monkeypatch.setattr(ShapePositives, "boxes", lambda self: cover)
+
+
+def emptied(monkeypatch, made):
+    """As if there were nothing around the lowest f."""
+    empty, place = wb.shapes.Mesh.empty, lowest_place(made)
+
+    def wrong(self, low, high):
+        return empty(self, low, high) | (np.abs((low + high) / 2 - place) < 0.3).all(axis=1)
+
+    monkeypatch.setattr(wb.shapes.Mesh, "empty", wrong)
+
+
+def unrounded(monkeypatch, made):
+    monkeypatch.setattr(Mlp, "rounding_bound", lambda self: 0.0)
+
+
+@pytest.mark.parametrize("kind", ["sin", "deep"])
+@pytest.mark.parametrize("fault", [relaxed, uncovered, emptied, unrounded])
+def test_what_a_faulty_library_proves_is_not_verified(files_of, monkeypatch, fault, kind):
+    made, right = changed(bounder(kind), {}), float(bounder(kind).threshold)
+    with monkeypatch.context() as patch:
+        fault(patch, made)
+        prove(made, ring(), eps=1e-6)
+        assert made.certificate.proven
+        assert float(made.threshold) > right + (0.5 * bounder(kind).certificate.rounding_bound)
+    made.info["margin"] = MARGIN
+    assert main(files_of(made)) == 1
+
+
+# --- the order of sums -----------------------------------------------------------------------------------------------
+
+
+def attack(big, activation, seed):
+    """Sums that cancel: f is a few terms, and pairs of terms of a size at which float32 keeps little of them.
+
+    After "No Soundness in the Real World" (arXiv 2506.01054): what a verifier says of real numbers, the deployed
+    network does not do, in one order of its sums or another.
+    """
+    rng, n = np.random.default_rng(seed), 8
+    weight, bias = rng.normal(size=(2 * n + 3, 3)) * 0.5, rng.uniform(0.5, 2, 2 * n + 3)
+    weight[n : 2 * n], bias[n : 2 * n] = weight[:n], bias[:n]
+    sizes = big * rng.uniform(0.5, 1, n)
+    last = np.concatenate([sizes, -sizes, [1.0, -0.5, 0.25]])
+    order = rng.permutation(2 * n + 3)
+    tensors = {"layers.0.weight": weight[order], "layers.0.bias": bias[order]}
+    tensors |= {"layers.1.weight": last[order][None], "layers.1.bias": np.zeros(1)}
+    tensors = {name: tensor.astype(np.float32) for name, tensor in tensors.items()}
+    return Mlp(Domain.of(ring()), tensors, {"hidden": [2 * n + 3], "activation": activation}, "cpu")
+
+
+def emulated(made, v):
+    """f of points as tensor cores compute it: see ``tests/networks/test_tensor_cores.py``."""
+    from test_tensor_cores import lockstep
+
+    numbers = tensor_cores.numbers(made.source, made.layers, np.float32(made.threshold))
+    parts = []
+    for cuts in (0, 1):
+        numbers[7] = cuts
+        parts.append([lockstep(made.source, numbers, part) for part in v.reshape(-1, 32, 3)])
+    return np.array(parts).reshape(2, -1)
+
+
+@pytest.mark.parametrize("activation", ["sin", "relu"])
+def test_no_order_of_sums_denies_what_is_verified(files_of, activation, monkeypatch):
+    """Where a search takes long nothing is verified."""
+    denied, verified, whole, looks = 0, [], search.Points.__call__, []
+
+    def impatient(self, boxes):
+        looks.append(len(boxes.node))
+        if sum(looks) > 60_000:
+            raise ArithmeticError("enough")
+        return whole(self, boxes)
+
+    monkeypatch.setattr(search.Points, "__call__", impatient)
+    x = ring().points(32_000, np.random.default_rng(1)).astype(np.float32)
+    x = x[ring().contains(x)]
+    for seed, big in enumerate((1.0, 2.0**10, 2.0**16, 2.0**20)):
+        made = attack(big, activation, seed)
+        least = float(made.reference(made.domain.to_local(x.astype(float))).min())
+        error = made.rounding_bound()
+        for threshold in (least, least - 0.1 * error, least - 1.2 * error - 1e-3):
+            made.freeze(float(np.float32(threshold)), None)
+            made.info["margin"] = MARGIN
+            wrong = not (made.query(x).numpy().all() and ask(made, x).all())
+            looks.clear()
+            verified.append(main(files_of(made)) == 0)
+            assert not (verified[-1] and wrong)
+            denied += wrong
+    assert denied > 3  # the attack is one
+    assert any(verified)

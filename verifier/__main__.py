@@ -1,0 +1,75 @@
+"""``python -m verifier FILE SHAPE [--margin M] [--log FILE]``: exit 0 if verified, 1 if not, 2 for bad input."""
+
+import argparse
+import hashlib
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from verifier import files
+from verifier.bounders import Claim, uncovered
+from verifier.mesh import Mesh
+from verifier.search import Boxes, Points, search
+
+
+def verify(file: Path, shape: Path, margin: float | None, log: Path | None, report) -> str:
+    """What is verified; raises ``ArithmeticError`` with what is not, ``ValueError`` and its like for bad input."""
+    tensors, about, sha = files.read_bounder(file)
+    vertices, faces = files.read_mesh(shape)
+    claim, margin = Claim(tensors, about), float(about.get("margin") or 0.0) if margin is None else margin
+    if not 0 <= margin < np.inf:
+        raise ValueError(f"the margin must be a length, got {margin}")
+    mesh, used, looked = Mesh(vertices, faces), vertices[np.unique(faces)], 0
+    reach = (margin + 2.0**-50 * np.abs(used).max(axis=0)) * (1 + 2.0**-50)
+    claim.check_domain(used.min(axis=0) - reach, used.max(axis=0) + reach)
+    if claim.faces:
+        claim.check_faces(used, margin)
+    else:
+        roots, tree = [(-claim.limit, claim.limit)], np.full((1, 2), -1)
+        if claim.leaves:
+            roots = uncovered(*roots[0], *claim.leaves) if claim.threshold <= 0 else roots  # f is 0 in a leaf
+        elif log:
+            tree = files.read_log(log, sha)
+        lower, upper = np.array(roots, float).reshape(-1, 2, 3).transpose(1, 0, 2)
+        (low, high), every, node = claim.origins(lower, upper), np.arange(len(faces)), -1 if len(tree) == 1 else 0
+        items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= margin**2) for i in range(len(roots))]
+        root = Boxes(
+            lower, upper, np.full(len(roots), node), np.array([*map(len, items)]), np.hstack([*items, every[:0]])
+        )
+        key = hashlib.sha256(repr((sha, margin)).encode() + b"".join(map(bytes, (vertices, faces, tree)))).hexdigest()
+        saved = (log or file).with_name((log or file).name + ".verify.npz")
+        looked = search(Points(claim, mesh, margin, tree), root, saved, key, report) if roots else 0
+    what = f"every point within {margin} of the solid in {shape.name} is answered with maybe by {file.name}"
+    return f"verified: {what}: {claim.method}, f >= {claim.threshold!r} + {claim.error:.6g}, {looked:,} boxes"
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; the exit status."""
+    parser, last = argparse.ArgumentParser("verifier", description=__doc__.replace("``", "")), [time.monotonic()]
+    parser.add_argument("file", type=Path, help="a bounder, .safetensors")
+    parser.add_argument("shape", type=Path, help="a closed mesh, .obj, .stl or .ply")
+    parser.add_argument("--margin", type=float, help="object units; by default what the file says")
+    parser.add_argument("--log", type=Path, help="what `warp-bounding certify --log` wrote")
+
+    def report(open_: float, looked: int) -> None:
+        if time.monotonic() > last[0] + 10:
+            last[0] = time.monotonic()
+            print(f"{looked:,} boxes, {open_:.6f} of v's volume is open", file=sys.stderr, flush=True)
+
+    try:
+        print(verify(**vars(parser.parse_args(arguments)), report=report))
+        return 0
+    except ArithmeticError as failure:
+        print(f"not verified: {failure}")
+        return 1
+    except KeyboardInterrupt:
+        print("stopped; the same command goes on", file=sys.stderr)
+    except Exception as error:  # of files that are not what they should be
+        print(f"bad input: {error!r}", file=sys.stderr)
+    return 2
+
+
+if __name__ == "__main__":
+    sys.exit(main())

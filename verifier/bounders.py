@@ -1,0 +1,104 @@
+"""What a bounder's file claims of points: the map to v, what f must reach there, and f of each kind.
+
+``v = (x - center) * scale`` in float32, within delta of the exact one; *no* where ``|v| > limit`` or ``f < threshold``.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from verifier import float32
+
+METHODS, ACTIVATIONS = ("mlp", "aabb", "obb", "kdop", "learned-kdop", "bvh"), ("sin", "relu")
+ROOM = 1 + 2.0**-45  # outweighs what float64 rounds in a handful of operations on positive numbers
+
+
+class Claim:
+    """A file's claim; ``ValueError`` for one that is not checked by this program.
+
+    It has ``layers``, or ``faces`` (f is the least ``offset - d . v``), or ``leaves`` (f is 0 there); ``error`` is E.
+    """
+
+    def __init__(self, tensors: dict[str, np.ndarray], about: dict):
+        self.method, sizes, domain = about["method"], about["sizes"], about["domain"]
+        odd = [about["query"] != "point", about["dimension"] != 3, about["motion"], "frame" in about]
+        odd += [self.method not in METHODS, sizes.get("activation", "sin") not in ACTIVATIONS]
+        odd += [x.get(name) for x in (domain, sizes) for name in ("joints", "time", "unbounded", "octaves", "moments")]
+        if any(odd):
+            raise ValueError(f"{self.method} for {about['query']} queries of this kind is not checked by this program")
+        self.center, self.scale, self.limit = (np.array(domain[name], float) for name in ("center", "scale", "limit"))
+        self.threshold, self.delta = float(about["threshold"]), np.array(domain["delta"], float)
+        numbers = np.concatenate([[self.threshold], self.center, self.scale, self.limit])
+        if numbers.shape != (10,) or (np.float32(numbers) != numbers).any() or not (self.scale > 0).all():
+            raise ValueError("the threshold or the domain has other numbers than float32")
+        self.layers, self.faces, self.leaves, self.error = None, None, None, 0.0
+        if self.method == "mlp":
+            widths, self.activation = [3, *sizes["hidden"], 1], sizes["activation"]
+            names = [f"layers.{i}" for i in range(len(widths) - 1)]
+            self.layers = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in names]
+            if [weight.shape + bias.shape for weight, bias in self.layers] != [(h, k, h) for k, h in pairwise(widths)]:
+                raise ValueError("layers are not of the sizes that the file says")
+            self.error = float32.network(self.layers, self.activation, self.limit)
+        elif self.method == "bvh":
+            self.leaves = leaves_of(*(tensors[name] for name in ("low", "high", "past")))
+        elif self.method == "learned-kdop":
+            self.faces = tensors["normals"], tensors["offsets"]
+            self.error = float32.faces(*self.faces, self.limit, axes=False)
+        else:
+            d = tensors.get("directions", np.eye(3))
+            self.faces = np.concatenate([d, -d]), np.concatenate([tensors["high"], -tensors["low"]])
+            self.error = float32.faces(*self.faces, self.limit, axes=self.method == "aabb")
+        self.target = np.nextafter(self.threshold + self.error, np.inf)
+
+    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes that hold all points of object space of which a v in these boxes can be made."""
+        low, high = (lower - self.delta) / self.scale, (upper + self.delta) / self.scale
+        room = 2.0**-50 * ((np.maximum(np.abs(lower), np.abs(upper)) + self.delta) / self.scale + np.abs(self.center))
+        return low + self.center - room, high + self.center + room
+
+    def check_domain(self, lower: np.ndarray, upper: np.ndarray) -> None:
+        """Raise ``ArithmeticError`` if the map itself may deny a point of an object in this box."""
+        v = np.maximum(upper - self.center, self.center - lower) * self.scale * ROOM
+        query = float32.U * np.maximum(np.abs(lower), np.abs(upper)) * self.scale * ROOM  # of float64, made float32
+        needed = (query + 2.0001 * float32.U * (v + query)) * ROOM + 4 * float32.TINY * (1 + self.scale)
+        if not (needed <= self.delta).all():
+            raise ArithmeticError(f"float32 rounds v by up to {needed.tolist()}, delta is only {self.delta.tolist()}")
+        if not ((v + self.delta) * ROOM <= self.limit).all():
+            raise ArithmeticError(f"the object reaches to |v| = {v.tolist()}, the domain to {self.limit.tolist()}")
+
+    def check_faces(self, vertices: np.ndarray, margin: float) -> None:
+        """Raise ``ArithmeticError`` unless f reaches the target on the hull of the object, and so on the object."""
+        (d, offset), away = self.faces, vertices - self.center
+        reach = margin * np.sqrt(((d * self.scale) ** 2).sum(axis=1)) + np.abs(d) @ self.delta  # beyond a vertex
+        room = (np.abs(away) @ np.abs(d * self.scale).T + reach + np.abs(offset) + abs(self.target)) * 2.0**-45
+        f = offset - away @ (d * self.scale).T - reach - room
+        if not f.min() >= self.target:
+            place, why = vertices[f.argmin() // len(d)].tolist(), f"f may be {f.min():.9g}, {self.target:.9g} is needed"
+            raise ArithmeticError(f"vertex {place}, face {f.argmin() % len(d)}: {why}")
+
+
+def leaves_of(low: np.ndarray, high: np.ndarray, past: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Leaves that a walk reaches, which goes from a node i that is met to i + 1, else to ``past[i]``, maybe too far."""
+    at = np.arange(len(past))
+    if low.shape != (len(past), 3) or high.shape != low.shape or (past <= at).any() or (past % 1 != 0).any():
+        raise ValueError("the hierarchy is none")
+    for leaf in np.flatnonzero(past == at + 1):
+        above = (at < leaf) & (past > leaf)
+        if (low[above] > low[leaf]).any() or (high[above] < high[leaf]).any():
+            raise ArithmeticError(f"a node above leaf {leaf} of the hierarchy does not hold it")
+    return low[past == at + 1], high[past == at + 1]
+
+
+def uncovered(lower: np.ndarray, upper: np.ndarray, low: np.ndarray, high: np.ndarray) -> list:
+    """Boxes that cover ``lower`` to ``upper`` together with the boxes ``low`` to ``high``, cut along their faces."""
+    meets = ((low < upper) & (high > lower)).all(axis=1)
+    low, high = low[meets], high[meets]
+    if not len(low):
+        return [(lower, upper)]
+    if ((low <= lower) & (high >= upper)).all(axis=1).any():
+        return []
+    largest = (np.minimum(high, upper) - np.maximum(low, lower)).prod(axis=1).argmax()
+    cuts = [(k, face[largest, k]) for face in (low, high) for k in range(3) if lower[k] < face[largest, k] < upper[k]]
+    (k, at), one, two = cuts[0], upper.copy(), lower.copy()
+    one[k] = two[k] = at
+    return uncovered(lower, one, low, high) + uncovered(two, upper, low, high)

@@ -1,0 +1,111 @@
+"""A closed triangle mesh: which boxes lie off its triangles, and which points outside, for certain.
+
+Inequalities have room for what float64 rounds, so they hold for the exact numbers; what does not hold is not known.
+"""
+
+from fractions import Fraction
+
+import numpy as np
+
+AGAIN = 1000  # one statement in so many is proven a second time
+ROOM = 2.0**-48  # 32 units: more than what sums of up to 12 products round, times their absolute terms
+SMALLEST = 2.0**-900  # products that matter are larger, so none is subnormal
+CELLS = 256  # of a table of the plane across axis 0, along each of the other two
+
+
+class Mesh:
+    """Triangles ``(T, 3, 3)`` of float32 vertices, in float64; ``ValueError`` for those without a certain inside."""
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray):
+        self.triangles = vertices[faces]
+        faces = np.unique(vertices, axis=0, return_inverse=True)[1].reshape(-1)[faces]  # vertices at one place are one
+        edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+        there, back = np.sort(edges @ (len(vertices), 1)), np.sort(edges @ (1, len(vertices)))
+        if not np.abs(vertices).max() < 2.0**100 or (there != back).any():
+            raise ValueError("a mesh that is not closed, or whose faces are not turned alike, is not for this program")
+        self.lower, self.upper = self.triangles.min(axis=1), self.triangles.max(axis=1)
+        self._corner = self.lower.min(axis=0)
+        self._side = (self.upper.max(axis=0) - self._corner) / (CELLS - 1) + 1e-300
+        first, last = self._cell(self.lower), self._cell(self.upper)
+        wide = last - first + 1
+        owner, at = np.repeat(np.arange(len(wide)), wide.prod(axis=1)), spread(0 * wide[:, 0], wide.prod(axis=1))
+        key = (first[owner, 0] + at // wide[owner, 1]) * (CELLS + 2) + first[owner, 1] + at % wide[owner, 1]
+        order = np.argsort(key, kind="stable")
+        self._starts, self._items = np.searchsorted(key[order], np.arange((CELLS + 2) ** 2 + 1)), owner[order]
+
+    def _cell(self, x: np.ndarray) -> np.ndarray:  # rounding keeps the order, so a triangle's cells hold its points
+        return np.clip(np.floor((x - self._corner) / self._side), -1, CELLS)[:, 1:].astype(np.int64) + 1
+
+    def gaps(self, lower, upper, box, triangle) -> np.ndarray:
+        """Lower bounds of squared gaps between pairs of a box and the box around a triangle."""
+        gap = np.maximum(self.lower[triangle] - upper[box], lower[box] - self.upper[triangle])
+        return (np.maximum(gap, 0) ** 2).sum(axis=1) * (1 - ROOM)
+
+    def apart(self, lower, upper, box, triangle, margin: float) -> np.ndarray:
+        """Which pairs are apart by more than a margin, as a direction towards face, corner or edge separates them."""
+        corners, low, high, known = self.triangles[triangle], lower[box], upper[box], np.zeros(len(box), bool)
+        for k in range(7):
+            some = np.flatnonzero(~known)
+            pairs = towards(corners[some], (low[some] + high[some]) / 2, k), corners[some], low[some], high[some]
+            known[some] = separates(*pairs, margin)
+            for i in np.flatnonzero(known[some])[::AGAIN]:
+                if not exactly_separates(*(each[i] for each in pairs), margin):
+                    raise ArithmeticError(
+                        f"fractions contradict float64 about a triangle and the box at {low[some[i]]}"
+                    )
+        return known
+
+    def outside(self, x: np.ndarray) -> np.ndarray:
+        """Which points are outside: half-lines cross an even number of triangles, as many from the front as not."""
+        key = self._cell(x) @ (CELLS + 2, 1)
+        count = self._starts[key + 1] - self._starts[key]
+        point, triangle = np.repeat(np.arange(len(x)), count), self._items[spread(self._starts[key], count)]
+        sign, certain = crossing(self.triangles[triangle], x[point])
+        turns, odd = np.bincount(point, sign, len(x)), np.bincount(point, np.abs(sign), len(x)) % 2
+        return (turns == 0) & (odd == 0) & (np.bincount(point, ~certain, len(x)) == 0)
+
+
+def spread(starts: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """``starts[i], starts[i] + 1, ...``, as many as ``count[i]``, one behind the other."""
+    return np.arange(count.sum()) + np.repeat(starts - (np.cumsum(count) - count), count)
+
+
+def separates(direction, corners, low, high, margin: float) -> np.ndarray:
+    """Whether ``d . y > d . x + margin |d|`` for all y of triangles and x of boxes, which are then apart, for any d."""
+    middle, size = (low + high) / 2, np.abs(direction)
+    half = np.maximum(high - middle, middle - low) * (1 + ROOM)
+    products = (corners - middle[:, None]) * direction[
+        :, None
+    ]  # as seen from the middle, so that differences are small
+    rise, terms = products.sum(axis=2).min(axis=1), np.abs(products).sum(axis=2).max(axis=1)
+    reach = (size * half).sum(axis=1) + margin * np.sqrt((direction**2).sum(axis=1)) * (1 + ROOM)
+    return rise - reach > ROOM * (terms + reach) + SMALLEST
+
+
+def exactly_separates(direction, corners, low, high, margin: float) -> bool:
+    """The same of one pair, in fractions."""
+    d, y, low, high = (np.vectorize(Fraction, otypes=[object])(each) for each in (direction, corners, low, high))
+    gap = min(y @ d) - sum(np.maximum(d * low, d * high))
+    return gap > 0 and gap**2 > Fraction(margin) ** 2 * (d @ d)
+
+
+def towards(corners: np.ndarray, x: np.ndarray, k: int) -> np.ndarray:
+    """About the way from x to a triangle's plane (k = 0), to a corner (1 to 3) or to an edge; nothing rests on it."""
+    way, edge = corners[:, k % 3] - x, corners[:, (k + 1) % 3] - corners[:, k % 3]
+    line = np.cross(edge, corners[:, (k + 2) % 3] - corners[:, k % 3]) if k == 0 else edge
+    along = line * ((way * line).sum(axis=1) / np.maximum((line**2).sum(axis=1), 1e-300))[:, None]
+    return along if k == 0 else way if k < 4 else way - along
+
+
+def crossing(corners: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of half-lines from x along axis 0 and triangles: +1 or -1 where they cross, else 0; and if that is certain."""
+    along, *across = (corners - x[:, None]).transpose(2, 1, 0)
+    after, last = [1, 2, 0], [2, 0, 1]
+    one, two = across[0][after] * across[1][last], across[1][after] * across[0][last]
+    area, room = one - two, ROOM * (np.abs(one) + np.abs(two)) + SMALLEST  # opposite to each corner
+    beside = (area > room).any(axis=0) & (area < -room).any(axis=0)  # the line passes by
+    through, front = (np.abs(area) > room).all(axis=0) & ~beside, np.sign(area[0])
+    height = front * (area * along).sum(axis=0)  # has the sign of the way to where the line meets the triangle
+    slack = ((2 * room + ROOM * np.abs(area)) * np.abs(along)).sum(axis=0) + SMALLEST
+    certain = beside | (along < 0).all(axis=0) | (through & (np.abs(height) > slack))
+    return np.where(through & (height > slack), front, 0.0), certain
