@@ -431,9 +431,7 @@ def choose(
     check_numbers(budget, seed, margin)
     check_asked(query, NONE, length, SIDES[0])
     _check_prices(narrow_ns, overhead_ns, how, memory)
-    methods = [*METHODS, CASCADE] if methods is None else [methods] if isinstance(methods, str) else list(methods)
-    for name in set(methods) - {*METHODS, CASCADE}:
-        raise BounderError(f"methods must be some of {', '.join([*METHODS, CASCADE])}, got {name!r}")
+    methods = _checked_methods(methods)
     shape, length, device = own_coordinates(load_shape(shape), "choose"), float(length or 1.0), str(device_of(device))
     _check_bounders(bounders or {}, query, shape, how)
     warn_of_restriction(shape)
@@ -537,6 +535,15 @@ def _check_prices(narrow_ns, overhead_ns: float, how: str, memory: int | None) -
         raise BounderError(f"how must be one of {', '.join(HOW)}, got {how!r}")
     if memory is not None and (not isinstance(memory, int | np.integer) or memory < 1):
         raise BounderError(f"memory must be a whole number of bytes of at least 1, got {memory!r}")
+
+
+def _checked_methods(methods: Iterable[str] | None) -> list[str]:
+    """Names of the methods to try; ``BounderError`` for one that there is not."""
+    known = [*METHODS, CASCADE]
+    methods = known if methods is None else [methods] if isinstance(methods, str) else list(methods)
+    for name in set(methods) - set(known):
+        raise BounderError(f"methods must be some of {', '.join(known)}, got {name!r}")
+    return methods
 
 
 def _check_bounders(bounders: Mapping[str, Bounder], query: str, shape: Shape, how: str) -> None:

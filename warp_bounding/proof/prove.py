@@ -47,11 +47,8 @@ def least_value(
     bounder: Bounder,
     grid: Grid,
     *,
-    eps: float = 1e-3,
-    budget: float = float("inf"),
-    boxes: float = float("inf"),
     points: np.ndarray | None = None,
-    progress: Callable[[int, float, float], None] | None = None,
+    **limits,
 ) -> Search:
     """Certified minimum of f over every v that the pipeline can make of a positive; arguments as in ``prove``.
 
@@ -62,7 +59,7 @@ def least_value(
       certifies to be empty (``search.ShapePositives``).
     """
     started = working_seconds()
-    limits = {"eps": eps, "budget": budget, "boxes": boxes, "progress": progress, "points": points}
+    limits = {"eps": 1e-3, "points": points} | limits
     of_regions = QUERIES[bounder.query_kind].is_region
     if bounder.exact_on_cells and (of_regions or isinstance(grid, Grid) or bounder.exact_on_hull(grid)):
         least, looked_at = bounder.least(grid)
