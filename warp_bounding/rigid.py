@@ -11,6 +11,7 @@ import numpy as np
 
 TWO_PI = Fraction("6.283185307179586476925286766559005768394338798750211641949889")
 _BITS = 160  # of fractions, in ``sine_cosine``
+_SWEEPS = 8  # of Jacobi's rotations, each of which squares what is off the diagonal: three or four are enough
 _TERMS = 40  # of a power series up to pi / 4: the next one is below 2^-160
 
 
@@ -76,3 +77,22 @@ def nearest_rotation(matrix: np.ndarray, tolerance: float) -> np.ndarray | None:
         np.cross(found[0], found[1])[None], found[2][:, None]
     ) > 0
     return found if near else None
+
+
+def principal_axes(points: np.ndarray) -> np.ndarray:
+    """``(3, 3)``: axes at right angles, one a row, along which points ``(P, 3)`` spread most, less and least.
+
+    Jacobi's rotations make the matrix of second moments diagonal.
+    """
+    x = points - points.mean(axis=0)
+    moments, axes = (x[:, :, None] * x[:, None, :]).sum(axis=0), np.eye(3)
+    for i, j in _SWEEPS * ((0, 1), (0, 2), (1, 2)):
+        if moments[i, j]:
+            with np.errstate(over="ignore"):
+                ratio = (moments[j, j] - moments[i, i]) / (2 * moments[i, j])
+                tangent = np.copysign(1 / (abs(ratio) + np.sqrt(1 + ratio * ratio)), ratio)
+            cosine, turn = 1 / np.sqrt(1 + tangent * tangent), np.eye(3)
+            turn[i, i] = turn[j, j] = cosine
+            turn[i, j], turn[j, i] = tangent * cosine, -tangent * cosine
+            moments, axes = matmul(turn.T, matmul(moments, turn)), matmul(turn.T, axes)
+    return axes[np.argsort(-np.diag(moments), kind="stable")]

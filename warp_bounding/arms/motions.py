@@ -37,7 +37,7 @@ import warp as wp
 from warp_bounding.arms.arm import LARGEST, WORLD, Arm, Body, Cylinder, all_of, checked_pose
 from warp_bounding.arms.scan import DistanceField, Scan
 from warp_bounding.errors import FileFormatError, ShapeError
-from warp_bounding.rigid import lengths, matmul, moved
+from warp_bounding.rigid import lengths, matmul, moved, principal_axes
 from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.launch import BlockLaunch, device_of
 from warp_bounding.runtime.native import named, native_text
@@ -619,8 +619,7 @@ def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
     The axes are the world's, the points' principal ones, or edges at the first point, as a box has them.
     """
-    spread = points - points.mean(axis=0)
-    candidates = [np.eye(3), np.linalg.eigh(matmul(spread.T, spread))[1].T]
+    candidates = [np.eye(3), principal_axes(points)]
     if len(points) == 8:
         edges = points[[4, 2, 1]] - points[0]
         if (size := lengths(edges)).all() and np.abs(

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.arms.arm import Body
-from warp_bounding.rigid import matmul
+from warp_bounding.rigid import matmul, principal_axes
 
 CUTS = np.linspace(0.2, 0.8, 5)  # where planes are tried, shares of a piece's length
 LEAST_GAIN = 0.05  # of the whole volume: what a cut must save
@@ -59,9 +59,8 @@ def _measured(piece: _Piece) -> _Piece:
 def _best_cut(piece: _Piece, size: float) -> tuple[float, list[_Piece]] | None:
     """What the best cut of a piece saves, and its two sides."""
     points = piece.triangles.reshape(-1, 3)
-    axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
     best = None
-    for axis in axes:
+    for axis in principal_axes(points):
         heights = matmul(points, axis[:, None])
         low, high = heights.min(), heights.max()
         for share in CUTS:
