@@ -37,7 +37,7 @@ from warp_bounding.proof.stress import DistancePositives, HardStream, Missed
 from warp_bounding.queries import oracle
 from warp_bounding.queries.hard import FORMS, HardPositives
 from warp_bounding.shapes import Grid
-from warp_bounding.shapes.shape import Shape
+from warp_bounding.shapes.shape import OUT, Shape
 
 # for a certificate; all times but that of the whole run are those that the process computes, so that nothing depends on
 # the machine's load
@@ -94,7 +94,7 @@ def _held(shape: Shape, rng: np.random.Generator, count: int) -> np.ndarray:
     if shape.unbounded:
         x *= np.exp2(rng.uniform(0, 60, (len(x), 1)) * (rng.random((len(x), 1)) < 0.5))
     x = x.astype(np.float32)
-    x = x[shape.contains(x.astype(np.float64))][:count]
+    x = x[shape.decide(x.astype(np.float64)) != OUT][:count]
     if shape.time:  # what is not known is *maybe*
         late = shape.upper[0] + np.exp2(rng.uniform(-20, 20, len(x)))
         x[::3, 0] = np.nextafter(late.astype(np.float32), np.float32(np.inf))[::3]

@@ -156,6 +156,20 @@ def test_a_domain_that_is_false_does_not_apply():
     assert all(Domain.of(shape(name)).fault() is None for name in SHAPES)
 
 
+def test_a_domain_far_beyond_limits_of_joints_is_refuted_and_no_error():
+    elbow = np.eye(4)
+    elbow[0, 3] = 0.6
+    links = [wb.arms.Body.capsule([0, 0, 0], [0.6, 0, 0], 0.06, link=k) for k in range(2)]
+    arm = wb.arms.Arm([wb.arms.Joint(lower=-2.0, upper=2.5), wb.arms.Joint(elbow, lower=-2.2, upper=2.2)], links)
+    cell = wb.arms.ArmConfigurations(arm, [wb.arms.Body.sphere([0.9, 0.2, 0], 0.2)])
+    domain = Domain.of(cell)
+    center, half = (domain.upper + domain.lower) / 2, 256 * (domain.upper - domain.lower) / 2
+    far = replace(domain, lower=center - half, upper=center + half, scale=domain.scale / np.float32(256))
+    claimed = dataclasses.replace(wb.fit(cell, method="aabb", device="cpu").certificate, threshold=1e3)
+    bounder = random_mlp(cell, domain=far).freeze(1e3, claimed)
+    assert wb.certify(bounder, cell, budget=5).kind == "refuted"
+
+
 # --- what a claim is about -------------------------------------------------------------------------------------------
 
 

@@ -28,7 +28,7 @@ from warp_bounding.queries import QUERIES, decision
 from warp_bounding.queries.boundary import border_points
 from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.shapes.grid import Grid
-from warp_bounding.shapes.shape import IN, Shape
+from warp_bounding.shapes.shape import IN, OUT, Shape
 
 BORDER = 65_536  # points of a border among which some outside the domain are looked for
 LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
@@ -282,7 +282,7 @@ def _unproven(bounder: Bounder, x: np.ndarray | None, text: str, least: float, b
 def denied(bounder: Bounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:
     """The first of these points, as float32, that lies in the object and that the bounder denies."""
     x = np.asarray(x, dtype=np.float64).astype(np.float32)
-    x = x[shape.contains(x)]
+    x = x[shape.decide(x) != OUT]
     return next(iter(x[~bounder.query(x).numpy()]), None) if len(x) else None
 
 

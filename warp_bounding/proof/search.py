@@ -30,7 +30,7 @@ from warp_bounding.proof.halving import halve
 from warp_bounding.queries.domain import GROWTH, Domain
 from warp_bounding.rounding import UNIT64
 from warp_bounding.runtime.launch import working_seconds
-from warp_bounding.shapes.shape import HalfSpaces, Shape
+from warp_bounding.shapes.shape import OUT, HalfSpaces, Shape
 
 # --- best first ------------------------------------------------------------------------------------------------------
 
@@ -413,7 +413,7 @@ class ShapePositives:
 
     def holds(self, v: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: which of these v are positives: the exact v of points of the object."""
-        return self.shape.contains(self.domain.to_object(v))
+        return self.shape.decide(self.domain.to_object(v)) != OUT  # a file's domain may reach far beyond limits
 
 
 def _unless_flat(side: np.ndarray, axis: np.ndarray) -> np.ndarray:
