@@ -19,6 +19,7 @@ from bounding_shapes import (
 )
 from commands import ROOT, check_bad, fit, run
 from distances import far, squared_distance_to_cells
+from plain_shapes import LEANING, TETRAHEDRON
 from region_cases import REGIONS, VOLUMES, fitted_region, hard_regions, ray_length
 from snippets import FENCED
 
@@ -149,6 +150,30 @@ def check_distances(ask, bounder, q):
     inside = shape("blob").contains(q)
     assert not found[0][inside].any()
     assert found[1][inside].all()
+
+
+def test_pairs(tmp_path):
+    """A pair of placed meshes answers as ``Pair.query`` does, in C and C++."""
+    rng, mesh = np.random.default_rng(5), wb.shapes.Mesh(LEANING * 3.0, TETRAHEDRON[1])
+    pair = wb.pairs.Pair(wb.fit(mesh, "distance", "kdop", progress=False), wb.pairs.Balls.of(mesh, 24))
+    pair.export(tmp_path / "pair.h")
+    ask = "void ask(const float *a, const float *b, int count, unsigned char *near, float *d)"
+    loop = "for (int i = 0; i < count; ++i) near[i] = (unsigned char)pair_maybe(a + 7 * i, b + 7 * i, 0.1f),"
+    text = f'#include "pair.h"\n{ask};\n{ask} {{ {loop} d[i] = pair_distance(a + 7 * i, b + 7 * i); }}\n'
+    (tmp_path / "ask.c").write_text(text.replace("void ask", '\n#ifdef __cplusplus\nextern "C"\n#endif\nvoid ask', 1))
+    places = rng.normal(size=(2, COUNT // 10, 7)) * ([2.0] * 3 + [1.0] * 4)
+    places[..., 3:] /= np.linalg.norm(places[..., 3:], axis=2, keepdims=True)
+    a, b = np.ascontiguousarray(places, dtype=np.float32)
+    near, distance = np.empty(len(a), np.uint8), np.empty(len(a), np.float32)
+    expected, distances = pair.query(a, b, 0.1).numpy(), pair.distance(a, b).numpy()
+    assert 0.05 < expected.mean() < 0.95
+    for language in LANGUAGES:
+        assert compiled("gcc", language, "-O2", tmp_path / "ask.c", tmp_path / f"{language}.so") == ""
+        ctypes.CDLL(str(tmp_path / f"{language}.so")).ask(
+            *map(pointer, (a, b)), len(a), *map(pointer, (near, distance))
+        )
+        assert (near != expected).mean() < 1e-4
+        assert np.abs(distance - distances).max() < 1e-4
 
 
 def test_cuda(folder, tmp_path):

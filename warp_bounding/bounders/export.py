@@ -74,11 +74,9 @@ def array(name: str, kind: str, values: Iterable[str]) -> str:
     return fill(native_text("export.h").NUMBERS, what=name, kind=kind, numbers=rows, name="$name")
 
 
-def export(bounder: "Bounder", path: str | os.PathLike, name: str | None = None) -> None:
-    """Write a bounder as a header; see ``Bounder.export``."""
-    bounder.expect_local("export")
-    text, source, parameters = native_text("export.h"), bounder.source, bounder.data.parameters.numpy().copy()
-    parameters[:LABEL] = 0.0  # which tells other functions apart
+def texts_of(bounder: "Bounder") -> dict[str, object]:
+    """What the functions' texts are filled with; ``begin`` is what each begins with."""
+    source = bounder.source
     texts = source.around(placed=False, values=bounder.of_distances) | {
         "name": "$name",
         "n": source.ndim,
@@ -87,18 +85,32 @@ def export(bounder: "Bounder", path: str | os.PathLike, name: str | None = None)
         "kind": bounder.query_kind,
         "scalar_body": source.body(Lanes(vector=False, alone=True)),
     }
-    texts["begin"] = fill(text.BEGIN, **texts)
+    return texts | {"begin": fill(native_text("export.h").BEGIN, **texts)}
+
+
+def numbers_of(bounder: "Bounder") -> list[str]:
+    """The C text of a bounder's numbers."""
+    parameters, words = bounder.data.parameters.numpy().copy(), bounder.words().tolist()
+    parameters[:LABEL] = 0.0  # which tells other functions apart
+    floats = array("numbers", "float", map(literal, parameters.tolist()))
+    return [floats, array("words", "unsigned int", map("{:#x}u".format, words))]
+
+
+def about(bounder: "Bounder") -> list[str]:
+    """What is proven of a bounder, the digest of its file, and how to prove it again."""
+    digest = digest_of(bounder.tensors, document_of(bounder, bounder.info.get("library")))
+    own = [f"{key}: {value}" for key, value in statement(bounder).items()]
+    again = "`warp-bounding certify FILE SHAPE` proves it anew, from that file and the shape."
+    return [*own, "", f"SHA-256 of the bounder's file: {digest}", again]
+
+
+def export(bounder: "Bounder", path: str | os.PathLike, name: str | None = None) -> None:
+    """Write a bounder as a header; see ``Bounder.export``."""
+    bounder.expect_local("export")
+    text, texts, function = native_text("export.h"), texts_of(bounder), "MAYBE"
     if bounder.of_distances:
-        texts |= line_texts(source) | {"steps": SEGMENT_STEPS}
+        texts |= line_texts(bounder.source) | {"steps": SEGMENT_STEPS}
         step = fill(distances.STEP, **texts, value="const V g = $name_distance(q);")
         texts["march"] = fill(distances.MARCH_ALONE, **texts, scalar_step=step)
-    document = document_of(bounder, bounder.info.get("library"))
-    about = [f"{key}: {value}" for key, value in statement(bounder).items()]
-    about += ["", f"SHA-256 of the bounder's file: {digest_of(bounder.tensors, document)}"]
-    about += ["`warp-bounding certify FILE SHAPE` proves it anew, from that file and the shape."]
-    parts = [
-        array("numbers", "float", map(literal, parameters.tolist())),
-        array("words", "unsigned int", map("{:#x}u".format, bounder.words().tolist())),
-        *(fill(part, **texts) for part in ([text.DISTANCE] if bounder.of_distances else [text.MAYBE])),
-    ]
-    write(path, name, about, parts)
+        function = "DISTANCE"
+    write(path, name, about(bounder), [*numbers_of(bounder), fill(getattr(text, function), **texts)])

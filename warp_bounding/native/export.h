@@ -17,7 +17,7 @@
 #if !defined(__CUDACC_RTC__)
 #include <math.h>
 #elif !defined(INFINITY)
-#define INFINITY __int_as_float(0x7f800000)
+#define INFINITY ((float)(1e300 * 1e300))
 #endif
 
 #ifndef WB_FUNCTION
@@ -99,4 +99,28 @@ WB_FUNCTION int ${name}_segment(const float a[$n], const float b[$n], float radi
     const float last = ends;
     $march
     return !clear;
+}
+
+/// PAIR:
+// A lower bound of the distance between two placed and scaled meshes, negative where nothing is known. A place is seven
+// numbers: position, and quaternion x, y, z, w. Where not exact, all that is asked is whether it is above the gap.
+WB_FUNCTION float ${name}_closest(const float place_a[7], const float place_b[7], const float scale_a[3],
+const float scale_b[3], float gap, int exact) {
+    $begin
+    const struct { const float *data; } slots = {${name}_slots()};
+    const struct { const int *data; } links = {${name}_links()};
+    const int groups = $groups;
+    $search
+}
+
+// Whether two placed meshes may be within a gap: 0 only if they are certainly farther apart.
+WB_FUNCTION int ${name}_maybe(const float place_a[7], const float place_b[7], float gap) {
+    const float one[3] = {1.0f, 1.0f, 1.0f};
+    return !(${name}_closest(place_a, place_b, one, one, gap, 0) > gap);
+}
+
+// A lower bound of the distance between two placed meshes, never below 0.
+WB_FUNCTION float ${name}_distance(const float place_a[7], const float place_b[7]) {
+    const float one[3] = {1.0f, 1.0f, 1.0f};
+    return wb_most(${name}_closest(place_a, place_b, one, one, INFINITY, 1), 0.0f);
 }

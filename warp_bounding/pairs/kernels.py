@@ -49,6 +49,8 @@ MOVED = 8 * UNIT32  # of places and reaches
 REST = 2.0**-120  # added to speeds: more than what is set to zero
 STEPS = 64  # of ``contact_time``, where no number is given
 
+text = native_text("pairs.h")
+_ALONE = (text.LANE, text.ALONE)
 _CONSTANTS = {
     "off": OFF,
     "room": ROUNDING,
@@ -89,6 +91,20 @@ class PairData:
     reach_b: float
 
 
+def search_texts(source: DistanceSource, lanes: Lanes) -> dict[str, object]:
+    """What the C texts of the search have in common; ``lanes`` are those of one ball alone."""
+    texts = source.around(placed=False, values=True) | {"scalar_body": source.body(lanes), "rotation": text.ROTATION}
+    return texts | {"group": GROUP, "stack": STACK} | {name: literal(value) for name, value in _CONSTANTS.items()}
+
+
+def search_alone(source: DistanceSource) -> str:
+    """C text of the search of one ball after another, in an export, from ``place_a`` to ``place_b``."""
+    texts = search_texts(source, Lanes(vector=False, alone=True))
+    places = {f"p{s}": f"place_{s}" for s in "ab"}
+    places |= {f"q{s}": ", ".join(f"place_{s}[{k}]" for k in range(3, 7)) for s in "ab"}
+    return fill(text.SEARCH, **texts, **places, types="", looked=fill(text.ALONE, **texts))
+
+
 @cache
 def closest_func(source: DistanceSource) -> wp.Function:
     """``closest(data, xform_a, xform_b, scale_a, scale_b, gap, exact) -> float``.
@@ -97,16 +113,14 @@ def closest_func(source: DistanceSource) -> wp.Function:
     certainly farther apart, and one that is not otherwise.
     """
     first, second = source.tag
-    texts = source.around(placed=False, values=True) | {
-        "body": source.body(Lanes(vector=True)),
-        "scalar_body": source.body(Lanes(vector=False)),
-        "lanes": lanes_of(source),
-    }
-    numbers = {name: literal(value) for name, value in _CONSTANTS.items()}
-    sizes = {"label": LABEL, "first": first, "second": second, "group": GROUP, "stack": STACK}
+    texts = search_texts(source, Lanes(vector=False)) | {"body": source.body(Lanes(vector=True))}
+    texts |= {"lanes": lanes_of(source), "label": LABEL, "first": first, "second": second}
+    cpu, cuda = ([fill(part, **texts) for part in parts] for parts in ((text.LANES, text.TOGETHER), _ALONE))
+    types, looked = (f"#if !defined(__CUDA_ARCH__)\n{a}\n#else\n{b}\n#endif" for a, b in zip(cpu, cuda, strict=True))
+    search = fill(text.SEARCH, **texts, **_PLACES, types=types, looked=looked)
     name = named(unique_name(source, "pair"))
 
-    @name.func_native(fill(native_text("pairs.h").SEARCH, **texts, **numbers, **sizes, **_PLACES))
+    @name.func_native(fill(text.CHECK, **texts) + search)
     def native_closest(
         parameters: Numbers,
         words: Words,

@@ -6,14 +6,15 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.distance import DistanceBounder, lengths_of, steps_of
+from warp_bounding.bounders.export import about, array, numbers_of, texts_of, write
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.pairs.balls import Balls
-from warp_bounding.pairs.kernels import STEPS, PairData, closest_func, contact_func
+from warp_bounding.pairs.kernels import GROUP, STEPS, PairData, closest_func, contact_func, search_alone
 from warp_bounding.rounding import LARGEST, UNIT32, round_down, round_up
 from warp_bounding.runtime.arrays import flat_queries, new_output
 from warp_bounding.runtime.launch import launch_blocks
-from warp_bounding.runtime.native import Numbers, named, unique_name
+from warp_bounding.runtime.native import Numbers, fill, literal, named, native_text, unique_name
 
 ROUNDED = 8 * UNIT32  # of what float64 placements round to float32
 _PLACE, _SCALE, _VELOCITY = 7, 3, 6  # numbers
@@ -214,6 +215,31 @@ class Pair:
     def distance_func(self) -> wp.Function:
         """``distance(data, xform_a, xform_b)`` for your kernels: a lower bound, world units, at least 0."""
         return distance_func(self.bounder.source)
+
+    def export(self, path, name: str | None = None) -> None:
+        """Write a header for C99, C++11 and CUDA that answers single pairs without this library; see *In C++*.
+
+        Args:
+            path: As for ``Bounder.export``.
+            name: As for ``Bounder.export``.
+
+        Raises:
+            BounderError: As ``Bounder.export`` does.
+            FileFormatError: As ``Bounder.export`` does.
+
+        Example:
+            >>> pair.export("pair.h")
+            >>> "int pair_maybe(const float place_a[7]" in open("pair.h").read()
+            True
+        """
+        slots, links = (array.numpy().reshape(-1).tolist() for array in self.balls.arrays("cpu"))
+        texts = texts_of(self.bounder) | {"groups": len(links) // GROUP, "search": search_alone(self.bounder.source)}
+        balls = [
+            array("slots", "float", (literal(x) if np.isfinite(x) else "-INFINITY" for x in slots)),
+            array("links", "int", map(str, links)),
+        ]
+        parts = [*numbers_of(self.bounder), *balls, fill(native_text("export.h").PAIR, **texts)]
+        write(path, name, [*about(self.bounder), f"The other mesh: {self.balls!r}"], parts)
 
     def query(self, xform_a, xform_b, gap=0.0, *, scale_a=None, scale_b=None, out: wp.array | None = None) -> wp.array:
         """Which pairs may be within a gap.
