@@ -72,6 +72,7 @@ class Robot:
     def __init__(self, folder: Path):
         name = folder.name
         urdf, srdf = folder / f"{name}.urdf", folder / f"{name}.srdf"
+        self.srdf = srdf
         self.arm = wb.arms.load_urdf(urdf, srdf=srdf, pieces=PIECES)
         self.names = [self.arm.joints[i].name for i in self.arm.free]
         self.model = pin.buildModelFromUrdf(str(urdf))

@@ -1,9 +1,9 @@
-"""Robots' links and machine parts, a bounder each, beside the best classic volume: `python benchmarks/parts.py`.
+"""Fit robots' links and machine parts, and compare with the best classic volume: `python benchmarks/parts.py`.
 
 Thirty collision meshes of robots (package ``example-robot-data``) and ten parts that are made here: closed meshes with
 flat faces, edges and holes. Each is dilated by a two-hundredth of its longest side. What ``fit`` returns by default is
-set beside the tightest of ``aabb``, ``obb``, ``kdop`` and ``bvh`` that takes no more bytes. False positives are judged
-by a million random points against the mesh. A row is written as it is known; the same command goes on.
+compared with the tightest of ``aabb``, ``obb``, ``kdop`` and ``bvh`` that takes no more bytes. False positives are
+judged by a million random points against the mesh. A row is written as it is known; the same command goes on.
 """
 
 import argparse
@@ -220,7 +220,7 @@ def fitted(mesh: wb.shapes.Mesh, size: str, budget: float, seed: int, options: d
 
 
 def page(rows: list[dict], folder: Path) -> str:
-    """The page of all rows so far; its picture is written beside it."""
+    """Writes the picture of all rows so far, and returns the page."""
     fits = [row for row in rows if row["kind"] == "fit"]
     known = {row["part"]: row["classics"] for row in rows if row["kind"] == "classics"}
     for row in fits:
@@ -249,7 +249,7 @@ def page(rows: list[dict], folder: Path) -> str:
                 f"| {sum(row['fn'] for row in own)} | {max(row['seconds'] for row in own):.0f} |"
             )
     lines += ["", "![Share of the best classic's false positives, a dot a part](parts.png)", ""]
-    lines += [f"False positives in %, mean of the seeds, beside the best classic. Budget: {max_budget(fits):g} s.", ""]
+    lines += [f"False positives in %, mean of the seeds / the best classic. Budget: {max_budget(fits):g} s.", ""]
     lines += [f"| part | {' | '.join(SIZES)} |", "|---|" + "--:|" * len(SIZES)]
     for part in known:
         cells = []

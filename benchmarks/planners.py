@@ -1,6 +1,7 @@
-"""Plans for three robots beside other programs: `python benchmarks/planners.py --robots DIR --every 10`.
+"""Compare plans of this library with those of other programs, for three robots.
 
-DIR as for ``benchmarks/motions.py``. On each problem the same start, goal and obstacles are given to
+`python benchmarks/planners.py --robots DIR --every 10`: DIR as for ``benchmarks/motions.py``. Each program gets the
+same start, goal and obstacles:
 
 * ``motions``: RRT-Connect and shortcuts of ``sims/planning/proven.py``, every motion proven;
 * ``balls``: the same program, given the balls of the robot that were made by hand (``NAME_spherized.urdf``);
@@ -175,7 +176,7 @@ class Drake:
 
     @staticmethod
     def converted(folder: Path, meshes: Path) -> Path:
-        """The robot's file with OBJ files beside it, made once."""
+        """Writes the robot's file with OBJ meshes beside it, once; returns its path."""
         file = meshes / f"{folder.name}.urdf"
         if not file.exists():
             text = (folder / file.name).read_text()
@@ -316,7 +317,6 @@ def main() -> None:
     for name in ROBOTS:
         folder = options.robots / name
         robot = Robot(folder)
-        robot.srdf = folder / f"{name}.srdf"
         _, _, start, _, _ = next(problems(folder, options.every))
         first = np.array([start[joint] for joint in robot.names])
         balls = balls_of(robot, folder, np.clip(first, robot.arm.lower, robot.arm.upper))

@@ -21,6 +21,7 @@ from commands import ROOT, check_bad, fit, run
 from distances import far, squared_distance_to_cells
 from plain_shapes import LEANING, TETRAHEDRON
 from region_cases import REGIONS, VOLUMES, fitted_region, hard_regions, ray_length
+from scipy.spatial.transform import Rotation
 from snippets import FENCED
 
 import warp_bounding as wb
@@ -30,6 +31,7 @@ from warp_bounding.bounders.file_format import digest_of, read
 from warp_bounding.queries import oracle
 
 COUNT = 100_000
+STEP = np.float32([0.25, 0, 0])  # of the segments that are asked
 STRICT = ("-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
 OPTIONS = ("-O0", "-O2", "-O3 -march=native")
 LANGUAGES = {"c": "-std=c99 -pedantic", "c++": "-std=gnu++11"}
@@ -41,7 +43,8 @@ void ask_{0}(const float *q, int count, float *d, unsigned char *near, unsigned 
     for (int i = 0; i < count; ++i) {{
         d[i] = {0}_distance(q + 3 * i);
         near[i] = (unsigned char){0}_within(q + 3 * i, 0.1f);
-        swept[i] = (unsigned char){0}_segment(q + 3 * i, q + 3 * (count - 1 - i), 0.1f);
+        const float end[3] = {{q[3 * i] + 0.25f, q[3 * i + 1], q[3 * i + 2]}};
+        swept[i] = (unsigned char){0}_segment(q + 3 * i, end, 0.1f);
     }}
 }}
 """
@@ -69,6 +72,8 @@ def queries(query: str, ndim: int) -> np.ndarray:
     else:
         x = np.concatenate([object_points(grid, rng, COUNT), domain_points(grid, COUNT, rng)])
         q = rng.permutation(x)[:COUNT].astype(np.float32)
+    if query == "distance":
+        q[::5] = 3 * q[::5] - 1  # what is farther away
     q[::997, 0], q[1::997, -1] = np.nan, np.inf
     return np.ascontiguousarray(q)
 
@@ -134,7 +139,7 @@ def answers_of(name: str) -> np.ndarray:
 @cache
 def distances_of(bounder) -> tuple[np.ndarray, ...]:
     q = queries("distance", 3)
-    return bounder.distance(q).numpy(), bounder.query(q, 0.1).numpy(), bounder.segments(q, q[::-1], 0.1)[0].numpy()
+    return bounder.distance(q).numpy(), bounder.query(q, 0.1).numpy(), bounder.segments(q, q + STEP, 0.1)[0].numpy()
 
 
 def check_distances(ask, bounder, q):
@@ -150,20 +155,35 @@ def check_distances(ask, bounder, q):
     inside = shape("blob").contains(q)
     assert not found[0][inside].any()
     assert found[1][inside].all()
+    clear = q[found[2] == 0]
+    assert len(clear)
+    for x in clear[:40]:
+        for t in (0.0, 0.25, 0.5, 0.75, 1.0):
+            assert squared_distance_to_cells(shape("blob"), x.astype(np.float64) + t * STEP) > 0.01
 
 
 def test_pairs(tmp_path):
-    """A pair of placed meshes answers as ``Pair.query`` does, in C and C++."""
+    """A pair of placed meshes answers as ``Pair.query`` does, in C and C++, and misses no vertex near another one."""
     rng, mesh = np.random.default_rng(5), wb.shapes.Mesh(LEANING * 3.0, TETRAHEDRON[1])
     pair = wb.pairs.Pair(wb.fit(mesh, "distance", "kdop", progress=False), wb.pairs.Balls.of(mesh, 24))
     pair.export(tmp_path / "pair.h")
+
+    def corners(x):
+        turned = [Rotation.from_quat(x[:, 3:]).apply(np.tile(v, (len(x), 1))) for v in mesh.vertices.astype(np.float64)]
+        return np.stack(turned, axis=1) + x[:, None, :3]
+
     ask = "void ask(const float *a, const float *b, int count, unsigned char *near, float *d)"
     loop = "for (int i = 0; i < count; ++i) near[i] = (unsigned char)pair_maybe(a + 7 * i, b + 7 * i, 0.1f),"
     text = f'#include "pair.h"\n{ask};\n{ask} {{ {loop} d[i] = pair_distance(a + 7 * i, b + 7 * i); }}\n'
     (tmp_path / "ask.c").write_text(text.replace("void ask", '\n#ifdef __cplusplus\nextern "C"\n#endif\nvoid ask', 1))
     places = rng.normal(size=(2, COUNT // 10, 7)) * ([2.0] * 3 + [1.0] * 4)
     places[..., 3:] /= np.linalg.norm(places[..., 3:], axis=2, keepdims=True)
+    away = rng.normal(size=(COUNT // 20, 3))  # of half of them: a vertex of B from one of A
+    away *= rng.uniform(0, 0.11, (len(away), 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+    places[1, ::2, :3] += corners(places[0])[::2, 0] - corners(places[1])[::2, 3] + away
     a, b = np.ascontiguousarray(places, dtype=np.float32)
+    at_a, at_b = (corners(x.astype(np.float64)) for x in (a, b))
+    high = np.linalg.norm(at_a[:, :, None] - at_b[:, None], axis=3).min(axis=(1, 2))
     near, distance = np.empty(len(a), np.uint8), np.empty(len(a), np.float32)
     expected, distances = pair.query(a, b, 0.1).numpy(), pair.distance(a, b).numpy()
     assert 0.05 < expected.mean() < 0.95
@@ -174,6 +194,9 @@ def test_pairs(tmp_path):
         )
         assert (near != expected).mean() < 1e-4
         assert np.abs(distance - distances).max() < 1e-4
+        assert (distance <= high).all()
+        assert near[high <= 0.1].all()
+    assert (high <= 0.1).any()
 
 
 def test_cuda(folder, tmp_path):

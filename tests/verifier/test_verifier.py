@@ -1,6 +1,7 @@
 """``python -m verifier``: what holds is verified, and every planted fault is found."""
 
 import ctypes
+import hashlib
 import shutil
 import subprocess
 import tempfile
@@ -152,21 +153,21 @@ def test_a_log_that_leaves_out_a_box_or_is_of_another_file_is_refused(logged, fi
     assert "another bounder" in capsys.readouterr().err
 
 
-def test_a_log_of_nonsense_changes_nothing(logged):
-    """Of a wrong threshold, too: nothing of a log is believed."""
-    rng = np.random.default_rng(0)
-
-    def nonsense(axis):
-        made, inner = np.where(rng.random(4001) < 0.5, rng.integers(0, 3, 4001), -1), 0
-        made[:50] = rng.integers(0, 3, 50)
-        inner = int((made >= 0).sum())
-        return np.concatenate([made, np.full(max(2 * inner + 1 - 4001, 0), -1)])[: 2 * inner + 1].astype(np.int8)
-
-    relog(logged[-1], nonsense)
-    with np.load(logged[-1]) as log:
-        axis = log["axis"]
-    if len(axis) == 2 * (axis >= 0).sum() + 1:
-        assert main(logged) == 0
+@pytest.mark.parametrize("status", [0, 1])
+def test_a_log_of_nonsense_changes_nothing(logged, status):
+    """What is true is verified, and a threshold that is too high is not: nothing of a log is believed."""
+    if status:
+        too_high = float(np.float32(lowest(bounder("mlp")) + 0.05))
+        rewrite(Path(logged[0]), lambda document: document.update(threshold=too_high))
+    rng, axis, halved = np.random.default_rng(0), [], 0
+    while len(axis) < 2 * halved + 1:
+        inner = halved < 50 or (halved < 2000 and rng.random() < 0.6)
+        axis.append(rng.integers(3) if inner else -1)
+        halved += inner
+    sha = hashlib.sha256(Path(logged[0]).read_bytes()).hexdigest()
+    np.savez_compressed(logged[-1], axis=np.array(axis, dtype=np.int8), sha256=sha)
+    assert halved == 2000
+    assert main(logged) == status
 
 
 def test_logs_need_a_file_and_one_process(tmp_path, files_of):
