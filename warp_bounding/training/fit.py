@@ -168,60 +168,59 @@ def fit(
     shape, frame = parted(load_shape(shape))
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
-    own = {"budget": budget, "seed": int(seed), "margin": margin, "resolution": resolution, "device": device}
-    own |= {"progress": progress}
+    given = _Given(shape, method, options, budget, int(seed), margin, resolution, device, progress, spent)
     if far:
-        bounder = _fit_distance(shape, method, options, spent, force=force, **own)
+        bounder = _fit_distance(given, force)
     else:
-        own |= {"length": length, "side": side, "workload": workload, "scheduler": scheduler, "frame": frame}
-        bounder = _fit_answers(shape, query, method, options, spent, **own)
+        bounder = _fit_answers(given, query, length, side, workload, scheduler, frame)
     warn_of_little(bounder)
     bounder.info["training"] |= spent.seconds()
     return bounder.in_frame(frame)
 
 
+@dataclass(frozen=True)
+class _Given:
+    """What ``fit`` was given, checked; the shape in coordinates of its own."""
+
+    shape: Shape
+    method: str
+    options: dict[str, Any]
+    budget: float
+    seed: int
+    margin: float
+    resolution: int | None
+    device: str | None
+    progress: Progress | bool | None
+    spent: "Stopwatch"
+
+
 def _fit_answers(
-    shape: Shape,
-    query: str,
-    method: str,
-    options: dict[str, Any],
-    spent: "Stopwatch",
-    *,
-    budget: float,
-    seed: int,
-    margin: float,
-    resolution: int | None,
-    length: float,
-    side: str,
-    workload,
-    device: str | None,
-    progress,
-    scheduler: str | int | None,
-    frame: Frame | None,
+    given: _Given, query: str, length: float, side: str, workload, scheduler: str | int | None, frame: Frame | None
 ) -> Bounder:
     """``fit`` of points or regions, of a shape in its own coordinates; ``fit`` has checked the arguments."""
+    shape, method, spent = given.shape, given.method, given.spent
     if side == SIDES[1]:
         shape = Complement(shape)
-    grid = _bounded(shape, query, method, resolution, margin)
+    grid = _bounded(shape, query, method, given.resolution, given.margin)
     if scheduler is not None and (isinstance(grid, Grid) or not grid.certified):
         raise BounderError(f"scheduler is for the proof of a shape without cells, got {grid.name}")
     classes = [method_class(name, query, grid.ndim) for name in method.split("+")]
     if len(classes) > 1:
         Cascade.check(classes)
-    chosen = resolved(classes, query, options, [fit])
-    if grid.waves is not None and HIDDEN.name not in options:
+    chosen = resolved(classes, query, given.options, [fit])
+    if grid.waves is not None and HIDDEN.name not in given.options:
         for cls, own in zip(classes, chosen, strict=True):
             if issubclass(cls, Mlp):
                 own[HIDDEN.name] = (2 * len(grid.waves), *BEHIND_WAVES)
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in chosen)
-    callers = None if workload is None else CallersQueries(workload, grid, domain, seed, frame)
+    callers = None if workload is None else CallersQueries(workload, grid, domain, given.seed, frame)
     more = {"callers": callers, "repeatable": repeatable, "scheduler": scheduler}
-    problem = Problem(grid, domain, query, seed, device, **more)
-    with reported(progress, f"fit {method}") as update:
+    problem = Problem(grid, domain, query, given.seed, given.device, **more)
+    with reported(given.progress, f"fit {method}") as update:
         try:
-            parts = _fit_parts(problem, classes, chosen, budget, spent, update)
+            parts = _fit_parts(problem, classes, chosen, given.budget, spent, update)
         except ProofError as error:
-            error.bounder.info = described(grid, seed, spent.seconds())
+            error.bounder.info = described(grid, given.seed, spent.seconds())
             error.bounder = error.bounder.in_frame(frame)
             raise
     bounder = parts[0] if len(classes) == 1 else cascade(*parts)
@@ -340,23 +339,11 @@ MOST_HALVED = 3  # axes that count for this, so that there are not too many boxe
 DISTANCE_PROOF_SHARE, LARGE_PROOF_SHARE, LARGE = 0.2, 0.15, 4
 
 
-def _fit_distance(
-    shape: Shape,
-    method: str,
-    options: dict[str, Any],
-    spent: "Stopwatch",
-    *,
-    budget: float,
-    seed: int,
-    margin: float,
-    resolution: int | None,
-    device: str | None,
-    progress,
-    force: bool,
-) -> DistanceBounder:
+def _fit_distance(given: _Given, force: bool) -> DistanceBounder:
     """``fit`` of distances to a shape that is not dilated by the margin yet; ``fit`` has checked the arguments."""
+    shape, method, seed, device, spent = given.shape, given.method, given.seed, given.device, given.spent
     cls = method_class(method, DISTANCE.name, shape.ndim)
-    (chosen,) = resolved([cls], DISTANCE.name, options, [fit])
+    (chosen,) = resolved([cls], DISTANCE.name, given.options, [fit])
     if shape.joints is not None:
         raise BounderError(
             f"{method}: {shape.name}: distances of configurations are not bounded, points are; "
@@ -368,26 +355,26 @@ def _fit_distance(
             f"{method}: {shape.name} moves; distances to it at a time are bounded of moving meshes by {able}; in "
             "Grid(occupancy), a grid without a time, it is one more coordinate"
         )
-    own = {"margin": margin, "resolution": resolution}
+    own = {"margin": given.margin, "resolution": given.resolution}
     if issubclass(cls, VolumeDistance):
-        own |= {"budget": spent.left(budget), "seed": seed, "device": device, "progress": progress, "force": force}
-        volume = fit(shape, POINT.name, method, **own, **options)
+        own |= {"budget": spent.left(given.budget), "seed": seed, "device": device, "progress": given.progress}
+        volume = fit(shape, POINT.name, method, force=force, **own, **given.options)
         fitted, info = as_fitted(volume, shape), volume.info
         bounder = cls.around(volume, DistanceDomain.of(fitted), device)
         prove_distance(bounder, fitted, of_volume=volume.certificate)
     else:
         shape.check()
-        fitted = shape.dilated(margin) if resolution is None else shape.to_grid(**own)
+        fitted = shape.dilated(given.margin) if given.resolution is None else shape.to_grid(**own)
         if fitted.distances(fitted.lower[None]) is None:
             raise BounderError(
                 f"{method}: {shape.name} has no distance; meshes, grids, solids and functions with distance= have one"
             )
-        proving = budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
+        proving = given.budget * (DISTANCE_PROOF_SHARE if shape.ndim < LARGE else LARGE_PROOF_SHARE)
         domain = DistanceDomain.of(fitted, chosen.pop(REACH.name, 0.0))
         problem = Problem(fitted, domain, DISTANCE.name, seed, device)
-        with reported(progress, f"fit {method}") as update:
-            bounder, record = trainer_of(cls).train(cls, problem, chosen, spent.left(budget, proving), update)
-        prove_distance(bounder, fitted, budget=spent.left(budget))
+        with reported(given.progress, f"fit {method}") as update:
+            bounder, record = trainer_of(cls).train(cls, problem, chosen, spent.left(given.budget, proving), update)
+        prove_distance(bounder, fitted, budget=spent.left(given.budget))
         info = described(fitted, seed, record)
     bounder.info = info | {"rates": None}
     bounder.info["rates"] = quick_rates(bounder, fitted)
