@@ -116,7 +116,8 @@ for (int k = $first; k < $n && room < $finite; ++k) {
     ends = leave < ends ? leave : ends;
 }
 
-/// WAY_FUNCTION
+/// WAY_FUNCTION:
+/// The proof holds fused or not; not fused, so that a CPU's answers are those of earlier releases.
 #if !defined(__CUDA_ARCH__)
 #pragma clang fp contract(off)
 #endif
