@@ -9,9 +9,10 @@ same start, goal and obstacles:
 * ``ompl+motions``: OMPL's RRT-Connect, which asks ``Motions`` about states and motions, and no simplification;
 * ``roboplan``: its RRT-Connect and shortcuts; it checks the meshes by Coal, 32 samples a radian, all in C++.
 
-Then each path is judged: do 320 samples a radian collide by Coal on the meshes, and is every motion proven? Drake and
-roboplan are also asked about the same single edges (Drake takes the convex hull of a mesh). A program that is not
-installed is left out (`pip install ompl roboplan drake`). Seconds are those of this process on one core.
+Then each path is judged: do 320 samples a radian collide by Coal on the meshes, and is every motion proven? Drake,
+roboplan and Tesseract are also asked about the same single edges (Drake takes the convex hull of a mesh). A program
+that is not installed is left out (`pip install ompl roboplan drake tesseract-robotics`). Seconds are those of this
+process on one core.
 """
 
 import os
@@ -36,6 +37,7 @@ import warp_bounding as wb
 from sims.planning.proven import plan
 from warp_bounding.arms import Motions
 
+PACKAGES = ("ompl", "roboplan", "drake", "tesseract-robotics", "pin", "coal")
 SECONDS = 5.0  # that a program may take for a plan
 EDGES = 10  # single edges of each problem
 
@@ -198,6 +200,63 @@ class Drake:
         return self.checker.CheckEdgeCollisionFree(*ends)
 
 
+CONTACTS = """contact_manager_plugins:
+  search_paths: [{folder}]
+  search_libraries: [{library}]
+  discrete_plugins:
+    default: BulletDiscreteBVHManager
+    plugins:
+      BulletDiscreteBVHManager: {{class: BulletDiscreteBVHManagerFactory, default: true}}
+"""
+
+
+class Tesseract:
+    """Tesseract's contact manager of Bullet among the obstacles of a scene, asked about samples from Python."""
+
+    def __init__(self, names: list[str], folder: Path, scene, place: Path):
+        import tesseract_robotics
+        from tesseract_robotics import tesseract_collision as collision
+        from tesseract_robotics import tesseract_environment as environment
+        from tesseract_robotics import tesseract_geometry as geometry
+        from tesseract_robotics import tesseract_scene_graph as graph
+        from tesseract_robotics.tesseract_common import GeneralResourceLocator, Isometry3d
+
+        libraries = Path(tesseract_robotics.__file__).parents[1] / "tesseract_robotics.libs"
+        library = next(libraries.glob("libtesseract_collision_bullet_factories*")).stem.removeprefix("lib")
+        (place / "contacts.yaml").write_text(CONTACTS.format(folder=libraries, library=library))
+        urdf = re.sub(r"<visual.*?</visual>", "", (folder / f"{folder.name}.urdf").read_text(), flags=re.S)
+        urdf = re.sub(r'filename="(?:package://)?([^"]+)"', rf'filename="file://{folder}/\1"', urdf)
+        pairs = "".join(re.findall(r"<disable_collisions [^>]*/>", (folder / f"{folder.name}.srdf").read_text()))
+        plugin = f'<contact_managers_plugin_config filename="file://{place}/contacts.yaml"/>'
+        name = re.search(r'<robot[^>]*name="([^"]+)"', urdf)[1]
+        self.world = environment.Environment()
+        srdf = f'<robot name="{name}">{pairs}{plugin}</robot>'
+        if not self.world.init(urdf, srdf, GeneralResourceLocator()):
+            raise RuntimeError(f"tesseract does not read {folder.name}")
+        for number, (kind, size, pose, _) in enumerate(scene):
+            shape = {"box": geometry.Box, "cylinder": lambda h, r: geometry.Cylinder(r, h), "sphere": geometry.Sphere}
+            solid, link, joint = graph.Collision(), graph.Link(f"obstacle {number}"), graph.Joint(f"joint {number}")
+            solid.geometry, solid.origin = shape[kind](*size), Isometry3d(pose)
+            link.collision.append(solid)
+            joint.parent_link_name, joint.child_link_name = self.world.getRootLinkName(), link.getName()
+            joint.type = graph.JointType_FIXED
+            self.world.applyCommand(environment.AddLinkCommand(link, joint))
+        self.contacts, self.found = self.world.getDiscreteContactManager(), collision.ContactResultMap
+        self.contacts.setActiveCollisionObjects(self.world.getActiveLinkNames())
+        self.names, self.first = names, collision.ContactRequest(collision.ContactTestType_FIRST)
+
+    def edge(self, q0: np.ndarray, q1: np.ndarray) -> bool:
+        """Whether no sample of an edge collides."""
+        for q in samples_of(q0[None], q1[None], USUAL)[0]:
+            state = self.world.getState(self.names, q)  # is kept while its transforms are read
+            self.contacts.setCollisionObjectsTransform(state.link_transforms)
+            found = self.found()
+            self.contacts.contactTest(found, self.first)
+            if found.size():
+                return False
+        return True
+
+
 def balls_of(robot: Robot, folder: Path, q: np.ndarray) -> wb.arms.Arm:
     """The robot of balls; pairs of links whose balls touch in a free configuration ``(n,)`` are not checked."""
     touching = []
@@ -220,8 +279,8 @@ def judged(path: np.ndarray | None, meshes: Meshes, motions: Motions) -> dict:
     return {"solved": True, "hits": int(hits.sum()), "samples": len(x), "proven": proven, "length": length}
 
 
-def one_problem(robot: Robot, balls, folder: Path, scene, ends: np.ndarray, seed: int, meshes_of_drake: Path) -> dict:
-    """Seconds and judgement of each program."""
+def one_problem(robot: Robot, balls, folder: Path, scene, ends: np.ndarray, seed: int, place: Path) -> dict:
+    """Seconds and judgement of each program; ``place`` is for files of theirs."""
     arm, row = robot.arm, {}
     motions, meshes = Motions(arm, bodies_of(scene)), robot.among(scene)
     if motions.configurations(ends).any():
@@ -247,7 +306,9 @@ def one_problem(robot: Robot, balls, folder: Path, scene, ends: np.ndarray, seed
         roboplan = Roboplan(robot, folder, scene)
         known["roboplan"], edges["roboplan"] = lambda: roboplan.plan(ends), roboplan.edge
     if find_spec("pydrake"):
-        edges["drake"] = Drake(robot, folder, scene, meshes_of_drake).edge
+        edges["drake"] = Drake(robot, folder, scene, place).edge
+    if find_spec("tesseract_robotics"):
+        edges["tesseract"] = Tesseract(robot.names, folder, scene, place).edge
     for name, ask in known.items():
         seconds, path = clock(ask)
         row[name] = {"s": seconds} | judged(path, meshes, motions)
@@ -263,9 +324,7 @@ def one_problem(robot: Robot, balls, folder: Path, scene, ends: np.ndarray, seed
 
 def page(rows: StoredRows, folder: Path, every: int) -> None:
     """The page of all rows so far."""
-    programs = ", ".join(
-        f"{name} {found}" for name in ("ompl", "roboplan", "drake", "pin", "coal") if (found := _of(name))
-    )
+    programs = ", ".join(f"{name} {found}" for name in PACKAGES if (found := _of(name)))
     lines = [
         "# Plans beside other programs\n",
         "Plans of samples, and of balls made by hand, collide with the meshes between what was checked; a plan of "
@@ -291,7 +350,7 @@ def page(rows: StoredRows, folder: Path, every: int) -> None:
                     f"| {robot} | {name} | {sum(one['solved'] for one in each)} of {len(each)} | {np.median(ms):.0f} / "
                     f"{np.quantile(ms, 0.95):.0f} | {length:.1f} | {hit} | {proven} |"
                 )
-        for name in ("motions", "roboplan", "drake"):
+        for name in ("motions", "roboplan", "drake", "tesseract"):
             if each := [row[f"edges {name}"] for row in of if f"edges {name}" in row]:
                 total = {key: sum(one[key] for one in each) for key in ("s", "edges", "free")}
                 cost = 1e6 * total["s"] / max(total["edges"], 1)
@@ -320,14 +379,14 @@ def main() -> None:
         _, _, start, _, _ = next(problems(folder, options.every))
         first = np.array([start[joint] for joint in robot.names])
         balls = balls_of(robot, folder, np.clip(first, robot.arm.lower, robot.arm.upper))
-        with tempfile.TemporaryDirectory() as meshes:
+        with tempfile.TemporaryDirectory() as place:
             for scenario, number, start, goal, scene in problems(folder, options.every):
                 if rows.have(robot=name, scenario=scenario, problem=number):
                     continue
                 given = np.array([[state[joint] for joint in robot.names] for state in (start, goal)])
                 ends = np.clip(given, robot.arm.lower, robot.arm.upper)
                 known = {"robot": name, "scenario": scenario, "problem": number}
-                found = one_problem(robot, balls, folder, scene_of(scene), ends, int(number), Path(meshes))
+                found = one_problem(robot, balls, folder, scene_of(scene), ends, int(number), Path(place))
                 rows.add(known | found)
                 print(known, {key: round(each["s"], 4) for key, each in found.items() if key != "free"}, flush=True)
         page(rows, options.out, options.every)
