@@ -1,0 +1,79 @@
+"""Verify the bundled bounders of points of closed meshes: `python benchmarks/verified.py --out results/verifier`.
+
+Each file of ``sims/bounders`` that ``python -m verifier`` checks is verified in a process of its own, once as it halves
+boxes itself and, of a network, once with the halvings that ``warp-bounding certify --log`` writes. A row is written as
+it is known; the same command goes on.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from shared import StoredRows
+
+import warp_bounding as wb
+from sims.assets import obj
+from sims.cloth.scene import shape
+from sims.prefitted import FOLDER
+
+LEARNED = ("cloth-bunny-learned-kdop", "cloth-star-learned-kdop")
+NETWORKS = ("cloth-bunny-mlp", "cloth-star-mlp", "field-bunny-mlp", "field-star-mlp")
+OWN, LOGGED = "its own", "of a log"
+ABOUT = """[`python -m verifier`](../../docs/verifier.md) of every bundled bounder of points of a closed mesh: the bunny
+that ships in warp-lang and a star, with the margins of the cloth demo and of the field of meshes. *Its own*: boxes are
+halved as the program itself needs them. *Of a log*: first as `warp-bounding certify --log` has halved them. One
+process, one thread (`OMP_NUM_THREADS=1`). Bundled distances and balls are not checked by this program."""
+COLUMNS = ("file", "halvings", "verdict", "boxes", "seconds", "processor seconds", "MB")
+
+
+def verified(*given: Path | str) -> dict:
+    """What the verifier says, boxes, its seconds, those of the processor, and MB at most."""
+    started, most, ended = time.perf_counter(), 0, (0, 0, None)
+    command = [sys.executable, "-m", "verifier", *map(str, given)]
+    alone = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=alone)
+    while ended[0] == 0:  # the process' own most: what ``wait4`` says of memory begins with this one's
+        status = Path(f"/proc/{process.pid}/status").read_text().split()
+        most = max(most, int(status[status.index("VmHWM:") + 1]) if "VmHWM:" in status else 0)
+        time.sleep(0.02)
+        ended = os.wait4(process.pid, os.WNOHANG)
+    seconds, usage, said = time.perf_counter() - started, ended[2], process.stdout.read()
+    costs = {"seconds": seconds, "processor seconds": usage.ru_utime + usage.ru_stime, "MB": most / 1024}
+    boxes = int(said.rpartition(", ")[2].split()[0].replace(",", ""))
+    return {"verdict": said.partition(":")[0], "boxes": boxes} | {name: round(x, 1) for name, x in costs.items()}
+
+
+def page(rows: StoredRows) -> str:
+    """The page of all rows."""
+    lines = ["# Verified by a program that shares nothing with the library\n"]
+    lines += [f"`python benchmarks/verified.py --out {rows.folder}`\n", f"{rows.about}. {ABOUT}\n"]
+    table = [COLUMNS, ("---",) * 3 + ("--:",) * 4, *([f"{row[name]}" for name in COLUMNS] for row in rows.rows)]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in table)]) + "\n"
+
+
+def main() -> None:
+    """Measure what is missing, then write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, default=Path("results/verifier"))
+    rows = StoredRows(parser.parse_args().out, "verified")
+    with tempfile.TemporaryDirectory() as folder:
+        mesh, log = Path(folder) / "shape.obj", Path(folder) / "halvings.npz"
+        for name, halvings in [*((n, "none") for n in LEARNED), *((n, h) for n in NETWORKS for h in (OWN, LOGGED))]:
+            if rows.have(file=name, halvings=halvings):
+                continue
+            file = FOLDER / f"{name}.safetensors"
+            mesh.write_bytes(obj(shape(name.split("-")[1])))
+            if halvings == LOGGED and not wb.certify(file, mesh, log=log).proven:
+                raise SystemExit(f"{name}: not proven")
+            more = ("--log", log) if halvings == LOGGED else ()
+            rows.add({"file": name, "halvings": halvings} | verified(file, mesh, *more))
+            print(rows.rows[-1], flush=True)
+    rows.write(page(rows))
+
+
+if __name__ == "__main__":
+    main()
