@@ -57,6 +57,9 @@ _HELP = f"of the hidden layers: {', '.join(ACTIVATIONS)}"
 
 HIDDEN = Option("hidden", (50, 50), "widths of the hidden layers", check_hidden, _widths)
 ACTIVATION = Option("activation", DEFAULT.name, _HELP, one_of("activation", ACTIVATIONS))
+POINTS_ACTIVATION = Option(
+    ACTIVATION.name, None, f"{_HELP}; for points the better one in a short training", ACTIVATION.check
+)
 STATISTICAL = Option(
     "statistical",
     False,
@@ -101,7 +104,7 @@ class Mlp(Layered, Bounder):
     method = "mlp"
     exact_on_cells = False
     instead = "; a network of distances answers rays and boxes, proven: fit(shape, 'distance')"
-    options = (HIDDEN, ACTIVATION, STATISTICAL, STEPS)
+    options = (HIDDEN, POINTS_ACTIVATION, STATISTICAL, STEPS)
     source_kind: ClassVar[type[MlpSource]] = MlpSource
 
     @classmethod

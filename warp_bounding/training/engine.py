@@ -79,12 +79,19 @@ FASTER = 2.0  # largest factor by which the used fraction may go on faster when 
 class Clock:
     """How much of a budget is used up: of seconds from now on, compiling kernels not counted, or of ``steps``.
 
-    With steps time plays no role, and runs are repeatable. ``share`` is the part of the user's progress that is
-    training; proofs come behind it.
+    With steps time plays no role, and runs are repeatable. ``share`` is the part of the user's progress at which
+    training ends, and proofs begin; ``past`` that at which it begins, behind trials.
     """
 
-    def __init__(self, seconds: float, steps: int | None = None, progress: Progress | None = None, share: float = 1.0):
-        self.progress, self.share = progress, share
+    def __init__(
+        self,
+        seconds: float,
+        steps: int | None = None,
+        progress: Progress | None = None,
+        share: float = 1.0,
+        past: float = 0.0,
+    ):
+        self.progress, self.share, self.past = progress, share, past
         self.started, self.total, self.limit, self.count = working_seconds(), seconds, steps, 0
         self.reserved = 0.0  # seconds at the end that belong to the proof
         self._from = (0.0, 0.0)  # seconds since the start and used fraction, from which the fraction grows evenly
@@ -92,13 +99,19 @@ class Clock:
     def tell(self, used: float, note: str) -> None:
         """Say how training goes at a used fraction."""
         if self.progress:
-            self.progress(min(used, 1.0) * self.share, 1.0, note)
+            self.progress(self.past + min(used, 1.0) * (self.share - self.past), 1.0, note)
 
     def go_on(self, note: str) -> None:
         """Say how work behind the training goes, by the time that is used."""
         if self.progress:
             used = self.seconds / self.total if self.timed else 0.0
             self.progress(min(max(used, self.share), 1.0), 1.0, note)
+
+    def trial(self, share: float) -> "Clock":
+        """The clock of a short training before this one, which takes a share of the budget, or as many steps more."""
+        steps = None if self.limit is None else max(int(share * self.limit), 1)
+        past, self.past = self.past, self.past + share
+        return Clock(share * self.total, steps, self.progress, self.past, past)
 
     def reserve(self, seconds: float) -> None:
         """Keep other seconds at the end for the proof; the used fraction goes on evenly, so schedules do not jump."""
@@ -125,8 +138,11 @@ class Clock:
         return used + (1 - used) * (now - begin) / (end - begin) if now < end else 1.0
 
     def steps(self) -> Iterator[tuple[int, float]]:
-        """Steps from 0 on, each with the used fraction at its begin, until the budget is used up; they are counted."""
-        step = 0
+        """Steps from 0 on, each with the used fraction at its begin, until the budget is used up; they are counted.
+
+        The used fraction is 0 where this begins.
+        """
+        step, self._from = 0, (self.seconds, 0.0)
         while (used := self.fraction()) < 1:
             yield step, used
             step += 1

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from warp_bounding.activations import DEFAULT, RELU, SINE
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import Search, least_value, prove_or_test
@@ -28,25 +29,20 @@ from warp_bounding.training.engine import Clock, interrupts, single_threaded_tor
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
 from warp_bounding.training.recipes.plane import SupportTrainer
-from warp_bounding.training.samples import Problem, Trained, samples_of
+from warp_bounding.training.samples import Problem, Samples, Trained, samples_of
 
 # Options of a network's training, in addition to its problem.
 
 
 @dataclass(frozen=True)
 class NetworkOptions:
-    """What kind of network, and how long it may take; see ``fit``."""
+    """What kind of network, and how long it may take; see ``fit``. Without an activation trials find one."""
 
     hidden: tuple[int, ...]
-    activation: str
+    activation: str | None
     budget: float
     steps: int | None = None
     statistical: bool = False
-
-    @property
-    def stored(self) -> dict:
-        """The sizes that a bounder stores."""
-        return {"hidden": list(self.hidden), "activation": self.activation}
 
 
 # Shares are of the whole budget, used fractions are of the training time. Where the budget is in steps, numbers of
@@ -107,6 +103,9 @@ class ProofLimits:
 
 
 SCHEDULE, LIMITS = Schedule(), ProofLimits()
+# Activations that are tried where none is asked for, each in a training of this share of the budget. A trial is as good
+# as nothing below so many steps.
+TRIED, TRIAL_SHARE, FEWEST_STEPS = (SINE.name, RELU.name), 0.1, 100
 SAMPLES = 200_000  # random queries by which the cost of a gap is estimated
 
 
@@ -136,12 +135,17 @@ def fit_network(
     return _Fit(method, problem, NetworkOptions(budget=seconds, **options), progress).run()
 
 
+def _least(trainer: NetworkTrainer) -> float:
+    """Its fewest false positives so far, a share."""
+    return trainer.least
+
+
 class _Fit:
     """One fit.
 
     ``of_planes``: the network is a plane's two supports (``Head``); else queries are points. ``first_reserve``: the
     share of the budget reserved for setting the threshold until a search has measured what that takes; the user's
-    progress counts the rest as training.
+    progress counts the rest as training. ``trials`` are of short trainings, on the same ``samples`` as the ``trainer``.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
@@ -155,12 +159,30 @@ class _Fit:
             self.first_reserve = SCHEDULE.lower_reserve if self.lowers else SCHEDULE.tested_reserve
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
         self.interrupted, self.boxes = False, 0
+        self.samples: Samples | None = None
+        self.trials: list[NetworkTrainer] = []
+        self.trainer: NetworkTrainer | SupportTrainer | OccupancyTrainer | None = None
 
     def run(self) -> Trained:
-        options, clock = self.options, self.clock
         if self.method.conservative:
-            clock.reserved = self.first_reserve * options.budget
-        trainer = self._trainer()
+            self.clock.reserved = self.first_reserve * self.options.budget
+        with single_threaded_torch():
+            self.interrupted = interrupts(self._train)
+            if (trainer := self.trainer) is None:  # nothing has been learned yet
+                raise KeyboardInterrupt
+            if self.interrupted and self.trials:
+                trainer = min([*self.trials, trainer], key=_least)
+            bounder = self._bounder(self.method, trainer, trainer.finish())
+        record = self._prove(bounder, trainer) if self.method.conservative else {}
+        own = {"steps": self.clock.count, "interrupted": self.interrupted}
+        if self.trials:
+            own["trials"] = {each.activation: each.least for each in self.trials}
+        return bounder, own | {"boxes_in_training": self.boxes} | record
+
+    def _train(self) -> None:
+        """Train with the activation that is asked for, or with the one that did best in a trial."""
+        activation = self.options.activation or self._tried()
+        trainer = self.trainer = self._trainer(activation)
         waiting = [] if self.of_planes else list(SCHEDULE.search_at)
 
         def mine(used: float) -> None:
@@ -168,32 +190,40 @@ class _Fit:
                 waiting.pop(0)
                 self._mine(trainer, used)
 
-        with single_threaded_torch():
-            self.interrupted = interrupts(lambda: trainer.run(clock, mine))
-            bounder = self._bounder(self.method, trainer.finish())
-        record = self._prove(bounder, trainer) if self.method.conservative else {}
-        own = {"steps": clock.count, "interrupted": self.interrupted}
-        return bounder, own | {"boxes_in_training": self.boxes} | record
+        trainer.run(self.clock, mine)
 
-    def _trainer(self) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
-        problem, sizes = self.problem, (self.options.hidden, self.options.activation)
+    def _tried(self) -> str:
+        """The activation whose short training leaves the fewest false positives; the default where none is worth it."""
+        steps = self.options.steps
+        if self.of_planes or self.lowers or (steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS):
+            return DEFAULT.name
+        for name in TRIED:
+            self.trainer = self._trainer(name)
+            self.trials.append(self.trainer)
+            self.trainer.run(self.clock.trial(TRIAL_SHARE))
+        return min(self.trials, key=_least).activation
+
+    def _trainer(self, activation: str) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
+        problem, hidden = self.problem, self.options.hidden
         if not self.method.conservative:
-            return OccupancyTrainer(problem, *sizes)
+            return OccupancyTrainer(problem, hidden, activation)
         if self.of_planes:
-            return SupportTrainer(problem, *sizes)
-        samples = samples_of(problem.grid, problem.domain, problem.seed)
-        samples.callers = problem.callers
-        return NetworkTrainer(samples, *sizes)
+            return SupportTrainer(problem, hidden, activation)
+        if self.samples is None:
+            self.samples = samples_of(problem.grid, problem.domain, problem.seed)
+            self.samples.callers = problem.callers
+        return NetworkTrainer(self.samples, hidden, activation)
 
-    def _bounder(self, method: type[Mlp], tensors: dict[str, np.ndarray]) -> Mlp:
-        return method(self.problem.domain, tensors, self.options.stored, self.problem.device)
+    def _bounder(self, method: type[Mlp], trainer, tensors: dict[str, np.ndarray]) -> Mlp:
+        sizes = {"hidden": list(self.options.hidden), "activation": trainer.activation}
+        return method(self.problem.domain, tensors, sizes, self.problem.device)
 
     def _mine(self, trainer: NetworkTrainer, used: float) -> None:
         """Let the prover search the network as it is; the lowest points that it finds become training samples."""
         if not self.problem.grid.certified or self.options.statistical or self.lowers:
             return
         problem, clock, budget = self.problem, self.clock, self.options.budget
-        bounder = self._bounder(Mlp, trainer.network.tensors())
+        bounder = self._bounder(Mlp, trainer, trainer.network.tensors())
         limit = {"budget": SCHEDULE.search_share * budget} if clock.timed else {"boxes": SCHEDULE.search_boxes}
         points = trainer.worst_points()
         eps = tolerance(bounder, problem, points)

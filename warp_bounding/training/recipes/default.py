@@ -174,7 +174,7 @@ class NetworkTrainer:
     """
 
     def __init__(self, samples: Samples, hidden: tuple[int, ...], activation: str):
-        self.recipe = Recipe()
+        self.recipe, self.activation = Recipe(), activation
         self.samples, self.generator = samples, samples.generator
         self.network = TrainableNetwork(samples.ndim, hidden, activation)
         self.decay = 0.0
@@ -224,6 +224,11 @@ class NetworkTrainer:
     def add(self, v: np.ndarray) -> None:
         """Add positives found elsewhere, here as rows: ``(N, ndim)`` float64 coordinates ``v``; to the hard pool."""
         self.hard = torch.cat([self.samples.locate(v), self.hard], 1)
+
+    @property
+    def least(self) -> float:
+        """The fewest estimated false positives so far, a share; infinity before the first refresh."""
+        return self._best[0]
 
     def finish(self) -> dict[str, np.ndarray]:
         """Store the parameters with the fewest estimated false positives so far; returns them in a bounder's form."""

@@ -36,7 +36,7 @@ class OccupancyTrainer:
         self.problem, self.domain, self.head, self.team = problem, domain, HEADS[domain.query], Team()
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         self._oracle = oracle(domain.query, grid, "cpu", domain.oracle_length)
-        act = activation_of(activation)
+        self.activation, act = activation, activation_of(activation)
         widths = [domain.ndim - self.head.offsets, *hidden, 1]
         gains = POINT_GAINS if domain.tested_as_point and act.wave else act.support_gains
         layers = initial_layers(widths, gains, self.generator)

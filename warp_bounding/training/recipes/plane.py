@@ -49,7 +49,7 @@ class SupportTrainer:
         self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
         hull = ObjectSupport(grid, domain.base)
         self._corners, self._ball = (torch.from_numpy(a.astype(np.float32)) for a in (hull.points, hull.ball))
-        act = activation_of(activation)
+        self.activation, act = activation, activation_of(activation)
         self.network = RowNetwork(initial_layers([self.ndim, *hidden, 2], act.support_gains, self.generator), act)
         self._best = (math.inf, self.network.copy())
 
