@@ -64,6 +64,48 @@ def test_an_interrupt_keeps_the_best_so_far():
     assert not same(bounder, few(steps=1))  # not the weights that it began with
 
 
+STEPS = 20  # the fewest in which activations are tried
+
+
+@pytest.fixture
+def _short_trials(monkeypatch):
+    monkeypatch.setattr(networks, "FEWEST_STEPS", STEPS * networks.TRIAL_SHARE)
+
+
+@pytest.mark.usefixtures("_short_trials")
+def test_an_activation_that_is_not_given_is_the_better_one_of_short_trainings():
+    bounder = few(steps=STEPS)
+    trials = bounder.info["training"]["trials"]
+    assert set(trials) == set(networks.TRIED)
+    assert bounder.activation == min(trials, key=trials.get)
+    assert same(bounder, few(steps=STEPS))
+
+
+@pytest.mark.usefixtures("_short_trials")
+@pytest.mark.parametrize("options", [{"steps": STEPS - 1}, {"steps": STEPS, "activation": "sin"}])
+def test_nothing_is_tried_where_an_activation_is_given_or_trials_would_be_too_short(options):
+    bounder = few(**options)
+    assert "trials" not in bounder.info["training"]
+    assert bounder.activation == "sin"
+
+
+@pytest.mark.usefixtures("_short_trials")
+def test_an_interrupt_of_the_second_trial_keeps_the_better_one():
+    seen = []
+
+    def interrupt(done, total, note):
+        seen.append(done)
+        if done >= networks.TRIAL_SHARE and seen[-2] < networks.TRIAL_SHARE:
+            raise KeyboardInterrupt
+
+    bounder = few(steps=STEPS, progress=interrupt)
+    trials = bounder.info["training"]["trials"]
+    assert bounder.certificate.proven
+    assert bounder.info["training"]["steps"] == 0
+    assert set(trials) == set(networks.TRIED)
+    assert bounder.activation == min(trials, key=trials.get)
+
+
 def test_an_interrupt_before_the_first_step():
     def interrupt(*_):
         raise KeyboardInterrupt
@@ -214,7 +256,7 @@ WRONG = {
     "query": "cone",
     "method": ["magic", "", 5],
     "hidden": [0, (0,), (), (8, -1), (2.5,), (True,), (1025,), "eight", (8,) * 9, (1024,) * 3, None],
-    "activation": ["softplus", "", None],
+    "activation": ["softplus", ""],
     "budget": [0, float("nan"), float("inf"), "long", None, True],
     "seed": [-1, 1.5, 2**63, None],
     "margin": [-1, float("nan"), float("inf"), "wide", None],

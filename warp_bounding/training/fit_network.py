@@ -195,7 +195,8 @@ class _Fit:
     def _tried(self) -> str:
         """The activation whose short training leaves the fewest false positives; the default where none is worth it."""
         steps = self.options.steps
-        if self.of_planes or self.lowers or (steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS):
+        short = steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS
+        if short or self.of_planes or self.problem.grid.waves is not None:
             return DEFAULT.name
         for name in TRIED:
             self.trainer = self._trainer(name)
