@@ -107,7 +107,7 @@ class Clock:
             used = self.seconds / self.total if self.timed else 0.0
             self.progress(min(max(used, self.share), 1.0), 1.0, note)
 
-    def trial(self, share: float) -> "Clock":
+    def trial(self, share: float) -> Clock:
         """The clock of a short training before this one, which takes a share of the budget, or as many steps more."""
         steps = None if self.limit is None else max(int(share * self.limit), 1)
         past, self.past = self.past, self.past + share
