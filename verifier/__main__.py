@@ -1,4 +1,4 @@
-"""``python -m verifier FILE SHAPE [--margin M] [--log FILE]``: exit 0 if verified, 1 if not, 2 for bad input."""
+"""``python -m verifier FILE SHAPE [--margin M]``: exit 0 if verified, 1 if not, 2 for bad input."""
 
 import argparse
 import hashlib
@@ -14,7 +14,7 @@ from verifier.mesh import Mesh
 from verifier.search import Boxes, Points, search
 
 
-def verify(file: Path, shape: Path, margin: float | None, log: Path | None, report) -> str:
+def verify(file: Path, shape: Path, margin: float | None, report) -> str:
     """What is verified; raises ``ArithmeticError`` with what is not, ``ValueError`` and its like for bad input."""
     tensors, about, sha = files.read_bounder(file)
     vertices, faces = files.read_mesh(shape)
@@ -27,20 +27,16 @@ def verify(file: Path, shape: Path, margin: float | None, log: Path | None, repo
     if claim.faces:
         claim.check_faces(used, margin)
     else:
-        roots, tree = [(-claim.limit, claim.limit)], np.full((1, 2), -1)
+        roots = [(-claim.limit, claim.limit)]
         if claim.leaves:
             roots = uncovered(*roots[0], *claim.leaves) if claim.threshold <= 0 else roots  # f is 0 in a leaf
-        elif log:
-            tree = files.read_log(log, sha)
         lower, upper = np.array(roots, float).reshape(-1, 2, 3).transpose(1, 0, 2)
-        (low, high), every, node = claim.origins(lower, upper), np.arange(len(faces)), -1 if len(tree) == 1 else 0
+        (low, high), every = claim.origins(lower, upper), np.arange(len(faces))
         items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= margin**2) for i in range(len(roots))]
-        root = Boxes(
-            lower, upper, np.full(len(roots), node), np.array([*map(len, items)]), np.hstack([*items, every[:0]])
-        )
-        key = hashlib.sha256(repr((sha, margin)).encode() + b"".join(map(bytes, (vertices, faces, tree)))).hexdigest()
-        saved = (log or file).with_name((log or file).name + ".verify.npz")
-        looked = search(Points(claim, mesh, margin, tree), root, saved, key, report) if roots else 0
+        root = Boxes(lower, upper, np.array([*map(len, items)]), np.hstack([*items, every[:0]]))
+        key = hashlib.sha256(repr((sha, margin)).encode() + bytes(vertices) + bytes(faces)).hexdigest()
+        saved = file.with_name(file.name + ".verify.npz")
+        looked = search(Points(claim, mesh, margin), root, saved, key, report) if roots else 0
     what = f"every point within {margin} of the solid in {shape.name} is answered with maybe by {file.name}"
     return f"verified: {what}: {claim.method}, f >= {claim.threshold!r} + {claim.error:.6g}, {looked:,} boxes"
 
@@ -51,7 +47,6 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("file", type=Path, help="a bounder, .safetensors")
     parser.add_argument("shape", type=Path, help="a closed mesh, .obj, .stl or .ply")
     parser.add_argument("--margin", type=float, help="object units; by default what the file says")
-    parser.add_argument("--log", type=Path, help="what `warp-bounding certify --log` wrote")
 
     def report(open_: float, looked: int) -> None:
         if time.monotonic() > last[0] + 10:

@@ -1,4 +1,4 @@
-"""What is read: a bounder's numbers, a mesh's triangles, the halvings of a log."""
+"""What is read: a bounder's numbers, a mesh's triangles."""
 
 import hashlib
 import json
@@ -69,14 +69,3 @@ def _ply(content: bytes):
     if (vertex, face, corners[0]) != ("vertex", "face", "list") or (rows["count"] != 3).any():
         raise ValueError("a PLY file of other elements than vertices and triangles is not read by this program")
     return np.stack([table[axis] for axis in "xyz"], axis=1), rows["corners"]
-
-
-def read_log(path: Path, sha: str) -> np.ndarray:
-    """Halvings, breadth first, as rows of (axis or -1 of a leaf, first half's row): no such list leaves out a box."""
-    with np.load(path) as log:
-        kept, axis = log["sha256"].item(), log["axis"].astype(np.int64)
-    if kept != sha:
-        raise ValueError(f"{path}: the log of another bounder")
-    if axis.min(initial=0) < -1 or axis.max(initial=0) > 2 or len(axis) != 2 * (axis >= 0).sum() + 1:
-        raise ArithmeticError(f"{path}: the log leaves out boxes, {2 * (axis >= 0).sum() + 1 - len(axis)} of them")
-    return np.stack([axis, 2 * np.cumsum(axis >= 0) - 1], axis=1)

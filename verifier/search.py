@@ -14,23 +14,22 @@ NARROWEST = 2.0**-20  # a box with no longer side ends the search: what must be 
 
 
 class Boxes(NamedTuple):
-    """Boxes of v: corners, rows of the log's tree or -1, and how many of ``items`` (triangles) each has."""
+    """Boxes of v: corners, and how many of ``items`` (triangles) each has."""
 
     lower: np.ndarray
     upper: np.ndarray
-    node: np.ndarray
     count: np.ndarray
     items: np.ndarray
 
     def part(self, rows: np.ndarray) -> "Boxes":
         items = self.items[spread((np.cumsum(self.count) - self.count)[rows], self.count[rows])]
-        return Boxes(self.lower[rows], self.upper[rows], self.node[rows], self.count[rows], items)
+        return Boxes(self.lower[rows], self.upper[rows], self.count[rows], items)
 
-    def halves(self, axis: np.ndarray, node: np.ndarray) -> "Boxes":  # node: the first halves' rows
+    def halves(self, axis: np.ndarray) -> "Boxes":
         row, one, two = np.arange(len(axis)), self.upper.copy(), self.lower.copy()
         one[row, axis] = two[row, axis] = (self.lower[row, axis] + self.upper[row, axis]) / 2
-        corners, nodes = np.concatenate([self.lower, two]), np.concatenate([node, np.where(node < 0, -1, node + 1)])
-        return Boxes(corners, np.concatenate([one, self.upper]), nodes, np.tile(self.count, 2), np.tile(self.items, 2))
+        corners = np.concatenate([self.lower, two]), np.concatenate([one, self.upper])
+        return Boxes(*corners, np.tile(self.count, 2), np.tile(self.items, 2))
 
 
 def search(look, root: Boxes, saved: Path, key: str, report) -> int:
@@ -47,10 +46,10 @@ def search(look, root: Boxes, saved: Path, key: str, report) -> int:
     try:
         while stack:
             boxes = stack[-1]
-            if (more := len(boxes.node) - CHUNK) > 0:
-                stack[-1:] = [boxes.part(np.arange(more)), boxes.part(np.arange(more, len(boxes.node)))]
-            left, looked = look(stack[-1]), looked + len(stack[-1].node)
-            stack[-1:] = [left] if len(left.node) else []
+            if (more := len(boxes.count) - CHUNK) > 0:
+                stack[-1:] = [boxes.part(np.arange(more)), boxes.part(np.arange(more, len(boxes.count)))]
+            left, looked = look(stack[-1]), looked + len(stack[-1].count)
+            stack[-1:] = [left] if len(left.count) else []
             report(sum(float((each.upper - each.lower).prod(axis=1).sum()) for each in stack), looked)
     except KeyboardInterrupt:
         new = saved.with_suffix(".new.npz")
@@ -64,37 +63,35 @@ def search(look, root: Boxes, saved: Path, key: str, report) -> int:
 class Points:
     """Looks whether ``f >= target`` all over a box of v, or no point within the margin of the solid gives a v in it."""
 
-    def __init__(self, claim: Claim, mesh: Mesh, margin: float, tree: np.ndarray):
-        self.claim, self.mesh, self.margin, self.tree, self.reached = claim, mesh, margin, tree, 0
+    def __init__(self, claim: Claim, mesh: Mesh, margin: float):
+        self.claim, self.mesh, self.margin, self.reached = claim, mesh, margin, 0
 
     def __call__(self, boxes: Boxes) -> Boxes:
         (low, high), side = self.claim.origins(boxes.lower, boxes.upper), boxes.upper - boxes.lower
-        axis, node = np.where(boxes.node < 0, -1, self.tree[boxes.node].T)  # what the log halves is halved at once
-        ask, open_, least = np.flatnonzero(axis < 0), np.ones(len(axis), bool), np.full(len(axis), -np.inf)
-        axis[ask], node[ask] = side[ask].argmax(axis=1), -1
+        axis, open_, least = side.argmax(axis=1), np.ones(len(side), bool), np.full(len(side), -np.inf)
         if self.claim.layers:
-            least[ask], best = self.bounded(boxes.lower[ask], boxes.upper[ask])
-            axis[ask] = np.where(side[ask, best] * 4 < side[ask].max(axis=1), axis[ask], best)  # none becomes flat
-            open_ = ~(least >= self.claim.target)
+            least, best = self.bounded(boxes.lower, boxes.upper)
+            flat = side[np.arange(len(side)), best] * 4 < side.max(axis=1)
+            axis, open_ = np.where(flat, axis, best), ~(least >= self.claim.target)
         owner = np.repeat(np.arange(len(axis)), boxes.count)
         gaps, nearest = self.mesh.gaps(low, high, owner, boxes.items), np.full(len(axis), np.inf)
         near = gaps <= self.margin * self.margin
         owner, items, gaps = owner[near], boxes.items[near], gaps[near]
         np.minimum.at(nearest, owner, gaps)
-        asked, met, first = open_ & (node < 0), np.ones(len(owner), bool), gaps == nearest[owner]
+        asked, met, first = open_.copy(), np.ones(len(owner), bool), gaps == nearest[owner]
         for some in (first, ~first):  # where the nearest triangle is not apart the others do not matter
             pair = np.flatnonzero(some & asked[owner])
             met[pair] = ~self.mesh.apart(low, high, owner[pair], items[pair], self.margin)
             asked[owner[met & some]] = False
         free = np.flatnonzero(asked)
         open_[free[self.mesh.outside((low[free] + high[free]) / 2)]] = False
-        for i in np.flatnonzero(open_ & (node < 0) & (side.max(axis=1) <= NARROWEST)):
+        for i in np.flatnonzero(open_ & (side.max(axis=1) <= NARROWEST)):
             why = f"f may be {least[i]:.9g}, {self.claim.target:.9g} is needed, and the object may be there"
             raise ArithmeticError(
                 f"box {boxes.lower[i].tolist()} of v, from {low[i].tolist()} to {high[i].tolist()}: {why}"
             )
-        left = Boxes(boxes.lower, boxes.upper, boxes.node, np.bincount(owner[met], minlength=len(axis)), items[met])
-        return left.part(np.flatnonzero(open_)).halves(axis[open_], node[open_])
+        left = Boxes(boxes.lower, boxes.upper, np.bincount(owner[met], minlength=len(axis)), items[met])
+        return left.part(np.flatnonzero(open_)).halves(axis[open_])
 
     def bounded(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Lower bounds of f over boxes, and along which axis f varies most; one in a thousand is proven by Arb, too."""

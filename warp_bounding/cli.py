@@ -447,7 +447,6 @@ def certify(
     checkpoint: Annotated[Text, Option(help="Go on from this file, and keep there what is left.")] = None,
     jobs: Annotated[int | None, number_option("Processes of this machine (default: this one).", count)] = None,
     scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
-    log: Annotated[Text, Option(help="Write which boxes are halved, for the program in verifier/.")] = None,
     srdf: Annotated[Path | None, Option(help="Of a plan: which links need no check.", **EXISTS)] = None,
     scene: Annotated[
         Text, Option(parser=words, help="Of a plan: scenes, meshes, distances: cell.scene,part.stl")
@@ -473,7 +472,7 @@ def certify(
     from warp_bounding.bounders.load import BALLS
 
     expected = {"margin": margin, "length": length, "resolution": resolution, "query": query}
-    searched = {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler, "log": log}
+    searched = {"checkpoint": checkpoint, "jobs": jobs, "scheduler": scheduler}
     processes, of_plan = one_of(jobs, scheduler), {"srdf": srdf, "scene": scene, "hold": hold, "pieces": pieces}
     if file.suffix.lower() == ".json":
         given = expected | reading | searched | {"margin": None}
@@ -496,8 +495,8 @@ def certify(
         return 0 if found.proven else 1, known, f"{found.kind}: {found.message}"
     bounder, loaded = load_both(file, shape, "cpu", reading)
     with bar("certify") as update:
-        run = {"budget": budget, "progress": update, "checkpoint": checkpoint, "scheduler": processes, "log": log}
-        found = wb.certify(bounder if log is None else file, loaded, **expected, **run)
+        run = {"budget": budget, "progress": update, "checkpoint": checkpoint, "scheduler": processes}
+        found = wb.certify(bounder, loaded, **expected, **run)
     of_both = about(bounder, file, found, shape, found.indicator)
     if restricted := getattr(loaded, "restriction", ""):
         warn(f"warp-bounding: {loaded.name}: {restricted}")

@@ -1,7 +1,6 @@
 """``python -m verifier``: what holds is verified, and every planted fault is found."""
 
 import ctypes
-import hashlib
 import shutil
 import subprocess
 import tempfile
@@ -122,67 +121,14 @@ def test_an_error_that_is_a_hundredth_too_small_is_found(files_of, kind):
     assert main(files_of(kind, change)) == 1
 
 
-# --- logs, and going on ----------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def logged(files_of, tmp_path):
-    given = files_of("mlp")
-    assert wb.certify(given[0], given[1], log=tmp_path / "halvings.npz").proven
-    return [*given, "--log", str(tmp_path / "halvings.npz")]
-
-
-def relog(path, change):
-    with np.load(path) as log:
-        axis, sha = log["axis"], log["sha256"]
-    np.savez_compressed(path, axis=change(axis), sha256=sha)
-
-
-def test_a_log_is_followed(logged, capsys):
-    assert main(logged) == 0
-    with np.load(logged[-1]) as log:
-        assert (log["axis"] >= 0).sum() * 2 + 1 == len(log["axis"]) > 100
-
-
-def test_a_log_that_leaves_out_a_box_or_is_of_another_file_is_refused(logged, files_of, capsys):
-    relog(logged[-1], lambda axis: np.delete(axis, np.flatnonzero(axis < 0)[7]))
-    assert main(logged) == 1
-    assert "leaves out boxes" in capsys.readouterr().out
-    files_of("deep")
-    assert main(logged) == 2
-    assert "another bounder" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("status", [0, 1])
-def test_a_log_of_nonsense_changes_nothing(logged, status):
-    """What is true is verified, and a threshold that is too high is not: nothing of a log is believed."""
-    if status:
-        too_high = float(np.float32(lowest(bounder("mlp")) + 0.05))
-        rewrite(Path(logged[0]), lambda document: document.update(threshold=too_high))
-    rng, axis, halved = np.random.default_rng(0), [], 0
-    while len(axis) < 2 * halved + 1:
-        inner = halved < 50 or (halved < 2000 and rng.random() < 0.6)
-        axis.append(rng.integers(3) if inner else -1)
-        halved += inner
-    sha = hashlib.sha256(Path(logged[0]).read_bytes()).hexdigest()
-    np.savez_compressed(logged[-1], axis=np.array(axis, dtype=np.int8), sha256=sha)
-    assert halved == 2000
-    assert main(logged) == status
-
-
-def test_logs_need_a_file_and_one_process(tmp_path, files_of):
-    for given in ({"checkpoint": tmp_path / "left"}, {"scheduler": 2}):
-        with pytest.raises(wb.BounderError, match="a log is of"):
-            wb.certify(files_of("mlp")[0], ring(), log=tmp_path / "log", **given)
-    with pytest.raises(wb.BounderError, match="give certify its path"):
-        wb.certify(bounder("mlp"), ring(), log=tmp_path / "log")
+# --- going on --------------------------------------------------------------------------------------------------------
 
 
 def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_path):
     given, looks, whole = files_of("mlp"), [], search.Points.__call__
 
     def stopped(self, boxes):
-        looks.append(len(boxes.node))
+        looks.append(len(boxes.count))
         if len(looks) == 12:
             raise KeyboardInterrupt
         return whole(self, boxes)
@@ -348,7 +294,7 @@ def test_no_order_of_sums_denies_what_is_verified(files_of, activation, denied, 
     whole, looks, told = search.Points.__call__, [], []
 
     def impatient(self, boxes):
-        looks.append(len(boxes.node))
+        looks.append(len(boxes.count))
         if sum(looks) > 20_000:
             raise ArithmeticError("enough")
         return whole(self, boxes)

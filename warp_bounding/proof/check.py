@@ -20,7 +20,6 @@ from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.proof.covering import Checked, check_covering, cover_cells, cover_domain, cover_planes
 from warp_bounding.proof.distances import overestimate_within
 from warp_bounding.proof.halving import Checkpoint, unfinished
-from warp_bounding.proof.halving_log import HalvingLog
 from warp_bounding.proof.prove import TOUCHED
 from warp_bounding.proof.stress import CONFIDENCE, POSITIVES, descend, fn_rate_bound, fresh_seed, try_positives
 from warp_bounding.proof.taylor import TaylorBounds
@@ -48,7 +47,6 @@ def certify(
     progress: Callable[[int, int], None] | None = None,
     checkpoint: str | os.PathLike | None = None,
     scheduler: str | int | None = None,
-    log: str | os.PathLike | None = None,
 ) -> Certificate:
     """Prove from scratch that a bounder has no false negative on a shape, or find out why there is no proof.
 
@@ -71,8 +69,6 @@ def certify(
             function can have the same digest, so a checkpoint could go on for the wrong one.
         scheduler: Address of a Dask scheduler whose workers search, or a number of processes of this machine (then a
             script needs ``if __name__ == "__main__":``). The result is the same.
-        log: A file for the boxes that were halved, of a bounder that is given by its path: ``python -m verifier``
-            reads it. Of one process and without a checkpoint.
 
     Returns:
         A certificate of kind ``"proven"``; ``"statistical"`` (the method has no proof; fresh positives were queried,
@@ -80,7 +76,7 @@ def certify(
         cannot be the bounded one, the claim is not the expected one, or the method is not conservative).
 
     Raises:
-        BounderError: For an argument out of range, a checkpoint of a proof of several parts, or a log beside one.
+        BounderError: For an argument out of range, or a checkpoint of a proof of several parts.
         FileFormatError: For a checkpoint of another proof, or one that cannot be read or written.
         ShapeError: For a checkpoint of the proof for a function.
 
@@ -91,9 +87,6 @@ def certify(
     check_budget(budget)
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
-    if log is not None and (checkpoint is not None or scheduler is not None):
-        raise BounderError("a log is of a whole proof in one process, without a checkpoint or a scheduler")
-    halvings = None if log is None else HalvingLog(log, bounder)
     bounder = bounder_of(bounder)
     frame, fault = bounder.frame, None
     try:
@@ -104,10 +97,8 @@ def certify(
     if fault:
         return document(bounder, shape, Verdict("inapplicable", fault, 0.0), 0.0)
     bounder, shape = (TaylorBounds().given_to(each) for each in (bounder, shape))
-    options = {"checkpoint": checkpoint, "progress": progress, "scheduler": scheduler, "log": halvings}
+    options = {"checkpoint": checkpoint, "progress": progress, "scheduler": scheduler}
     certificate = _certify(bounder, shape, expected, budget, **options)
-    if halvings and certificate.proven:
-        halvings.write(bounder.domain.base.limit)
     return frame.noted(certificate) if frame else certificate
 
 

@@ -143,7 +143,6 @@ def search(
     checkpoint: "Checkpoint | None" = None,
     progress: Callable[[int, int], None] | None = None,
     scheduler: str | int | None = None,
-    log=None,
 ) -> State:
     """Look at boxes and their halves until all are decided, one fails, or time is over.
 
@@ -157,12 +156,11 @@ def search(
         checkpoint: Where to go on from, and to save the state; removed once all boxes are decided or one has failed.
         progress: Called with how much is done, and ``PARTS`` for all of it.
         scheduler: Address of a Dask scheduler whose workers look, or a number of processes of this machine.
-        log: A ``HalvingLog`` to look through; not with a scheduler.
 
     Returns:
         What was found, and what is left to do.
     """
-    run, end = _Search(log.of(look) if log else look, starts, maxima, checkpoint, progress), working_seconds() + budget
+    run, end = _Search(look, starts, maxima, checkpoint, progress), working_seconds() + budget
     try:
         if scheduler is None:
             run.alone(end, most)
