@@ -514,7 +514,8 @@ def _certify_plan(file: Path, robot: Path, margin, srdf, scene, hold, pieces) ->
     quiet_warp()
     plan, arm = wb.arms.Plan.load(file), wb.arms.load_urdf(robot, srdf=srdf, held=hold, pieces=pieces or 1)
     obstacles = [body for name in scene or () for body in _obstacles(name)]
-    motions = wb.arms.Motions(arm, obstacles, margin=plan.margin)
+    of_plan = {"attached": plan.attached, "self_collision": plan.self_collision, "margin": plan.margin}
+    motions = wb.arms.Motions(arm, obstacles, **of_plan)
     if motions.digest != plan.digest or margin not in (None, plan.margin):
         other = "margin" if motions.digest == plan.digest else "robot, scene or SRDF"
         kind, line = "inapplicable", f"the plan is of another {other}; pieces and joints that stand count, too"

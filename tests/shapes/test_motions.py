@@ -1,5 +1,6 @@
 """Whole motions: what is proven free is free at every sample of it, by Coal, without any tolerance."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -334,6 +335,8 @@ def test_plans_are_certified_from_files(tmp_path, rock, capsys):
         "good": Motions(arm, scene, margin=0.01).path([[-1.0], [0.0]]),
         "bad": Motions(arm, scene, margin=0.01).path([[-1.0], [1.5]]),
         "rock": Motions(arm, far.field()).path([[0.0], [0.3]]),
+        "carried": Motions(arm, attached={"c": Body.sphere([0.1, 0, 0], 0.1, name="cup")}).path([[-1.0], [0.0]]),
+        "alone": Motions(arm, self_collision=False).path([[-1.0], [0.0]]),
     }
     for name, plan in plans.items():
         plan.save(tmp_path / f"{name}.json")
@@ -350,6 +353,20 @@ def test_plans_are_certified_from_files(tmp_path, rock, capsys):
     for options, what in ((hold, "robot, scene or SRDF"), ((*files, "--margin", 0.02), "margin")):
         status, out, _ = certify("good", *options)
         assert (status, f"inapplicable: the plan is of another {what}" in out) == (1, True)
+    for name, words in (
+        ("carried", "of arm carrying cup, among 0"),
+        ("alone", "margin 0 m, not checked against itself"),
+    ):
+        status, out, _ = certify(name, *hold)
+        assert (status, words in out) == (0, True)
+    carried = tmp_path / "carried.json"
+    document = json.loads(carried.read_text())
+    document["plan"]["attached"]["c"][0]["radius"] = 0.05  # whoever makes the cup smaller has another plan
+    carried.write_text(json.dumps(document))
+    assert "inapplicable" in certify("carried", *hold)[1]
+    document["plan"]["attached"]["c"][0]["radius"] = -1.0
+    carried.write_text(json.dumps(document))
+    check_bad(*certify("carried", *hold))
     assert certify("rock", "--scene", tmp_path / "rock.safetensors", *hold)[0] == 1 - plans["rock"].proven
     for options, message in (
         ((*files, "--jobs", 2), "a plan is certified at once; leave out --jobs"),

@@ -26,7 +26,7 @@ corners, and that it holds in float64.
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -74,6 +74,8 @@ class Motions:
 
     Attributes:
         arm: With what is attached.
+        attached: As given, cylinders as their prisms: bodies by part.
+        self_collision: As given.
         margin: As given.
         device: As given, a ``wp.Device``.
         pairs: ``(P, 2)`` numbers of bodies of the arm that are checked against each other.
@@ -107,7 +109,9 @@ class Motions:
             raise ShapeError(f"motions: expected an Arm, got {type(arm).__name__}; wb.arms.load_urdf reads files")
         if not 0 <= halvings <= DEEPEST:
             raise ShapeError(f"{arm.name}: expected halvings from 0 to {DEEPEST}, got {halvings}")
-        self.arm, self.margin, self.halvings = _carrying(arm, attached or {}), checked_margin(margin), int(halvings)
+        self.attached = {part: _solid(given, arm.name) for part, given in (attached or {}).items()}
+        self.arm, self.margin, self.halvings = _carrying(arm, self.attached), checked_margin(margin), int(halvings)
+        self.self_collision = bool(self_collision)
         self.pairs = self.arm.pairs() if self_collision else np.empty((0, 2), dtype=np.int32)
         self.device = device_of(device)
         self._given: list[tuple[Obstacle, np.ndarray | None]] = []
@@ -239,7 +243,8 @@ class Motions:
         between = self._named(int(culprits[first]))
         if share[first] == 0.0:  # it starts so
             between = self.culprits(given[first : first + 1])[0] or between
-        return Plan(given, share, self.margin, self.digest, name, len(self._given), between)
+        around = self.digest, name, len(self._given), between, self.attached, self.self_collision
+        return Plan(given, share, self.margin, *around)
 
     @property
     def digest(self) -> str:
@@ -361,6 +366,8 @@ class Plan(Picklable):
         name: Of the arm.
         obstacles: How many there were.
         between: Names of the two bodies that are in the way first, if it is not proven.
+        attached: What the arm carried: bodies by part, ``Motions.attached``.
+        self_collision: Whether the arm was checked against itself.
 
     Example:
         >>> plan = motions.path([[1.5], [2.0]])
@@ -376,6 +383,8 @@ class Plan(Picklable):
     name: str = "arm"
     obstacles: int = 0
     between: tuple[str, str] | None = None
+    attached: dict[str, tuple[Body, ...]] = field(default_factory=dict)
+    self_collision: bool = True
 
     @property
     def proven(self) -> bool:
@@ -391,7 +400,10 @@ class Plan(Picklable):
     @property
     def statement(self) -> str:
         """What is known, in a sentence."""
-        what = f"{len(self.shares)} motions of {self.name}, among {self.obstacles} obstacles, margin {self.margin:g} m"
+        names = [body.name for carried in self.attached.values() for body in carried]
+        carrying = f" carrying {', '.join(names)}" if names else ""
+        what = f"{len(self.shares)} motions of {self.name}{carrying}, among {self.obstacles} obstacles"
+        what += f", margin {self.margin:g} m{'' if self.self_collision else ', not checked against itself'}"
         if self.proven:
             return f"Proven free: {what}."
         at, share = self.end
@@ -400,6 +412,10 @@ class Plan(Picklable):
     def save(self, path) -> None:
         """Write it as JSON; what is written is proven again by ``certify``."""
         document = {"plan": asdict(self) | {"waypoints": self.waypoints.tolist(), "shares": self.shares.tolist()}}
+        document["plan"]["attached"] = {
+            part: [{"points": body.points.tolist(), "radius": body.radius, "name": body.name} for body in carried]
+            for part, carried in self.attached.items()
+        }
         write_whole(path, json.dumps(document, indent=1).encode(), ".json")
 
     @classmethod
@@ -416,8 +432,10 @@ class Plan(Picklable):
                 np.array(fields["shares"], float),
             )
             fields["between"] = fields["between"] and tuple(fields["between"])
+            carried = fields.get("attached", {}).items()
+            fields["attached"] = {part: tuple(Body(**body) for body in bodies) for part, bodies in carried}
             plan = cls(**fields)
-        except (ValueError, KeyError, TypeError, UnicodeDecodeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, UnicodeDecodeError, ShapeError) as error:
             raise FileFormatError(f"{path}: expected a plan that Plan.save wrote") from error
         if plan.waypoints.ndim != 2 or plan.shares.shape != (len(plan.waypoints) - 1,):
             raise FileFormatError(f"{path}: expected waypoints (W, n) and a share for each motion between them")
@@ -639,7 +657,12 @@ def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return best[1], best[2]
 
 
-def _carrying(arm: Arm, attached: Mapping[str, Sequence[Body | Cylinder] | Body | Cylinder]) -> Arm:
+def _solid(given: Sequence[Body | Cylinder] | Body | Cylinder, name: str) -> tuple[Body, ...]:
+    """What is attached to a part of an arm, as bodies."""
+    return tuple(body.prism if isinstance(body, Cylinder) else body for body in all_of(Body | Cylinder, given, name))
+
+
+def _carrying(arm: Arm, attached: Mapping[str, tuple[Body, ...]]) -> Arm:
     """The arm with more bodies on its parts."""
     bodies, touching = [], set(arm.touching)
     for part, given in attached.items():
@@ -647,8 +670,7 @@ def _carrying(arm: Arm, attached: Mapping[str, Sequence[Body | Cylinder] | Body 
         if link is None:
             known = ", ".join(dict.fromkeys(body.part for body in arm.bodies))
             raise ShapeError(f"{arm.name}: expected a part that carries what is attached, of {known}, got {part}")
-        for body in all_of(Body | Cylinder, given, arm.name):
-            body = body.prism if isinstance(body, Cylinder) else body
+        for body in given:
             bodies.append(replace(body, link=link, part=f"{body.name} on {part}"))
             touching.add(tuple(sorted((bodies[-1].part, part))))
             touching |= {
