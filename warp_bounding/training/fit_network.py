@@ -211,7 +211,8 @@ class _Fit:
         if self.of_planes:
             return SupportTrainer(problem, hidden, activation)
         if self.samples is None:
-            self.samples = samples_of(problem.grid, problem.domain, problem.seed)
+            reaching = problem.reaching if problem.front else None
+            self.samples = samples_of(problem.grid, problem.domain, problem.seed, reaching)
             self.samples.callers = problem.callers
         return NetworkTrainer(self.samples, hidden, activation)
 

@@ -8,6 +8,7 @@ proof. ``Samples`` is the contract, with a class for grids and one for other sha
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -91,7 +92,8 @@ class Samples:
     ``detail`` ``(ndim, 1)`` are the object's cells along each axis of ``v``, relative to the axis with most; ``waves``
     ``(2 K, ndim + 1)`` a first layer whose sines are those of the object (``Shape.waves``); ``vertices`` ``(ndim, K)``
     all positives where a minimum of f is likely, such as corners; ``callers`` queries of the caller's own, which take
-    the place of some of the negatives.
+    the place of some of the negatives. ``reaching`` says of queries ``(N, ndim)`` which ones the bounders in front
+    leave: no others are negatives.
     """
 
     ndim: int
@@ -100,6 +102,15 @@ class Samples:
     waves: torch.Tensor | None = None
     vertices: torch.Tensor
     callers: CallersQueries | None = None
+    reaching: Callable[[np.ndarray], np.ndarray] | None = None
+    domain: Domain
+
+    def those_reaching(self, v: torch.Tensor) -> torch.Tensor:
+        """Those of ``v`` ``(ndim, N)`` that the bounders in front leave."""
+        if self.reaching is None:
+            return v
+        x = self.domain.to_object(v.T.double().numpy())
+        return v[:, torch.from_numpy(self.reaching(x.astype(np.float32)))]
 
     def uniform(self, count: int) -> tuple[torch.Tensor, torch.Tensor]:
         """``v`` ``(ndim, count)`` of samples of the protocol, and their truth ``(count,)``."""
@@ -113,7 +124,8 @@ class Samples:
         if self.callers is None:
             return self.usual_negatives(count)
         own = round(CALLERS_SHARE * count)
-        return torch.cat([self.callers.negatives(own, self.generator), self.usual_negatives(count - own)], 1)
+        callers = self.those_reaching(self.callers.negatives(own, self.generator))
+        return torch.cat([callers, self.usual_negatives(count - own)], 1)
 
     def usual_negatives(self, count: int) -> torch.Tensor:
         """``negatives`` of the protocol."""
@@ -156,8 +168,9 @@ FEWEST_NEGATIVES = 64  # samples that stand for negatives where uniform samples 
 class PointSamples(Samples):
     """Random points of a grid; see ``Samples``. A state is a cell (n rows) and an offset from its middle (n rows)."""
 
-    def __init__(self, grid: Grid, domain: Domain, generator: torch.Generator):
-        self.grid, self.generator, self.ndim = grid, generator, grid.ndim
+    def __init__(self, grid: Grid, domain: Domain, generator: torch.Generator, reaching: Callable | None):
+        self.grid, self.domain, self.generator, self.reaching = grid, domain, generator, reaching
+        self.ndim = grid.ndim
         origin, one = (domain.to_local(grid.position(at(grid.ndim))) for at in (np.zeros, np.ones))
         self._origin, self._unit = (columns(a[None]) for a in (origin, one - origin))  # of cells, in local space
         shape = np.array(grid.shape)
@@ -191,10 +204,11 @@ class PointSamples(Samples):
 
     def usual_negatives(self, count: int) -> torch.Tensor:
         v, truth = self.uniform(count)
-        if truth.all():
-            cells = self._pick(columns(np.argwhere(~self.grid.occupancy)), FEWEST_NEGATIVES)
-            return self._to_local(cells + self._rand(cells.shape[1]) - 0.5)
-        return v[:, ~truth]
+        free = self.those_reaching(v[:, ~truth])
+        if free.shape[1]:
+            return free
+        cells = self._pick(columns(np.argwhere(~self.grid.occupancy)), FEWEST_NEGATIVES)
+        return self._to_local(cells + self._rand(cells.shape[1]) - 0.5)
 
     def positives(self, count: int) -> torch.Tensor:
         near = int(count * BOUNDARY_SHARE) if self._boundary.shape[1] else 0
@@ -261,8 +275,9 @@ LIMITS_SHARE, AT_LIMITS = 1 / 8, 0.4
 class ShapePointSamples(Samples):
     """Random points of a shape; see ``Samples``. A state is the point itself, in local coordinates (n rows)."""
 
-    def __init__(self, shape: Shape, domain: Domain, generator: torch.Generator):
-        self.shape, self.domain, self.generator, self.ndim = shape, domain, generator, shape.ndim
+    def __init__(self, shape: Shape, domain: Domain, generator: torch.Generator, reaching: Callable | None):
+        self.shape, self.domain, self.generator, self.reaching = shape, domain, generator, reaching
+        self.ndim = shape.ndim
         self._rng = np.random.default_rng(int(torch.randint(2**62, (1,), generator=generator)))
         self._limit = torch.from_numpy(np.array(domain.limit))[:, None]
         self._truth, nothing = torch.empty(0, dtype=torch.bool), torch.empty(self.ndim, 0)
@@ -290,11 +305,7 @@ class ShapePointSamples(Samples):
         self._border = torch.cat([self._border, columns(local(border))], 1)
         if shape.joints is not None:
             self._at_limits = torch.cat([self._at_limits, columns(local(self._held_at_limits(len(points))))], 1)
-        self._free = self._labelled[:, ~self._truth]
-        if not self._free.shape[
-            1
-        ]:  # the object fills its box: another point stands for negatives, which the loss needs
-            self._free = columns(local(shape.sample_lower)[None])
+        self._free = torch.cat([self._free, self.those_reaching(columns(local(points[~truth])))], 1)
 
     def _held_at_limits(self, count: int) -> np.ndarray:
         """``(K, n)``: those of some random points with coordinates at the ends of the shape that lie in it."""
@@ -313,6 +324,10 @@ class ShapePointSamples(Samples):
 
     def usual_negatives(self, count: int) -> torch.Tensor:
         self.grow()
+        if not self._free.shape[
+            1
+        ]:  # the object fills its box: another point stands for negatives, which the loss needs
+            return columns(self.domain.to_local(self.shape.sample_lower)[None])
         return self._pick(self._free, max(round(count * self._free.shape[1] / len(self._truth)), 1))
 
     def positives(self, count: int) -> torch.Tensor:
@@ -357,10 +372,10 @@ def _first_layer(shape: Shape, domain: Domain) -> torch.Tensor | None:
     return torch.from_numpy(np.concatenate([rows, shifted]).astype(np.float32))
 
 
-def samples_of(shape: Shape, domain: Domain, seed: int = 0) -> Samples:
+def samples_of(shape: Shape, domain: Domain, seed: int = 0, reaching: Callable | None = None) -> Samples:
     """The samples of a domain of points; the seed is also that of its trainer."""
     kind = PointSamples if isinstance(shape, Grid) else ShapePointSamples
-    return kind(shape, domain, torch.Generator().manual_seed(seed))
+    return kind(shape, domain, torch.Generator().manual_seed(seed), reaching)
 
 
 # What is given to every way of training: the object, its queries, and what the result may depend on.
