@@ -7,6 +7,8 @@ from plain_shapes import ball_at
 import warp_bounding as wb
 from sims.arm.robots import CELLS
 from warp_bounding.errors import BounderError, QueryError
+from warp_bounding.training import fit_network as networks
+from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.samples import samples_of
 
 
@@ -30,6 +32,38 @@ def test_some_positives_of_joints_lie_at_limits():
 
 
 BALL = ball_at([0.0, 0.0, 0.0], 1.0)
+
+
+STEPS = 20
+
+
+@pytest.fixture
+def short_trials(monkeypatch):
+    monkeypatch.setattr(networks, "FEWEST_STEPS", STEPS * networks.TRIAL_SHARE)
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_half_spaces_stay_in_front_of_a_network_where_they_alone_do_better(alone, short_trials, monkeypatch):
+    if alone:  # as if the trials were perfect
+        monkeypatch.setattr(NetworkTrainer, "least", 0.0)
+    bounder = wb.fit(BALL, hidden=(8, 8), steps=STEPS, device="cpu", progress=False)
+    assert [part.method for part in bounder.parts] == ["mlp"] if alone else ["learned-kdop", "mlp"]
+    assert bounder.certificate.proven
+    assert wb.evaluate(bounder, BALL, samples=20_000).fn == 0
+
+
+@pytest.mark.parametrize("own", [{"method": "mlp"}, {"activation": "relu"}, {"side": "inside"}, {"steps": STEPS - 1}])
+def test_nothing_is_put_in_front_of_a_network_that_was_asked_for(own, short_trials):
+    bounder = wb.fit(BALL, **{"hidden": (8, 8), "steps": STEPS, "device": "cpu", "progress": False} | own)
+    assert bounder.method == "mlp"
+
+
+@pytest.mark.parametrize("shape", [BALL, BALL.to_grid(resolution=12)], ids=["shape", "grid"])
+def test_a_network_behind_others_learns_what_they_leave(shape):
+    box = wb.fit(shape, method="sphere", device="cpu", progress=False)
+    samples = samples_of(shape, box.domain, 0, lambda x: box.query(x).numpy())
+    v = samples.negatives(4096).numpy().T.astype(np.float64)
+    assert box.query(box.domain.to_object(v).astype(np.float32)).numpy().mean() > 0.99  # but for what float32 rounds
 
 
 def above(rng, count: int) -> np.ndarray:

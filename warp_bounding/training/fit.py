@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from warp_bounding.bounders import DISTANCES, METHODS, Bounder, cascade, method_class
-from warp_bounding.bounders.bounder import known_method, resolved
+from warp_bounding.bounders.bounder import STEPS, known_method, resolved
 from warp_bounding.bounders.bvh import Bvh
 from warp_bounding.bounders.cascade import Cascade
 from warp_bounding.bounders.distance import REACH, DistanceBounder, VolumeDistance
@@ -38,7 +38,7 @@ from warp_bounding.shapes import Grid, Mesh, MovingMesh, load_shape
 from warp_bounding.shapes.complement import SIDES, Complement
 from warp_bounding.shapes.recentred import Frame, parted
 from warp_bounding.shapes.shape import MAX_RESOLUTION, Shape, check_memory
-from warp_bounding.training.fit_network import fit_network
+from warp_bounding.training.fit_network import fit_network, tries
 from warp_bounding.training.learned_kdop import train_learned_kdop
 from warp_bounding.training.recipes.distance import train_distance
 from warp_bounding.training.relu_field import train_relu_field
@@ -88,7 +88,8 @@ def fit(
             of the shape, whose distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
             ``None`` is ``"mlp"`` for points, planes and distances, and ``"bvh"`` for rays and boxes, which networks do
-            not answer: the first of ``DEFAULTS`` that does.
+            not answer: the first of ``DEFAULTS`` that does. For points of a solid it is ``"learned-kdop+mlp"`` where
+            half-spaces alone leave fewer false positives than a network that is trained as long.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
             the time is over; other closed forms are found at once, up to millions of cells. A third of an arm's time is
@@ -148,7 +149,8 @@ def fit(
     if query in METHODS:
         raise QueryError(f"{query!r} is a method, which comes after the query: method={query!r}")
     check_query(query, DISTANCE.name)
-    if method is None:
+    by_default = method is None
+    if by_default:
         method = next(cls.method for cls in DEFAULTS if cls.supports(query, COMMON_NDIM))
     if "space" in options:
         raise BounderError(
@@ -170,7 +172,7 @@ def fit(
     shape, frame = parted(load_shape(shape))
     check_extent(shape, margin, force)
     warn_of_restriction(shape)
-    given = _Given(shape, method, options, budget, int(seed), margin, resolution, device, progress, spent)
+    given = _Given(shape, method, by_default, options, budget, int(seed), margin, resolution, device, progress, spent)
     if far:
         bounder = _fit_distance(given, force)
     else:
@@ -186,6 +188,7 @@ class _Given:
 
     shape: Shape
     method: str
+    by_default: bool  # whether no method was given
     options: dict[str, Any]
     budget: float
     seed: int
@@ -214,20 +217,31 @@ def _fit_answers(
         for cls, own in zip(classes, chosen, strict=True):
             if issubclass(cls, Mlp):
                 own[HIDDEN.name] = (2 * len(grid.waves), *BEHIND_WAVES)
+    plain = given.by_default and side == SIDES[0] and scheduler is None
+    if plain and _may_have_front(grid, query, chosen[0]):
+        classes = [LearnedKdop, *classes]
+        chosen = [*resolved([LearnedKdop], query, {STEPS.name: chosen[0][STEPS.name]}), *chosen]
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in chosen)
     callers = None if workload is None else CallersQueries(workload, grid, domain, given.seed, frame)
     more = {"callers": callers, "repeatable": repeatable, "scheduler": scheduler}
     problem = Problem(grid, domain, query, given.seed, given.device, **more)
     with reported(given.progress, f"fit {method}") as update:
         try:
-            parts = _fit_parts(problem, classes, chosen, given.budget, spent, update)
+            parts = _fit_parts(problem, classes, chosen, given.budget, spent, update, optional=given.by_default)
         except ProofError as error:
             error.bounder.info = described(grid, given.seed, spent.seconds())
             error.bounder = error.bounder.in_frame(frame)
             raise
-    bounder = parts[0] if len(classes) == 1 else cascade(*parts)
+    bounder = parts[0] if len(parts) == 1 else cascade(*parts)
     bounder.info["rates"] = quick_rates(bounder, grid, shape)
     return bounder
+
+
+def _may_have_front(shape: Shape, query: str, options: dict[str, Any]) -> bool:
+    """Whether ``fit`` tries half-spaces in front of a network, of solids without cells, by a network's options."""
+    solid = not isinstance(shape, Grid) and shape.ndim == COMMON_NDIM and not shape.time and shape.joints is None
+    known = solid and query == POINT.name and options["activation"] is None and not options["statistical"]
+    return known and tries(shape, query, options[STEPS.name])
 
 
 class Stopwatch:
@@ -259,8 +273,9 @@ def _fit_parts(
     budget: float,
     spent: Stopwatch,
     progress: Progress | None,
+    optional: bool,
 ) -> list[Bounder]:
-    """Bounders of the classes, which share the budget."""
+    """Bounders of the classes, which share the budget; without those in front if these are optional and do not pay."""
     trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
     for index, cls in enumerate(classes):
         trainer, own = trainers[index], spent if index == 0 else Stopwatch()
@@ -272,7 +287,8 @@ def _fit_parts(
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), trainer.most_seconds)
             reserved = PROOF_SECONDS * len(grid.occupied) if isinstance(grid, Grid) else PROOF_SHARE * seconds
             seconds -= min(seconds / 2, reserved)
-        part = replace(problem, front=tuple(parts), in_front=waiting > 0)
+        may_go = optional and bool(parts)
+        part = replace(problem, front=tuple(parts), optional=may_go, in_front=waiting > 0)
         bounder, record = trainer.train(cls, part, chosen[index], seconds, progress)
         if not trainer.proves:
             limits = {"eps": SHAPE_EPS, "boxes": SHAPE_BOXES}
@@ -282,7 +298,7 @@ def _fit_parts(
                 limits["progress"] = partial(_told, progress, cls.method)
             prove_or_test(bounder, grid, seed=problem.seed, **limits)
         bounder.info = described(grid, problem.seed, record | own.seconds())
-        parts.append(bounder)
+        parts = [bounder] if record.get("alone") else [*parts, bounder]
     return parts
 
 

@@ -10,7 +10,7 @@ low f, and ``prove_lower`` proves the highest threshold below it whose proof is 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,7 @@ from warp_bounding.queries import oracle
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.progress import Progress
 from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.shape import Shape
 from warp_bounding.training.engine import Clock, interrupts, single_threaded_torch
 from warp_bounding.training.recipes.default import NetworkTrainer
 from warp_bounding.training.recipes.occupancy import OccupancyTrainer
@@ -140,16 +141,23 @@ def _least(trainer: NetworkTrainer) -> float:
     return trainer.least
 
 
+def tries(shape: Shape, query: str, steps: int | None) -> bool:
+    """Whether activations are tried: of points, where there is time for it, and of no arms, whose waves are sines."""
+    short = steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS
+    return HEADS[query].outputs == 1 and shape.waves is None and not short
+
+
 class _Fit:
     """One fit.
 
     ``of_planes``: the network is a plane's two supports (``Head``); else queries are points. ``first_reserve``: the
     share of the budget reserved for setting the threshold until a search has measured what that takes; the user's
     progress counts the rest as training. ``trials`` are of short trainings, on the same ``samples`` as the ``trainer``.
+    ``optional`` is the problem with the bounders in front that may go, which the ``problem`` has where they stay.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
-        self.method, self.problem, self.options = method, problem, options
+        self.method, self.options = method, options
         self.of_planes = HEADS[problem.query].outputs > 1
         grid, tested = problem.grid, options.statistical or not problem.grid.certified
         of_shape = not (self.of_planes or tested or isinstance(grid, Grid))
@@ -158,7 +166,9 @@ class _Fit:
         if self.lowers or (tested and not self.of_planes):
             self.first_reserve = SCHEDULE.lower_reserve if self.lowers else SCHEDULE.tested_reserve
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
-        self.interrupted, self.boxes = False, 0
+        self.interrupted, self.boxes, self.front_rate = False, 0, {}
+        self.optional = problem if problem.optional else None
+        self.problem = replace(problem, front=()) if problem.optional else problem
         self.samples: Samples | None = None
         self.trials: list[NetworkTrainer] = []
         self.trainer: NetworkTrainer | SupportTrainer | OccupancyTrainer | None = None
@@ -176,7 +186,9 @@ class _Fit:
         record = self._prove(bounder, trainer) if self.method.conservative else {}
         own = {"steps": self.clock.count, "interrupted": self.interrupted}
         if self.trials:
-            own["trials"] = {each.activation: each.least for each in self.trials}
+            own["trials"] = {each.activation: each.least for each in self.trials} | self.front_rate
+        if self.optional is not None:
+            own["alone"] = not self.problem.front
         return bounder, own | {"boxes_in_training": self.boxes} | record
 
     def _train(self) -> None:
@@ -193,16 +205,25 @@ class _Fit:
         trainer.run(self.clock, mine)
 
     def _tried(self) -> str:
-        """The activation whose short training leaves the fewest false positives; the default where none is worth it."""
-        steps = self.options.steps
-        short = steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS
-        if short or self.of_planes or self.problem.grid.waves is not None:
+        """The activation whose short training leaves the fewest false positives; the default where none is worth it.
+
+        An optional front stays where by itself it leaves fewer than that.
+        """
+        if not tries(self.problem.grid, self.problem.query, self.options.steps):
             return DEFAULT.name
         for name in TRIED:
             self.trainer = self._trainer(name)
             self.trials.append(self.trainer)
             self.trainer.run(self.clock.trial(TRIAL_SHARE))
-        return min(self.trials, key=_least).activation
+        best = min(self.trials, key=_least)
+        if self.optional is not None:
+            v, truth = self.samples.uniform(SAMPLES)
+            left = self.optional.reaching(self.problem.domain.to_object(v.T.double().numpy()).astype(np.float32))
+            rate = float((left & ~truth.numpy()).mean())
+            self.front_rate = {"+".join(each.method for each in self.optional.front): rate}
+            if rate < best.least:
+                self.problem, self.samples = self.optional, None
+        return best.activation
 
     def _trainer(self, activation: str) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
         problem, hidden = self.problem, self.options.hidden
