@@ -216,8 +216,9 @@ def fitted(mesh: wb.shapes.Mesh, size: str, budget: float, seed: int, options: d
         bounder.save(Path(folder) / "part.safetensors")
         proof = wb.certify(wb.load(Path(folder) / "part.safetensors", device="cpu"), mesh, margin=margin)
     training = bounder.info["training"]
+    recipe = "+".join(getattr(part, "activation", part.method) for part in bounder.parts)
     seconds = training["seconds"] - training["compile_seconds"]
-    return judged(bounder, mesh) | {"certificate": proof.kind, "seconds": round(seconds, 1)}
+    return judged(bounder, mesh) | {"recipe": recipe, "certificate": proof.kind, "seconds": round(seconds, 1)}
 
 
 def page(rows: list[dict], folder: Path) -> str:
@@ -257,7 +258,9 @@ def page(rows: list[dict], folder: Path) -> str:
         for size in SIZES:
             own = [r for r in fits if (r["part"], r["size"], r["budget"]) == (part, size, max_budget(fits))]
             best = own[0]["best"] if own else None
-            cells.append(f"{np.mean([r['fp'] for r in own]):.2f} / {best['fp']:.2f} {best['method']}" if own else "-")
+            recipes = ", ".join(sorted({r["recipe"] for r in own}))
+            ours = f"{np.mean([r['fp'] for r in own]):.2f} {recipes}" if own else ""
+            cells.append(f"{ours} / {best['fp']:.2f} {best['method']}" if own else "-")
         lines.append(f"| {part} | {' | '.join(cells)} |")
     draw(fits, folder / "parts.png")
     return "\n".join(lines) + "\n"
