@@ -20,19 +20,13 @@ def python(code: str) -> str:
     return done.stdout.strip().splitlines()[-1]
 
 
-def test_importing_is_light():
-    listed = f"import sys; print([m for m in {HEAVY} if m in sys.modules])"
-    assert python("import warp_bounding;" + listed) == "[]"
-    assert python("import warp_bounding; dir(warp_bounding);" + listed) == "[]"
-
-
-def test_loading_and_asking_is_light(tmp_path):
+def test_importing_loading_and_asking_is_light(tmp_path):
     from bounding_shapes import fitted
 
     path = tmp_path / "b.safetensors"
     fitted("mlp", "blob").save(path)
     code = (
-        f"import warp_bounding as wb, numpy as np, sys; b = wb.load({str(path)!r}, device='cpu'); "
+        f"import warp_bounding as wb, numpy as np, sys; dir(wb); b = wb.load({str(path)!r}, device='cpu'); "
         "n = int(b.query(np.full((5, 3), np.nan, np.float32)).numpy().sum()); "
         f"print(n, [m for m in {HEAVY} if m in sys.modules])"
     )
