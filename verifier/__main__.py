@@ -3,7 +3,6 @@
 import argparse
 import hashlib
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from verifier.mesh import Mesh
 from verifier.search import Boxes, Points, search
 
 
-def verify(file: Path, shape: Path, margin: float | None, report) -> str:
+def verify(file: Path, shape: Path, margin: float | None) -> str:
     """What is verified; raises ``ArithmeticError`` with what is not, ``ValueError`` and its like for bad input."""
     tensors, about, sha = files.read_bounder(file)
     vertices, faces = files.read_mesh(shape)
@@ -36,25 +35,19 @@ def verify(file: Path, shape: Path, margin: float | None, report) -> str:
         root = Boxes(lower, upper, np.array([*map(len, items)]), np.hstack([*items, every[:0]]))
         key = hashlib.sha256(repr((sha, margin)).encode() + bytes(vertices) + bytes(faces)).hexdigest()
         saved = file.with_name(file.name + ".verify.npz")
-        looked = search(Points(claim, mesh, margin), root, saved, key, report) if roots else 0
+        looked = search(Points(claim, mesh, margin), root, saved, key) if roots else 0
     what = f"every point within {margin} of the solid in {shape.name} is answered with maybe by {file.name}"
     return f"verified: {what}: {claim.method}, f >= {claim.threshold!r} + {claim.error:.6g}, {looked:,} boxes"
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command; the exit status."""
-    parser, last = argparse.ArgumentParser("verifier", description=__doc__.replace("``", "")), [time.monotonic()]
+    parser = argparse.ArgumentParser("verifier", description=__doc__.replace("``", ""))
     parser.add_argument("file", type=Path, help="a bounder, .safetensors")
     parser.add_argument("shape", type=Path, help="a closed mesh, .obj, .stl or .ply")
     parser.add_argument("--margin", type=float, help="object units; by default what the file says")
-
-    def report(open_: float, looked: int) -> None:
-        if time.monotonic() > last[0] + 10:
-            last[0] = time.monotonic()
-            print(f"{looked:,} boxes, {open_:.6f} of v's volume is open", file=sys.stderr, flush=True)
-
     try:
-        print(verify(**vars(parser.parse_args(arguments)), report=report))
+        print(verify(**vars(parser.parse_args(arguments))))
         return 0
     except ArithmeticError as failure:
         print(f"not verified: {failure}")

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 SIZES = {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8", "uchar": "u1", "uint8": "u1"}  # of PLY
+ENDS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 SIZES |= {"int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "short": "i2", "ushort": "u2"}
 
 
@@ -60,7 +61,9 @@ def _stl(content: bytes):
 def _ply(content: bytes):
     head, _, body = content.partition(b"end_header\n")
     words = [line.split() for line in head.decode().splitlines() if not line.startswith(("comment", "obj_info"))]
-    end = {"binary_little_endian": "<", "binary_big_endian": ">"}[words[1][1]]  # an ASCII file is not read
+    if words[1][1] not in ENDS:
+        raise ValueError(f"expected a binary PLY file, got one in {words[1][1]}, which is not read by this program")
+    end = ENDS[words[1][1]]
     (_, vertex, vertices), (_, face, faces) = (line for line in words if line[0] == "element")
     *numbers, corners = (line[1:] for line in words if line[0] == "property")
     table = np.frombuffer(body, [(name, end + SIZES[size]) for size, name in numbers], int(vertices))

@@ -1,5 +1,7 @@
 """Boxes of v that are halved until each is decided; a box's triangles, which it may meet, go to its halves."""
 
+import sys
+import time
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +12,7 @@ from verifier.bounders import Claim
 from verifier.mesh import AGAIN, Mesh, spread
 
 CHUNK = 2048  # boxes that are looked at together
+SECONDS = 10.0  # from one report, and one state that is saved, to the next
 NARROWEST = 2.0**-20  # a box with no longer side ends the search: what must be shown of it is false, or too close
 
 
@@ -32,30 +35,34 @@ class Boxes(NamedTuple):
         return Boxes(*corners, np.tile(self.count, 2), np.tile(self.items, 2))
 
 
-def search(look, root: Boxes, saved: Path, key: str, report) -> int:
+def search(look, root: Boxes, saved: Path, key: str) -> int:
     """Look at boxes and at the halves of those that are left, until none is; returns how many were looked at.
 
-    The file ``saved`` has what is open of a search of the same ``key``; it is removed at the end.
+    Every few seconds the file ``saved`` is written, which has what is open of the search of this ``key``; it is
+    removed at the end. A search that was stopped, or killed, goes on from there.
     """
-    stack, looked = [root], 0
+    stack, looked, due = [root], 0, time.monotonic() + SECONDS
     if saved.exists():
         with np.load(saved) as kept:
             if kept["key"].item() != key:
                 raise ValueError(f"{saved}: of another search; remove it to begin anew")
             stack, looked = [Boxes(*(kept[name] for name in Boxes._fields))], int(kept["looked"])
-    try:
-        while stack:
-            boxes = stack[-1]
-            if (more := len(boxes.count) - CHUNK) > 0:
-                stack[-1:] = [boxes.part(np.arange(more)), boxes.part(np.arange(more, len(boxes.count)))]
+    while stack:
+        boxes = stack[-1]
+        if (more := len(boxes.count) - CHUNK) > 0:
+            stack[-1:] = [boxes.part(np.arange(more)), boxes.part(np.arange(more, len(boxes.count)))]
+        try:
             left, looked = look(stack[-1]), looked + len(stack[-1].count)
-            stack[-1:] = [left] if len(left.count) else []
-            report(sum(float((each.upper - each.lower).prod(axis=1).sum()) for each in stack), looked)
-    except KeyboardInterrupt:
-        new = saved.with_suffix(".new.npz")
-        np.savez(new, key=key, looked=looked, **Boxes(*map(np.concatenate, zip(*stack, strict=True)))._asdict())
-        new.replace(saved)
-        raise
+        except ArithmeticError:
+            saved.unlink(missing_ok=True)
+            raise
+        stack[-1:] = [left] if len(left.count) else []
+        if stack and time.monotonic() >= due:
+            rest, new = Boxes(*map(np.concatenate, zip(*stack, strict=True))), saved.with_suffix(".new.npz")
+            np.savez(new, key=key, looked=looked, **rest._asdict())
+            new.replace(saved)
+            volume, due = float((rest.upper - rest.lower).prod(axis=1).sum()), time.monotonic() + SECONDS
+            print(f"{looked:,} boxes, {volume:.6f} of v's volume is open", file=sys.stderr, flush=True)
     saved.unlink(missing_ok=True)
     return looked
 

@@ -125,6 +125,7 @@ def test_an_error_that_is_a_hundredth_too_small_is_found(files_of, kind):
 
 
 def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_path):
+    """What a kill leaves is what Ctrl-C leaves: nothing is written when the search ends."""
     given, looks, whole = files_of("mlp"), [], search.Points.__call__
 
     def stopped(self, boxes):
@@ -135,6 +136,7 @@ def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_pa
 
     assert main(given) == 0
     alone = capsys.readouterr().out
+    monkeypatch.setattr(search, "SECONDS", 0.0)
     monkeypatch.setattr(search.Points, "__call__", stopped)
     assert main(given) == 2
     saved = tmp_path / "ring.safetensors.verify.npz"
@@ -164,12 +166,15 @@ def test_other_kinds_and_damaged_files_are_bad_input(files_of, change, capsys):
     assert "bad input" in capsys.readouterr().err
 
 
-def test_damaged_bytes_and_open_meshes_are_bad_input(files_of, tmp_path):
+def test_damaged_bytes_and_open_meshes_are_bad_input(files_of, tmp_path, capsys):
     given = files_of("mlp")
     (tmp_path / "short").write_bytes((tmp_path / "ring.safetensors").read_bytes()[:-40])
     assert main([str(tmp_path / "short"), given[1]]) == 2
     assert main([given[0], str(tmp_path / "none.obj")]) == 2
     assert main([*given, "--margin", "nan"]) == 2
+    RING.export(tmp_path / "ring.ply", encoding="ascii")
+    assert main([given[0], str(tmp_path / "ring.ply")]) == 2
+    assert capsys.readouterr().err.splitlines()[-1].startswith("bad input: ValueError('expected a binary PLY file")
     RING.submesh([np.arange(5, len(RING.faces))])[0].export(tmp_path / "ring.obj")
     assert main(given) == 2
 
