@@ -25,7 +25,7 @@ import psutil
 import trimesh
 
 import warp_bounding as wb
-from paper.results import versions
+from sims.versions import versions
 from warp_bounding.baking.engine import Job, Settings
 from warp_bounding.baking.library import Record
 

@@ -14,9 +14,9 @@ from robots import store, stored
 from shared import nanoseconds
 
 import warp_bounding as wb
-from paper.results import versions
 from sims.arm.robots import CELLS
 from sims.prefitted import FOLDER
+from sims.versions import versions
 
 CELL, PLACES, QUERIES = CELLS["planar-4"], 3, 400_000
 WAYS = {

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 from shared import clock
 
 import warp_bounding as wb
-from paper.results import versions
 from sims.prefitted import FOLDER
+from sims.versions import versions
 from warp_bounding.pairs import Balls, Pair
 from warp_bounding.shapes import Mesh
 

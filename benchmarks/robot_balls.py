@@ -14,6 +14,7 @@ from time import perf_counter
 import numpy as np
 import warp as wp
 
+from sims.versions import versions
 from warp_bounding.arms.urdf import links_of, mesh_data, shape_of
 from warp_bounding.pairs import RobotBalls
 from warp_bounding.rigid import moved
@@ -33,7 +34,7 @@ balls (`*_spherized.urdf`). *Not held*: links of which `RobotBalls.certify` name
 *farthest*: how far the farthest such point is outside, a proven lower bound. *Surface outside*: of {points:,} points on
 the meshes of each link, links weighted by area. *Stand out*: how far balls reach out of a link's meshes, the largest of
 all links and the median of the links, sampled. *Proven*: the same of `RobotBalls.of` with as many balls. Links without
-balls are not held. Times on {cores} cores, which other work shared.
+balls are not held. {versions}; times on {cores} cores, which other work shared.
 
 | robot | links | balls | VAMP's: not held | farthest, mm | surface outside, % | stand out, mm | refuted in, s |\
  proven: stand out, mm | made in, s | proven in, s |
@@ -127,15 +128,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    rows = [measured(given.robots / robot) for robot in ROBOTS]
+    rows = [measured(given.robots / robot) | {"versions": versions()} for robot in ROBOTS]
     with (given.out / "balls.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    lines = "".join("| " + " | ".join(str(value) for value in row.values()) + " |\n" for row in rows)
+    lines = "".join(f"| {' | '.join(map(str, list(row.values())[:-1]))} |\n" for row in rows)  # without versions
     largest = {name: rows[0][f"{name}_out_mm"].split()[0] for name in ("ours", "theirs")}
     about = {"outside": rows[0]["outside_percent"], "farthest": rows[0]["farthest_mm"], "points": POINTS}
-    page = PAGE.format(lines=lines, cores=len(os.sched_getaffinity(0)), **about, **largest)
+    page = PAGE.format(lines=lines, versions=versions(), cores=len(os.sched_getaffinity(0)), **about, **largest)
     (given.out / "README.md").write_text(page, encoding="utf-8")
 
 

@@ -26,9 +26,9 @@ import warp as wp
 from robots import store, stored
 
 import warp_bounding as wb
-from paper.results import versions
 from sims.arm.meshes import MeshModel
 from sims.arm.robots import Cell, panda, ur5, xarm7
+from sims.versions import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 CELLS = {"UR5": ur5, "Panda": panda, "xArm7": xarm7}

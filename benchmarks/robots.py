@@ -19,8 +19,8 @@ from arms import tree_of_boxes
 from shared import clock
 
 import warp_bounding as wb
-from paper.results import versions
 from sims.arm.robots import KEPT, ROBOTS, Own
+from sims.versions import versions
 from warp_bounding.proof import stress_test
 from warp_bounding.runtime.launch import cpu_threads
 

@@ -11,13 +11,13 @@ import sys
 from pathlib import Path
 
 import warp_bounding as wb
-from paper.results import versions
 from sims.arm.demo import Example, specs_of
 from sims.arm.exact import Hulls
 from sims.arm.robots import CELLS
 from sims.arm.workplace import Workplace
 from sims.planning.broad import Every, Segments
 from sims.prefitted import FitSpec, bounder_from, fit, stored
+from sims.versions import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 NAMES = ("planar-4", "corridor-4")
@@ -126,7 +126,8 @@ def main() -> int:
     rows = [row for name in NAMES for row in planned(name, network, options.files, options.effort)]
     text = page(rows, alone, "python benchmarks/self_collision.py --out results/self-collision")
     (options.out / "README.md").write_text(text)
-    (options.out / "self-collision.json").write_text(json.dumps({"alone": alone, "rows": rows}, indent=1) + "\n")
+    found = {"versions": versions(), "alone": alone, "rows": rows}
+    (options.out / "self-collision.json").write_text(json.dumps(found, indent=1) + "\n")
     print(text)
     return int(not all(row["identical"] for row in rows))
 

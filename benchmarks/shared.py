@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from paper.results import versions
+from sims.versions import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 
@@ -39,6 +39,7 @@ class StoredRows:
         folder.mkdir(parents=True, exist_ok=True)
         lines = self._file.read_text().splitlines() if self._file.exists() else []
         self.rows: list[dict[str, Any]] = [json.loads(line) for line in lines]
+        self._versions = versions()  # as the program begins
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -49,7 +50,7 @@ class StoredRows:
 
     def add(self, row: dict[str, Any]) -> None:
         """Keep a row: once this returns, it is on the disk. JSON has no NaN: it is left out."""
-        self.rows.append(_plain(row) | {"threads": cpu_threads(), "versions": versions()})
+        self.rows.append(_plain(row) | {"threads": cpu_threads(), "versions": self._versions})
         with self._file.open("a") as file:
             file.write(json.dumps(self.rows[-1]) + "\n")
             file.flush()

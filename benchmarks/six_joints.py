@@ -24,8 +24,8 @@ from robots import store, stored
 from shared import nanoseconds
 
 import warp_bounding as wb
-from paper.results import versions
 from sims.arm.robots import CELLS
+from sims.versions import versions
 from warp_bounding.proof import halving
 from warp_bounding.queries.domain import Domain
 from warp_bounding.runtime import workers

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from paper.data import Object, grid_of, objects_in, select_objects
-from paper.results import Folder, finished, say, versions
+from paper.results import Folder, finished, say
 from paper.table import DISTANCE, SPACES, VARIANTS, Column, Variant, budget_of, select_columns, select_methods
+from sims.versions import versions
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp_distance import MlpDistance

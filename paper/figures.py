@@ -18,6 +18,7 @@ from paper import results
 from paper.data import PATTERNS, Object, grid_of
 from paper.drawing import packed, raster
 from paper.gallery import FIGURES
+from sims.versions import versions
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 NAME, FORMAT, DIGEST = "figures", 1, 16
@@ -132,7 +133,7 @@ def computed(folder: results.Folder, name: str, work: Work) -> dict[str, Any]:
         started, value = time.perf_counter(), parts[part]()
         found["parts"][part] = {**value, "seconds": round(time.perf_counter() - started, 2)}
         found["objects"] |= digests
-        found["versions"] = sorted({*found["versions"], results.versions()})
+        found["versions"] = sorted({*found["versions"], versions()})
         document = {"format": FORMAT, "figure": name, "settings": folder.settings, **found}
         folder.write(f"{name}.json", json.dumps(document, indent=1, allow_nan=False) + "\n")
     return {part: found["parts"][part] for part in parts}

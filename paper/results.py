@@ -6,17 +6,12 @@ Every other file is written whole. A folder of other settings, a foreign or a da
 overwritten. ``README.md`` is a page of ``pages/`` with its tables.
 """
 
-import contextlib
 import csv
 import io
 import json
 import math
-import platform
-import subprocess
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -198,17 +193,3 @@ def work(folder: Folder, cells: Sequence[Any], measure: Callable[[Any], str], ti
 def say(text: str) -> None:
     """Print a line for people."""
     print(text, file=sys.stderr, flush=True)
-
-
-@cache
-def versions() -> str:
-    """Versions of this library (with its commit, where it is run from a checkout) and of what it stands on."""
-    commit, others = "", []
-    with contextlib.suppress(OSError, subprocess.SubprocessError):  # no git there
-        git = ["git", "rev-parse", "--short=9", "HEAD"]
-        own = {"cwd": Path(__file__).parents[1], "capture_output": True, "text": True, "timeout": 10, "check": True}
-        commit = f" ({subprocess.run(git, **own).stdout.strip()})"
-    for name, package in (("warp", "warp-lang"), ("torch", "torch")):
-        with contextlib.suppress(metadata.PackageNotFoundError):
-            others.append(f"{name} {metadata.version(package)}")
-    return f"warp-bounding {__version__}{commit}, {', '.join(others)}, Python {platform.python_version()}"

@@ -16,6 +16,7 @@ from rich.table import Table
 
 import warp_bounding as wb
 from sims.assets import Shape
+from sims.versions import versions
 from warp_bounding.runtime.progress import bar
 
 __all__ = ["CHOSEN", "UNPROVEN", "Run", "bounder_rows", "kept", "output", "result", "run_table", "shown", "verdict"]
@@ -187,5 +188,6 @@ def result(demo: str, shape: str, steps: int, runs: list[Run], pictures: list, *
     """What a demo returns, JSON-ready; ``identical`` is ``kept``: of the conservative runs."""
     head = {"demo": demo, "shape": shape, "steps": steps, "runs": [run.to_dict() for run in runs]}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    head["versions"] = versions()
     head["machine"] = f"Python {platform.python_version()}, Warp {wp.__version__}, {cores} cores"
     return head | {"identical": kept(runs), "pictures": [str(p) for p in pictures]} | more

@@ -21,6 +21,10 @@ import warp as wp
 import warp_bounding as wb
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parents[1]))
+
+from sims.versions import versions  # noqa: E402
+
 TUBE, AROUND, ALONG = 0.28, 24, 400  # radius; vertices of a ring, and rings
 
 
@@ -125,13 +129,14 @@ def main() -> int:
     if given.out:
         given.out.mkdir(parents=True, exist_ok=True)
         with (given.out / "plans.csv").open("w", newline="") as file:
-            writer = csv.DictWriter(file, ["check", *found["exact"][0]])
+            writer = csv.DictWriter(file, ["check", *found["exact"][0], "versions"])
             writer.writeheader()
-            writer.writerows({"check": mode, **row} for mode, each in found.items() for row in each)
+            known = {mode: {"check": mode, "versions": versions()} for mode in found}
+            writer.writerows(known[mode] | row for mode, each in found.items() for row in each)
         mesh = f"A ball in a trefoil knot of {2 * AROUND * ALONG:,} triangles; {platform.machine()}, one thread."
         about = ["# A bounder as a header, in C++", "", "`python examples/cpp/run.py BUILD --out results/export`", ""]
-        versions = f"warp-bounding {wb.__version__}; OMPL and FCL as Debian has them."
-        (given.out / "README.md").write_text("\n".join([*about, f"{mesh} {versions}", "", *text]))
+        others = "OMPL and FCL as Debian has them."
+        (given.out / "README.md").write_text("\n".join([*about, f"{mesh} {versions()}; {others}", "", *text]))
     return 0 if same else 1
 
 
