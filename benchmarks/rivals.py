@@ -7,9 +7,10 @@ rays, its tree, and trimesh with Embree. Pairs: the cull of Newton's contact pas
 In each round every contestant of a group is timed once, in turn, after a pause; ratios are taken within a round, and
 the median is reported. A network's work is its multiply-adds: how many, and what they would take at the rate of torch's
 product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than
-that. Sines come on top. Where Embree is missing (``pip install embreex``) its row is. A function's row has answers of
-both kinds at random, about half and half, which no processor foresees; beside it all are *maybe*. Labels: exact answers
-of the 32-cell grid, as training asks for them.
+that. Sines come on top. Warp's tree is built in every way that it offers: by constructor, and by boxes a leaf. Where
+Embree is missing (``pip install embreex``) its row is. A function's row has answers of both kinds at random, about half
+and half, which no processor foresees; beside it all are *maybe*. Labels: exact answers of the 32-cell grid, as training
+asks for them.
 
 ``--device cuda:0`` asks the same of a GPU: torch there too, without rows of one core. Every time is one of a call that
 is waited for.
@@ -17,8 +18,10 @@ is waited for.
 
 import argparse
 import sys
+import time
 from collections.abc import Callable
 from functools import partial
+from importlib import metadata
 from itertools import pairwise
 from pathlib import Path
 
@@ -40,6 +43,10 @@ from warp_bounding.training.engine import TrainableNetwork
 MARGIN, LENGTH = 0.012, 3.0  # object units; rays end outside of the object, as Embree's do
 NETWORKS = ((24, 24), (50, 50))
 LEAVES = (64, 256)
+# how ``wp.Bvh`` builds a tree: constructor (none: its own choice, "sah" on a CPU, "lbvh" on a GPU) and boxes a leaf
+TREES = ((None, 1), ("median", 1), ("cubql", 1), (None, 4), ("cubql", 4))
+TREES_OF_GPU = (*TREES, ("sah", 1), ("sah", 4))
+RIVALS = ("warp-lang", "torch", "trimesh", "embreex", "newton")  # their distributions
 ONE_CORE = "one core"
 CHUNKS = (2048, 4096, 8192, 16384, 32768, 65536)  # rows that torch is given at a time: the best of these
 PAUSE = 0.02  # seconds; torch's threads wait busily after their work, and would be in the way of the next one
@@ -128,12 +135,18 @@ def _ray_on_mesh(
     out[i] = wp.mesh_query_ray_anyhit(mesh, origin, way, length)
 
 
-def tree_of(bounder: wb.Bounder) -> wp.Bvh:
-    """Warp's tree over the leaf boxes of a ``bvh``."""
+def trees_of(bounder: wb.Bounder, label: str) -> dict[str, wp.Bvh]:
+    """Warp's trees over the leaf boxes of a ``bvh``, one for each way to build it, by the names of their rows."""
     past = bounder.tensors["past"].astype(np.int64)
     leaf = past == np.arange(len(past)) + 1
     corners = [bounder.domain.base.to_object(bounder.tensors[name][leaf]) for name in ("low", "high")]
-    return wp.Bvh(*(wp.array(x.astype(np.float32), dtype=wp.vec3, device=bounder.device) for x in corners))
+    corners = [wp.array(x.astype(np.float32), dtype=wp.vec3, device=bounder.device) for x in corners]
+    trees, ways = {}, TREES if bounder.device.is_cpu else TREES_OF_GPU
+    for constructor, size in ways:
+        built = f", {constructor or 'default'}, {size} a leaf" if (constructor, size) != (None, 1) else ""
+        name = f"{label}, wp.Bvh of the same boxes{built}"
+        trees[name] = wp.Bvh(*corners, constructor=constructor, leaf_size=size)
+    return trees
 
 
 def of_all_cores(kernel: wp.Kernel, count: int, inputs: list, out: wp.array) -> Callable:
@@ -189,13 +202,14 @@ def points(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
             wb.fit(asset_mesh("bunny"), method="bvh", leaves=leaves, margin=MARGIN, device=device),
             wp.empty(count, dtype=wp.bool, device=device),
         )
-        tree, own, label = tree_of(bounder), wp.empty(count, dtype=wp.bool, device=device), f"bvh {leaves}"
-        calls[label] = bounder.prepare(array, out=out).launch
-        calls[f"{label}, wp.Bvh of the same boxes"] = of_all_cores(_in_boxes, count, [tree.id, array], own)
-        known[label] = known[f"{label}, wp.Bvh of the same boxes"] = {"of": label}
-        calls[label](), calls[f"{label}, wp.Bvh of the same boxes"]()
-        assert (out.numpy() != own.numpy()).mean() < 1e-4, "the trees differ"  # by more than by how corners are rounded
-        known[label] = {"of": label, "tree": tree}
+        own, label = wp.empty(count, dtype=wp.bool, device=device), f"bvh {leaves}"
+        calls[label], known[label] = bounder.prepare(array, out=out).launch, {"of": label}
+        calls[label]()
+        for name, tree in trees_of(bounder, label).items():
+            calls[name] = of_all_cores(_in_boxes, count, [tree.id, array], own)
+            calls[name]()
+            assert (out.numpy() != own.numpy()).mean() < 1e-4, f"{name}: answers differ"  # by more than rounded corners
+            known[name] = {"of": label, "tree": tree}
     for label, method, options in (("kdop", "kdop", {}), ("voxels 32", "voxels", {"resolution": 32})):
         bounder = wb.fit(asset_mesh("bunny"), method=method, margin=MARGIN, device=device, **options)
         calls[label], known[label] = bounder.prepare(array).launch, {"of": label}
@@ -230,13 +244,10 @@ def rays(count: int, device: str) -> tuple[Calls, dict[str, dict]]:
         )
         calls[label], known[label] = bounder.prepare(array, out=out).launch, {"of": label}
         if method == "bvh":
-            tree, name = tree_of(bounder), f"{label}, wp.Bvh of the same boxes"
-            calls[name], known[name] = (
-                of_all_cores(
-                    _ray_in_boxes, count, [tree.id, LENGTH, array], wp.empty(count, dtype=wp.bool, device=device)
-                ),
-                {"of": label, "tree": tree},
-            )
+            own = wp.empty(count, dtype=wp.bool, device=device)
+            for name, tree in trees_of(bounder, label).items():
+                calls[name] = of_all_cores(_ray_in_boxes, count, [tree.id, LENGTH, array], own)
+                known[name] = {"of": label, "tree": tree}
     triangles = surface(mesh.vertices, mesh.faces, device)
     label = "wp.mesh_query_ray_anyhit, exact"
     calls[label] = of_all_cores(
@@ -315,6 +326,8 @@ def measured(group: str, calls: Calls, known: dict[str, dict], count: int, round
             "count": count,
             "device": "cpu" if device == "cpu" else wp.get_device(device).name,
             "ns": 1e9 * float(np.median(times[name])) / count,
+            "rivals": rivals(),
+            "date": time.strftime("%Y-%m-%d", time.gmtime()),
         }
         row["times"] = float(np.median(times[name] / times[about["of"]]))
         if "multiply_adds" in about:
@@ -323,6 +336,12 @@ def measured(group: str, calls: Calls, known: dict[str, dict], count: int, round
             row["multiply_adds"] = about["multiply_adds"]
         rows.append(row)
     return rows
+
+
+def rivals() -> str:
+    """Who is measured, with versions."""
+    there = {each.name.lower(): each.version for each in metadata.distributions()}
+    return ", ".join(f"{name} {there[name]}" for name in RIVALS if name in there)
 
 
 def _digits(ns: float) -> str:
@@ -341,6 +360,7 @@ CONCLUSION = (
 def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
     devices = dict.fromkeys(row.get("device", "cpu") for row in kept.rows)
+    others = dict.fromkeys(f"{row['rivals']}, measured on {row['date']}" for row in kept.rows if "rivals" in row)
     lines = [
         "# The most frequent queries, compared with what users have already",
         "",
@@ -348,7 +368,7 @@ def page(kept: StoredRows, command: str) -> str:
         "",
         f"`{command}`",
         "",
-        f"{kept.about}. {trimesh.__name__} {trimesh.__version__}, torch {torch.__version__}. On {', '.join(devices)}.",
+        f"{kept.about}. Rivals: {'; '.join(others)}. On {', '.join(devices)}.",
         "",
     ]
     lines += [line.strip() for line in __doc__.strip().splitlines()[2:]]
