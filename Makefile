@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 OUT ?= out/demo
 
-.PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean dist release-check release-check-full resolve lowest
+.PHONY: demo test test-slow fuzz bench notebooks docs docs-check refit lint format clean dist wheel-check release-check release-check-full measured resolve lowest
 .NOTPARALLEL:  # one pip at a time
 
 demo: $(VENV)/.show
@@ -49,12 +49,18 @@ refit: $(VENV)/.sims
 dist: $(VENV)/.dev
 	$(BIN)/python tools/release dist --out dist
 
-# the wheel as a stranger would use it, in clean environments: of links to what is installed here, or of all that pip fetches
-release-check: $(VENV)/.dev
+# the wheel as a stranger would use it, in clean environments: of links to what is installed here
+wheel-check: $(VENV)/.dev
 	$(BIN)/python tools/release check
 
-release-check-full: $(VENV)/.dev
+# the same, and no page of results may be older than the code that it measures; then with all that pip fetches
+release-check: wheel-check measured
+
+release-check-full: $(VENV)/.dev measured
 	$(BIN)/python tools/release check --full
+
+measured: $(VENV)/.dev
+	$(BIN)/python tools/release/measured.py
 
 # which versions each supported Python would get
 resolve: $(VENV)/.dev
