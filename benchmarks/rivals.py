@@ -141,7 +141,7 @@ def trees_of(bounder: wb.Bounder, label: str) -> dict[str, wp.Bvh]:
     leaf = past == np.arange(len(past)) + 1
     corners = [bounder.domain.base.to_object(bounder.tensors[name][leaf]) for name in ("low", "high")]
     corners = [wp.array(x.astype(np.float32), dtype=wp.vec3, device=bounder.device) for x in corners]
-    trees, ways = {}, TREES if bounder.device.is_cpu else TREES_OF_GPU
+    trees, ways = {}, TREES if wp.get_device(bounder.device).is_cpu else TREES_OF_GPU
     for constructor, size in ways:
         built = f", {constructor or 'default'}, {size} a leaf" if (constructor, size) != (None, 1) else ""
         name = f"{label}, wp.Bvh of the same boxes{built}"
