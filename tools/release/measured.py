@@ -229,6 +229,7 @@ class Measured:
 
     def __str__(self) -> str:
         age = f"{len(self.changed)} files changed since" if self.changed else "of this code"
+        age = age if self.changed or not self.faults else "of unknown age"
         note = "; on a GPU, which may be older" if self.page.gpu else ""
         lines = [
             f"{'OLDER' if self.older else 'ok':<6}{self.name}: {', '.join(self.commits) or 'no commit'}, {age}{note}"
