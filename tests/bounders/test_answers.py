@@ -6,7 +6,7 @@ import warp as wp
 from asking import ask
 from bounding_shapes import fitted, fitted_query, shape
 from distances import far, points_around, thing
-from plain_shapes import TETRAHEDRON, box_of
+from plain_shapes import TETRAHEDRON
 
 import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, METHODS
@@ -75,19 +75,6 @@ def test_of_what_is_put_together(rng):
     assert (both == first.query(x).numpy() & other.query(x).numpy()).all()
     stack = wb.baking.BounderStack([first, other])
     assert (check(stack.query(np.zeros(COUNT, int), x, out=unset()), x) == first.query(x).numpy()).all()
-
-
-def test_of_both_sides_there_are_three(rng):
-    solid = box_of([0.5, 0.5, 0.5], [2.5, 2.5, 2.5])
-    both = wb.two_sided(
-        wb.fit(solid, method="sphere", device="cpu"), wb.fit(solid, method="sphere", side="inside", device="cpu")
-    )
-    x = rng.uniform(-1, 4, (COUNT, 3)).astype(np.float32)
-    found = both.classify(x)
-    assert found.dtype == wp.uint8
-    assert {0, 1} <= set(np.unique(found.numpy())) <= {0, 1, 2}
-    with pytest.raises(QueryError, match=r"out must be .* of shape \(1003,\) and dtype uint8, got one of .* bool$"):
-        both.classify(x, out=unset())
 
 
 def test_of_pairs(rng):

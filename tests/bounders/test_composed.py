@@ -16,7 +16,7 @@ from rewriting import changed
 import warp_bounding as wb
 from warp_bounding.bounders import Cascade
 from warp_bounding.bounders.two_sided import MAYBE, NO, YES
-from warp_bounding.errors import BounderError
+from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import DENIED
 from warp_bounding.proof import stress_test
 from warp_bounding.shapes.complement import Complement
@@ -227,6 +227,8 @@ def test_both_sides_classify_in_a_kernel_and_placed():
     out = wp.full(len(x), 7, dtype=wp.uint8, device="cpu")
     assert both.classify(x, out=out) is out
     assert (out.numpy() == found).all()
+    with pytest.raises(QueryError, match=r"out must be .* of shape \(20000,\) and dtype uint8, got one of .* bool$"):
+        both.classify(x, out=out.view(wp.bool))
 
     @wp.kernel(enable_backward=False)
     def ask(outside: wb.Data, inside: wb.Data, q: wp.array(dtype=wp.vec3), answers: wp.array(dtype=int)):

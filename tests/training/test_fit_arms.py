@@ -32,6 +32,7 @@ def test_an_arms_network_begins_with_its_angles_and_is_proven(colliding):
     assert bounder.sizes["hidden"] == [2 * len(colliding.waves), *fitting.BEHIND_WAVES]
     assert bounder.certificate.proven
     assert wb.certify(bounder, colliding).proven
+    assert wb.evaluate(bounder, colliding, samples=20_000).fn == 0
     rates = bounder.info["rates"]
     assert rates["fp_rate"] < rates["free"] / 2
     assert any("of the volume" in note for note in notes)  # the proof is alive
