@@ -8,7 +8,7 @@ from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import round_down
 
-VOLUMES = ("aabb", "obb", "kdop", "sphere", "ellipsoid", "oriented-ellipsoid", "bvh")
+VOLUMES = ("aabb", "obb", "kdop", "bvh")
 REGIONS = ("ray", "plane", "box")
 
 

@@ -167,134 +167,17 @@ for (int i = 0; i < HALF_SPACES; ++i) {
     f = y < f ? y : f;
 }
 
-/// ELLIPSOID_ROW:
-/// The product of row i of A with the vector at v[at].
-const float* a = w + N + i * N;
-V along = DIAGONAL ? v[at + i] * w[N + i] : v[at] * a[0];
-#pragma unroll
-for (int j = 1; j < N && !DIAGONAL; ++j) along = along + v[at + j] * a[j];
-
 /// ELLIPSOID_POINT
 f = v[0] * 0.0f;
 #pragma unroll
 for (int i = 0; i < N; ++i) {
-    const int at = 0;
-    $row
+    const float* a = w + N + i * N;
+    V along = DIAGONAL ? v[i] * w[N + i] : v[0] * a[0];
+#pragma unroll
+    for (int j = 1; j < N && !DIAGONAL; ++j) along = along + v[j] * a[j];
     const V y = along + w[i];
     f = f - y * y;
 }
-
-/// ELLIPSOID_RAY
-const V none = {0.0f};
-V origin[N], speed[N];
-#pragma unroll
-for (int i = 0; i < N; ++i) {
-    {
-        const int at = 0;
-        $row
-        origin[i] = along + w[i];
-    }
-    {
-        const int at = N;
-        $row
-        speed[i] = along;
-    }
-}
-V towards = origin[0] * speed[0], length = speed[0] * speed[0];
-#pragma unroll
-for (int i = 1; i < N; ++i) towards = towards + origin[i] * speed[i];
-#pragma unroll
-for (int i = 1; i < N; ++i) length = length + speed[i] * speed[i];
-const V along = -towards;
-V t = wb_over(along, length > $smallest ? length : none + 1.0f);
-t = t < none ? none : t;
-t = t > 1.0f ? none + 1.0f : t;
-t = length > $smallest ? t : none;
-f = none;
-#pragma unroll
-for (int i = 0; i < N; ++i) {
-    const V z = origin[i] + t * speed[i];
-    f = f - z * z;
-}
-
-/// ELLIPSOID_PLANE
-const V none = {0.0f};
-V foot = v[0] * w[0];
-#pragma unroll
-for (int j = 1; j < N; ++j) foot = foot + v[j] * w[j];
-const V off = v[N] - foot;
-V length = none;
-#pragma unroll
-for (int i = 0; i < N; ++i) {
-    const int at = 0;
-    $row
-    length = length + along * along;
-}
-f = wb_over(-(off * off), length);
-
-/// ELLIPSOID_INTERVALS:
-/// A box, row by row where A is diagonal.
-const V none = {0.0f};
-f = none;
-#pragma unroll
-for (int i = 0; i < N; ++i) {
-    const V a = v[i] * w[N + i] + w[i], b = v[N + i] * w[N + i] + w[i];
-    const V low = a < b ? a : b, high = a < b ? -b : -a;
-    V z = low > high ? low : high;
-    z = z < none ? none : z;
-    f = f - z * z;
-}
-
-/// ELLIPSOID_DESCENT:
-/// A box, by coordinate descent.
-const V none = {0.0f};
-const float* a = w + N;
-const float *step = a + N * N, *start = step + N;
-V y[N], z[N];
-#pragma unroll
-for (int j = 0; j < N; ++j) {
-    y[j] = v[j] > start[j] ? v[j] : none + start[j];
-    y[j] = y[j] > v[N + j] ? v[N + j] : y[j];
-}
-#pragma unroll
-for (int i = 0; i < N; ++i) {
-    z[i] = y[0] * a[i * N];
-#pragma unroll
-    for (int j = 1; j < N; ++j) z[i] = z[i] + y[j] * a[i * N + j];
-    z[i] = z[i] + w[i];
-}
-#pragma unroll
-for (int sweep = 0; sweep < $sweeps; ++sweep) {
-#pragma unroll
-    for (int j = 0; j < N; ++j) {
-        V slope = z[0] * a[j];
-#pragma unroll
-        for (int i = 1; i < N; ++i) slope = slope + z[i] * a[i * N + j];
-        V to = y[j] - slope * step[j];
-        to = to < v[j] ? v[j] : to;
-        to = to > v[N + j] ? v[N + j] : to;
-        const V by = to - y[j];
-        y[j] = to;
-#pragma unroll
-        for (int i = 0; i < N; ++i) z[i] = z[i] + by * a[i * N + j];
-    }
-}
-V length = z[0] * z[0], least = z[0] * w[0];
-#pragma unroll
-for (int i = 1; i < N; ++i) length = length + z[i] * z[i];
-#pragma unroll
-for (int i = 1; i < N; ++i) least = least + z[i] * w[i];
-#pragma unroll
-for (int j = 0; j < N; ++j) {
-    V m = z[0] * a[j];
-#pragma unroll
-    for (int i = 1; i < N; ++i) m = m + z[i] * a[i * N + j];
-    const V low = m * v[j], high = m * v[N + j];
-    least = least + (low < high ? low : high);
-}
-least = least < none ? none : least;
-least = length > $smallest ? least : none;
-f = wb_over(-(least * least), length > $smallest ? length : none + 1.0f);
 
 /// BVH_ALONE:
 /// The walk of one query through a hierarchy: $touches sets hit, whether a node is met.
