@@ -17,7 +17,8 @@ Keerthi; the proof holds for any n.
 obstacle, and D the sum of all ``|dq_j|``. With up to 64 joints, a rotation is off by 32 u for each joint before it, a
 position by ``2^12 u S``, and a velocity, which sums products of ``dq_j`` and such numbers, by ``2^14 u S D``. That
 values are computed at the rounded ``q0 + t (q1 - q0)``, of up to 1000, moves a point by ``2^17 u S`` more. The
-allowance is ``2^19 u S (1 + D)``, more than the sum of all.
+allowance is ``2^19 u S (1 + D)``, more than the sum of all. Where a compiler fuses a product and a sum, there is one
+rounding in place of two, each as small relative to the terms that these counts bound, so they hold there, too.
 
 The idea is that of Schwarzer, Saha and Latombe, "Adaptive dynamic collision checking" (2005); new are directions and
 corners, and that it holds in float64.
@@ -39,8 +40,9 @@ from warp_bounding.arms.scan import DistanceField, Scan
 from warp_bounding.errors import FileFormatError, ShapeError
 from warp_bounding.rigid import lengths, matmul, moved, principal_axes
 from warp_bounding.runtime.arrays import Picklable
+from warp_bounding.runtime.header import array, private, write
 from warp_bounding.runtime.launch import BlockLaunch, device_of
-from warp_bounding.runtime.native import named, native_text
+from warp_bounding.runtime.native import constant, fill, named, native_text
 from warp_bounding.runtime.whole_file import write_whole
 from warp_bounding.shapes.shape import checked_margin
 
@@ -251,10 +253,66 @@ class Motions:
         """SHA-256 of all numbers of the arm, the obstacles where they are, the pairs and the margin."""
         sha = hashlib.sha256(b"warp-bounding motions 1")
         self.arm.hash_into(sha, self.obstacles)
-        for array in (self.pairs, self.margin):
-            sha.update(np.asarray(array, dtype="<f8").tobytes() + b";")
+        for each in (self.pairs, self.margin):
+            sha.update(np.asarray(each, dtype="<f8").tobytes() + b";")
         self.arm.hash_tree_into(sha)
         return sha.hexdigest()
+
+    # --- Headers for C -----------------------------------------------------------------------------------------------
+
+    def export(self, path, name: str | None = None) -> None:
+        """Write a header for C99, C++11 and CUDA that answers single motions and configurations; see *In C++*.
+
+        Args:
+            path: As for ``Bounder.export``.
+            name: As for ``Bounder.export``.
+
+        Raises:
+            BounderError: As ``Bounder.export`` does.
+            FileFormatError: As ``Bounder.export`` does.
+            ShapeError: As ``cell`` does.
+
+        Example:
+            >>> motions.export("panda.h")
+            >>> "int panda_segment(const double q0[1], const double q1[1]" in open("panda.h").read()
+            True
+        """
+        (whole, numbers), text, n = self.cell(), native_text("motions.h"), len(self.arm.free)
+        limits = np.clip(self._limits, -LARGEST, LARGEST)  # numbers so large prove nothing anyway
+        sizes = {"n": n, "halvings": self.halvings, "rounded": constant(ROUNDED)}
+        own = private(text.MOTIONS + fill(text.HEADER, name="$name", **sizes))
+        arrays = {"limits": limits.ravel(), "numbers": numbers}
+        parts = [array(what, "double", map(constant, values.tolist())) for what, values in arrays.items()]
+        among = ", ".join(body.name for body, _ in self._given) or "none"
+        about = [
+            f"Motions of {self.arm.name}{'' if self.self_collision else ', not checked against itself'}.",
+            f"Obstacles: {among}. Carried: {', '.join(self.attached) or 'nothing'}. Margin: {self.margin:g} m.",
+            f"SHA-256 of the arm, the obstacles, the pairs and the margin, `Motions.digest`: {self.digest}",
+        ]
+        write(path, name, about, [*parts, array("whole", "int", map(str, whole.tolist())), own])
+
+    def cell(self) -> tuple[np.ndarray, np.ndarray]:
+        """The arm and the obstacles where they are now, as functions of headers read them whose names end in ``_in``.
+
+        Returns:
+            Whole numbers, int32, and numbers, float64, both of one axis.
+
+        Raises:
+            ShapeError: For a closed scan: only Python tells that a body begins inside of it.
+
+        Example:
+            >>> whole, numbers = motions.cell()
+            >>> whole.dtype, numbers.dtype
+            (dtype('int32'), dtype('float64'))
+        """
+        for body, _ in self._given:
+            if isinstance(body, Scan) and body.solid is not None:
+                raise ShapeError(
+                    f"{self.arm.name}: headers cannot tell the inside of {body.name}, a closed scan; expected bodies "
+                    "or a distance field, or its surface alone, `dataclasses.replace(scan, solid=None)`"
+                )
+        whole, numbers = self._laid_out()
+        return whole.numpy(), numbers.numpy()
 
     def _configurations(self, q) -> np.ndarray:
         q, n = np.ascontiguousarray(q, dtype=np.float64), len(self.arm.free)

@@ -1,5 +1,5 @@
 // A bounder as one header for C99, C++ and CUDA, for bounders/export.py: what stands around the same text of f that
-// Warp compiles. Names behind $ are filled in there.
+// Warp compiles. Every header has HEAD and NUMBERS. Names behind $ are filled in there.
 
 /// HEAD:
 #ifndef $NAME_H
@@ -9,7 +9,7 @@
 #error "$name: the proof is about IEEE arithmetic, which -ffast-math gives up; leave it out"
 #endif
 #if defined(__FLT_EVAL_METHOD__) && __FLT_EVAL_METHOD__ != 0 && __FLT_EVAL_METHOD__ != 16
-#error "$name: the proof is about float32; this compiler computes in other numbers (on x86: -msse2 -mfpmath=sse)"
+#error "$name: the proof is about float32 and float64; this compiler computes in others (on x86: -msse2 -mfpmath=sse)"
 #endif
 #if defined(__STRICT_ANSI__) && defined(__cplusplus) && __cplusplus < 201703L && !defined(__clang__)
 #error "$name: hexadecimal numbers need -std=gnu++11, -std=c++17, or a later one"

@@ -122,7 +122,7 @@ static void farthest(const Cell *c, const double *poses, double t, int body, con
         place(frame, e, p);
     } else {
         const double *x = c->lanes + c->corners[body], *end = c->lanes + c->corners[body + 1];
-#if defined(__clang__) && !defined(__CUDA_ARCH__)
+#if defined(__clang__) && defined(__cplusplus) && !defined(__CUDA_ARCH__)
         typedef double V __attribute__((vector_size(64), aligned(8)));
         typedef long long I __attribute__((vector_size(64)));
         V most = *(const V *)x * d[0] + *(const V *)(x + 8) * d[1] + *(const V *)(x + 16) * d[2];
@@ -552,4 +552,60 @@ static int configuration(const Cell *c, const double *q, int *culprit) {
         if (state == CLEAR || found == HIT) state = found == HIT ? HIT : OPEN, *culprit = item;
     }
     return state;
+}
+
+/// HEADER:
+/// What a header of one arm has besides, with $n coordinates; see ``Motions.export``.
+// Whether a configuration is within the joints' limits, up to what q0 + t (q1 - q0) rounds; that is taken back in ``at``.
+static int within(const double *q, double *at) {
+    const double *low = ${name}_limits(), *high = low + $n;
+    for (int k = 0; k < $n; ++k) {
+        at[k] = q[k] < low[k] ? low[k] : q[k] > high[k] ? high[k] : q[k];
+        if (!(fabs(q[k] - at[k]) <= $rounded * (fabs(low[k]) + fabs(high[k])))) return 0;
+    }
+    return 1;
+}
+
+// Whether a cell's arm has this one's joints, whose limits the header has. Bodies and margin are the cell's.
+static int of_this_arm(const Cell *c) {
+    const Cell own = cell_of(${name}_whole(), ${name}_numbers());
+    if (c->joints != own.joints || c->coordinates != own.coordinates) return 0;
+    for (int i = 0; i < own.joints; ++i) {
+        if (c->parent[i] != own.parent[i] || c->slides[i] != own.slides[i]) return 0;
+        if (c->coordinate[i] != own.coordinate[i] || c->factor[i] != own.factor[i]) return 0;
+        if (c->offset[i] != own.offset[i]) return 0;
+        for (int k = 12 * i; k < 12 * (i + 1); ++k)
+            if (c->origin[k] != own.origin[k]) return 0;
+    }
+    return 1;
+}
+
+// Whether a straight motion among other obstacles is proven free: 1 yes, 0 no. ``share`` gets the share of it that is
+// proven from its start on, or is NULL, which is faster. ``Motions.cell`` of Python gives ``whole`` and ``numbers``.
+static int ${name}_segment_in(const int *whole, const double *numbers, const double q0[$n], const double q1[$n],
+                              double *share) {
+    double begin[$n], end[$n], proven = 0.0;
+    int state = OPEN, culprit;
+    const Cell c = cell_of(whole, numbers);
+    if (of_this_arm(&c) && within(q0, begin) && within(q1, end))
+        proven = segment(&c, begin, end, $halvings, share ? 1 : 0, &state, &culprit);
+    if (share) *share = proven;
+    return state == CLEAR;
+}
+
+// Whether a configuration among other obstacles is free, 0, collides, 2, or neither can be proven, 1.
+static int ${name}_configuration_in(const int *whole, const double *numbers, const double q[$n]) {
+    double at[$n];
+    int culprit;
+    const Cell c = cell_of(whole, numbers);
+    return of_this_arm(&c) && within(q, at) ? configuration(&c, at, &culprit) : OPEN;
+}
+
+// The same two among the obstacles that are named on top.
+static int ${name}_segment(const double q0[$n], const double q1[$n], double *share) {
+    return ${name}_segment_in(${name}_whole(), ${name}_numbers(), q0, q1, share);
+}
+
+static int ${name}_configuration(const double q[$n]) {
+    return ${name}_configuration_in(${name}_whole(), ${name}_numbers(), q);
 }

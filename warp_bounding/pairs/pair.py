@@ -6,13 +6,14 @@ import numpy as np
 import warp as wp
 
 from warp_bounding.bounders.distance import DistanceBounder, lengths_of, steps_of
-from warp_bounding.bounders.export import about, array, numbers_of, texts_of, write
+from warp_bounding.bounders.export import about, numbers_of, texts_of
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.distances import DistanceSource
 from warp_bounding.pairs.balls import Balls
 from warp_bounding.pairs.kernels import GROUP, STEPS, PairData, closest_func, contact_func, search_alone
 from warp_bounding.rounding import LARGEST, UNIT32, round_down, round_up
 from warp_bounding.runtime.arrays import flat_queries, new_output
+from warp_bounding.runtime.header import array, write
 from warp_bounding.runtime.launch import launch_blocks
 from warp_bounding.runtime.native import Numbers, fill, literal, named, native_text, unique_name
 

@@ -64,7 +64,7 @@ def literal(value: float) -> str:
 
 def constant(value: float) -> str:
     """A float64 constant in C, exactly."""
-    return float(value).hex()
+    return float(value).hex().replace("inf", "INFINITY")
 
 
 # LLVM's own thresholds; Warp's are far higher. What these compile is no slower, in a third to a half of the time; arms
