@@ -10,7 +10,7 @@ A file's digest detects damage, and ``check_claims`` detects careless edits afte
 invalid claim that contradicts nothing in the file passes; only ``certify`` finds it.
 """
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -68,23 +68,37 @@ def as_fitted(bounder: "Bounder", shape) -> Shape:
     return shape.to_grid(resolution=resolution, margin=margin)
 
 
-def fitted_and_fault(bounder: "Bounder", shape, expected: dict[str, str | float | None]) -> tuple[Shape, str | None]:
-    """The shape as the fit bounded it, and why the claim is not about it or not the expected one.
+class Claim(NamedTuple):
+    """A bounder and a shape in local coordinates, and whether what the bounder says can be about that shape.
 
-    Args:
-        bounder: In local coordinates.
-        shape: In local coordinates, of the bounder's side or from outside.
-        expected: As in ``other_claim``.
-
-    Returns:
-        ``as_fitted``, or the shape itself where it cannot be fitted; and ``mismatch``, or what else is wrong.
+    Attributes:
+        bounder: Without its origin.
+        shape: As the fit bounded it (``as_fitted``); as far as it could be made, where there is a fault.
+        fault: Why the claim is not about the shape, not the expected one, or none; empty if nothing is known against
+            it; ``OUTSIDE`` as in ``mismatch``.
     """
-    other = other_claim(bounder, expected)
+
+    bounder: "Bounder"
+    shape: Shape
+    fault: str
+
+
+def claim_of(bounder: "Bounder", shape, expected: dict[str, str | float | None]) -> Claim:
+    """What a bounder claims of anything that ``load_shape`` takes; ``expected`` is for ``other_claim``."""
+    frame, fault = bounder.frame, None
     try:
+        bounder, shape = in_local(bounder, shape)
+        fault = (frame.fault(bounder) if frame else None) or other_claim(bounder, expected)
         shape = as_fitted(bounder, shape)
+        fault = fault or fault_of(bounder, shape)
     except BoundingError as error:
-        return shape, other or str(error)
-    return shape, other or mismatch(bounder, shape)
+        fault = fault or str(error)
+    return Claim(bounder, shape, fault if bounder.conservative else f"{bounder.method} is not conservative")
+
+
+def fault_of(bounder: "Bounder", shape: Shape) -> str:
+    """``mismatch``, or else ``uncovered``; empty if there is neither."""
+    return mismatch(bounder, shape) or uncovered(bounder)
 
 
 def mismatch(bounder: "Bounder", shape: Shape) -> str | None:
@@ -136,7 +150,10 @@ def uncovered(bounder: "Bounder") -> str:
     """A message if ``delta`` is less than the rounding on the way to v at a corner of the domain; empty if it is not.
 
     Three operations round: the point to float32, its difference to the centre, and the product with the scale.
+    Distances have no ``delta``.
     """
+    if bounder.of_distances:
+        return ""
     domain = bounder.domain.base
     center, scale = np.float64(domain.center), np.float64(domain.scale)
     needed = [UNIT32 * (np.abs(x) * scale + 2 * np.abs(x - center) * scale) for x in (domain.lower, domain.upper)]

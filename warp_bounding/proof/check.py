@@ -15,8 +15,8 @@ from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.distance import DistanceBounder
 from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, Verdict, conjunction, document
-from warp_bounding.certificates.claim import OUTSIDE, fitted_and_fault, in_local, mismatch, target, uncovered
-from warp_bounding.errors import BounderError, BoundingError
+from warp_bounding.certificates.claim import OUTSIDE, Claim, claim_of, fault_of, target
+from warp_bounding.errors import BounderError
 from warp_bounding.proof.covering import Checked, check_covering, cover_cells, cover_domain, cover_planes
 from warp_bounding.proof.distances import overestimate_within
 from warp_bounding.proof.halving import Checkpoint, unfinished
@@ -31,8 +31,7 @@ from warp_bounding.shapes.shape import IN, OUT, Shape
 
 BORDER = 65_536  # points of a border among which some outside the domain are looked for
 LEAST_SECONDS = 1.0  # of a search for a counterexample where the proof has no decision
-AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect at which a counterexample is searched for
-CLOSE = "f comes closer to the threshold than the proof's margins for rounding allow"
+NONE = np.empty((0, 0))  # no suspects
 
 
 def certify(
@@ -88,18 +87,9 @@ def certify(
     numbers = {"margin": margin, "length": length, "resolution": resolution}
     expected = {"query": query} | {name: _exactly(name, value) for name, value in numbers.items()}
     bounder = bounder_of(bounder)
-    frame, fault = bounder.frame, None
-    try:
-        bounder, shape = in_local(bounder, shape)
-        fault = frame.fault(bounder) if frame else None
-    except BoundingError as error:
-        fault = str(error)
-    if fault:
-        return document(bounder, shape, Verdict("inapplicable", fault, 0.0), 0.0)
-    bounder, shape = (TaylorBounds().given_to(each) for each in (bounder, shape))
-    options = {"checkpoint": checkpoint, "progress": progress, "scheduler": scheduler}
-    certificate = _certify(bounder, shape, expected, budget, **options)
-    return frame.noted(certificate) if frame else certificate
+    claim = claim_of(bounder, shape, expected)
+    certificate = _certified(claim, budget, checkpoint, progress=progress, scheduler=scheduler)
+    return bounder.frame.noted(certificate) if bounder.frame else certificate
 
 
 def check_budget(budget: float) -> None:
@@ -117,235 +107,221 @@ def _exactly(name: str, value: float | None) -> float | None:
     return value if isinstance(value, int) else float(value)
 
 
-def _certify(
-    bounder: Bounder,
-    shape,
-    expected: dict[str, str | float | None],
-    budget: float,
-    checkpoint: str | os.PathLike | None = None,
-    **options,
-) -> Certificate:
-    """``certify`` in local coordinates; ``expected`` is for ``other_claim``, ``options`` are for ``halving.search``."""
-    started = working_seconds()
-    shape, fault = fitted_and_fault(bounder, shape, expected)
-    if not bounder.of_distances:
-        fault = fault or uncovered(bounder)
-    if not bounder.conservative:
-        fault = f"{bounder.method} is not conservative"
-    if fault and fault != OUTSIDE:
-        return document(bounder, shape, Verdict("inapplicable", fault, 0.0), 0.0)
-    volume, saved = volume_of(bounder) if bounder.of_distances else None, None
-    parts = bounder.parts if volume is None else [volume]
-    if fault:  # the object reaches out of the domain, where the bounder answers before any part does
-        parts = [bounder]
-    elif checkpoint is not None:
-        if parts != [bounder]:
+def _certified(claim: Claim, budget: float, checkpoint: str | os.PathLike | None, **options) -> Certificate:
+    """What is known of a claim, part by part; ``options`` are for ``halving.search``."""
+    started, saved = working_seconds(), None
+    bounder, shape = (TaylorBounds().given_to(each) for each in (claim.bounder, claim.shape))
+    parts = [bounder] if claim.fault else bounder.parts  # out of the domain the bounder answers before any part does
+    if checkpoint is not None and not claim.fault:
+        if parts != [bounder] or (bounder.of_distances and bounder.volume is not None):
             raise BounderError(f"{bounder.method}: a checkpoint is for a proof of one part that is searched for")
         saved = Checkpoint(checkpoint, bounder, shape)
     certificates = []
     for part in parts:
         begun = working_seconds() - (saved.seconds if saved else 0.0)
-        if part is not bounder:
-            fault = mismatch(part, shape) or uncovered(part)
-        limits = {"budget": max(budget - (working_seconds() - started), 0.0), "checkpoint": saved, **options}
-        deployed = bounder if volume is None else volume
-        if fault:
-            verdict = _at_fault(part, shape, deployed, fault)
-        elif part.of_distances:
-            verdict = check_distance(part, shape, **limits)
+        fault = claim.fault if part is bounder else fault_of(part, shape)
+        if part is bounder and fault and fault != OUTSIDE:
+            verdict = Verdict("inapplicable", fault, 0.0)
         else:
-            verdict = check_part(part, shape, deployed, **limits)
-        if part is volume:
-            part, verdict = bounder, distance_to(bounder, shape, verdict)
+            limits = {"budget": max(budget - (working_seconds() - started), 0.0), "checkpoint": saved}
+            verdict = proof_of(part, shape, bounder).verdict(fault, **limits, **options)
         certificates.append(document(part, shape, verdict, working_seconds() - begun))
         if verdict.kind not in ("proven", "statistical"):
             break
     return conjunction(certificates)
 
 
-def _at_fault(bounder: Bounder, shape: Shape, deployed: Bounder, fault: str) -> Verdict:
-    """What is known where the claim is not about the shape: points of it outside the domain may refute the claim."""
-    x = None
-    if fault == OUTSIDE and (bounder.of_distances or not QUERIES[bounder.query_kind].is_region):
-        domain = bounder.domain.base
-        if isinstance(shape, Grid):
-            x = shape.position(shape.cells_beyond(domain.lower, domain.upper))
-        else:
-            x = border_points(shape, BORDER, np.random.default_rng(0))
-            x = x[((x < domain.lower) | (x > domain.upper)).any(axis=1)]
-        x = overestimated(bounder, shape, x) if bounder.of_distances else denied(deployed, shape, x)
-    return Verdict("undecided" if x is None else "refuted", fault, float(bounder.threshold), counterexample=x)
+# --- what is proven of a kind of query --------------------------------------------------------------------------------
 
 
-# --- points and regions -----------------------------------------------------------------------------------------------
+def proof_of(bounder: Bounder, shape: Shape, deployed: Bounder) -> "Proof":
+    """The proof of a part; arguments as in ``Proof``."""
+    if bounder.of_distances:
+        return (OfDistances if bounder.volume is None else OfDistancesToVolumes)(bounder, shape, deployed)
+    if QUERIES[bounder.query_kind].is_region:
+        return OfRegions(bounder, shape, deployed)
+    return (OfPoints if shape.certified else BySamples)(bounder, shape, deployed)
 
 
-def check_part(bounder: Bounder, shape: Shape, deployed: Bounder, budget: float, **options) -> Verdict:
-    """Check one part of a conjunction.
+class Proof:
+    """The proof that a bounder, or a part of one, never errs: a search, and where it fails, a counterexample.
 
     Args:
         bounder: The part.
         shape: What it must be proven for.
         deployed: The whole: a query that it does not deny refutes nothing.
-        budget: Seconds.
-        **options: For ``halving.search``.
+
+    Attributes:
+        close: What is said where the search has no proof.
     """
-    if QUERIES[bounder.query_kind].is_region:
-        verdict = _check_regions(bounder, shape, budget, options)
-    elif shape.certified:
-        verdict = _check_points(bounder, shape, deployed, budget, options)
-    else:
-        verdict = _test(bounder, shape, budget)
-    x = verdict.counterexample
-    if x is not None and deployed.query(np.float32(x)[None]).numpy()[0]:
-        text = "a part by itself denies a query that meets the object, and the whole does not"
-        return verdict._replace(kind="undecided", message=text, counterexample=None)
-    return verdict
+
+    close = "f comes closer to the threshold than the proof's margins for rounding allow"
+
+    def __init__(self, bounder: Bounder, shape: Shape, deployed: Bounder):
+        self.bounder, self.shape, self.deployed, self.target = bounder, shape, deployed, target(bounder)
+        kind = QUERIES.get(bounder.query_kind)
+        self.proven = kind and f"every {kind.positive} is answered with maybe"
+        self.refuted = f"a {bounder.query_kind} that meets the object is answered with no"
+
+    def verdict(self, fault: str, budget: float, **options) -> Verdict:
+        """The verdict, within so many seconds; ``options`` are for ``halving.search``.
+
+        With a ``fault`` of the claim nothing is searched: points of the shape outside the domain may refute the claim.
+        """
+        if fault:
+            x = self.first_wrong(self.outside()) if fault == OUTSIDE else None
+            least = float(self.bounder.threshold)
+            return Verdict("undecided" if x is None else "refuted", fault, least, counterexample=x)
+        checked = self.search(budget, **options)
+        if checked.complete and checked.suspects is None:
+            return Verdict("proven", f"Proven from scratch: {self.proven}.", checked.least, checked.boxes)
+        x = self.first_wrong(checked.suspects)
+        x = self.tried(checked, budget) if x is None else x
+        text = self.close if checked.complete else unfinished(f"{budget:.3g} s", options["checkpoint"])
+        return self.without_proof(x, text, checked.least, checked.boxes)
+
+    def without_proof(self, x: np.ndarray | None, text: str, least: float, boxes: int) -> Verdict:
+        """Refuted by a query ``x`` that is denied; without one undecided, for the reason in ``text``."""
+        if x is None:
+            return Verdict("undecided", text, least, boxes)
+        if self.bounder is not self.deployed and self.deployed.query(np.float32(x)[None]).numpy()[0]:
+            text = "a part by itself denies a query that meets the object, and the whole does not"
+            return Verdict("undecided", text, least, boxes)
+        return Verdict("refuted", self.refuted, least, boxes, x)
+
+    def search(self, budget: float, **options) -> Checked:
+        """Look for a proof."""
+        raise NotImplementedError
+
+    def tried(self, checked: Checked, budget: float) -> np.ndarray | None:
+        """A query that is denied, sought where no suspect is."""
+        return None
+
+    def outside(self) -> np.ndarray | None:
+        """``(N, n)`` points of the object outside the domain."""
+        shape, domain = self.shape, self.bounder.domain.base
+        if isinstance(shape, Grid):
+            return shape.position(shape.cells_beyond(domain.lower, domain.upper))
+        x = border_points(shape, BORDER, np.random.default_rng(0))
+        return x[((x < domain.lower) | (x > domain.upper)).any(axis=1)]
+
+    def first_wrong(self, x: np.ndarray | None) -> np.ndarray | None:
+        """The first of these queries ``(N, m)``, as float32, that the deployed bounder answers wrongly for certain."""
+        if x is None or not len(x):
+            return None
+        x = np.asarray(x, dtype=np.float64).astype(np.float32)
+        return next(iter(x[self.wrong(x)]), None)
+
+    def wrong(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool for float32 queries: which of them meet the object and are denied."""
+        raise NotImplementedError
 
 
-def _check_points(bounder: Bounder, shape: Shape, deployed: Bounder, budget: float, options: dict) -> Verdict:
-    """``check_part`` of points, where the shape certifies boxes."""
-    if not isinstance(shape, Grid):
+class OfPoints(Proof):
+    """Of points, where the shape certifies boxes."""
+
+    def search(self, budget: float, **options) -> Checked:
+        bounder, shape = self.bounder, self.shape
+        if isinstance(shape, Grid):
+            return check_covering(cover_cells(bounder, shape), self.target, budget, **options)
         shape.check()
         if bounder.exact_on_hull(shape):
-            least, boxes = bounder.least(shape)
-            if target(bounder) <= least < np.inf:
-                return _proven(bounder, least, boxes)
-    covering = cover_cells(bounder, shape) if isinstance(shape, Grid) else cover_domain(bounder, shape)
-    checked = check_covering(covering, target(bounder), budget, **options)
-    if checked.complete and checked.suspects is None:
-        return _proven(bounder, checked.least, checked.boxes)
-    if checked.complete:
-        text, x = CLOSE, denied(deployed, shape, checked.suspects)
-    else:
-        text = unfinished(f"{budget:.3g} s", options["checkpoint"])
-        x = next(iter(descend(deployed, shape, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]), None)
-    return _unproven(bounder, x, text, checked.least, checked.boxes)
-
-
-def _check_regions(bounder: Bounder, shape: Shape, budget: float, options: dict) -> Verdict:
-    """``check_part`` of rays, planes and boxes."""
-    checked, text = Checked(-np.inf, 0), CLOSE
-    try:
-        if bounder.exact_on_cells:
             checked = Checked(*bounder.least(shape))
-        else:
-            checked = check_covering(cover_planes(bounder, shape), target(bounder), budget, **options)
-    except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
-        text = str(error)
-    decided = checked.complete and checked.suspects is None
-    if decided and target(bounder) <= checked.least < np.inf:  # infinity: no positive was looked at
-        return _proven(bounder, checked.least, checked.boxes)
-    x = None if checked.suspects is None else _denied_near(bounder, shape, checked.suspects)
-    if x is None:
-        x = try_positives(bounder, shape, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
-    text = text if checked.complete else unfinished(f"{budget:.3g} s", options["checkpoint"])
-    return _unproven(bounder, x, text, checked.least, checked.boxes)
+            if self.target <= checked.least < np.inf:
+                return checked
+        return check_covering(cover_domain(bounder, shape), self.target, budget, **options)
+
+    def tried(self, checked: Checked, budget: float) -> np.ndarray | None:
+        if checked.complete:
+            return None
+        return next(iter(descend(self.deployed, self.shape, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]), None)
+
+    def wrong(self, x: np.ndarray) -> np.ndarray:
+        return (self.shape.decide(x) != OUT) & ~self.deployed.query(x).numpy()
 
 
-def _test(bounder: Bounder, shape: Shape, budget: float) -> Verdict:
-    """A statistical verdict by fresh positives, where there is no proof."""
-    done, lowest, x = try_positives(bounder, shape, POSITIVES, fresh_seed(), budget=budget)
-    if x is not None or not done:
-        lowest = lowest if done else float(bounder.threshold)
-        return _unproven(bounder, x, f"no positive could be queried within {budget:g} s", lowest, 0)
-    rate = fn_rate_bound(done)
-    text = (
-        f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
-        f"fewer than {rate:.2g} of such queries are missed."
-    )
-    counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE}
-    return Verdict("statistical", text, lowest, statistics=counts | {"worst_margin": lowest - float(bounder.threshold)})
+class BySamples(OfPoints):
+    """Of points, where the shape certifies nothing: fresh positives are queried."""
+
+    def verdict(self, fault: str, budget: float, **options) -> Verdict:
+        if fault:
+            return super().verdict(fault, budget, **options)
+        done, lowest, x = try_positives(self.bounder, self.shape, POSITIVES, fresh_seed(), budget=budget)
+        threshold = float(self.bounder.threshold)
+        if x is not None or not done:
+            lowest = lowest if done else threshold
+            return self.without_proof(x, f"no positive could be queried within {budget:g} s", lowest, 0)
+        rate = fn_rate_bound(done)
+        text = (
+            f"Statistical, not proven: {done:,} fresh positives, none answered with no; at {CONFIDENCE:.0%} confidence "
+            f"fewer than {rate:.2g} of such queries are missed."
+        )
+        counts = {"samples": done, "fn_rate_bound": rate, "confidence": CONFIDENCE}
+        return Verdict("statistical", text, lowest, statistics=counts | {"worst_margin": lowest - threshold})
 
 
-def _proven(bounder: Bounder, least: float, boxes: int) -> Verdict:
-    text = f"Proven from scratch: every {QUERIES[bounder.query_kind].positive} is answered with maybe."
-    return Verdict("proven", text, least, boxes)
+class OfRegions(Proof):
+    """Of rays, planes and boxes."""
+
+    def search(self, budget: float, **options) -> Checked:
+        try:
+            if not self.bounder.exact_on_cells:
+                return check_covering(cover_planes(self.bounder, self.shape), self.target, budget, **options)
+            least, boxes = self.bounder.least(self.shape)
+        except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
+            self.close, least, boxes = str(error), -np.inf, 0
+        proven = self.target <= least < np.inf  # infinity: no positive was looked at
+        return Checked(least, boxes, None if proven else NONE)
+
+    def tried(self, checked: Checked, budget: float) -> np.ndarray | None:
+        return try_positives(self.bounder, self.shape, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
+
+    def outside(self) -> None:
+        """No region is known to meet the object there alone."""
+
+    def wrong(self, x: np.ndarray) -> np.ndarray:
+        truth = decision(self.bounder.query_kind, self.shape, self.bounder.device, self.bounder.domain.oracle_length)
+        return ~self.deployed.query(x).numpy() & (truth(x) == IN)
 
 
-def _unproven(bounder: Bounder, x: np.ndarray | None, text: str, least: float, boxes: int) -> Verdict:
-    """Refuted by a query ``x`` that is denied; without one undecided, for the reason in ``text``."""
-    if x is None:
-        return Verdict("undecided", text, least, boxes)
-    return Verdict("refuted", f"a {bounder.query_kind} that meets the object is answered with no", least, boxes, x)
+class OfDistances(Proof):
+    """Of a distance whose F is bounded over boxes."""
+
+    close = "F comes closer to the distance than the proof allows"
+
+    def __init__(self, bounder: DistanceBounder, shape: Shape, deployed: Bounder):
+        super().__init__(bounder, shape, deployed)
+        self.proven = f"the distance is never overestimated{TOUCHED if shape.time else ''}"
+        self.refuted = "a distance is overestimated"
+
+    def search(self, budget: float, **options) -> Checked:
+        overestimate, boxes, complete, suspects = overestimate_within(
+            self.bounder, self.shape, -self.target, budget, **options
+        )
+        return self.reached(-overestimate, boxes, suspects, complete)
+
+    def reached(self, least: float, boxes: int, suspects: np.ndarray, complete: bool = True) -> Checked:
+        """What is known where ``d - F >= least`` holds."""
+        if float(self.bounder.threshold) <= 0 and self.target <= least < np.inf:
+            return Checked(least, boxes)
+        return Checked(least, boxes, suspects, complete)
+
+    def wrong(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: which float32 points have a distance that is overestimated for certain."""
+        g, known = self.bounder.distance(x).numpy().astype(np.float64), self.shape.distances(x)
+        above = (g > 0) & (self.shape.decide(x) == IN)
+        return above if known is None else above | (g > known[:, 1])
 
 
-def denied(bounder: Bounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:
-    """The first of these points, as float32, that lies in the object and that the bounder denies."""
-    x = np.asarray(x, dtype=np.float64).astype(np.float32)
-    x = x[shape.decide(x) != OUT]
-    return next(iter(x[~bounder.query(x).numpy()]), None) if len(x) else None
+class OfDistancesToVolumes(OfDistances):
+    """Of a distance to a volume that holds the object: that volume is proven."""
 
-
-def _denied_near(bounder: Bounder, shape: Shape, v: np.ndarray) -> np.ndarray | None:
-    """A float32 query at or close to coordinates ``v`` that meets the object and that the bounder denies."""
-    truth = decision(bounder.query_kind, shape, bounder.device, bounder.domain.oracle_length)
-    rng = np.random.default_rng(0)
-    for step in AROUND:
-        x = bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)).astype(np.float32)
-        missed = np.flatnonzero(~bounder.query(x).numpy() & (truth(x) == IN))
-        if len(missed):
-            return x[missed[0]]
-    return None
-
-
-# --- distances -------------------------------------------------------------------------------------------------------
-
-
-def check_distance(bounder: DistanceBounder, shape: Shape, budget: float, **options) -> Verdict:
-    """Check a distance whose F is bounded over boxes.
-
-    Args:
-        bounder: Its threshold and numbers are taken as they are; its own certificate is ignored.
-        shape: The object, its margin included.
-        budget: Seconds allowed.
-        **options: For ``halving.search``.
-    """
-    overestimate, boxes, complete, suspects = overestimate_within(bounder, shape, -target(bounder), budget, **options)
-    text = "F comes closer to the distance than the proof allows"
-    if not complete:
-        text = unfinished(f"{budget:.3g} s", options["checkpoint"])
-    return _concluded(bounder, shape, -overestimate, boxes, text, suspects)
-
-
-def volume_of(bounder: DistanceBounder) -> Bounder | None:
-    """The bounder of points whose volume's distance F is, to be checked by itself; ``None`` if F is another one."""
-    if bounder.volume is None:
-        return None
-    volume = bounder.volume.to()
-    volume.info = {name: bounder.info.get(name) for name in ("margin", "resolution")}
-    return volume
-
-
-def distance_to(bounder: DistanceBounder, shape: Shape, volume: Verdict) -> Verdict:
-    """The verdict of a distance to a volume, from that of the volume."""
-    suspects = np.reshape([] if volume.counterexample is None else volume.counterexample, (-1, shape.ndim))
-    if volume.kind == "proven":
-        text = "the threshold does not cover what float32 rounds"
-        return _concluded(bounder, shape, 0.0, volume.boxes, text, suspects)
-    return _concluded(bounder, shape, -np.inf, volume.boxes, volume.message, suspects)
-
-
-def _concluded(
-    bounder: DistanceBounder, shape: Shape, least: float, boxes: int, text: str, suspects: np.ndarray
-) -> Verdict:
-    """The verdict where ``d - F >= least`` holds; ``text`` says why that may not be enough."""
-    if float(bounder.threshold) <= 0 and target(bounder) <= least < np.inf:
-        text = f"Proven from scratch: the distance is never overestimated{TOUCHED if shape.time else ''}."
-        return Verdict("proven", text, least, boxes)
-    if (x := overestimated(bounder, shape, suspects)) is not None:
-        return Verdict("refuted", "a distance is overestimated", least, boxes, x)
-    return Verdict("undecided", text, least, boxes)
-
-
-def overestimated(bounder: DistanceBounder, shape: Shape, x: np.ndarray) -> np.ndarray | None:
-    """The first of these points, as float32, whose distance the deployed bounder overestimates for certain."""
-    x = np.asarray(x, dtype=np.float64).astype(np.float32)
-    if not len(x):
-        return None
-    g, known = bounder.distance(x).numpy().astype(np.float64), shape.distances(x)
-    above = (g > 0) & (shape.decide(x) == IN)
-    if known is not None:
-        above |= g > known[:, 1]
-    missed = np.flatnonzero(above)
-    return x[missed[0]] if len(missed) else None
+    def search(self, budget: float, **options) -> Checked:
+        volume = self.bounder.volume.to()
+        volume.info = {name: self.bounder.info.get(name) for name in ("margin", "resolution")}
+        own = proof_of(volume, self.shape, volume).verdict(fault_of(volume, self.shape), budget, **options)
+        if own.kind == "proven":
+            self.close = "the threshold does not cover what float32 rounds"
+            return self.reached(0.0, own.boxes, NONE)
+        self.close = own.message
+        return Checked(-np.inf, own.boxes, NONE if own.counterexample is None else own.counterexample[None])

@@ -23,6 +23,7 @@ from warp_bounding.shapes.shape import Shape
 PULL = 1e-4  # share of the way to its cell's centre: each suspect is also tried there, farther inside
 INWARD = 1 - 1e-3  # of the way from the domain's middle to a suspect: it is tried there, too
 BOX_BATCH = 16384  # boxes or cells of one step
+AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect plane at which others are tried
 TRIED = 512  # points of a chunk, those of the least f, that are tested for being positives
 SUSPECTS = 1024  # points of least f that are tried as counterexamples
 SMALLEST = 1e-9  # a box narrower than this, in the coordinates that f takes, ends the proof
@@ -107,8 +108,8 @@ class Checked(NamedTuple):
     Attributes:
         least: The least certified lower bound of the boxes that were looked at.
         boxes: How many boxes were looked at.
-        suspects: Where f may lie under the target, candidates for a counterexample: points ``(S, n)`` in object space,
-            or of planes coordinates v ``(S, n + 1)``. ``None`` if every bound reached the target.
+        suspects: ``(S, m)`` queries in object space whose f may lie under the target, candidates for a counterexample.
+            ``None`` if every bound reached the target, which proves it where the search is complete.
         complete: False if time ran out.
     """
 
@@ -169,9 +170,14 @@ def cover_cells(bounder: Bounder, grid: Grid) -> Covering:
 
 
 def cover_planes(bounder: Bounder, shape: Shape) -> Covering:
-    """Covers the planes that meet an object by boxes of their normals."""
+    """Covers the planes that meet an object by boxes of their normals; suspects are planes at and around these."""
     gap = SupportGap(bounder, shape)
-    return Covering(PositivesOnly(gap), [(*gap.boxes(), 1.0)], lambda m, _: gap.touching(m))
+
+    def around(m: np.ndarray, _: np.ndarray) -> np.ndarray:
+        v, rng = gap.touching(m), np.random.default_rng(0)
+        return np.concatenate([bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)) for step in AROUND])
+
+    return Covering(PositivesOnly(gap), [(*gap.boxes(), 1.0)], around)
 
 
 def cover_domain(bounder: Bounder, shape: Shape) -> Covering:
