@@ -1,6 +1,7 @@
 """Prove from scratch what a file claims: which claim it is, whether it can be about the shape, and what must be proven.
 
-Both searches are loops of their own, which halve boxes (``halving``): of points and planes (``covering``), and of
+What is proven of a kind of query is an object (``Proof``); all have one way from a search to a verdict. Both searches
+are loops of their own, which halve boxes (``halving``): of points and planes (``covering``), and of
 distances (``distances``), by other boxes than those by which the threshold was set. ``taylor`` bounds networks. A
 volume has one bound, here and where its threshold is set; where F is the distance to a volume, that volume is checked.
 Where the shape certifies no box, fresh positives are queried (``stress``).
