@@ -211,11 +211,16 @@ class Proof:
         if x is None or not len(x):
             return None
         x = np.asarray(x, dtype=np.float64).astype(np.float32)
-        return next(iter(x[self.wrong(x)]), None)
+        x = x[self.meets(x)]
+        return next(iter(x[self.wrong(x)]), None) if len(x) else None
+
+    def meets(self, x: np.ndarray) -> np.ndarray:
+        """``(N,)`` bool: which of these float32 queries meet the object; only those are put to the bounder."""
+        return self.shape.decide(x) != OUT
 
     def wrong(self, x: np.ndarray) -> np.ndarray:
-        """``(N,)`` bool for float32 queries: which of them meet the object and are denied."""
-        raise NotImplementedError
+        """``(N,)`` bool: which of these queries, which meet the object, are denied."""
+        return ~self.deployed.query(x).numpy()
 
 
 class OfPoints(Proof):
@@ -236,9 +241,6 @@ class OfPoints(Proof):
         if checked.complete:
             return None
         return next(iter(descend(self.deployed, self.shape, fresh_seed(), max(budget / 4, LEAST_SECONDS))[0]), None)
-
-    def wrong(self, x: np.ndarray) -> np.ndarray:
-        return (self.shape.decide(x) != OUT) & ~self.deployed.query(x).numpy()
 
 
 class BySamples(OfPoints):
@@ -280,9 +282,9 @@ class OfRegions(Proof):
     def outside(self) -> None:
         """No region is known to meet the object there alone."""
 
-    def wrong(self, x: np.ndarray) -> np.ndarray:
+    def meets(self, x: np.ndarray) -> np.ndarray:
         truth = decision(self.bounder.query_kind, self.shape, self.bounder.device, self.bounder.domain.oracle_length)
-        return ~self.deployed.query(x).numpy() & (truth(x) == IN)
+        return truth(x) == IN
 
 
 class OfDistances(Proof):
@@ -306,6 +308,9 @@ class OfDistances(Proof):
         if float(self.bounder.threshold) <= 0 and self.target <= least < np.inf:
             return Checked(least, boxes)
         return Checked(least, boxes, suspects, complete)
+
+    def meets(self, x: np.ndarray) -> np.ndarray:
+        return np.ones(len(x), dtype=bool)  # every point has a distance
 
     def wrong(self, x: np.ndarray) -> np.ndarray:
         """``(N,)`` bool: which float32 points have a distance that is overestimated for certain."""
