@@ -267,14 +267,17 @@ class OfRegions(Proof):
     """Of rays, planes and boxes."""
 
     def search(self, budget: float, **options) -> Checked:
+        bounder, shape = self.bounder, self.shape
         try:
-            if not self.bounder.exact_on_cells:
-                return check_covering(cover_planes(self.bounder, self.shape), self.target, budget, **options)
-            least, boxes = self.bounder.least(self.shape)
+            if bounder.exact_on_cells:
+                checked = Checked(*bounder.least(shape))
+            else:
+                checked = check_covering(cover_planes(bounder, shape), self.target, budget, **options)
         except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
-            self.close, least, boxes = str(error), -np.inf, 0
-        proven = self.target <= least < np.inf  # infinity: no positive was looked at
-        return Checked(least, boxes, None if proven else NONE)
+            self.close, checked = str(error), Checked(-np.inf, 0)
+        if checked.suspects is None and not self.target <= checked.least < np.inf:  # infinity: of no positive
+            checked = checked._replace(suspects=NONE)
+        return checked
 
     def tried(self, checked: Checked, budget: float) -> np.ndarray | None:
         return try_positives(self.bounder, self.shape, POSITIVES, fresh_seed(), budget=max(budget, LEAST_SECONDS))[2]
