@@ -12,7 +12,7 @@ import re
 import sys
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from statistics import median
+from statistics import mean, median
 
 __all__ = ["MEASURED", "ROOT", "bold_least", "changed", "rendered", "table"]
 
@@ -383,6 +383,31 @@ def arms(results: Path) -> str:
 SHORT = ("mlp 24-24", "bvh 300", "mlp 50-50")
 
 
+PARTS = ("ur5 shoulder", "ur5 wrist2", "panda hand", "panda link5", "gear", "bracket", "spring")  # of the table
+
+
+def parts(results: Path) -> str:
+    """Parts that people have: what ``fit`` returns, the best classic of no more bytes, and over all parts."""
+    rows = _lines(results / "parts/parts.jsonl")
+    known = {row["part"]: row["classics"] for row in rows if row["kind"] == "classics"}
+    ours: dict[str, list[dict]] = {}
+    for row in rows:
+        if row["kind"] == "fit" and (row["size"], row["budget"]) == ("2.9 kB", 60.0):
+            ours.setdefault(row["part"], []).append(row)
+    fitted, best = {part: mean(row["fp"] for row in own) for part, own in ours.items()}, {}
+    for part, own in ours.items():
+        best[part] = min(c["fp"] for c in known[part] if c["bytes"] <= min(row["bytes"] for row in own))
+    shown, shares = [part for part in PARTS if part in ours], [fitted[part] / best[part] for part in ours]
+    lines = [
+        ["`fit(mesh, hidden=(24, 24))`", *(f"**{fitted[part]:.2f}**" for part in shown)],
+        ["the best classic of its bytes", *(f"{best[part]:.2f}" for part in shown)],
+    ]
+    few = sum(share <= 0.25 for share in shares)
+    words = f"\nOf {len(shares)} such parts {few} have at most a quarter of the best classic's false positives; the "
+    words += f"median has {median(shares):.2f} of it, the worst {max(shares):.2f}.\n"
+    return table(["false positives, %", *shown], lines) + words
+
+
 def tightness(results: Path) -> str:
     """False positives of few methods on every mesh, by bytes."""
     return _of_meshes(results, SHORT)
@@ -390,6 +415,7 @@ def tightness(results: Path) -> str:
 
 MEASURED: dict[str, Callable[[Path], str]] = {
     "meshes": meshes,
+    "parts": parts,
     "prices": prices,
     "functions": functions,
     "predicted": predicted,
