@@ -389,14 +389,14 @@ PARTS = ("ur5 shoulder", "ur5 wrist2", "panda hand", "panda link5", "gear", "bra
 def parts(results: Path) -> str:
     """Parts that people have: what ``fit`` returns, the best classic of no more bytes, and over all parts."""
     rows = _lines(results / "parts/parts.jsonl")
-    known = {row["part"]: row["classics"] for row in rows if row["kind"] == "classics"}
     ours: dict[str, list[dict]] = {}
     for row in rows:
         if row["kind"] == "fit" and (row["size"], row["budget"]) == ("2.9 kB", 60.0):
             ours.setdefault(row["part"], []).append(row)
     fitted, best = {part: mean(row["fp"] for row in own) for part, own in ours.items()}, {}
     for part, own in ours.items():
-        best[part] = min(c["fp"] for c in known[part] if c["bytes"] <= min(row["bytes"] for row in own))
+        known = [row for row in rows if (row["kind"], row["part"]) == ("classic", part)]
+        best[part] = min(row["fp"] for row in known if row["bytes"] <= min(each["bytes"] for each in own))
     shown, shares = [part for part in PARTS if part in ours], [fitted[part] / best[part] for part in ours]
     lines = [
         ["`fit(mesh, hidden=(24, 24))`", *(f"**{fitted[part]:.2f}**" for part in shown)],

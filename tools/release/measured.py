@@ -73,6 +73,7 @@ PAGES = {
     "newton/surfaces": Page((*NEWTON, *CLOTH)),
     "own-queries": Page((*FIT, "sims/particles")),
     "pairs": Page(PAIRS),
+    "parts": Page(FIT),
     "planners": Page((*MOTIONS, "benchmarks/motions.py")),
     "predicted": Page((*FIT, *_package("choice"))),
     "proofs": Page((*FIT, "paper"), without=("settings.json",)),
