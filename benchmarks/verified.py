@@ -19,7 +19,7 @@ from sims.cloth.scene import shape
 from sims.prefitted import FOLDER
 
 NAMES = ("cloth-bunny-learned-kdop", "cloth-star-learned-kdop")
-NAMES += ("cloth-bunny-mlp", "cloth-star-mlp", "field-bunny-mlp", "field-star-mlp")
+NAMES += ("cloth-star-distance", "cloth-star-mlp", "cloth-bunny-mlp", "field-bunny-mlp", "field-star-mlp")
 ABOUT = """[`python -m verifier`](../../docs/verifier.md) of every bundled bounder of points of a closed mesh: the bunny
 that ships in warp-lang and a star, with the margins of the cloth demo and of the field of meshes. One process, one
 thread (`OMP_NUM_THREADS=1`). Bundled distances and balls are not checked by this program.
