@@ -32,8 +32,7 @@ def verify(file: Path, shape: Path, margin: float | None) -> str:
         items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= far) for i in range(len(lower))]
         root = Boxes(lower, upper, np.array([*map(len, items)]), np.hstack([*items, every[:0]]))
         key = hashlib.sha256(repr((sha, margin)).encode() + bytes(vertices) + bytes(faces)).hexdigest()
-        saved = file.with_name(file.name + ".verify.npz")
-        looked = search(Look(claim, mesh, margin), root, saved, key)
+        looked = search(Look(claim, mesh, margin), root, file.with_name(file.name + ".verify.npz"), key)
     does = "overestimates no distance to the points" if claim.unit else "answers maybe for all points"
     what = f"{file.name} {does} within {margin} of the solid in {shape.name}"
     return f"verified: {what}: {claim.method}, f >= {claim.threshold!r} + {claim.error:.6g}, {looked:,} boxes"

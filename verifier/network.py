@@ -70,8 +70,8 @@ class Ball:
         return found
 
 
-def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Over boxes ``(N, n)``: lower bounds ``(N,)`` of f, base ``(N,)`` and slope ``(N, n)`` of affine ones in h."""
+def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Lower bounds ``(N,)`` of f over boxes; base ``(N,)`` and slope of affine ones, what an axis bends, ``(N, n)``."""
     middle = (lower + upper) / 2
     half = np.maximum(upper - middle, middle - lower).T * UP
     (weight, bias), pairs = layers[0], list(combinations_with_replacement(range(len(half)), 2))
@@ -97,12 +97,13 @@ def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tup
             value = Ball(np.where(sure, z.mid, top), np.where(sure, z.rad, top))
             change = Ball(np.where(on, 1.0, np.where(off, 0.0, 0.5)), np.where(on | off, 0.0, 0.5))
         z, slope, bend = weight @ value + Ball(bias[:, None]), weight @ (change[:, None] * slope), weight @ bend
-    bent, low, size = (slope[0].rad * half).sum(axis=0), bend[0].lower(), bend[0].size()
+    bent, low, size = slope[0].rad * half, bend[0].lower(), bend[0].size()
     for p, (k, j) in enumerate(pairs):  # what is positive on H's diagonal takes nothing off
-        bent += half[k] * half[j] * (np.maximum(-low[p], 0) / 2 if k == j else size[p])
-    bent += (bent * 2.0**-4 + z[0].size() * 2.0**-40 + z[0].rad) * UP  # so that Arb has room
-    base = np.nextafter(z[0].lower() - bent * UP, -np.inf)
-    return np.nextafter(base - (np.abs(slope[0].mid) * half).sum(axis=0) * UP, -np.inf), base, slope[0].mid.T
+        bent[k] += half[k] * half[j] * (np.maximum(-low[p], 0) if k == j else size[p]) / 2
+        bent[j] += half[k] * half[j] * size[p] / 2 * (k != j)
+    room = bent.sum(axis=0) * 2.0**-4 + z[0].size() * 2.0**-40 + z[0].rad  # for Arb
+    base = np.nextafter(z[0].lower() - (bent.sum(axis=0) + room) * UP, -np.inf)
+    return np.nextafter(base - (np.abs(slope[0].mid) * half).sum(axis=0) * UP, -np.inf), base, slope[0].mid.T, bent.T
 
 
 def confirms(layers, activation: str, lower, upper, at, base: float, slope, halvings: int = 40) -> bool:

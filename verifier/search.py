@@ -79,7 +79,7 @@ class Look:
     def __call__(self, boxes: Boxes) -> Boxes:
         claim, side = self.claim, boxes.upper - boxes.lower
         low, high, room = claim.origins(boxes.lower, boxes.upper)
-        least, base, tangent = network.lowest(claim.layers, claim.activation, boxes.lower, boxes.upper)
+        least, base, tangent, bent = network.lowest(claim.layers, claim.activation, boxes.lower, boxes.upper)
         slope, open_ = -tangent * claim.scale * claim.unit, ~(least >= claim.target)
         most = (self.margin + claim.unit * np.maximum(claim.target - least, 0)) * ROOM  # of the distance needed
         gap = self.margin + claim.unit * (claim.target - base) + 2 * (np.abs(slope) * room).sum(axis=1)
@@ -106,7 +106,7 @@ class Look:
         for i in np.flatnonzero(open_ & (side.max(axis=1) <= NARROWEST)):
             why = f"f may be {least[i]:.9g}, {claim.target:.9g} is needed, and the object may be there"
             raise ArithmeticError(f"box {boxes.lower[i].tolist()} of v, at {low[i].tolist()}: {why}")
-        fall = side * (1.0 if claim.unit else np.abs(tangent) + 1e-9)  # what a cut halves; none makes a box flat
+        fall = side if claim.unit else np.abs(tangent) * side + 2 * bent + 1e-9 * side  # no cut makes a box flat
         axis = np.where(side * 4 < side.max(axis=1, keepdims=True), 0, fall).argmax(axis=1)
         left = Boxes(boxes.lower, boxes.upper, np.bincount(owner[met], minlength=len(side)), items[met])
         return left.part(np.flatnonzero(open_)).halves(axis[open_])

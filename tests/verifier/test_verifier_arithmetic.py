@@ -104,7 +104,8 @@ def test_no_value_lies_under_its_bound(hidden, activation):
     layers = [(w.astype(float), b.astype(float)) for w, b in random_layers((3, *hidden, 1), RNG, 1.5, 4.0)]
     middle, half = RNG.uniform(-1, 1, (60, 3)), 2.0 ** RNG.integers(-14, 1, (60, 3)).astype(float)
     lower, upper = middle - half, middle + half
-    least, base, slope = network.lowest(layers, activation, lower, upper)
+    least, base, slope, bent = network.lowest(layers, activation, lower, upper)
+    assert (bent >= 0).all()
     for i in range(60):
         for corner in (RNG.integers(0, 2, 3), RNG.random(3), RNG.random(3)):
             x = np.clip(lower[i] + corner * (upper[i] - lower[i]), lower[i], upper[i])
