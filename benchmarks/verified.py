@@ -22,8 +22,8 @@ NAMES = ("cloth-bunny-learned-kdop", "cloth-star-learned-kdop")
 NAMES += ("cloth-star-distance", "cloth-star-mlp", "cloth-bunny-mlp", "field-bunny-mlp", "field-star-mlp")
 ABOUT = """[`python -m verifier`](../../docs/verifier.md) of every bundled bounder of points of a closed mesh, and of a
 distance: the bunny that ships in warp-lang and a star, with the margins of the cloth demo and of the field of meshes.
-One process, one thread (`OMP_NUM_THREADS=1`). The distance was measured while other programs ran (*busy*). Bundled
-distances of other shapes were not verified, and balls are not checked by this program.
+One process, one thread (`OMP_NUM_THREADS=1`). Other programs ran meanwhile (*busy*), but for `field-star-mlp`, which
+is of an older commit. Bundled distances of other shapes were not verified, and balls are not checked by this program.
 
 A log of the boxes that the library's proof had halved was built, measured, and dropped: with it the program looked at
 1.1 to 1.3 times as many boxes, in 0.77 to 1.05 of the processor's time."""
