@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from verifier import files
-from verifier.bounders import Claim, uncovered
+from verifier.bounders import Claim
 from verifier.mesh import Mesh
-from verifier.search import Boxes, Points, search
+from verifier.search import Boxes, Look, search
 
 
 def verify(file: Path, shape: Path, margin: float | None) -> str:
@@ -26,17 +26,15 @@ def verify(file: Path, shape: Path, margin: float | None) -> str:
     if claim.faces:
         claim.check_faces(used, margin)
     else:
-        roots = [(-claim.limit, claim.limit)]
-        if claim.leaves:
-            roots = uncovered(*roots[0], *claim.leaves) if claim.threshold <= 0 else roots  # f is 0 in a leaf
-        lower, upper = np.array(roots, float).reshape(-1, 2, 3).transpose(1, 0, 2)
-        (low, high), every = claim.origins(lower, upper), np.arange(len(faces))
-        items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= margin**2) for i in range(len(roots))]
+        lower, upper = np.array(claim.roots, float).reshape(-1, 2, 3).transpose(1, 0, 2)
+        (low, high, _), every = claim.origins(lower, upper), np.arange(len(faces))
+        far = np.inf if claim.unit else margin**2  # a distance is one to all triangles
+        items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= far) for i in range(len(lower))]
         root = Boxes(lower, upper, np.array([*map(len, items)]), np.hstack([*items, every[:0]]))
         key = hashlib.sha256(repr((sha, margin)).encode() + bytes(vertices) + bytes(faces)).hexdigest()
-        saved = file.with_name(file.name + ".verify.npz")
-        looked = search(Points(claim, mesh, margin), root, saved, key) if roots else 0
-    what = f"every point within {margin} of the solid in {shape.name} is answered with maybe by {file.name}"
+        looked = search(Look(claim, mesh, margin), root, file.with_name(file.name + ".verify.npz"), key)
+    does = "overestimates no distance to the points" if claim.unit else "answers maybe for all points"
+    what = f"{file.name} {does} within {margin} of the solid in {shape.name}"
     return f"verified: {what}: {claim.method}, f >= {claim.threshold!r} + {claim.error:.6g}, {looked:,} boxes"
 
 

@@ -1,6 +1,8 @@
-"""What a bounder's file claims of points: the map to v, what f must reach there, and f of each kind.
+"""What a bounder's file claims: the map to v, what f must reach there, and f of each kind.
 
-``v = (x - center) * scale`` in float32, within delta of the exact one; *no* where ``|v| > limit`` or ``f < threshold``.
+``v = (x - center) * scale`` in float32. Of points it is within delta of the exact one, and the answer is *no* where
+``|v| > limit`` or ``f < threshold``. Of distances f is -F, and F + threshold + E must be at most the distance where
+``|v| <= limit``; ``docs/verifier.md`` says why no distance is then overestimated anywhere.
 """
 
 from itertools import pairwise
@@ -9,38 +11,48 @@ import numpy as np
 
 from verifier import float32
 
-METHODS, ACTIVATIONS = ("mlp", "aabb", "obb", "kdop", "learned-kdop", "bvh"), ("sin", "relu")
+METHODS = {"point": ("mlp", "aabb", "obb", "kdop", "learned-kdop", "bvh"), "distance": ("mlp",)}
 ROOM = 1 + 2.0**-45  # outweighs what float64 rounds in a handful of operations on positive numbers
 
 
 class Claim:
     """A file's claim; ``ValueError`` for one that is not checked by this program.
 
-    It has ``layers``, or ``faces`` (f is the least ``offset - d . v``), or ``leaves`` (f is 0 there); ``error`` is E.
+    It has ``layers`` and ``roots``, boxes of v to search, or ``faces`` (f is the least ``offset - d . v``); ``error``
+    is E; ``unit`` is 1 / scale where distances are claimed, else 0.
     """
 
     def __init__(self, tensors: dict[str, np.ndarray], about: dict):
-        self.method, sizes, domain = about["method"], about["sizes"], about["domain"]
-        odd = [about["query"] != "point", about["dimension"] != 3, about["motion"], "frame" in about]
-        odd += [self.method not in METHODS, sizes.get("activation", "sin") not in ACTIVATIONS]
+        self.method, sizes, domain, far = about["method"], about["sizes"], about["domain"], about["query"] == "distance"
+        self.activation = sizes.get("activation", "sin")
+        odd = [self.method not in METHODS.get(about["query"], ()), self.activation not in ("sin", "relu")]
+        odd += [about["dimension"] != 3, about["motion"], "frame" in about, "speed" in domain, sizes.get("shape")]
         odd += [x.get(name) for x in (domain, sizes) for name in ("joints", "time", "unbounded", "octaves", "moments")]
         if any(odd):
             raise ValueError(f"{self.method} for {about['query']} queries of this kind is not checked by this program")
         self.center, self.scale, self.limit = (np.array(domain[name], float) for name in ("center", "scale", "limit"))
-        self.threshold, self.delta = float(about["threshold"]), np.array(domain["delta"], float)
+        self.threshold, self.delta = float(about["threshold"]), np.array(0.0 if far else domain["delta"], float)
         numbers = np.concatenate([[self.threshold], self.center, self.scale, self.limit])
         if numbers.shape != (10,) or (np.float32(numbers) != numbers).any() or not (self.scale > 0).all():
             raise ValueError("the threshold or the domain has other numbers than float32")
-        self.layers, self.faces, self.leaves, self.error = None, None, None, 0.0
+        half, power = np.frexp(self.scale)
+        if far and ((half != 0.5) | (power != power[0]) | (np.abs(power) > 30) | (self.limit < 2.0**-20)).any():
+            raise ValueError("the scale of a distance is not one power of two, or its domain is too flat")
+        self.layers, self.faces, self.roots, self.error, self.unit = None, None, [(-self.limit, self.limit)], 0.0, 0.0
         if self.method == "mlp":
-            widths, self.activation = [3, *sizes["hidden"], 1], sizes["activation"]
+            widths = [3, *sizes["hidden"], 1]
             names = [f"layers.{i}" for i in range(len(widths) - 1)]
             self.layers = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in names]
             if [weight.shape + bias.shape for weight, bias in self.layers] != [(h, k, h) for k, h in pairwise(widths)]:
                 raise ValueError("layers are not of the sizes that the file says")
             self.error = float32.network(self.layers, self.activation, self.limit)
+            if far:
+                self.layers[-1] = tuple(-numbers for numbers in self.layers[-1])
+                self.error, self.unit = self.error + float32.AROUND, 1 / self.scale[0]
         elif self.method == "bvh":
-            self.leaves = leaves_of(*(tensors[name] for name in ("low", "high", "past")))
+            self.layers = [(np.zeros((1, 3)), -np.ones(1))]
+            leaves = leaves_of(*(tensors[name] for name in ("low", "high", "past")))
+            self.roots = uncovered(*self.roots[0], *leaves) if self.threshold <= 0 else self.roots  # f is 0 in a leaf
         elif self.method == "learned-kdop":
             self.faces = tensors["normals"], tensors["offsets"]
             self.error = float32.faces(*self.faces, self.limit, axes=False)
@@ -50,18 +62,18 @@ class Claim:
             self.error = float32.faces(*self.faces, self.limit, axes=self.method == "aabb")
         self.target = np.nextafter(self.threshold + self.error, np.inf)
 
-    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes that hold all points of object space of which a v in these boxes can be made."""
+    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Boxes that hold all points of object space of which a v in these boxes can be made, and what is room."""
         low, high = (lower - self.delta) / self.scale, (upper + self.delta) / self.scale
         room = 2.0**-50 * ((np.maximum(np.abs(lower), np.abs(upper)) + self.delta) / self.scale + np.abs(self.center))
-        return low + self.center - room, high + self.center + room
+        return low + self.center - room, high + self.center + room, room
 
     def check_domain(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Raise ``ArithmeticError`` if the map itself may deny a point of an object in this box."""
         v = np.maximum(upper - self.center, self.center - lower) * self.scale * ROOM
         query = float32.U * np.maximum(np.abs(lower), np.abs(upper)) * self.scale * ROOM  # of float64, made float32
         needed = (query + 2.0001 * float32.U * (v + query)) * ROOM + 4 * float32.TINY * (1 + self.scale)
-        if not (needed <= self.delta).all():
+        if not (self.unit or (needed <= self.delta).all()):
             raise ArithmeticError(f"float32 rounds v by up to {needed.tolist()}, delta is only {self.delta.tolist()}")
         if not ((v + self.delta) * ROOM <= self.limit).all():
             raise ArithmeticError(f"the object reaches to |v| = {v.tolist()}, the domain to {self.limit.tolist()}")

@@ -4,6 +4,9 @@ Believed of float32: an operation returns the exact result times ``1 + e``, ``|e
 the result is subnormal; subnormal numbers may be read as 0; a fused multiply-add leaves out a rounding. The sine is
 ``q = z * INVERSE_PI + MAGIC, n = q - MAGIC, r = (z - n * PI_HIGH) - n * PI_LOW, s = r * r, p = r + (r * s) * (S1 + s *
 (S2 + s * S3))``, and -p where n is odd, all float32; INVERSE_PI is 1 / pi, MAGIC 1.5 2^23: q and n are whole numbers.
+
+Around the F of a distance: p is v cut off at ``limit``, r = v - p, ``h = max(F(p) + threshold, 0)``, ``g = sqrt(r . r +
+h h)``, ``g - 38 U (|v|_1 + g)``, and that times 1 / scale is answered if it exceeds 2^-60, else 0.
 """
 
 import math
@@ -12,6 +15,7 @@ import flint
 import numpy as np
 
 U, TINY, UP = 2.0**-24, 2.0**-126, 1 + 2.0**-30  # UP is above what the float64 sums of positive numbers here round
+AROUND = 2.0**-60  # of E, for what is subnormal in the operations around the F of a distance: docs/verifier.md
 PI_HIGH, PI_LOW = 3.140625, float(np.float32(math.pi - 3.140625))
 S1, S2, S3 = (float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1.83c008p-13"))
 REACH, PIECES = 1.5725, 4096  # the |r| up to which the polynomial is compared with the sine, in so many pieces

@@ -41,18 +41,20 @@ class Mesh:
         gap = np.maximum(self.lower[triangle] - upper[box], lower[box] - self.upper[triangle])
         return (np.maximum(gap, 0) ** 2).sum(axis=1) * (1 - ROOM)
 
-    def apart(self, lower, upper, box, triangle, margin: float) -> np.ndarray:
-        """Which pairs are apart by more than a margin, as a direction towards face, corner or edge separates them."""
-        corners, low, high, known = self.triangles[triangle], lower[box], upper[box], np.zeros(len(box), bool)
-        for k in range(7):
+    def apart(self, lower, upper, box, triangle, gap, slope) -> np.ndarray:
+        """Which pairs are farther apart than ``gap + slope . h`` at each m + h of a box, by one of 8 directions."""
+        known, given = np.zeros(len(box), bool), (lower[box], upper[box], gap[box], slope[box])
+        for k in range(8):
             some = np.flatnonzero(~known)
-            pairs = towards(corners[some], (low[some] + high[some]) / 2, k), corners[some], low[some], high[some]
-            known[some] = separates(*pairs, margin)
+            corners, low, high, *needed = self.triangles[triangle[some]], *(each[some] for each in given)
+            direction = towards(corners, (low + high) / 2, k) if k < 7 else -needed[1]
+            size = np.sqrt((direction**2).sum(axis=1)) * (1 + ROOM)
+            direction /= np.maximum(size, 2.0**-400 if k < 7 else 1.0)[:, None]
+            pairs = direction, corners, low, high, *needed
+            known[some] = separates(*pairs)
             for i in np.flatnonzero(known[some])[::AGAIN]:
-                if not exactly_separates(*(each[i] for each in pairs), margin):
-                    raise ArithmeticError(
-                        f"fractions contradict float64 about a triangle and the box at {low[some[i]]}"
-                    )
+                if not exactly_separates(*(each[i] for each in pairs)):
+                    raise ArithmeticError(f"fractions contradict float64 about a triangle and the box at {low[i]}")
         return known
 
     def outside(self, x: np.ndarray) -> np.ndarray:
@@ -70,23 +72,22 @@ def spread(starts: np.ndarray, count: np.ndarray) -> np.ndarray:
     return np.arange(count.sum()) + np.repeat(starts - (np.cumsum(count) - count), count)
 
 
-def separates(direction, corners, low, high, margin: float) -> np.ndarray:
-    """Whether ``d . y > d . x + margin |d|`` for all y of triangles and x of boxes, which are then apart, for any d."""
-    middle, size = (low + high) / 2, np.abs(direction)
+def separates(direction, corners, low, high, gap, slope) -> np.ndarray:
+    """Whether ``d . (y - m - h) > gap + slope . h`` for all y of triangles and m + h of boxes: apart if |d| <= 1."""
+    middle = (low + high) / 2
     half = np.maximum(high - middle, middle - low) * (1 + ROOM)
-    products = (corners - middle[:, None]) * direction[
-        :, None
-    ]  # as seen from the middle, so that differences are small
+    products = (corners - middle[:, None]) * direction[:, None]  # from the middle, so that differences are small
     rise, terms = products.sum(axis=2).min(axis=1), np.abs(products).sum(axis=2).max(axis=1)
-    reach = (size * half).sum(axis=1) + margin * np.sqrt((direction**2).sum(axis=1)) * (1 + ROOM)
-    return rise - reach > ROOM * (terms + reach) + SMALLEST
+    reach = (np.abs(direction + slope) * half).sum(axis=1) + gap
+    terms += ((np.abs(direction) + np.abs(slope)) * half).sum(axis=1) + np.abs(gap)
+    return rise - reach > ROOM * terms + SMALLEST
 
 
-def exactly_separates(direction, corners, low, high, margin: float) -> bool:
-    """The same of one pair, in fractions."""
-    d, y, low, high = (np.vectorize(Fraction, otypes=[object])(each) for each in (direction, corners, low, high))
-    gap = min(y @ d) - sum(np.maximum(d * low, d * high))
-    return gap > 0 and gap**2 > Fraction(margin) ** 2 * (d @ d)
+def exactly_separates(*pair) -> bool:
+    """The same of one pair, in fractions, and that ``|d| <= 1``."""
+    d, y, low, high, gap, slope, m = (np.vectorize(Fraction, otypes=[object])(x) for x in (*pair, sum(pair[2:4]) / 2))
+    most = sum(np.maximum((d + slope) * low, (d + slope) * high)) - slope @ m + gap
+    return d @ d <= 1 and min(y @ d) > most
 
 
 def towards(corners: np.ndarray, x: np.ndarray, k: int) -> np.ndarray:

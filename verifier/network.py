@@ -70,8 +70,8 @@ class Ball:
         return found
 
 
-def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Lower bounds ``(N,)`` of f over boxes ``(N, n)``, and how much each axis takes off f(m) ``(n, N)``."""
+def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Lower bounds ``(N,)`` of f over boxes; base ``(N,)`` and slope of affine ones, what an axis bends, ``(N, n)``."""
     middle = (lower + upper) / 2
     half = np.maximum(upper - middle, middle - lower).T * UP
     (weight, bias), pairs = layers[0], list(combinations_with_replacement(range(len(half)), 2))
@@ -97,31 +97,34 @@ def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tup
             value = Ball(np.where(sure, z.mid, top), np.where(sure, z.rad, top))
             change = Ball(np.where(on, 1.0, np.where(off, 0.0, 0.5)), np.where(on | off, 0.0, 0.5))
         z, slope, bend = weight @ value + Ball(bias[:, None]), weight @ (change[:, None] * slope), weight @ bend
-    taken, low, size = slope[0].size() * half, bend[0].lower(), bend[0].size()
+    bent, low, size = slope[0].rad * half, bend[0].lower(), bend[0].size()
     for p, (k, j) in enumerate(pairs):  # what is positive on H's diagonal takes nothing off
-        area = half[k] * half[j] / 2
-        taken[k] += np.maximum(-low[p], 0) * area if k == j else size[p] * area
-        taken[j] += size[p] * area * (k != j)
-    return np.nextafter(z[0].lower() - taken.sum(axis=0) * UP, -np.inf), taken
+        bent[k] += half[k] * half[j] * (np.maximum(-low[p], 0) if k == j else size[p]) / 2
+        bent[j] += half[k] * half[j] * size[p] / 2 * (k != j)
+    room = bent.sum(axis=0) * 2.0**-4 + z[0].size() * 2.0**-40 + z[0].rad  # for Arb
+    base = np.nextafter(z[0].lower() - (bent.sum(axis=0) + room) * UP, -np.inf)
+    return np.nextafter(base - (np.abs(slope[0].mid) * half).sum(axis=0) * UP, -np.inf), base, slope[0].mid.T, bent.T
 
 
-def confirms(layers, activation: str, lower: np.ndarray, upper: np.ndarray, target: float, halvings: int = 40) -> bool:
-    """Whether ``f >= target`` on one box by Arb, and by nothing but the mean value form, on the box or on its parts."""
+def confirms(layers, activation: str, lower, upper, at, base: float, slope, halvings: int = 40) -> bool:
+    """Whether ``f(x) >= base + slope . (x - at)`` on one box, or on its parts, by Arb and the mean value form."""
     ball = np.vectorize(lambda low, high: flint.arb(low).union(flint.arb(high)), otypes=[object])
     middle = ball((lower + upper) / 2, (lower + upper) / 2)
-    away, at, slope = ball(lower, upper) - middle, middle, np.eye(len(middle), dtype=int)
+    away, value, turn = ball(lower, upper) - middle, middle, np.eye(len(middle), dtype=int)
     for index, (weight, bias) in enumerate(layers):
         if index and activation == "sin":
-            at, change = [z.sin() for z in at], [z.cos() for z in at + slope @ away]
-            slope = np.array(change)[:, None] * slope
+            value, change = [z.sin() for z in value], [z.cos() for z in value + turn @ away]
+            turn = np.array(change)[:, None] * turn
         elif index:
-            change = [flint.arb(*((1,) if z > 0 else (0,) if z < 0 else (0.5, 0.5))) for z in at + slope @ away]
-            at, slope = [z.max(flint.arb(0)) for z in at], np.array(change)[:, None] * slope
-        at, slope = ball(weight, weight) @ at + ball(bias, bias), ball(weight, weight) @ slope
-    if (at + slope @ away)[0] >= target:
+            change = [flint.arb(*((1,) if z > 0 else (0,) if z < 0 else (0.5, 0.5))) for z in value + turn @ away]
+            value, turn = [z.max(flint.arb(0)) for z in value], np.array(change)[:, None] * turn
+        value, turn = ball(weight, weight) @ value + ball(bias, bias), ball(weight, weight) @ turn
+    slopes = ball(slope, slope)
+    rise = (turn[0] - slopes) * away
+    if value[0] - slopes @ (middle - ball(at, at)) + sum(rise) >= base:
         return True
-    k = int(np.argmax([float(abs(x).upper()) for x in slope[0] * away]))
+    k = int(np.argmax([float(abs(x).upper()) for x in rise]))
     one, two = upper.copy(), lower.copy()
     one[k] = two[k] = (lower[k] + upper[k]) / 2
     halves = (lower, one), (two, upper)
-    return halvings > 0 and all(confirms(layers, activation, *each, target, halvings - 1) for each in halves)
+    return halvings > 0 and all(confirms(layers, activation, *each, at, base, slope, halvings - 1) for each in halves)

@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from verifier import network
-from verifier.bounders import Claim
+from verifier.bounders import ROOM, Claim
 from verifier.mesh import AGAIN, Mesh, spread
 
-CHUNK = 2048  # boxes that are looked at together
+CHUNK, ITEMS = 2048, 2**19  # boxes that are looked at together, and triangles of all of them
 SECONDS = 10.0  # from one report, and one state that is saved, to the next
 NARROWEST = 2.0**-20  # a box with no longer side ends the search: what must be shown of it is false, or too close
 
@@ -41,24 +41,23 @@ def search(look, root: Boxes, saved: Path, key: str) -> int:
     Every few seconds the file ``saved`` is written, which has what is open of the search of this ``key``; it is
     removed at the end. A search that was stopped, or killed, goes on from there.
     """
-    stack, looked, due = [root], 0, time.monotonic() + SECONDS
+    rest, looked, due = root, 0, time.monotonic() + SECONDS
     if saved.exists():
         with np.load(saved) as kept:
             if kept["key"].item() != key:
                 raise ValueError(f"{saved}: of another search; remove it to begin anew")
-            stack, looked = [Boxes(*(kept[name] for name in Boxes._fields))], int(kept["looked"])
-    while stack:
-        boxes = stack[-1]
-        if (more := len(boxes.count) - CHUNK) > 0:
-            stack[-1:] = [boxes.part(np.arange(more)), boxes.part(np.arange(more, len(boxes.count)))]
+            rest, looked = Boxes(*(kept[name] for name in Boxes._fields)), int(kept["looked"])
+    while len(rest.count):
+        some = max(1, min(CHUNK, np.searchsorted(np.cumsum(rest.count[::-1]), ITEMS)))
+        rest, last = rest.part(slice(-some)), rest.part(slice(-some, None))
         try:
-            left, looked = look(stack[-1]), looked + len(stack[-1].count)
+            left, looked = look(last), looked + len(last.count)
         except ArithmeticError:
             saved.unlink(missing_ok=True)
             raise
-        stack[-1:] = [left] if len(left.count) else []
-        if stack and time.monotonic() >= due:
-            rest, new = Boxes(*map(np.concatenate, zip(*stack, strict=True))), saved.with_suffix(".new.npz")
+        rest = Boxes(*map(np.concatenate, zip(rest, left, strict=True)))
+        if len(rest.count) and time.monotonic() >= due:
+            new = saved.with_suffix(".new.npz")
             np.savez(new, key=key, looked=looked, **rest._asdict())
             new.replace(saved)
             volume, due = float((rest.upper - rest.lower).prod(axis=1).sum()), time.monotonic() + SECONDS
@@ -67,46 +66,47 @@ def search(look, root: Boxes, saved: Path, key: str) -> int:
     return looked
 
 
-class Points:
-    """Looks whether ``f >= target`` all over a box of v, or no point within the margin of the solid gives a v in it."""
+class Look:
+    """Looks whether ``f >= target`` all over a box of v, or the claim holds because of where the triangles are.
+
+    Of points: none within the margin of the solid gives a v in it. Of distances: what is claimed and the margin are
+    together less than the distance; as f is affine at least, that is affine at most, and meets each triangle so.
+    """
 
     def __init__(self, claim: Claim, mesh: Mesh, margin: float):
-        self.claim, self.mesh, self.margin, self.reached = claim, mesh, margin, 0
+        self.claim, self.mesh, self.margin = claim, mesh, margin
 
     def __call__(self, boxes: Boxes) -> Boxes:
-        (low, high), side = self.claim.origins(boxes.lower, boxes.upper), boxes.upper - boxes.lower
-        axis, open_, least = side.argmax(axis=1), np.ones(len(side), bool), np.full(len(side), -np.inf)
-        if self.claim.layers:
-            least, best = self.bounded(boxes.lower, boxes.upper)
-            flat = side[np.arange(len(side)), best] * 4 < side.max(axis=1)
-            axis, open_ = np.where(flat, axis, best), ~(least >= self.claim.target)
-        owner = np.repeat(np.arange(len(axis)), boxes.count)
-        gaps, nearest = self.mesh.gaps(low, high, owner, boxes.items), np.full(len(axis), np.inf)
-        near = gaps <= self.margin * self.margin
+        claim, side = self.claim, boxes.upper - boxes.lower
+        low, high, room = claim.origins(boxes.lower, boxes.upper)
+        least, base, tangent, bent = network.lowest(claim.layers, claim.activation, boxes.lower, boxes.upper)
+        slope, open_ = -tangent * claim.scale * claim.unit, ~(least >= claim.target)
+        most = (self.margin + claim.unit * np.maximum(claim.target - least, 0)) * ROOM  # of the distance needed
+        gap = self.margin + claim.unit * (claim.target - base) + 2 * (np.abs(slope) * room).sum(axis=1)
+        gap += (ROOM - 1) * (self.margin + claim.unit * (np.abs(base) + abs(claim.target)))
+        owner = np.repeat(np.arange(len(side)), boxes.count)
+        gaps, nearest = self.mesh.gaps(low, high, owner, boxes.items), np.full(len(side), np.inf)
+        near = ~(gaps > most[owner] ** 2)
         owner, items, gaps = owner[near], boxes.items[near], gaps[near]
         np.minimum.at(nearest, owner, gaps)
         asked, met, first = open_.copy(), np.ones(len(owner), bool), gaps == nearest[owner]
         for some in (first, ~first):  # where the nearest triangle is not apart the others do not matter
             pair = np.flatnonzero(some & asked[owner])
-            met[pair] = ~self.mesh.apart(low, high, owner[pair], items[pair], self.margin)
+            met[pair] = ~self.mesh.apart(low, high, owner[pair], items[pair], gap, slope)
             asked[owner[met & some]] = False
+        met |= (gaps == 0) & (claim.unit > 0)  # what the box touches is asked again with the slopes of its halves
         free = np.flatnonzero(asked)
-        open_[free[self.mesh.outside((low[free] + high[free]) / 2)]] = False
+        top = np.where(slope > 0, high, np.where(slope < 0, low, (low + high) / 2))  # where most distance is needed
+        open_[free[self.mesh.outside(top[free])]] = False
+        used = np.flatnonzero(~open_ & ((least >= claim.target) | (claim.unit > 0)))  # boxes whose proof is of f
+        for i in used[::AGAIN]:
+            box = boxes.lower[i], boxes.upper[i]
+            if not network.confirms(claim.layers, claim.activation, *box, sum(box) / 2, base[i], tangent[i]):
+                raise ArithmeticError(f"Arb does not confirm f >= {base[i]} + {tangent[i]} h in the box {box} of v")
         for i in np.flatnonzero(open_ & (side.max(axis=1) <= NARROWEST)):
-            why = f"f may be {least[i]:.9g}, {self.claim.target:.9g} is needed, and the object may be there"
-            raise ArithmeticError(
-                f"box {boxes.lower[i].tolist()} of v, from {low[i].tolist()} to {high[i].tolist()}: {why}"
-            )
-        left = Boxes(boxes.lower, boxes.upper, np.bincount(owner[met], minlength=len(axis)), items[met])
+            why = f"f may be {least[i]:.9g}, {claim.target:.9g} is needed, and the object may be there"
+            raise ArithmeticError(f"box {boxes.lower[i].tolist()} of v, at {low[i].tolist()}: {why}")
+        fall = side if claim.unit else np.abs(tangent) * side + 2 * bent + 1e-9 * side  # no cut makes a box flat
+        axis = np.where(side * 4 < side.max(axis=1, keepdims=True), 0, fall).argmax(axis=1)
+        left = Boxes(boxes.lower, boxes.upper, np.bincount(owner[met], minlength=len(side)), items[met])
         return left.part(np.flatnonzero(open_)).halves(axis[open_])
-
-    def bounded(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Lower bounds of f over boxes, and along which axis f varies most; one in a thousand is proven by Arb, too."""
-        of = self.claim.layers, self.claim.activation
-        least, taken = network.lowest(*of, lower, upper)
-        reached = np.flatnonzero(least >= self.claim.target)
-        for i in reached[-self.reached % AGAIN :: AGAIN]:
-            if not network.confirms(*of, lower[i], upper[i], self.claim.target):
-                raise ArithmeticError(f"Arb does not confirm f >= {self.claim.target} at {lower[i].tolist()} of v")
-        self.reached += len(reached)
-        return least, taken.argmax(axis=0)

@@ -17,16 +17,19 @@ from rewriting import changed, rewrite
 
 import warp_bounding as wb
 from warp_bounding.bounders.mlp import Mlp
+from warp_bounding.bounders.mlp_distance import MlpDistance
 from warp_bounding.networks import network as networks
 from warp_bounding.networks import tensor_cores
 from warp_bounding.proof import prove
 from warp_bounding.proof.search import ShapePositives
+from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.domain import Domain
 
 pytest.importorskip("flint", reason="the verifier needs python-flint (the extra verify)")
 from verifier import files, search
 from verifier.__main__ import main
 from verifier.bounders import Claim
+from verifier.mesh import Mesh
 
 MARGIN = 0.05
 RING = trimesh.creation.torus(0.7, 0.3, major_sections=12, minor_sections=8)
@@ -46,6 +49,8 @@ def bounder(kind):
         prove(made, ring(), eps=1e-6)
         made.info["margin"] = MARGIN
         return made
+    if kind == "distance":
+        return wb.fit(ring(), "distance", "mlp", hidden=HIDDEN, steps=60, device="cpu")
     options = {"resolution": 24} if kind == "bvh" else {"steps": 20} if kind == "learned-kdop" else {}
     options = {"hidden": HIDDEN, "steps": 60} if kind == "mlp" else options
     return wb.fit(ring(), method=kind, device="cpu", **options)
@@ -67,17 +72,23 @@ def files_of(tmp_path):
 
 
 def lowest(made, count=200_000):
-    """The least exact f of many points of the object."""
+    """The least exact f of many points of the object; of a distance the least that it exceeds F by, in local units."""
+    if made.of_distances:
+        x = np.random.default_rng(3).uniform(made.domain.lower, made.domain.upper, (5000, 3))
+        solid = trimesh.Trimesh(np.float32(RING.vertices), RING.faces, process=False)  # as the verifier reads it
+        away = np.where(solid.contains(x), 0, trimesh.proximity.closest_point(solid, x)[1] - MARGIN)
+        return float((np.maximum(away, 0) / made.domain.unit - made.reference(made.domain.to_local(x))).min())
     return float(made.reference(made.domain.to_local(ring().points(count, np.random.default_rng(3)))).min())
 
 
-@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "relu", "deep"])
+@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "relu", "deep", "distance"])
 def test_what_is_proven_is_verified(files_of, capsys, kind):
     assert main(files_of(kind)) == 0
-    assert capsys.readouterr().out.startswith("verified: every point within 0.05 of the solid in ring.obj")
+    does = "overestimates no distance to the points" if kind == "distance" else "answers maybe for all points"
+    assert capsys.readouterr().out.startswith(f"verified: ring.safetensors {does} within 0.05 of the solid in ring.obj")
 
 
-@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin"])
+@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "distance"])
 @pytest.mark.parametrize("fault", ["threshold", "margin", "vertex", "margin in the file"])
 def test_changes_are_found(files_of, tmp_path, capsys, kind, fault):
     def change(document):
@@ -88,26 +99,30 @@ def test_changes_are_found(files_of, tmp_path, capsys, kind, fault):
 
     given = files_of(kind, change)
     if fault == "vertex":
-        moved = RING.copy()
-        moved.vertices[5] += 0.3 * moved.vertex_normals[5]
+        moved, k, by = RING.copy(), 5, 0.3
+        if kind == "distance":  # to where its F is largest, in the domain
+            domain, by = bounder(kind).domain, 0.2
+            v = domain.to_local(moved.vertices + by * moved.vertex_normals)
+            k = np.where((abs(v) <= domain.limit).all(axis=1), bounder(kind).reference(v), -1).argmax()
+        moved.vertices[k] += by * moved.vertex_normals[k]
         moved.export(tmp_path / "ring.obj", digits=17)
     status = main([*given, *(["--margin", "0.2"] if fault == "margin" else [])])
     assert status == 1, capsys.readouterr()
     assert "not verified: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin"])
+@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "distance"])
 def test_a_changed_number_is_found(files_of, capsys, kind):
     made = bounder(kind)
     name, by = {"aabb": ("low", 0.3), "bvh": ("low", 0.3), "learned-kdop": ("offsets", -0.3)}.get(kind, ("high", -0.3))
-    if kind in ("mlp", "sin"):
-        name, by = f"layers.{len(made.hidden)}.bias", -0.3
+    if kind in ("mlp", "sin", "distance"):
+        name, by = f"layers.{len(made.hidden)}.bias", 0.3 if kind == "distance" else -0.3
     names = ("low", "high") if kind == "bvh" else (name,)
     assert main(files_of(changed(made, {name: made.tensors[name] + np.float32(by) for name in names}))) == 1
     assert "not verified: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("kind", ["mlp", "sin", "deep"])
+@pytest.mark.parametrize("kind", ["mlp", "sin", "deep", "distance"])
 def test_an_error_that_is_a_hundredth_too_small_is_found(files_of, kind):
     least, error = (
         lowest(bounder(kind)),
@@ -121,12 +136,47 @@ def test_an_error_that_is_a_hundredth_too_small_is_found(files_of, kind):
     assert main(files_of(kind, change)) == 1
 
 
+# --- a thin wall -----------------------------------------------------------------------------------------------------
+
+WALL = trimesh.creation.box((1, 1, 0.02))
+
+
+@cache
+def wall():
+    """Half the sum of what v exceeds the sides of a plate by: no farther than the plate, and 0 on all of it."""
+    domain = DistanceDomain.of(wb.shapes.Mesh(WALL.vertices, WALL.faces), 0.2)
+    scale = float(domain.scale[0])
+    tensors = {"layers.0.weight": np.concatenate([np.eye(3), -np.eye(3)]), "layers.1.weight": np.full((1, 6), 0.5)}
+    tensors |= {"layers.0.bias": -scale * np.tile([0.5, 0.5, 0.01], 2), "layers.1.bias": np.zeros(1)}
+    tensors = {name: tensor.astype(np.float32) for name, tensor in tensors.items()}
+    made = MlpDistance(domain, tensors, {"hidden": [6], "activation": "relu"}, "cpu").freeze(-0.01, None)
+    made.info["margin"] = 0.0
+    return made
+
+
+@pytest.mark.parametrize(("threshold", "margin", "status"), [(-0.01, 0, 0), (1e-5, 0, 1), (-0.01, 0.03, 1)])
+def test_a_wall_that_boxes_straddle(files_of, tmp_path, threshold, margin, status):
+    """Nothing is claimed in it where the threshold is under 0; with a higher one, more than 0 within the wall."""
+    file, shape = files_of(wall(), lambda document: document.update(threshold=float(np.float32(threshold))))
+    WALL.export(shape, digits=17)
+    assert main([file, shape, "--margin", str(margin)]) == status
+    claim, mesh = Claim(*files.read_bounder(Path(file))[:2]), Mesh(*files.read_mesh(Path(shape)))
+    boxes = search.Boxes(-claim.limit[None], claim.limit[None], np.array([12]), np.arange(12))
+    for _ in range(12):  # what a box touches is listed, whatever slope its parents had
+        boxes = search.Look(claim, mesh, float(margin))(boxes)
+        listed = np.zeros((len(boxes.count), 12), bool)
+        listed[np.repeat(np.arange(len(listed)), boxes.count), boxes.items] = True
+        box, triangle = (each.reshape(-1) for each in np.indices(listed.shape))
+        low, high, _ = claim.origins(boxes.lower, boxes.upper)
+        assert listed[box, triangle][mesh.gaps(low, high, box, triangle) == 0].all()
+
+
 # --- going on --------------------------------------------------------------------------------------------------------
 
 
 def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_path):
     """What a kill leaves is what Ctrl-C leaves: nothing is written when the search ends."""
-    given, looks, whole = files_of("mlp"), [], search.Points.__call__
+    given, looks, whole = files_of("mlp"), [], search.Look.__call__
 
     def stopped(self, boxes):
         looks.append(len(boxes.count))
@@ -137,7 +187,7 @@ def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_pa
     assert main(given) == 0
     alone = capsys.readouterr().out
     monkeypatch.setattr(search, "SECONDS", 0.0)
-    monkeypatch.setattr(search.Points, "__call__", stopped)
+    monkeypatch.setattr(search.Look, "__call__", stopped)
     assert main(given) == 2
     saved = tmp_path / "ring.safetensors.verify.npz"
     assert saved.is_file()
@@ -158,12 +208,20 @@ def edits():
     yield lambda d: d["sizes"].update(hidden=[9])
     yield lambda d: d["domain"].update(scale=[0.1, 0.1, 0.1])
     yield lambda d: d.pop("threshold")
+    yield lambda d: d.update(query="distance", method="distance-grid")
+    yield lambda d: d.update(query="distance")  # by a scale that is no power of two
 
 
 @pytest.mark.parametrize("change", list(edits()))
 def test_other_kinds_and_damaged_files_are_bad_input(files_of, change, capsys):
     assert main(files_of("mlp", change)) == 2
     assert "bad input" in capsys.readouterr().err
+
+
+def test_scales_of_distances_are_one_power_of_two(files_of, capsys):
+    for scale, limit in (([0.75] * 3, 1.0), ([0.5, 0.5, 1.0], 1.0), ([2.0**40] * 3, 1.0), ([0.5] * 3, 2.0**-21)):
+        assert main(files_of("distance", lambda d: d["domain"].update(scale=scale, limit=[limit] * 3))) == 2  # noqa: B023
+    assert "the scale of a distance is not one power of two" in capsys.readouterr().err
 
 
 def test_damaged_bytes_and_open_meshes_are_bad_input(files_of, tmp_path, capsys):
@@ -296,7 +354,7 @@ DENIED = [("sin", denies), ("relu", denies), pytest.param("sin", denied_by_a_hea
 @pytest.mark.parametrize(("activation", "denied"), DENIED)
 def test_no_order_of_sums_denies_what_is_verified(files_of, activation, denied, monkeypatch):
     """Where a search takes long nothing is verified."""
-    whole, looks, told = search.Points.__call__, [], []
+    whole, looks, told = search.Look.__call__, [], []
 
     def impatient(self, boxes):
         looks.append(len(boxes.count))
@@ -304,7 +362,7 @@ def test_no_order_of_sums_denies_what_is_verified(files_of, activation, denied, 
             raise ArithmeticError("enough")
         return whole(self, boxes)
 
-    monkeypatch.setattr(search.Points, "__call__", impatient)
+    monkeypatch.setattr(search.Look, "__call__", impatient)
     x = ring().points(20_000, np.random.default_rng(1)).astype(np.float32)
     for big in (1.0, 2.0**14):
         made = attack(big, activation)

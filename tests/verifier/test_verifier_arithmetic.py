@@ -104,18 +104,22 @@ def test_no_value_lies_under_its_bound(hidden, activation):
     layers = [(w.astype(float), b.astype(float)) for w, b in random_layers((3, *hidden, 1), RNG, 1.5, 4.0)]
     middle, half = RNG.uniform(-1, 1, (60, 3)), 2.0 ** RNG.integers(-14, 1, (60, 3)).astype(float)
     lower, upper = middle - half, middle + half
-    bounds, taken = network.lowest(layers, activation, lower, upper)
-    assert (taken >= 0).all()
+    least, base, slope, bent = network.lowest(layers, activation, lower, upper)
+    assert (bent >= 0).all()
     for i in range(60):
         for corner in (RNG.integers(0, 2, 3), RNG.random(3), RNG.random(3)):
             x = np.clip(lower[i] + corner * (upper[i] - lower[i]), lower[i], upper[i])
-            assert exactly(layers, activation, x) >= bounds[i]
+            value = exactly(layers, activation, x)
+            assert value >= least[i]
+            away = [flint.arb(x[k]) - flint.arb(lower[i, k] + upper[i, k]) / 2 for k in range(3)]
+            assert value >= flint.arb(base[i]) + sum(flint.arb(slope[i, k]) * away[k] for k in range(3))
     close = np.flatnonzero(half.max(axis=1) < 1 / 16)[:8]
     for i in close:
-        least = bounds[i] - 1e-6
-        assert network.confirms(layers, activation, lower[i], upper[i], least)
+        given = layers, activation, lower[i], upper[i], (lower[i] + upper[i]) / 2
+        assert network.confirms(*given, base[i], slope[i])
+        assert network.confirms(*given, least[i], 0 * slope[i])
         value = float(exactly(layers, activation, middle[i]).mid())
-        assert not network.confirms(layers, activation, lower[i], upper[i], value + 1e-6, 6)
+        assert not network.confirms(*given, value + 1e-6, slope[i], 6)
 
 
 def test_the_sine_of_float32_is_within_its_bound():
@@ -143,13 +147,14 @@ def test_what_separates_does_so_exactly_and_crossings_are_certain_or_unknown():
         corners = RNG.integers(-2, 3, (1500, 3, 3)) * scale
         corners[700:] *= 1 + RNG.integers(-1, 2, (800, 3, 3)) * 2.0**-52
         x, half = RNG.integers(-4, 5, (1500, 3)) * scale, RNG.integers(0, 3, (1500, 1)) * scale / 2
-        direction, margin = RNG.integers(-2, 3, (1500, 3)).astype(float), scale * RNG.integers(0, 3)
-        said = mesh.separates(direction, corners, x - half, x + half, margin)
-        exact = [
-            mesh.exactly_separates(*each, margin) for each in zip(direction, corners, x - half, x + half, strict=True)
-        ]
+        direction, gap = RNG.integers(-4, 5, (1500, 3)) / 8, scale * RNG.integers(-1, 3, 1500)
+        slope = RNG.integers(-4, 5, (1500, 3)) / 8 * RNG.integers(0, 2, (1500, 1))
+        direction[::4] = -slope[::4]
+        given = direction, corners, x - half, x + half, gap, slope
+        said, exact = mesh.separates(*given), [mesh.exactly_separates(*each) for each in zip(*given, strict=True)]
         assert not (said & ~np.array(exact)).any()
         assert said.any()
+        assert not mesh.exactly_separates(direction[0] + 4, corners[0], x[0], x[0], gap[0] - 99 * scale, slope[0])
         sign, certain = mesh.crossing(corners, x)
         assert certain.any()
         for i in np.flatnonzero(certain):
@@ -174,10 +179,18 @@ def test_points_and_boxes_outside_a_ring():
     box, triangle = (each.reshape(-1) for each in np.indices((200, len(ring.faces))))
     low, high = x[:200] - 0.02, x[:200] + 0.02
     near = made.gaps(low, high, box, triangle) <= 0.05**2
-    free = np.bincount(box[near][~made.apart(low, high, box[near], triangle[near], 0.05)], minlength=200) == 0
-    _, away, _ = trimesh.proximity.closest_point(ring, x[:200])
+    gap, slope = np.full(200, 0.05), np.zeros((200, 3))
+    free = np.bincount(box[near][~made.apart(low, high, box[near], triangle[near], gap, slope)], minlength=200) == 0
+    nearest, away, _ = trimesh.proximity.closest_point(ring, x[:200])
     assert (away[free] > 0.05).all()
     assert free[away > 0.05 + 0.08].all()
+    slope = (x[:200] - nearest) / away[:, None] * np.where(inside[:200, None], -0.9, 0.9)  # boxes may meet the surface
+    free = np.bincount(box[~made.apart(low, high, box, triangle, 0.8 * away - 0.02, slope)], minlength=200) == 0
+    for i in np.flatnonzero(free):
+        y = x[i] + RNG.uniform(-0.02, 0.02, (20, 3))
+        assert (trimesh.proximity.closest_point(ring, y)[1] > 0.8 * away[i] - 0.02 + (y - x[i]) @ slope[i]).all()
+    assert free.sum() > 100
+    assert (away[free] < 0.02).any()
 
 
 @pytest.mark.parametrize("change", ["hole", "turned", "none"])
