@@ -29,7 +29,6 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from warp_bounding.bounders.batch import Queryable
-from warp_bounding.bounders.export import export
 from warp_bounding.bounders.file_format import save
 from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BounderError
@@ -463,6 +462,8 @@ class Bounder(Queryable):
             >>> "int ball_maybe(const float q[3])" in open("ball.h").read()
             True
         """
+        from warp_bounding.bounders.export import export  # a query needs no text of headers
+
         export(self, path, name)
 
     def __repr__(self) -> str:
