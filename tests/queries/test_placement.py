@@ -168,7 +168,7 @@ def witnessed(grid, query: str, length: float, rotated, shift, factors, rng, dty
 @cache
 def bounders(name: str, query: str, length: float):
     grid = shape(name)
-    methods = ("kdop", "sphere") if name == "blob" else ("kdop",)
+    methods = ("kdop", "obb") if name == "blob" else ("kdop",)
     return [fitted_region(method, query, grid, length=length) for method in methods]
 
 
