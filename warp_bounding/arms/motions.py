@@ -441,7 +441,7 @@ class Plan(Picklable):
     name: str = "arm"
     obstacles: int = 0
     between: tuple[str, str] | None = None
-    attached: dict[str, tuple[Body, ...]] = field(default_factory=dict)
+    attached: dict[str, list[Body]] = field(default_factory=dict)
     self_collision: bool = True
 
     @property
@@ -491,7 +491,7 @@ class Plan(Picklable):
             )
             fields["between"] = fields["between"] and tuple(fields["between"])
             carried = fields.get("attached", {}).items()
-            fields["attached"] = {part: tuple(Body(**body) for body in bodies) for part, bodies in carried}
+            fields["attached"] = {part: [Body(**body) for body in bodies] for part, bodies in carried}
             plan = cls(**fields)
         except (ValueError, KeyError, TypeError, AttributeError, UnicodeDecodeError, ShapeError) as error:
             raise FileFormatError(f"{path}: expected a plan that Plan.save wrote") from error
@@ -715,12 +715,12 @@ def _box_around(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return best[1], best[2]
 
 
-def _solid(given: Sequence[Body | Cylinder] | Body | Cylinder, name: str) -> tuple[Body, ...]:
+def _solid(given: Sequence[Body | Cylinder] | Body | Cylinder, name: str) -> list[Body]:
     """What is attached to a part of an arm, as bodies."""
-    return tuple(body.prism if isinstance(body, Cylinder) else body for body in all_of(Body | Cylinder, given, name))
+    return [body.prism if isinstance(body, Cylinder) else body for body in all_of(Body | Cylinder, given, name)]
 
 
-def _carrying(arm: Arm, attached: Mapping[str, tuple[Body, ...]]) -> Arm:
+def _carrying(arm: Arm, attached: Mapping[str, list[Body]]) -> Arm:
     """The arm with more bodies on its parts."""
     bodies, touching = [], set(arm.touching)
     for part, given in attached.items():
