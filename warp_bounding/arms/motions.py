@@ -27,7 +27,7 @@ corners, and that it holds in float64.
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import ClassVar, NamedTuple
@@ -441,7 +441,7 @@ class Plan(Picklable):
     name: str = "arm"
     obstacles: int = 0
     between: tuple[str, str] | None = None
-    attached: dict[str, list[Body]] = field(default_factory=dict)
+    attached: dict[str, list[Body]] | None = None
     self_collision: bool = True
 
     @property
@@ -458,7 +458,7 @@ class Plan(Picklable):
     @property
     def statement(self) -> str:
         """What is known, in a sentence."""
-        names = [body.name for carried in self.attached.values() for body in carried]
+        names = [body.name for carried in (self.attached or {}).values() for body in carried]
         carrying = f" carrying {', '.join(names)}" if names else ""
         what = f"{len(self.shares)} motions of {self.name}{carrying}, among {self.obstacles} obstacles"
         what += f", margin {self.margin:g} m{'' if self.self_collision else ', not checked against itself'}"
@@ -472,7 +472,7 @@ class Plan(Picklable):
         document = {"plan": asdict(self) | {"waypoints": self.waypoints.tolist(), "shares": self.shares.tolist()}}
         document["plan"]["attached"] = {
             part: [{"points": body.points.tolist(), "radius": body.radius, "name": body.name} for body in carried]
-            for part, carried in self.attached.items()
+            for part, carried in (self.attached or {}).items()
         }
         write_whole(path, json.dumps(document, indent=1).encode(), ".json")
 
