@@ -31,7 +31,8 @@ def verify(file: Path, shape: Path, margin: float | None) -> str:
         far = np.inf if claim.unit else margin**2  # a distance is one to all triangles
         items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= far) for i in range(len(lower))]
         root = Boxes(lower, upper, np.array([*map(len, items)]), np.hstack([*items, every[:0]]))
-        key = hashlib.sha256(repr((sha, margin)).encode() + bytes(vertices) + bytes(faces)).hexdigest()
+        code = b"".join(path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")))
+        key = hashlib.sha256(repr((sha, margin)).encode() + bytes(vertices) + bytes(faces) + code).hexdigest()
         looked = search(Look(claim, mesh, margin), root, file.with_name(file.name + ".verify.npz"), key)
     does = "overestimates no distance to the points" if claim.unit else "answers maybe for all points"
     what = f"{file.name} {does} within {margin} of the solid in {shape.name}"

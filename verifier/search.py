@@ -38,8 +38,7 @@ class Boxes(NamedTuple):
 def search(look, root: Boxes, saved: Path, key: str) -> int:
     """Look at boxes and at the halves of those that are left, until none is; returns how many were looked at.
 
-    Every few seconds the file ``saved`` is written, which has what is open of the search of this ``key``; it is
-    removed at the end. A search that was stopped, or killed, goes on from there.
+    What is open is written to ``saved`` now and then, from where a search of the same ``key`` goes on, believing it.
     """
     rest, looked, due = root, 0, time.monotonic() + SECONDS
     if saved.exists():
