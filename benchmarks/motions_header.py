@@ -1,4 +1,7 @@
-"""Motions in C beside Python, microseconds each: `python benchmarks/motions_header.py panda.urdf --srdf panda.srdf`."""
+"""Time motions in C and Python: `python benchmarks/motions_header.py arm.urdf --srdf arm.srdf`.
+
+Prints microseconds a motion and a configuration, and how many answers differ.
+"""
 
 import argparse
 import ctypes
@@ -80,4 +83,5 @@ def main() -> None:
         print(f"| {name} | {' | '.join(f'{1e6 * each / len(q0):.1f}' for each in times)} |")
 
 
-main()
+if __name__ == "__main__":
+    main()

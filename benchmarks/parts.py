@@ -232,10 +232,14 @@ def page(rows: list[dict], folder: Path, about: str) -> str:
     for row in fits:
         row["best"] = min((each for each in known[row["part"]] if each["bytes"] <= row["bytes"]), key=lambda e: e["fp"])
         row["share"] = row["fp"] / row["best"]["fp"]
+    asked = " ".join(
+        f'--{key}s "{",".join(dict.fromkeys(str(row[key]).removesuffix(".0") for row in fits))}"'
+        for key in ("size", "budget", "seed")
+    )
     lines = [
         "# Parts: robots' links and machine parts",
         "",
-        "`python benchmarks/parts.py --out results/parts`",
+        f"`python benchmarks/parts.py {asked} --out results/parts`",
         "",
         f"{about}. Times are those of the wall, so other work on the machine makes fits worse.",
         "",

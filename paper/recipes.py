@@ -53,7 +53,8 @@ def _trained(cell: Cell, way: str, seconds: float, seed: int) -> tuple[Mlp, int,
     """A network with a proven threshold, its steps, and seconds of training and in all."""
     grid, started = cell.grid, working_seconds()
     if way == WAYS[0]:
-        bounder = results.finished(fit(grid, budget=seconds, hidden=cell.column.hidden, seed=seed, device="cpu"))
+        own = {"method": "mlp", "activation": "sin", "hidden": cell.column.hidden}
+        bounder = results.finished(fit(grid, **own, budget=seconds, seed=seed, device="cpu"))
         record, spent = bounder.info["training"], working_seconds() - started
         return bounder, record["steps"], spent - float(bounder.certificate.seconds), spent
     domain, clock = domain_of(grid, cell.column.query), Clock((1 - FOR_PROOF) * seconds)

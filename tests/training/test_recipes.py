@@ -44,6 +44,20 @@ def test_half_spaces_stay_in_front_of_a_network_where_they_alone_do_better(alone
     assert wb.evaluate(bounder, BALL, samples=20_000).fn == 0
 
 
+def test_an_interrupt_of_a_trial_keeps_the_half_spaces(short_trials):
+    notes = []
+
+    def interrupt(done, total, note):
+        notes.append(note)
+        if note.startswith("FP ") and sum(each.startswith("FP ") for each in notes) == 1:
+            raise KeyboardInterrupt
+
+    bounder = wb.fit(BALL, hidden=(8, 8), steps=STEPS, device="cpu", progress=interrupt)
+    assert [part.method for part in bounder.parts] == ["learned-kdop", "mlp"]
+    assert bounder.info["training"]["parts"][1]["interrupted"]
+    assert wb.evaluate(bounder, BALL, samples=20_000).fn == 0
+
+
 @pytest.mark.parametrize("own", [{"method": "mlp"}, {"activation": "relu"}, {"side": "inside"}, {"steps": STEPS - 1}])
 def test_nothing_is_put_in_front_of_a_network_that_was_asked_for(own, short_trials):
     bounder = wb.fit(BALL, **{"hidden": (8, 8), "steps": STEPS, "device": "cpu", "progress": False} | own)

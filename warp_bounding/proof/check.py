@@ -224,7 +224,7 @@ class Proof:
 
 
 class OfPoints(Proof):
-    """Of points, where the shape certifies boxes."""
+    """The proof of points of a shape that certifies boxes."""
 
     def search(self, budget: float, **options) -> Checked:
         bounder, shape = self.bounder, self.shape
@@ -244,7 +244,7 @@ class OfPoints(Proof):
 
 
 class BySamples(OfPoints):
-    """Of points, where the shape certifies nothing: fresh positives are queried."""
+    """What takes the place of a proof where the shape certifies nothing: fresh positives are queried."""
 
     def verdict(self, fault: str, budget: float, **options) -> Verdict:
         if fault:
@@ -264,7 +264,7 @@ class BySamples(OfPoints):
 
 
 class OfRegions(Proof):
-    """Of rays, planes and boxes."""
+    """The proof of rays, planes and boxes."""
 
     def search(self, budget: float, **options) -> Checked:
         bounder, shape = self.bounder, self.shape
@@ -291,7 +291,7 @@ class OfRegions(Proof):
 
 
 class OfDistances(Proof):
-    """Of a distance whose F is bounded over boxes."""
+    """The proof of a distance: F is bounded over boxes."""
 
     close = "F comes closer to the distance than the proof allows"
 
@@ -323,7 +323,7 @@ class OfDistances(Proof):
 
 
 class OfDistancesToVolumes(OfDistances):
-    """Of a distance to a volume that holds the object: that volume is proven."""
+    """The proof of a distance to a volume: it is proven that the volume holds the object."""
 
     def search(self, budget: float, **options) -> Checked:
         volume = self.bounder.volume.to()

@@ -153,7 +153,8 @@ class _Fit:
     ``of_planes``: the network is a plane's two supports (``Head``); else queries are points. ``first_reserve``: the
     share of the budget reserved for setting the threshold until a search has measured what that takes; the user's
     progress counts the rest as training. ``trials`` are of short trainings, on the same ``samples`` as the ``trainer``.
-    ``optional`` is the problem with the bounders in front that may go, which the ``problem`` has where they stay.
+    ``optional`` is the problem with bounders in front that may go, and ``alone`` whether they do. The ``problem`` has
+    them where the network is trained behind them.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
@@ -166,7 +167,7 @@ class _Fit:
         if self.lowers or (tested and not self.of_planes):
             self.first_reserve = SCHEDULE.lower_reserve if self.lowers else SCHEDULE.tested_reserve
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
-        self.interrupted, self.boxes, self.front_rate = False, 0, {}
+        self.interrupted, self.alone, self.boxes, self.front_rate = False, False, 0, {}
         self.optional = problem if problem.optional else None
         self.problem = replace(problem, front=()) if problem.optional else problem
         self.samples: Samples | None = None
@@ -188,7 +189,7 @@ class _Fit:
         if self.trials:
             own["trials"] = {each.activation: each.least for each in self.trials} | self.front_rate
         if self.optional is not None:
-            own["alone"] = not self.problem.front
+            own["alone"] = self.alone
         return bounder, own | {"boxes_in_training": self.boxes} | record
 
     def _train(self) -> None:
@@ -221,7 +222,8 @@ class _Fit:
             left = self.optional.reaching(self.problem.domain.to_object(v.T.double().numpy()).astype(np.float32))
             rate = float((left & ~truth.numpy()).mean())
             self.front_rate = {"+".join(each.method for each in self.optional.front): rate}
-            if rate < best.least:
+            self.alone = best.least <= rate
+            if not self.alone:
                 self.problem, self.samples = self.optional, None
         return best.activation
 
