@@ -88,8 +88,8 @@ def fit(
             of the shape, whose distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
             ``None`` is ``"mlp"`` for points, planes and distances, and ``"bvh"`` for rays and boxes, which networks do
-            not answer: the first of ``DEFAULTS`` that does. For points of a solid it is ``"learned-kdop+mlp"`` where
-            half-spaces alone leave fewer false positives than a network that is trained as long.
+            not answer: the first of ``DEFAULTS`` that does. For points of a solid without cells it is
+            ``"learned-kdop+mlp"``.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth
             more, and compiling kernels, once for each size of network, is not counted. A bvh stops splitting boxes when
             the time is over; other closed forms are found at once, up to millions of cells. A third of an arm's time is
@@ -218,7 +218,7 @@ def _fit_answers(
             if issubclass(cls, Mlp):
                 own[HIDDEN.name] = (2 * len(grid.waves), *BEHIND_WAVES)
     plain = given.by_default and side == SIDES[0] and scheduler is None
-    if plain and _may_have_front(grid, query, chosen[0]):
+    if plain and _has_front(grid, query, chosen[0]):
         classes = [LearnedKdop, *classes]
         chosen = [*resolved([LearnedKdop], query, {STEPS.name: chosen[0][STEPS.name]}), *chosen]
     domain, repeatable = domain_of(grid, query, length), any(each.get("steps") for each in chosen)
@@ -227,7 +227,7 @@ def _fit_answers(
     problem = Problem(grid, domain, query, given.seed, given.device, **more)
     with reported(given.progress, f"fit {method}") as update:
         try:
-            parts = _fit_parts(problem, classes, chosen, given.budget, spent, update, optional=given.by_default)
+            parts = _fit_parts(problem, classes, chosen, given.budget, spent, update)
         except ProofError as error:
             error.bounder.info = described(grid, given.seed, spent.seconds())
             error.bounder = error.bounder.in_frame(frame)
@@ -237,8 +237,8 @@ def _fit_answers(
     return bounder
 
 
-def _may_have_front(shape: Shape, query: str, options: dict[str, Any]) -> bool:
-    """Whether ``fit`` tries half-spaces in front of a network, of solids without cells, by a network's options."""
+def _has_front(shape: Shape, query: str, options: dict[str, Any]) -> bool:
+    """Whether ``fit`` puts half-spaces in front of a network, by its options: for points of solids without cells."""
     solid = not isinstance(shape, Grid) and shape.ndim == COMMON_NDIM and not shape.time and shape.joints is None
     known = solid and query == POINT.name and options["activation"] is None and not options["statistical"]
     return known and tries(shape, query, options[STEPS.name])
@@ -273,9 +273,8 @@ def _fit_parts(
     budget: float,
     spent: Stopwatch,
     progress: Progress | None,
-    optional: bool,
 ) -> list[Bounder]:
-    """Bounders of the classes, which share the budget; without those in front if these are optional and do not pay."""
+    """Bounders of the classes, which share the budget."""
     trainers, parts, grid = [trainer_of(cls) for cls in classes], [], problem.grid
     for index, cls in enumerate(classes):
         trainer, own = trainers[index], spent if index == 0 else Stopwatch()
@@ -287,8 +286,7 @@ def _fit_parts(
             seconds = min(left * (FRONT_SHARE if waiting else 1.0), trainer.most_seconds)
             reserved = PROOF_SECONDS * len(grid.occupied) if isinstance(grid, Grid) else PROOF_SHARE * seconds
             seconds -= min(seconds / 2, reserved)
-        may_go = optional and bool(parts)
-        part = replace(problem, front=tuple(parts), optional=may_go, in_front=waiting > 0)
+        part = replace(problem, front=tuple(parts), in_front=waiting > 0)
         bounder, record = trainer.train(cls, part, chosen[index], seconds, progress)
         if not trainer.proves:
             limits = {"eps": SHAPE_EPS, "boxes": SHAPE_BOXES}
@@ -298,7 +296,7 @@ def _fit_parts(
                 limits["progress"] = partial(_told, progress, cls.method)
             prove_or_test(bounder, grid, seed=problem.seed, **limits)
         bounder.info = described(grid, problem.seed, record | own.seconds())
-        parts = [bounder] if record.get("alone") else [*parts, bounder]
+        parts.append(bounder)
     return parts
 
 

@@ -10,7 +10,7 @@ low f, and ``prove_lower`` proves the highest threshold below it whose proof is 
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -153,8 +153,6 @@ class _Fit:
     ``of_planes``: the network is a plane's two supports (``Head``); else queries are points. ``first_reserve``: the
     share of the budget reserved for setting the threshold until a search has measured what that takes; the user's
     progress counts the rest as training. ``trials`` are of short trainings, on the same ``samples`` as the ``trainer``.
-    ``optional`` is the problem with bounders in front that may go, and ``alone`` whether they do. The ``problem`` has
-    them where the network is trained behind them.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
@@ -167,9 +165,7 @@ class _Fit:
         if self.lowers or (tested and not self.of_planes):
             self.first_reserve = SCHEDULE.lower_reserve if self.lowers else SCHEDULE.tested_reserve
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
-        self.interrupted, self.alone, self.boxes, self.front_rate = False, False, 0, {}
-        self.optional = problem if problem.optional else None
-        self.problem = replace(problem, front=()) if problem.optional else problem
+        self.problem, self.interrupted, self.boxes = problem, False, 0
         self.samples: Samples | None = None
         self.trials: list[NetworkTrainer] = []
         self.trainer: NetworkTrainer | SupportTrainer | OccupancyTrainer | None = None
@@ -187,9 +183,7 @@ class _Fit:
         record = self._prove(bounder, trainer) if self.method.conservative else {}
         own = {"steps": self.clock.count, "interrupted": self.interrupted}
         if self.trials:
-            own["trials"] = {each.activation: each.least for each in self.trials} | self.front_rate
-        if self.optional is not None:
-            own["alone"] = self.alone
+            own["trials"] = {each.activation: each.least for each in self.trials}
         return bounder, own | {"boxes_in_training": self.boxes} | record
 
     def _train(self) -> None:
@@ -206,26 +200,14 @@ class _Fit:
         trainer.run(self.clock, mine)
 
     def _tried(self) -> str:
-        """The activation whose short training leaves the fewest false positives; the default where none is worth it.
-
-        An optional front stays where by itself it leaves fewer than that.
-        """
+        """The activation whose short training leaves the fewest false positives; the default where none is worth it."""
         if not tries(self.problem.grid, self.problem.query, self.options.steps):
             return DEFAULT.name
         for name in TRIED:
             self.trainer = self._trainer(name)
             self.trials.append(self.trainer)
             self.trainer.run(self.clock.trial(TRIAL_SHARE))
-        best = min(self.trials, key=_least)
-        if self.optional is not None:
-            v, truth = self.samples.uniform(SAMPLES)
-            left = self.optional.reaching(self.problem.domain.to_object(v.T.double().numpy()).astype(np.float32))
-            rate = float((left & ~truth.numpy()).mean())
-            self.front_rate = {"+".join(each.method for each in self.optional.front): rate}
-            self.alone = best.least <= rate
-            if not self.alone:
-                self.problem, self.samples = self.optional, None
-        return best.activation
+        return min(self.trials, key=_least).activation
 
     def _trainer(self, activation: str) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
         problem, hidden = self.problem, self.options.hidden

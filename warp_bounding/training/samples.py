@@ -390,7 +390,6 @@ class Problem:
     Attributes:
         front: Bounders that are queried first. Only queries that they let through are asked further, so only those can
             be false positives.
-        optional: Whether the front goes where it leaves more false positives than a network that is trained as long.
     """
 
     grid: Shape  # the object
@@ -399,7 +398,6 @@ class Problem:
     seed: int  # of everything random
     device: str | None  # Warp device of the bounder
     front: tuple[Bounder, ...] = ()
-    optional: bool = False
     in_front: bool = False  # whether the bounder stands before a network in a cascade
     callers: CallersQueries | None = None  # queries of the caller's own: where false positives count
     scheduler: str | int | None = None  # whose workers prove
