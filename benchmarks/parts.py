@@ -42,7 +42,7 @@ MARGIN = 0.005  # of the longest side
 SIZES = {"1.5 kB": (16, 16), "2.9 kB": (24, 24), "11 kB": (50, 50)}
 SAMPLES = 1_000_000
 # Leaves of the trees of boxes: the most that fit a network's bytes, or those of a cascade; a leaf more is never looser.
-LEAVES = (37, 76, 94, 300)
+LEAVES = (37, 55, 76, 94, 300, 317)
 HALF_SPACES = (14, 18, 26)  # of a kdop
 
 
