@@ -44,6 +44,8 @@ SAMPLES = 1_000_000
 # Leaves of the trees of boxes: the most that fit a network's bytes, or those of a cascade; a leaf more is never looser.
 LEAVES = (37, 55, 76, 94, 300, 317)
 HALF_SPACES = (14, 18, 26)  # of a kdop
+DISTANCES, MADE_OF_DISTANCES = 200_000, ("mlp", "distance-grid")  # points, and methods
+NODES, MOST_OF_GRIDS = range(28, 7, -1), 2924  # along the longest side, and bytes, those of a network of 24-24
 
 
 def joined(*parts: trimesh.Trimesh) -> trimesh.Trimesh:
@@ -222,6 +224,45 @@ def fitted(mesh: wb.shapes.Mesh, size: str, budget: float, seed: int, options: d
     return judged(bounder, mesh) | {"recipe": recipe, "certificate": proof.kind, "seconds": round(seconds, 1)}
 
 
+def near(mesh: wb.shapes.Mesh) -> np.ndarray:
+    """Points in and around the box of a part."""
+    room = 0.1 * float(mesh.extent.max())
+    return np.random.default_rng(0).uniform(mesh.lower - room, mesh.upper + room, (DISTANCES, 3)).astype(np.float32)
+
+
+def distance(mesh: wb.shapes.Mesh, method: str, budget: float) -> dict:
+    """How far a part's distance is above its bound, of a network or of the largest grid of no more bytes."""
+    margin, size, x = MARGIN * float(mesh.extent.max()), "2.9 kB", near(mesh)
+    own = {"margin": margin, "device": "cpu", "progress": False, "budget": budget}
+    if method == "mlp":
+        bounder = wb.fit(mesh, "distance", method, hidden=SIZES[size], **own)
+    else:
+        grids = (wb.fit(mesh, "distance", method, nodes=n, storage="uint8", **own) for n in NODES)
+        bounder = next(grid for grid in grids if grid.nbytes <= MOST_OF_GRIDS)
+    truth, bound = mesh.dilated(margin).distances(x)[:, 0], bounder.distance(x).numpy()
+    short = 100 * (truth - bound) / float(mesh.extent.max())
+    row = {"bytes": bounder.nbytes, "short": round(float(short.mean()), 4), "above": int((bound > truth).sum())}
+    row |= {"short_95": round(float(np.quantile(short, 0.95)), 4)}
+    return row | {"certificate": wb.certify(bounder, mesh, margin=margin).kind}
+
+
+def of_distances(rows: list[dict]) -> list[str]:
+    """The page's table of them."""
+    known = {(row["part"], row["method"]): row for row in rows}
+    lines = [
+        "",
+        "Distances: how far the bound is below the distance, % of the longest side, mean / 95 % of points in and ",
+    ]
+    lines[-1] += f"around the box; budget {rows[0]['budget']:g} s. `python benchmarks/parts.py --distances`"
+    lines += ["", "| part | " + " | ".join(MADE_OF_DISTANCES) + " |", "|---|" + "--:|" * len(MADE_OF_DISTANCES)]
+    for part in dict.fromkeys(row["part"] for row in rows):
+        own = [known.get((part, method)) for method in MADE_OF_DISTANCES]
+        cells = [f"{row['short']:.2f} / {row['short_95']:.2f}, {row['bytes']:,} B" if row else "-" for row in own]
+        lines.append(f"| {part} | {' | '.join(cells)} |")
+    proven, above = sum(row["certificate"] == "proven" for row in rows), sum(row["above"] for row in rows)
+    return [*lines, "", f"Proven: {proven} of {len(rows)}; bounds above the distance: {above}."]
+
+
 def page(rows: list[dict], folder: Path, about: str) -> str:
     """Writes the picture of all rows so far, and returns the page; ``about`` has versions and threads."""
     fits = [row for row in rows if row["kind"] == "fit"]
@@ -272,6 +313,8 @@ def page(rows: list[dict], folder: Path, about: str) -> str:
             ours = f"{np.mean([r['fp'] for r in own]):.2f} {recipes}" if own else ""
             cells.append(f"{ours} / {best['fp']:.2f} {best['method']}" if own else "-")
         lines.append(f"| {part} | {' | '.join(cells)} |")
+    if distances := [row for row in rows if row["kind"] == "distance"]:
+        lines += of_distances(distances)
     draw(fits, folder / "parts.png")
     return "\n".join(lines) + "\n"
 
@@ -315,15 +358,22 @@ def main() -> None:
     parser.add_argument("--seeds", default="0,1,2")
     parser.add_argument("--option", action="append", default=[], help="of fit, as in --option activation=relu")
     parser.add_argument("--classics", action="store_true", help="these alone")
+    parser.add_argument("--distances", action="store_true", help="these alone, of 2.9 kB, with the first budget")
     options = parser.parse_args()
     kept, more = StoredRows(options.out, "parts"), dict(each.split("=") for each in options.option)
     for name in options.parts.split(","):
         mesh = parts()[name]()
-        for own in classics():
+        for method in MADE_OF_DISTANCES if options.distances else ():
+            budget = float(options.budgets.split(",")[0])
+            row = {"kind": "distance", "part": name, "method": method, "budget": budget}
+            if not kept.have(**row):
+                kept.add(row | distance(mesh, method, budget))
+                print(kept.rows[-1], flush=True)
+        for own in () if options.distances else classics():
             row = {"kind": "classic", "part": name, **own}
             if not kept.have(**row):
                 kept.add(row | classic(mesh, own))
-        for size in () if options.classics else options.sizes.split(","):
+        for size in () if options.classics or options.distances else options.sizes.split(","):
             for budget in map(float, options.budgets.split(",")):
                 for seed in map(int, options.seeds.split(",")):
                     row = {"kind": "fit", "part": name, "size": size, "budget": budget, "seed": seed}
