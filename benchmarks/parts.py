@@ -44,7 +44,7 @@ SAMPLES = 1_000_000
 # Leaves of the trees of boxes: the most that fit a network's bytes, or those of a cascade; a leaf more is never looser.
 LEAVES = (37, 55, 76, 94, 300, 317)
 HALF_SPACES = (14, 18, 26)  # of a kdop
-DISTANCES, MADE_OF_DISTANCES = 200_000, ("mlp", "distance-grid")  # points, and methods
+DISTANCES, DISTANCE_METHODS = 200_000, ("mlp", "distance-grid")  # points, and methods
 NODES, MOST_OF_GRIDS = range(28, 7, -1), 2924  # along the longest side, and bytes, those of a network of 24-24
 
 
@@ -251,12 +251,12 @@ def of_distances(rows: list[dict]) -> list[str]:
     known = {(row["part"], row["method"]): row for row in rows}
     lines = [
         "",
-        "Distances: how far the bound is below the distance, % of the longest side, mean / 95 % of points in and ",
+        "Distances: how far the bound is below the distance, in % of the longest side, mean / 95 % of points in and "
+        f"around the box: `python benchmarks/parts.py --distances --budgets {rows[0]['budget']:g}`",
     ]
-    lines[-1] += f"around the box; budget {rows[0]['budget']:g} s. `python benchmarks/parts.py --distances`"
-    lines += ["", "| part | " + " | ".join(MADE_OF_DISTANCES) + " |", "|---|" + "--:|" * len(MADE_OF_DISTANCES)]
+    lines += ["", "| part | " + " | ".join(DISTANCE_METHODS) + " |", "|---|" + "--:|" * len(DISTANCE_METHODS)]
     for part in dict.fromkeys(row["part"] for row in rows):
-        own = [known.get((part, method)) for method in MADE_OF_DISTANCES]
+        own = [known.get((part, method)) for method in DISTANCE_METHODS]
         cells = [f"{row['short']:.2f} / {row['short_95']:.2f}, {row['bytes']:,} B" if row else "-" for row in own]
         lines.append(f"| {part} | {' | '.join(cells)} |")
     proven, above = sum(row["certificate"] == "proven" for row in rows), sum(row["above"] for row in rows)
@@ -363,7 +363,7 @@ def main() -> None:
     kept, more = StoredRows(options.out, "parts"), dict(each.split("=") for each in options.option)
     for name in options.parts.split(","):
         mesh = parts()[name]()
-        for method in MADE_OF_DISTANCES if options.distances else ():
+        for method in DISTANCE_METHODS if options.distances else ():
             budget = float(options.budgets.split(",")[0])
             row = {"kind": "distance", "part": name, "method": method, "budget": budget}
             if not kept.have(**row):
