@@ -10,13 +10,25 @@ from itertools import pairwise
 import numpy as np
 
 from verifier import float32
+from verifier.network import WIDEST
 
 METHODS = {"point": ("mlp", "aabb", "obb", "kdop", "learned-kdop", "bvh"), "distance": ("mlp",)}
 ROOM = 1 + 2.0**-45  # outweighs what float64 rounds in a handful of operations on positive numbers
 
 
+def parts(tensors: dict[str, np.ndarray], about: dict) -> list[tuple[dict, dict]]:
+    """Bounders that a file holds: its own, or the parts of a cascade, which answers maybe where all of them do."""
+    if about["method"] != "cascade" or about["query"] != "point":
+        return [(tensors, about)]
+    found, thresholds = [], [*tensors["thresholds"].tolist(), about["threshold"]]
+    for i, (part, threshold) in enumerate(zip(about["sizes"]["parts"], thresholds, strict=True)):
+        own = {name.partition(".")[2]: tensor for name, tensor in tensors.items() if name.startswith(f"{i}.")}
+        found += parts(own, about | {"method": part["method"], "sizes": part["sizes"], "threshold": threshold})
+    return found
+
+
 class Claim:
-    """A file's claim; ``ValueError`` for one that is not checked by this program.
+    """A file's claim, or a part's; ``ValueError`` for one that is not checked by this program.
 
     It has ``layers`` and ``roots``, boxes of v to search, or ``faces`` (f is the least ``offset - d . v``); ``error``
     is E; ``unit`` is 1 / scale where distances are claimed, else 0.
@@ -45,6 +57,8 @@ class Claim:
             self.layers = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in names]
             if [weight.shape + bias.shape for weight, bias in self.layers] != [(h, k, h) for k, h in pairwise(widths)]:
                 raise ValueError("layers are not of the sizes that the file says")
+            if max(widths) > WIDEST:
+                raise ValueError(f"layers of more than {WIDEST} neurons are not checked by this program")
             self.error = float32.network(self.layers, self.activation, self.limit)
             if far:
                 self.layers[-1] = tuple(-numbers for numbers in self.layers[-1])
@@ -90,15 +104,12 @@ class Claim:
 
 
 def leaves_of(low: np.ndarray, high: np.ndarray, past: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Leaves that a walk reaches, which goes from a node i that is met to i + 1, else to ``past[i]``, maybe too far."""
+    """What of each leaf is reached by a walk, which goes from a node i that is met to i + 1, else to ``past[i]``."""
     at = np.arange(len(past))
     if low.shape != (len(past), 3) or high.shape != low.shape or (past <= at).any() or (past % 1 != 0).any():
         raise ValueError("the hierarchy is none")
-    for leaf in np.flatnonzero(past == at + 1):
-        above = (at < leaf) & (past > leaf)
-        if (low[above] > low[leaf]).any() or (high[above] < high[leaf]).any():
-            raise ArithmeticError(f"a node above leaf {leaf} of the hierarchy does not hold it")
-    return low[past == at + 1], high[past == at + 1]
+    above = [(at <= leaf) & (past > leaf) for leaf in np.flatnonzero(past == at + 1)]
+    return np.array([low[nodes].max(axis=0) for nodes in above]), np.array([high[nodes].min(axis=0) for nodes in above])
 
 
 def uncovered(lower: np.ndarray, upper: np.ndarray, low: np.ndarray, high: np.ndarray) -> list:

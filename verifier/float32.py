@@ -21,22 +21,6 @@ S1, S2, S3 = (float.fromhex(c) for c in ("-0x1.555022p-3", "0x1.10607p-7", "-0x1
 REACH, PIECES = 1.5725, 4096  # the |r| up to which the polynomial is compared with the sine, in so many pieces
 
 
-class Rounded:
-    """A float32 number: bounds of its exact absolute value, and of how far the computed one is from it."""
-
-    def __init__(self, size, error=0.0):
-        self.size, self.error = size, error
-
-    def __add__(self, other):
-        size, error = self.size + other.size, self.error + other.error + 2 * TINY
-        return Rounded(size, (error + U * (size + error) + TINY) * UP)
-
-    def __mul__(self, other):
-        size, error = self.size * other.size, self.size * other.error + self.error * (other.size + other.error)
-        flushed = TINY * (2 + self.size + other.size + self.error + other.error)
-        return Rounded(size, (error + U * (size + error) + flushed) * UP)
-
-
 def affine(weight: np.ndarray, bias: np.ndarray, size: np.ndarray, error: np.ndarray):
     """Size and error of ``W h + b``: K products and b pass K additions at most, products one rounding more."""
     weight, terms = np.abs(weight), weight.shape[1]
@@ -58,10 +42,9 @@ def sine(largest: float) -> float:
     error += count * (abs(math.pi - PI_HIGH - PI_LOW) + 2.0**-51)
     if not (count < 2.0**16 and (math.pi * away + error) * UP <= REACH):
         raise OverflowError(f"arguments of a sine reach {largest:.3g}")
-    r, s1, s2, s3 = (Rounded(abs(c)) for c in (REACH, S1, S2, S3))
-    s = r * r
-    p = r + (r * s) * (s1 + s * (s2 + s * s3))
-    return (polynomial() + p.error + error) * UP
+    terms = ((1, 1, 1), (5, S1, 3), (8, S2, 5), (10, S3, 7))  # how often what becomes c r^n of p is rounded, c, and n
+    rounded = sum(k * abs(c) * REACH**n for k, c, n in terms) * U / (1 - 10 * U) + 64 * TINY
+    return (polynomial() + rounded + error) * UP
 
 
 def polynomial() -> float:
@@ -91,4 +74,4 @@ def faces(directions: np.ndarray, offsets: np.ndarray, limit: np.ndarray, axes: 
     if axes:
         return float(((limit.max() + np.abs(offsets).max()) * U + 4 * TINY) * UP)
     size, error = affine(directions, np.zeros(len(directions)), limit, np.zeros_like(limit))
-    return float((Rounded(size, error) + Rounded(np.abs(offsets))).error.max())
+    return float(((error + U * (size + error + np.abs(offsets)) + 4 * TINY) * UP).max())

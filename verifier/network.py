@@ -12,6 +12,7 @@ import flint
 import numpy as np
 
 U, UP, TINY = 2.0**-53, 1 + 2.0**-40, 2.0**-1000
+WIDEST = 2000  # neurons of a layer
 TERMS, REACH = 10, 1.6  # of two Taylor series, up to r^19 and r^18; of |r|, just over pi / 2
 REST = REACH**20 / math.factorial(20) + 2.0**-46  # the first term that is left out, and what Horner's rule rounds
 
@@ -20,7 +21,7 @@ class Ball:
     """Arrays of balls: each holds all numbers within ``rad`` of ``mid``.
 
     A middle is rounded: by at most U of itself, or less than TINY where it is subnormal, which the radius takes in. A
-    radius is a sum of under 2,000 products of numbers that are not negative; UP is above what it rounds itself.
+    radius is a sum of at most WIDEST products of numbers that are not negative; UP is above what it rounds itself.
     """
 
     def __init__(self, mid, rad=0.0):

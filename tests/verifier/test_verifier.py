@@ -26,14 +26,15 @@ from warp_bounding.queries.distance import DistanceDomain
 from warp_bounding.queries.domain import Domain
 
 pytest.importorskip("flint", reason="the verifier needs python-flint (the extra verify)")
-from verifier import files, search
+from verifier import bounders, files, search
 from verifier.__main__ import main
-from verifier.bounders import Claim
+from verifier.bounders import Claim, parts
 from verifier.mesh import Mesh
 
 MARGIN = 0.05
 RING = trimesh.creation.torus(0.7, 0.3, major_sections=12, minor_sections=8)
 METHODS = ("aabb", "obb", "kdop", "learned-kdop", "bvh")
+NETWORKS = ("mlp", "sin", "distance", "cascade")
 
 
 @cache
@@ -51,6 +52,8 @@ def bounder(kind):
         return made
     if kind == "distance":
         return wb.fit(ring(), "distance", "mlp", hidden=HIDDEN, steps=60, device="cpu")
+    if kind == "cascade":  # in another
+        return wb.cascade(bounder("aabb"), wb.cascade(bounder("learned-kdop"), bounder("mlp")))
     options = {"resolution": 24} if kind == "bvh" else {"steps": 20} if kind == "learned-kdop" else {}
     options = {"hidden": HIDDEN, "steps": 60} if kind == "mlp" else options
     return wb.fit(ring(), method=kind, device="cpu", **options)
@@ -60,11 +63,11 @@ def bounder(kind):
 def files_of(tmp_path):
     """Writes a bounder and the ring; the command's arguments."""
 
-    def write(kind, change=None):
+    def write(kind, change=None, tensors=None):
         made = bounder(kind) if isinstance(kind, str) else kind
         made.save(tmp_path / "ring.safetensors")
         if change:
-            rewrite(tmp_path / "ring.safetensors", change)
+            rewrite(tmp_path / "ring.safetensors", change, tensors)
         RING.export(tmp_path / "ring.obj", digits=17)
         return [str(tmp_path / "ring.safetensors"), str(tmp_path / "ring.obj")]
 
@@ -81,14 +84,14 @@ def lowest(made, count=200_000):
     return float(made.reference(made.domain.to_local(ring().points(count, np.random.default_rng(3)))).min())
 
 
-@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "relu", "deep", "distance"])
+@pytest.mark.parametrize("kind", [*METHODS, *NETWORKS, "relu", "deep"])
 def test_what_is_proven_is_verified(files_of, capsys, kind):
     assert main(files_of(kind)) == 0
     does = "overestimates no distance to the points" if kind == "distance" else "answers maybe for all points"
     assert capsys.readouterr().out.startswith(f"verified: ring.safetensors {does} within 0.05 of the solid in ring.obj")
 
 
-@pytest.mark.parametrize("kind", [*METHODS, "mlp", "sin", "distance"])
+@pytest.mark.parametrize("kind", [*METHODS, *NETWORKS])
 @pytest.mark.parametrize("fault", ["threshold", "margin", "vertex", "margin in the file"])
 def test_changes_are_found(files_of, tmp_path, capsys, kind, fault):
     def change(document):
@@ -122,12 +125,21 @@ def test_a_changed_number_is_found(files_of, capsys, kind):
     assert "not verified: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("kind", ["mlp", "sin", "deep", "distance"])
+@pytest.mark.parametrize(
+    ("name", "by"),
+    [("0.low", 0.3), ("1.0.offsets", -0.3), ("1.1.layers.1.bias", -0.3), ("thresholds", 0.3), ("1.thresholds", 0.3)],
+)
+def test_a_change_in_any_part_of_a_cascade_is_found(files_of, capsys, name, by):
+    made = bounder("cascade")
+    tensors = made.tensors | {name: made.tensors[name] + np.float32(by)}
+    assert main(files_of("cascade", lambda document: None, tensors)) == 1
+    assert "not verified: " in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("kind", ["mlp", "sin", "deep", "distance", "cascade"])
 def test_an_error_that_is_a_hundredth_too_small_is_found(files_of, kind):
-    least, error = (
-        lowest(bounder(kind)),
-        Claim(*files.read_bounder(Path(files_of(kind)[0]))[:2]).error,
-    )
+    least, held = lowest(bounder(kind)), files.read_bounder(Path(files_of(kind)[0]))
+    error = Claim(*parts(*held[:2])[-1]).error
     threshold = float(np.float32(least - 0.99 * error))
 
     def change(document):
@@ -189,7 +201,7 @@ def test_a_search_that_was_stopped_goes_on(files_of, monkeypatch, capsys, tmp_pa
     monkeypatch.setattr(search, "SECONDS", 0.0)
     monkeypatch.setattr(search.Look, "__call__", stopped)
     assert main(given) == 2
-    saved = tmp_path / "ring.safetensors.verify.npz"
+    saved = tmp_path / "ring.safetensors.verify-0.npz"
     assert saved.is_file()
     assert main([*given, "--margin", "0.04"]) == 2  # of another search
     assert main(given) == 0
@@ -216,6 +228,23 @@ def edits():
 def test_other_kinds_and_damaged_files_are_bad_input(files_of, change, capsys):
     assert main(files_of("mlp", change)) == 2
     assert "bad input" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("part", [{"method": "sphere"}, {"method": "mlp", "sizes": {"hidden": [9]}}])
+def test_a_cascade_of_other_parts_is_bad_input(files_of, part):
+    assert main(files_of("cascade", lambda document: document["sizes"]["parts"][0].update(part))) == 2
+
+
+def test_what_a_part_says_besides_is_not_heeded(files_of):
+    """Threshold and domain are those of the whole."""
+    other = {"threshold": -9.0, "domain": {}, "query": "ray"}
+    assert main(files_of("cascade", lambda document: document["sizes"]["parts"][0].update(other))) == 0
+
+
+def test_layers_that_are_too_wide_are_bad_input(files_of, monkeypatch, capsys):
+    monkeypatch.setattr(bounders, "WIDEST", HIDDEN[0] - 1)
+    assert main(files_of("sin")) == 2
+    assert "layers of more than 7 neurons" in capsys.readouterr().err
 
 
 def test_scales_of_distances_are_one_power_of_two(files_of, capsys):
