@@ -179,9 +179,9 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
 
 
 def nbytes_of(joints: int, options: dict) -> int:
-    """Bytes of a network's numbers and of its parts' thresholds."""
+    """Bytes of a network's numbers."""
     widths = (joints, *options["hidden"], 1)
-    return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths)) + options.get("parts", 0)
+    return 4 * sum((k + 1) * h for k, h in itertools.pairwise(widths))
 
 
 def conclusion(rows: list[dict]) -> str:

@@ -284,8 +284,8 @@ def page(row: dict) -> str:
         "",
         f"`{row['command']}`",
         "",
-        f"{row['versions']}; {row['cores']} cores, {WORKERS} workers, load average {row['load']:.1f} (other work on "
-        "the same cores, too). Random meshes (unions of perturbed balls, boxes, capsules and rings), each fitted by "
+        f"{row['versions']}; {row['cores']} cores, {WORKERS} workers, load average {row['load']:.1f} "
+        "before. Random meshes (unions of perturbed balls, boxes, capsules and rings), each fitted by "
         f"`{' '.join(row['fit'])}`.",
         "",
         "## Nothing lost, nothing twice",

@@ -47,8 +47,6 @@ DASH = "-"
 # of the picture: marker and colour by the first word of a label; those of one size stand by their marker alone
 MARKS = {
     "mlp": ("o", "tab:red"),
-    "mlp-early": ("o", "tab:orange"),
-    "hierarchy": ("o", "tab:purple"),
     "bvh": ("o", "tab:blue"),
     "voxels": ("o", "tab:cyan"),
     "relu-field": ("X", "tab:brown"),
@@ -141,7 +139,7 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         f"of {SAMPLES:,} uniform points of the box around the dilated mesh, a tenth of its longest side wider on every "
         "side;",
         "the truth is the mesh's own (`Mesh.decide`). Networks and volumes are fitted and proven without cells; `bvh`,",
-        "`voxels` and `relu-field` are made of cells. `mlp-early`, `hierarchy` and `parts=` have been removed since.",
+        "`voxels` and `relu-field` are made of cells.",
         "",
         "![False positives against memory, by mesh](meshes.png)",
         "",

@@ -219,8 +219,7 @@ def page(rows: StoredRows, folder: Path) -> None:
     """The page of all rows so far."""
     lines = [
         "# Whole motions, proven\n",
-        f"`python benchmarks/motions.py --robots DIR --attack 2000 --out {folder}`, on a machine that did other work; "
-        "times are those of the process, so compare them within a row.\n",
+        f"`python benchmarks/motions.py --robots DIR --attack 2000 --out {folder}`; times are those of the process.\n",
         f"{rows.about}. Problems of MotionBenchMaker (KavrakiLab/vamp, resources), {EDGES} edges each: near the start, "
         f"near the goal, anywhere, and a third that end in one of the two. Meshes are cut into up to {PIECES} hulls. "
         "Nothing is fitted.\n",

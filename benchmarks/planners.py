@@ -329,8 +329,8 @@ def page(rows: StoredRows, folder: Path, every: int) -> None:
         "# Plans beside other programs\n",
         "Plans of samples, and of balls made by hand, collide with the meshes between what was checked; a plan of "
         "which every motion is proven costs less time.\n",
-        f"`python benchmarks/planners.py --robots DIR --every {every} --out {folder}`, on a machine that did other "
-        "work; times are those of the process.\n",
+        f"`python benchmarks/planners.py --robots DIR --every {every} --out {folder}`; times are those "
+        "of the process.\n",
         f"{rows.about}; {programs}. Problems of MotionBenchMaker as in [motions](../motions/README.md); what each "
         f"program does stands in the script. At most {SECONDS:.0f} s a plan, one core.\n",
         "| robot | program | solved | ms: median / 95 % | length, median | paths that collide on the meshes "

@@ -34,7 +34,7 @@ balls (`*_spherized.urdf`). *Not held*: links of which `RobotBalls.certify` name
 *farthest*: how far the farthest such point is outside, a proven lower bound. *Surface outside*: of {points:,} points on
 the meshes of each link, links weighted by area. *Stand out*: how far balls reach out of a link's meshes, the largest of
 all links and the median of the links, sampled. *Proven*: the same of `RobotBalls.of` with as many balls. Links without
-balls are not held. {versions}; times on {cores} cores, which other work shared.
+balls are not held. {versions}; times on {cores} cores.
 
 | robot | links | balls | VAMP's: not held | farthest, mm | surface outside, % | stand out, mm | refuted in, s |\
  proven: stand out, mm | made in, s | proven in, s |

@@ -21,7 +21,7 @@ from sims.versions import versions
 from warp_bounding.runtime.launch import cpu_threads
 
 NAMES = ("planar-4", "corridor-4")
-ALONE = FitSpec("mlp", budget=180.0, options={"hidden": (8, 32, 32), "parts": 256})
+ALONE = FitSpec("mlp", budget=180.0, options={"hidden": (8, 32, 32)})
 STATES, PROBLEMS, REPEATS = 4000, 100, 3
 
 

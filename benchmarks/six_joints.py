@@ -1,4 +1,4 @@
-"""An arm of six joints in a cell, proven: `python benchmarks/six_joints.py --network six.safetensors`.
+"""An arm of six joints in a cell, proven: `python benchmarks/six_joints.py`.
 
 A network whose threshold samples attest gets a lower one that is proven, by two processes of which one is killed every
 ten minutes (``--kill``). What is left of the proof is kept in ``--kept``; the same command goes on from there, also on
@@ -17,6 +17,7 @@ import signal
 import threading
 import time
 from contextlib import contextmanager
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ from warp_bounding.runtime import workers
 
 CELL, HIDDEN, QUERIES = CELLS["six"], (12, 66, 66), 1_000_000
 FIELDS = ("at", "given", "boxes", "left", "seconds", "killed")
-CORES = (2, 16, 1000)
+CORES, PAUSE = (2, 16, 1000), 120.0  # seconds without a row after which the proof was stopped for a while
 
 
 def network(file: Path | None, kept: Path, effort: float, shape: wb.arms.ArmConfigurations) -> wb.Bounder:
@@ -97,7 +98,8 @@ def page(known: dict, rows: list[dict], command: str) -> str:
     tasks = [float(row["seconds"]) for row in rows if row["seconds"]]
     killed = sum(bool(row["killed"]) for row in rows)
     hours = {cores: makespan(tasks, cores) / 3600 for cores in CORES}
-    wall = (float(rows[-1]["at"]) - float(rows[0]["at"])) / 60
+    at = [float(row["at"]) for row in rows]
+    wall = sum(min(late - early, PAUSE) for early, late in pairwise(at)) / 60
     return "\n".join(
         [
             "# Six joints, proven",
@@ -150,7 +152,8 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     (options.out / "six-joints.json").write_text(json.dumps(known, indent=1))
     (options.out / tasks.name).write_text(tasks.read_text())
-    command = f"python benchmarks/six_joints.py --network six.safetensors --budget {options.budget:.0f}"
+    given = f" --network {options.network}" if options.network else f" --effort {options.effort:g}"
+    command = f"python benchmarks/six_joints.py{given} --budget {options.budget:g}"
     text = page(known, stored(tasks), command)
     (options.out / "README.md").write_text(text)
     print(text)

@@ -29,8 +29,8 @@ little or nothing where it is cheap (contacts, cloth, paths in a 2D grid). In th
 pairs that touch, and these cost most. `occupancy`, a network without a proof, misses hits in every demo that has it.
 
 `python -m sims NAME --json > results/demos/NAME.json`, then `python -m sims.page results/demos`. {machines}.
-Milliseconds are medians on a machine that had other work too: only compare them within a row. The JSON files have all
-bounders, with false positives, certificates and the times of both phases.
+Milliseconds are medians. The JSON files have all bounders, with false positives, certificates and the times of both
+phases.
 
 ## Time of a step
 

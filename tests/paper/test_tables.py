@@ -79,7 +79,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(data, tmp_path, capsys):
         *(("table1", *own, *words) for words in (("--columns", "5d-point"), ("--methods", "magic"), ("--budget", "0"))),
         *(("table1", *own, *words) for words in (("--objects", "2d/zz"), ("--preset", "day"), ("--samples", "many"))),
         ("table1", "--data", "nowhere"),
-        *(("speed", *own, *words) for words in (("--devices", "cuda:7"), ("--rounds", "0"))),
+        *(("speed", *own, *words) for words in (("--devices", "cuda:7"), ("--rounds", "0"), ("--columns", "2d-ray"))),
         *(("proofs", *own, "--table", "t", *words) for words in ((), ("--methods", "aabb"))),
         *(("recipes", *own, *words) for words in (("--columns", "2d-plane"), ("--seconds", "0"), ("--objects", "cow"))),
         *(("figures", *words) for words in (("nobody",), ("kdop", "--effort", "0"), ("kdop", "--data", "nowhere"))),
