@@ -10,7 +10,7 @@ from torch.nn.functional import binary_cross_entropy_with_logits, grid_sample
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.training.engine import Clock, single_threaded_torch
-from warp_bounding.training.recipes.default import NetworkTrainer
+from warp_bounding.training.recipe import NetworkTrainer
 from warp_bounding.training.samples import samples_of
 
 

@@ -19,7 +19,6 @@ from paper.results import Rows, markdown
 from paper.table import COLUMNS, Variant, budget_text, column_of
 from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
-from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.stress import Walk
 from warp_bounding.queries import oracle, sample
 from warp_bounding.queries.hard import draw_positives
@@ -31,7 +30,6 @@ CSV = """dimension object query method search fp_zero fn_zero hard_fn_zero misse
     fp_shipped fit_seconds samples hard_positives seconds budget fitted seed threads indicator versions""".split()
 DEFAULTS = {"positives": 1_000_000, "samples": 400_000, "seconds": 60.0, "table": None}
 METHODS = [Variant("mlp")]
-DISTANCES = ("plane",)  # queries whose networks learn distances, and no output between 0 and 1
 LOWEST = 2048  # of the hard positives: where searches begin
 PROOF_COST, SMALLEST_GAP = 1e-4, 1e-6  # share of all queries that a proof's gap may cost; its least, in units of f
 
@@ -95,12 +93,12 @@ class Thresholds(NamedTuple):
 
 
 def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str, Any]:
-    """The measured columns of a row; those about threshold 0 are ``None`` where a network learns distances."""
-    grid, has_output = cell.grid, cell.column.query not in DISTANCES
+    """The measured columns of a row."""
+    grid = cell.grid
     rates = Thresholds.of(bounder, grid, s["samples"], seed + 1)
     hard, lowest = hard_positives(bounder, grid, s["positives"], seed + 424_243)  # no fit has this seed
     sampled, copy, started = float(hard.min()), bounder.to(str(bounder.device)), time.perf_counter()
-    points = bounder.domain.to_local(lowest) if has_output and cell.variant.method == "mlp" else None
+    points = bounder.domain.to_local(lowest) if cell.variant.method == "mlp" else None
     search = prove(copy, grid, budget=s["seconds"], eps=rates.room(sampled), points=points)
     spent = time.perf_counter() - started
     certificate = bounder.certificate
@@ -108,18 +106,15 @@ def measured(bounder: Any, cell: Cell, s: dict[str, Any], seed: int) -> dict[str
         shown = f"f >= {certificate.lower_bound:.6g}, the prover found a positive with f = {search.upper_bound:.6g}"
         raise BounderError(f"the certificate says {shown}")
     walk = Walk(copy, grid, seed)
-    worst = search.worst if has_output else SupportGap(copy, grid).touching(search.worst)
-    start = walk.around(copy.domain.to_object(worst))[0] if len(worst) else lowest[:0]
+    start = walk.around(copy.domain.to_object(search.worst))[0] if len(search.worst) else lowest[:0]
     found = {"prover": walk.down(start) if len(start) else (start, np.empty(0)), "walk": walk.down(lowest)}
     x, f, found_by = counterexample(copy, grid, found, sampled)
     missed, proven, shipped = x is not None, float(copy.threshold), float(bounder.threshold)
     upper_bound = min(float(search.upper_bound), *(float(values.min(initial=np.inf)) for _, values in found.values()))
     all_found = np.concatenate([hard, *(values for _, values in found.values())])
     everything = found | {"samples": (lowest, np.sort(hard)[: len(lowest)])}
-    zero = [None] * 4
-    if has_output:
-        missed_zero = counterexample(copy, grid, everything, 0.0)[0] is not None
-        zero = [rates.fp(0.0), rates.fn(0.0), int((hard < 0).sum()), int(missed_zero)]
+    missed_zero = counterexample(copy, grid, everything, 0.0)[0] is not None
+    zero = [rates.fp(0.0), rates.fn(0.0), int((hard < 0).sum()), int(missed_zero)]
     spread = float(np.std(rates.values[np.isfinite(rates.values)], dtype=np.float64))
     return {
         **dict(zip(("fp_zero", "fn_zero", "hard_fn_zero", "missed_zero"), zero, strict=True)),

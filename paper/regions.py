@@ -1,4 +1,4 @@
-"""The paper's networks over the numbers of rays and boxes, trained as it trains them.
+"""The paper's networks over the numbers of rays, planes and boxes, trained as it trains them.
 
 Their loss is asymmetric, and samples set the threshold. Nothing is proven of them: they may deny a positive that no
 sample shows, and tables count that.
@@ -26,7 +26,7 @@ LEAST_DRAWS = 4  # times that, even where no time is left
 
 
 class RegionSamples:
-    """Random rays or boxes with their exact truth, as columns ``v``; what ``PaperTrainer`` asks of samples."""
+    """Random regions with their exact truth, as columns ``v``; what ``PaperTrainer`` asks of samples."""
 
     waves = None
 
@@ -76,7 +76,7 @@ def fit(
     grid: Any, query: str, hidden: tuple[int, ...], *, length: float = 1.0, seed: int = 0, seconds: float = 60.0,
     steps: int | None = None,
 ) -> RegionNetwork:  # fmt: skip
-    """Train a network over rays or boxes, in seconds or in steps, and set its threshold by samples."""
+    """Train a network over regions, in seconds or in steps, and set its threshold by samples."""
     domain = domain_of(grid, query, length)
     samples = RegionSamples(grid, domain, seed)
     clock = Clock((1 - FOR_SAMPLES) * seconds, steps)

@@ -86,7 +86,7 @@ def classes_of(method: str) -> list[Any]:
 LEARNED = tuple(m for m in ROWS if any(STEPS in cls.options for cls in classes_of(m)))  # a fit takes a budget
 CLASSIC = tuple(m for m in COMPARED if m not in LEARNED)
 IN_BOTH = tuple(m for m in (*CLASSIC, "learned-kdop") if issubclass(bounders.METHODS[m], VolumeBounder))  # spaces
-AS_TRAINED = {"mlp": ("ray", "box")}  # networks over a region's numbers, as the paper trains them (``regions``)
+AS_TRAINED = {"mlp": REGIONS}  # networks over a region's numbers, as the paper trains them (``regions``)
 
 
 class Variant(NamedTuple):

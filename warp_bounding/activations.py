@@ -32,8 +32,6 @@ class Activation(ABC):
         bends: Whether bounds enclose it by a cubic rather than by a line (``relaxation``).
         wave: Whether training begins with steep first layers (``Recipe.first_gain``), which tell neighbouring cells
             apart.
-        support_gains: Gains of the first and of later layers where a plane's supports are trained, and of what is no
-            wave: initial weights are uniform in +-gain / sqrt(inputs).
     """
 
     name: ClassVar[str]
@@ -42,7 +40,6 @@ class Activation(ABC):
     largest: ClassVar[float | None] = None
     bends: ClassVar[bool] = False
     wave: ClassVar[bool] = False
-    support_gains: ClassVar[tuple[float, float]] = (1.7, 1.7)
 
     # --- inference, float32 ------------------------------------------------------------------------------------------
 
@@ -209,7 +206,7 @@ class _Sine(Activation):
     plain = _plain_sine
     limit, largest = SINE_LIMIT, 1.0
     bends = True
-    wave, support_gains = True, (3.0, 1.7)
+    wave = True
 
     def statement(self, lanes: Lanes, target: str, z: str) -> str:
         s1, s2, s3 = (literal(c) for c in COEFFICIENTS)

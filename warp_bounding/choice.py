@@ -97,7 +97,7 @@ def candidates_of(query: str, shape: Shape) -> Iterator[Candidate]:
     if Mlp.method in neural and PREFILTER in able:
         named.append((CASCADE, BEHIND))
     for name, hidden in named:
-        numbers = sum(k * h + h for k, h in pairwise((shape.ndim, *hidden, 1)))  # of planes there is one output more
+        numbers = sum(k * h + h for k, h in pairwise((shape.ndim, *hidden, 1)))
         yield Candidate(f"{name} {'-'.join(map(str, hidden))}", name, {"hidden": hidden}, BYTES * numbers)
 
 

@@ -400,7 +400,7 @@ def _method_options() -> list[inspect.Parameter]:
         for option in cls.options:
             takers.setdefault(option.name, {}).setdefault(method, option)
     which = f"{', '.join(known)}; or several, queried in this order, as in learned-kdop+mlp."
-    which += " Without it mlp, and bvh for rays and boxes."
+    which += " Without it mlp, and bvh for rays, planes and boxes."
     found = [_option("method", str, help=which, autocompletion=lambda: known)]
     for name, own in takers.items():
         whose = "distances" if len(own) > len(known) / 2 else "networks" if "mlp" in own else ", ".join(own)

@@ -8,7 +8,7 @@ import pytest
 import trimesh
 import warp as wp
 from asking import ask
-from bounding_shapes import domain_points, fitted, object_points, reloaded, report_of, shape
+from bounding_shapes import domain_points, fitted, object_points, reloaded, shape
 from plain_shapes import ball_at
 from region_cases import hard_regions
 from rewriting import changed
@@ -87,9 +87,8 @@ def test_a_wrong_part_is_refuted(rng):
 
 @pytest.mark.parametrize("query", ["ray", "plane", "box"])
 def test_regions(query, rng):
-    grid, small = shape("c"), {"hidden": (8,), "steps": 3}
-    methods = "aabb", "mlp" if query == "plane" else "bvh"
-    parts = [wb.fit(grid, query, m, device="cpu", **report_of(m, query, **small)) for m in methods]
+    grid = shape("c")
+    parts = [wb.fit(grid, query, m, device="cpu") for m in ("aabb", "bvh")]
     whole, x = wb.cascade(*parts), hard_regions(query, grid, rng, 1.0, 3000)
     answers = np.stack([part.query(x).numpy() for part in parts])
     assert (whole.query(x).numpy() == answers.all(axis=0)).all()
@@ -300,7 +299,7 @@ def test_bad_input_has_one_clear_error():
     )
     for of, query, method, side, message in (
         (sided("touching"), "point", "mlp", "both", "side must be one of outside, inside"),
-        (sided("touching"), "plane", "mlp", "inside", "for point queries"),
+        (sided("touching"), "plane", "kdop", "inside", "for point queries"),
         (sided("mesh"), "point", "bvh", "inside", "no cells are laid"),
         (told, "point", "mlp", "inside", "no box to lie inside"),
     ):

@@ -214,16 +214,16 @@ LENGTH = 0.75
 
 @cache
 def network(name: str) -> Mlp:
-    """Of planes, with random weights and an honest certificate."""
+    """Random weights and an honest certificate."""
     grid = shape(name)
-    bounder = random_mlp(grid, seed=3, domain=domain_of(grid, "plane"))
+    bounder = random_mlp(grid, seed=3)
     prove(bounder, grid, eps=0.1)
     bounder.info = {"indicator": grid.digest, "margin": 0.0, "seed": 0}
     return bounder
 
 
 CASES = [*((method, "c", "point") for method in METHODS), *((m, "animated", "point") for m in ("bvh", "mlp"))]
-CASES += [*(("aabb", "animated", query) for query in REGIONS), ("mlp", "c", "plane")]
+CASES += [*(("aabb", "animated", query) for query in REGIONS)]
 
 
 @pytest.mark.parametrize(("method", "name", "query"), CASES)
@@ -232,7 +232,7 @@ def test_round_trip(method, name, query, device, tmp_path, rng):
     if query == "point":
         bounder, x = fitted(method, name), domain_points(shape(name), 5000, rng)
     else:
-        bounder = network(name) if method == "mlp" else fitted_query(name, method, query, LENGTH)
+        bounder = fitted_query(name, method, query, LENGTH)
         x = hard_regions(query, shape(name), rng, LENGTH, 1000)
     bounder.save(path)
     reference = wb.load(path, device=device)
@@ -257,16 +257,14 @@ TENSORS = [  # of a bounder, an edit, and words of the error
     ("box", lambda t: t.update(low=t["low"].astype(np.uint32)), ""),
     ("voxels", lambda t: t.update(bits=t["bits"].astype(np.float32)), "uint32"),
     ("mlp", lambda t: t["layers.0.weight"].__setitem__((0, 0), np.nan), "finite"),
-    ("mlp of planes", lambda t: t.update({"layers.0.weight": np.zeros((6, 5), np.float32)}), "tensors"),
-    ("mlp of planes", lambda t: t.update({"layers.1.bias": t["layers.1.bias"][:1]}), "expected tensors"),
+    ("mlp", lambda t: t.update({"layers.0.weight": np.zeros((6, 5), np.float32)}), "tensors"),
+    ("mlp", lambda t: t.update({"layers.1.bias": t["layers.1.bias"][:1]}), "expected tensors"),
 ]
 
 
 @pytest.mark.parametrize(("of", "change", "words"), TENSORS)
 def test_wrong_tensors_are_refused(saved, of, change, words):
-    if of == "mlp of planes":
-        network("c").save(saved)
-    elif of != "box":
+    if of != "box":
         fitted(of, "c").save(saved)
     tensors = {name: value.copy() for name, value in safetensors.numpy.load_file(saved).items()}
     with np.errstate(invalid="ignore"):
@@ -366,5 +364,7 @@ def test_what_networks_cannot_claim(tmp_path):
         made.save(path)
         rewrite(path, edit)
         check_refused(path, words)
+    with pytest.raises(BounderError, match="networks over plane queries are gone: fit a bvh"):
+        Mlp(domain_of(shape("c"), "plane"), bounder.tensors, bounder.sizes, "cpu")
     with pytest.raises(BounderError, match="not conservative"):
         prove(METHODS["occupancy"](bounder.domain, bounder.tensors, bounder.sizes, "cpu"), shape("c"))

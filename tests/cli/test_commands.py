@@ -25,7 +25,7 @@ def as_json(capsys, *arguments, status=0):
 
 
 NETWORK = ("mlp", "--steps", 20, "--hidden", WIDTHS)
-FITTED = {"point": NETWORK, "plane": NETWORK, "ray": ("kdop", "--length", 0.75)}
+FITTED = {"point": NETWORK, "ray": ("kdop", "--length", 0.75)}
 
 
 @pytest.mark.parametrize("query", ["point", "ray", "plane", "box"])

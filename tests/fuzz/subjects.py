@@ -19,8 +19,7 @@ from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import round_down
 
 SHAPES = ("c", "blob", "animated")
-ACTIVATIONS = {"point": "sin", "plane": "relu"}
-CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+mlp", "box": "aabb+bvh", "ray": "kdop+bvh"}
+CASCADES = {"point": "voxels+mlp", "plane": "learned-kdop+bvh", "box": "aabb+bvh", "ray": "kdop+bvh"}
 DISTANT = {  # what distances are told, so that a fit takes no time to speak of
     "bvh": {"leaves": 6},
     "learned-kdop": {"steps": 4},
@@ -45,7 +44,6 @@ FITTED = {  # of a mesh: query, method, and options of ``fit``
     "cascade": ("point", "kdop+mlp", DILATED | LEARNED),
     "rays of a box": ("ray", "aabb", {"length": LENGTH}),
     "planes of half-spaces": ("plane", "kdop", DILATED),
-    "planes of a network": ("plane", "mlp", LEARNED),
     "boxes of a hierarchy": ("box", "bvh", {"leaves": 6, "resolution": 8}),
     "inside, network": ("point", "mlp", {"side": "inside", **LEARNED}),
     "inside, dilated": ("point", "mlp", {"side": "inside", **DILATED, **LEARNED}),
@@ -136,7 +134,7 @@ def resolved(bounder: Bounder, name: str) -> Bounder:
 
 def network(name: str, query: str, hidden=HIDDEN) -> Mlp:
     grid = shape(name)
-    return random_mlp(grid, hidden, ACTIVATIONS[query], gain=1.0, domain=domain_of(grid, query, LENGTH))
+    return random_mlp(grid, hidden, "sin", gain=1.0, domain=domain_of(grid, query, LENGTH))
 
 
 def made(method: str, name: str, query: str) -> Bounder:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import warp as wp
 from asking import ARCHITECTURE, asking_kernel, check_compiles
-from bounding_shapes import domain_points, random_bounder, random_mlp, random_supports, shape
+from bounding_shapes import domain_points, random_bounder, random_mlp, shape
 from distances import far, points_around
 from region_cases import REGIONS, fitted_region
 
@@ -41,7 +41,7 @@ def test_batches_and_functions(method, tmp_path):
 @pytest.mark.parametrize("query", REGIONS)
 def test_regions_and_their_truth(query, tmp_path):
     grid = shape("blob")
-    bounder = random_supports(grid) if query == "plane" else fitted_region("bvh", query, grid)
+    bounder = fitted_region("bvh", query, grid)
     check_compiles(batch_kernel(bounder.source, True, False), tmp_path / "placed")
     check_compiles(QUERIES[query].kernel(3), tmp_path / "exact")
     check_compiles(registry._kernel(query, 3), tmp_path / "sampled")

@@ -12,7 +12,6 @@ from bounding_shapes import (
     object_points,
     random_bounder,
     random_mlp,
-    random_supports,
     reloaded,
     rounding_of_answers,
     shape,
@@ -56,7 +55,7 @@ def bounders() -> dict[str, wb.Bounder]:
     grid = shape("blob")
     points = {method: random_bounder(method, "blob") for method in METHODS}
     found = points | {f"{m} {query}": fitted_region(m, query, grid) for m in VOLUMES for query in REGIONS}
-    found |= {"mlp plane": random_supports(grid), "mlp wide": random_mlp(grid, (50, 50), "relu")}
+    found["mlp wide"] = random_mlp(grid, (50, 50), "relu")
     found["mlp time"] = random_bounder("mlp", "animated")
     found["cascade"] = Cascade.of([points["aabb"], points["voxels"], points["mlp"]])
     found |= {f"{method} distance": far(method, "blob") for method in DISTANCES}

@@ -12,8 +12,6 @@ import warp_bounding as wb
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.networks.network import HEADS
-from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import UNIT32
 
 FAULT = 20.0  # by how much a bound is too small in a test
@@ -25,9 +23,9 @@ def threshold_at_median(bounder: Bounder) -> Bounder:
     return bounder.freeze(float(np.float32(np.median(bounder.reference(v)))), None)
 
 
-def network(hidden: tuple[int, ...], activation: str, query: str) -> Mlp:
+def network(hidden: tuple[int, ...], activation: str) -> Mlp:
     """A network of random weights. Those of ReLU are positive: all terms then add up, which is E's worst case."""
-    made = random_mlp(shape("c"), hidden, activation, domain=domain_of(shape("c"), query, 1.0))
+    made = random_mlp(shape("c"), hidden, activation)
     tensors = made.tensors if activation == "sin" else {name: np.abs(value) for name, value in made.tensors.items()}
     return Mlp(made.domain, tensors, made.sizes, "cpu")
 
@@ -37,11 +35,7 @@ def joined() -> Bounder:
 
 
 MADE = {f"{method} {name}": partial(random_bounder, method, name) for method, name in crossed(METHODS, ["blob"])}
-MADE |= {
-    f"mlp {query} {activation} {len(hidden)}": partial(network, hidden, activation, query)
-    for hidden, activation in NETWORKS
-    for query in HEADS
-}
+MADE |= {f"mlp {activation} {len(hidden)}": partial(network, hidden, activation) for hidden, activation in NETWORKS}
 MADE |= {"cascade": joined}
 MADE |= {f"distance {method}": partial(far, method, "blob") for method in DISTANCES}
 

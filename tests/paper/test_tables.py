@@ -14,7 +14,6 @@ from paper.cells import select
 from paper.gallery import FIGURES
 from paper.table import HIDDEN, Column, Variant, budget_of, budgets_in
 from warp_bounding.errors import BounderError, BoundingError
-from warp_bounding.networks.network import HEADS
 
 QUICK = ("--columns", "2d-point,2d-ray", "--methods", "aabb,voxels", "--samples", "5000")
 
@@ -160,7 +159,7 @@ def table(tmp_path, monkeypatch):
 
 def run_proofs(capsys, data, table, *words):
     """Rows with their networks, and what was said."""
-    own = ("--columns", "2d-point,2d-plane", "--methods", "mlp", "--objects", "2d/disc", "--samples", "4000")
+    own = ("--columns", "2d-point", "--methods", "mlp", "--objects", "2d/disc", "--samples", "4000")
     own += ("--seconds", "5", *words)
     out = table.parent / "out"
     status, _, err = run(capsys, "proofs", "--data", data, "--table", table, "--out", out, *own)
@@ -172,14 +171,13 @@ def run_proofs(capsys, data, table, *words):
 def test_networks_with_both_thresholds(data, table, capsys):
     status, found, shape, err = run_proofs(capsys, data, table, "--positives", "20000")
     assert status == 0, err
-    assert len(found) == 2
+    assert len(found) == 1
     for row, network in found:
         assert (row["search"], row["fn_proven"], row["fitted"]) == ("complete", "0", "here")
         value = {name: float(row[name]) for name in ("proven", "sampled", "lower_bound", "upper_bound", "fp_shipped")}
         assert value["proven"] <= value["sampled"]
         assert value["lower_bound"] <= value["upper_bound"] <= value["sampled"] + 1e-6
         assert value["fp_shipped"] == pytest.approx(wb.evaluate(network, shape, 4000, seed=1).fp_rate)
-        assert (row["missed_zero"] == "") == (row["query"] == "plane")
     assert "{" not in (table.parent / "out/README.md").read_text()
 
 
@@ -206,10 +204,10 @@ def test_a_contradiction_and_a_failed_proof_are_told(data, table, capsys, monkey
 # --- what words select ------------------------------------------------------------------------------------------------
 
 
-def test_the_papers_networks_are_rows_of_rays_and_boxes_only(data, tmp_path, capsys, monkeypatch):
+def test_the_papers_networks_are_rows_of_regions_only(data, tmp_path, capsys, monkeypatch):
     cells = select(str(data), "2d", "mlp", "2d/disc")
     found = {(cell.column.query, cell.variant.label) for cell in cells}
-    assert found == {*((query, "mlp") for query in HEADS), ("ray", "mlp (parametric)"), ("box", "mlp (parametric)")}
+    assert found == {("point", "mlp"), *((query, "mlp (parametric)") for query in ("ray", "plane", "box"))}
     monkeypatch.setattr(table1, "rank_plot", lambda rows: {})
     monkeypatch.setattr(regions, "DRAWN", 5000)
     words = ("table1", "--out", tmp_path, "--data", data, "--columns", "2d-box", "--methods", "mlp", "--budget", "0.3")

@@ -12,14 +12,13 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from asking import ask
-from bounding_shapes import random_mlp, random_supports, reader, shape
+from bounding_shapes import random_mlp, reader, shape
 from fused_activations import FUSED, PLAIN
 from region_cases import placed
 
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
 from warp_bounding.proof import least_value, settle
-from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.stress import Walk
 from warp_bounding.queries import oracle
 from warp_bounding.rounding import round_down, round_up
@@ -28,7 +27,6 @@ F32, EXACT = np.float32, np.longdouble
 CASES = {  # shape, and a network with random weights
     "point": ("blob", partial(random_mlp, activation="relu", seed=2)),
     "point-deep": ("blob", partial(random_mlp, hidden=(13, 30, 5))),
-    "plane": ("blob", random_supports),
 }
 ORDERS = ("forwards", "backwards", "sorted", "pairs", "fused", "fused backwards")
 
@@ -40,9 +38,7 @@ def critical(case: str) -> tuple[Mlp, np.ndarray, np.ndarray]:
     bounder = CASES[case][1](grid)
     search = least_value(bounder, grid, eps=1e-3, boxes=60_000)
     settle(bounder, grid, search)
-    worst = search.worst[:120]
-    worst = SupportGap(bounder, grid).touching(worst) if bounder.query_kind == "plane" else worst
-    q = [bounder.domain.to_object(worst).astype(F32)]
+    q = [bounder.domain.to_object(search.worst[:120]).astype(F32)]
     for _ in range(4):
         q.append(np.nextafter(q[-1], np.where(rng.random(q[0].shape) < 0.5, F32(np.inf), F32(-np.inf))))
     q = np.concatenate(q)
@@ -52,22 +48,17 @@ def critical(case: str) -> tuple[Mlp, np.ndarray, np.ndarray]:
 
 def coordinates(bounder, q: np.ndarray) -> np.ndarray:
     """``v`` ``(N, domain.ndim)`` float32 as the device has it; infinite where a query is not asked."""
-    domain, device, n = bounder.domain, str(bounder.device), bounder.ndim
-    if domain.query != "plane":
-        return np.stack([reader(domain, k, device).values(q).numpy() for k in range(domain.ndim)], axis=1)
-    e = q[:, :n] * domain.extra[:n]  # a product and a division: the same everywhere
-    m = e / np.take_along_axis(e, np.abs(e).argmax(axis=1)[:, None], axis=1)
-    return np.concatenate([m, -reader(domain, n, device).values(q).numpy()[:, None]], axis=1)
+    domain, device = bounder.domain, str(bounder.device)
+    return np.stack([reader(domain, k, device).values(q).numpy() for k in range(domain.ndim)], axis=1)
 
 
 def forward(bounder, v: np.ndarray, kind, affine, functions) -> np.ndarray:
     """The network from its tensors: numbers of type ``kind``, sums by ``affine``."""
-    tensors, plane, v = bounder.tensors, bounder.query_kind == "plane", v.astype(kind)
-    layers, h = [f"layers.{i}" for i in range(len(bounder.hidden) + 1)], v[:, : bounder.ndim] if plane else v
+    tensors, layers, h = bounder.tensors, [f"layers.{i}" for i in range(len(bounder.hidden) + 1)], v.astype(kind)
     for name in layers:
         z = affine(h, tensors[f"{name}.weight"].astype(kind), tensors[f"{name}.bias"].astype(kind))
         h = z if name == layers[-1] else functions[bounder.activation](z)
-    return np.minimum(h[:, 0] - v[:, -1], h[:, 1] + v[:, -1]) if plane else h[:, 0]
+    return h[:, 0]
 
 
 def exact(bounder, v: np.ndarray) -> np.ndarray:

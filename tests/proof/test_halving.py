@@ -157,7 +157,7 @@ def test_a_statistical_threshold_becomes_a_proven_one(client, tmp_path, monkeypa
     spread = wb.fit(shape, hidden=(4, 16), steps=50, budget=60.0, scheduler=client.scheduler.address, **OPTIONS)
     assert spread.certificate.proven
     assert spread.info["rates"]["fp_rate"] < 100
-    for query, method in (("plane", "mlp"), ("point", "kdop")):
+    for query, method in (("plane", "kdop"), ("point", "kdop")):
         with pytest.raises(BounderError, match="scheduler is for"):
             wb.fit(shape, query, method, scheduler=2)
     for wrong in (0, -1, True, 2.5):

@@ -5,7 +5,6 @@ from functools import cache
 import numpy as np
 import pytest
 import trimesh
-from bounding_shapes import reloaded
 from plain_shapes import TETRAHEDRON, ball_at, balls_at, box_of, torus_at
 from rewriting import check_refuted
 
@@ -246,16 +245,6 @@ def test_volumes_of_a_mesh_are_proven_for_regions(method, query):
     assert wb.certify(bounder, mesh()).proven
     larger = wb.shapes.Mesh((mesh().vertices - MIDDLE) * 1.2 + MIDDLE, mesh().faces)
     assert wb.certify(bounder, larger).kind != "proven"  # a larger object does not fit into the volume
-
-
-def test_networks_of_planes_are_proven_over_the_mesh_and_refuted_where_they_are_raised(tmp_path):
-    bounder = fit(mesh(), "plane", "mlp", steps=60, margin=MARGIN)
-    assert bounder.certificate.proven
-    assert bounder.info["resolution"] is None
-    x = positives_of("plane")
-    assert bounder.query(x).numpy().all()
-    assert wb.certify(reloaded(bounder, tmp_path), mesh()).proven
-    check_refuted(bounder.freeze(float(bounder.values(x).numpy().min()) + 0.5, None), mesh())
 
 
 @pytest.mark.slow

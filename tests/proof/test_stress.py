@@ -11,12 +11,10 @@ from scipy.stats import beta
 import warp_bounding as wb
 from warp_bounding.bounders import supports
 from warp_bounding.errors import BounderError, QueryError
-from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import attempt_confidence, fn_rate_bound, prove, statistical_test, stress_test, try_positives
 from warp_bounding.proof.stress import CYCLE, QUERY_BATCH, Walk, descend, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
 from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
-from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.shapes import Function
 
 LENGTH = 0.75
@@ -97,7 +95,7 @@ def test_the_bound_is_clopper_and_pearsons_and_restarts_spend_no_more_than_the_r
 
 
 def test_a_threshold_that_starts_too_high_is_lowered_and_what_was_sampled_may_be_proven(ticking):
-    bounder, grid = made("mlp", "plane", "c"), shape("c")
+    bounder, grid = made("mlp", "point", "c"), shape("c")
     proven = float(bounder.threshold)
     high = proven + 0.5 * abs(proven) + 1.0
     certificate = statistical_test(bounder, grid, least=high, below=0.0, count=100_000, seed=4)
@@ -152,7 +150,7 @@ def test_a_positive_that_counts_as_outside_is_an_error_and_no_threshold():
 @pytest.mark.parametrize("query", QUERY_KINDS)
 def test_a_walk_goes_down_over_positives(query):
     grid = shape("c")
-    bounder = random_mlp(grid, seed=5, domain=domain_of(grid, query)) if query in HEADS else made("kdop", query, "c")
+    bounder = random_mlp(grid, seed=5) if query == "point" else made("kdop", query, "c")
     x = next(draw_positives(query, grid, 64, 5, "cpu", bounder.domain.oracle_length))[:64]
     found, values = Walk(bounder, grid, seed=1).down(x, rounds=60)
     assert found.dtype == np.float32

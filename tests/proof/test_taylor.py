@@ -92,7 +92,7 @@ def test_losses_that_vanish_beside_a_large_bias_are_counted():
 def test_certify_calls_nothing_of_the_search(monkeypatch):
     """Neither for the networks of a bounder, of its parts and members, nor for those of a shape; nor after pickling."""
     grid, few = shape("c"), {"hidden": (8,), "steps": 20, "device": "cpu"}
-    bounders = [wb.fit(grid, query, "mlp", **few) for query in ("point", "plane", "distance")]
+    bounders = [wb.fit(grid, query, "mlp", **few) for query in ("point", "distance")]
     bounders.append(wb.cascade(bounders[0], wb.fit(grid, **few | {"hidden": DEEP})))
     pairs = [(bounder, grid) for bounder in bounders]
     learnt = network_shape(2, level=-0.32)

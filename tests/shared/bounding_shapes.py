@@ -11,7 +11,6 @@ from warp_bounding.bounders.bounder import taken
 from warp_bounding.bounders.mlp import Mlp
 from warp_bounding.networks import tensor_cores
 from warp_bounding.queries.domain import Domain
-from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.shapes import Grid
 
 HIDDEN = (8,)  # of every fitted network: each new size costs a compilation
@@ -118,23 +117,19 @@ def random_layers(sizes, rng, gain=2.0, first=None) -> list[tuple[np.ndarray, np
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
-    """Of random weights, hard to bound, not proven; of points without a ``domain``, with two outputs for planes."""
+    """Of random weights, hard to bound, not proven."""
     rng, domain, tensors = np.random.default_rng(seed), domain or Domain.of(grid), {}
-    plane = domain.query == "plane"
-    sizes = (domain.space_ndim if plane else domain.ndim, *hidden, 1 + plane)
-    for index, (weight, bias) in enumerate(random_layers(sizes, rng, 1.5, gain)):
+    for index, (weight, bias) in enumerate(random_layers((domain.ndim, *hidden, 1), rng, 1.5, gain)):
         tensors |= {f"layers.{index}.weight": weight, f"layers.{index}.bias": bias}
     return Mlp(domain, tensors, {"hidden": list(hidden), "activation": activation}, device)
 
 
 @cache
 def reader(domain, coordinate: int, device: str) -> Mlp:
-    """``f = v_k`` to the last bit: 1 relu(v_k) - 1 relu(-v_k), all else 0; of planes, ``f = -c``."""
-    plane = domain.query == "plane"
-    first, last = np.zeros((2, domain.space_ndim if plane else domain.ndim)), np.zeros((1 + plane, 2))
-    if not plane:
-        first[:, coordinate] = last[0] = 1, -1
-    parts = {"0.weight": first, "0.bias": np.zeros(2), "1.weight": last, "1.bias": np.array([0, 2**20])[: 1 + plane]}
+    """``f = v_k`` to the last bit: 1 relu(v_k) - 1 relu(-v_k), all else 0."""
+    first, last = np.zeros((2, domain.ndim)), np.zeros((1, 2))
+    first[:, coordinate] = last[0] = 1, -1
+    parts = {"0.weight": first, "0.bias": np.zeros(2), "1.weight": last, "1.bias": np.zeros(1)}
     sizes = {"hidden": [2], "activation": "relu"}
     return Mlp(domain, {f"layers.{name}": tensor.astype(np.float32) for name, tensor in parts.items()}, sizes, device)
 
@@ -201,11 +196,6 @@ def object_points(grid: Grid, rng: np.random.Generator, count: int = 4000) -> np
     mixed = np.where(rng.random(x.shape) < 0.5, *near)
     x = np.concatenate([x, *near, mixed, grid.position(grid.occupied).astype(np.float32)])
     return x[grid.contains(x)]
-
-
-def random_supports(grid, seed=0, activation="sin", hidden=(9, 7)) -> Mlp:
-    """Of planes."""
-    return random_mlp(grid, hidden, activation, seed=seed, gain=1.5, domain=domain_of(grid, "plane"))
 
 
 def denying(bounder, points):

@@ -253,8 +253,7 @@ def leaves_for_bytes(nbytes: int, ndim: int) -> int:
 
 def _network_bytes(domain: AnyDomain, hidden: tuple[int, ...]) -> int:
     """Memory of the network of these widths that the same queries would have."""
-    planes = domain.query == PLANE.name  # a network of planes has the normal's entries as inputs, and two outputs
-    sizes = [domain.space_ndim if planes else domain.ndim, *hidden, 2 if planes else 1]
+    sizes = [domain.ndim, *hidden, 1]
     numbers = sum(k * h + h for k, h in pairwise(sizes))
     return 4 * (numbers + len(domain.header) + 1 + len(domain.extra))
 

@@ -1,7 +1,7 @@
 """``mlp``: a multi-layer perceptron (the paper's OurNN), of any widths and activation.
 
-``f`` is the network's output before the paper's sigmoid, or for planes made of two outputs (``Head``). A proof or a
-search sets the threshold, instead of a probability of one half.
+``f`` is the network's output before the paper's sigmoid. A proof or a search sets the threshold, instead of a
+probability of one half.
 """
 
 from collections.abc import Iterable
@@ -17,8 +17,8 @@ from warp_bounding.errors import BounderError
 from warp_bounding.networks import tensor_cores
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.networks.inference import MlpSource, head_numbers, layer_numbers
-from warp_bounding.networks.network import HEADS, Network
-from warp_bounding.queries import QUERIES
+from warp_bounding.networks.network import Network
+from warp_bounding.queries.point import POINT
 
 # --- networks --------------------------------------------------------------------------------------------------------
 
@@ -97,7 +97,7 @@ class Layered(tensor_cores.TensorCores):
 class Mlp(Layered, Bounder):
     """A network; *maybe* where its output reaches the threshold.
 
-    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1, or 2 for planes.
+    Tensors: ``layers.i.weight`` ``(H, K)``, ``layers.i.bias`` ``(H,)``, the last layer with H = 1.
     Sizes: ``hidden``, ``activation``.
     """
 
@@ -109,44 +109,34 @@ class Mlp(Layered, Bounder):
 
     @classmethod
     def supports(cls, query: str, ndim: int) -> bool:
-        return query in HEADS and (not QUERIES[query].is_region or ndim >= 2)
+        return query == POINT.name
 
     @classmethod
     def takes_shapes(cls, query: str) -> bool:
         return True
 
     def check_tensors(self) -> None:
-        self.head = HEADS[self.query_kind]
-        inputs = self.domain.ndim - self.head.offsets
-        shapes = self.layer_shapes(inputs, self.head.outputs)
-        self.expect_shapes(shapes | self.more_shapes())
-        limit, (*hidden, (weight, bias)) = self.domain.limit[:inputs].astype(np.float64), self.layers
-        outputs = [(weight[o : o + 1], bias[o : o + 1]) for o in range(self.head.outputs)]
-        self.networks = [Network([*hidden, output], self.activation, limit) for output in outputs]
+        if self.query_kind != POINT.name:
+            raise BounderError(f"networks over {self.query_kind} queries are gone: fit a bvh")
+        self.expect_shapes(self.layer_shapes(self.domain.ndim, 1) | self.more_shapes())
+        self.network = Network(self.layers, self.activation, self.domain.limit.astype(np.float64))
 
     def more_shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the tensors besides the layers'."""
         return {}
 
     @property
-    def network(self) -> Network:
-        """The network of the first output."""
-        return self.networks[0]
-
-    @property
     def source(self) -> MlpSource:
         return self.source_of(self.source_kind, self.hidden, self.activation)
 
     def reference(self, v: np.ndarray) -> np.ndarray:
-        return self.head.value(self.networks, np.asarray(v, dtype=np.float64))
+        return self.network(np.asarray(v, dtype=np.float64))
 
     def bound(self, lower: np.ndarray, upper: np.ndarray) -> BoxBounds:
-        if self.head.outputs > 1:
-            raise BounderError(f"{self.method}: boxes of {self.query_kind} coordinates are not bounded one by one")
         return self.network.bound(lower, upper)
 
     def rounding_bound(self) -> float:
-        return self.head.rounding(self.networks, self.domain.limit)
+        return self.network.rounding
 
 
 class Occupancy(Mlp):

@@ -1,10 +1,10 @@
 // A network in float32, for networks/inference.py.
 
 /// QUERIES_IN_LANES:
-/// In all texts w are the method's numbers, f and other the first and the second output (``Head.outputs``). Here are
+/// In all texts w are the method's numbers, and f is the output. Here are
 /// BLOCKS blocks of J neurons, of which USED are real, from the inputs x on: J biases, then J weights of each of K inputs stand together, so
-/// that each input that is loaded serves J sums. KEEP their activations in y, and add them up to the OUTPUTS that stand
-/// at OUTPUT_AT and at SECOND_AT.
+/// that each input that is loaded serves J sums. KEEP their activations in y, or add them up to the output that stands
+/// at OUTPUT_AT.
 $unroll_blocks
 for (int b = 0; b < BLOCKS; ++b) {
     const float* p = w + AT + b * J * (K + 1);
@@ -23,8 +23,7 @@ for (int b = 0; b < BLOCKS; ++b) {
         V h;
         $act
         if (KEEP) y[j] = h;
-        if (OUTPUTS > 0) f += h * w[OUTPUT_AT + 1 + j];
-        if (OUTPUTS > 1) other += h * w[SECOND_AT + 1 + j];
+        else f += h * w[OUTPUT_AT + 1 + j];
     }
 }
 
@@ -73,9 +72,9 @@ for (int q = 0; q < REGISTERS; ++q) {
 }
 
 /// SUM:
-/// One output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The
+/// The output of one query, from ROW activations x; those behind the last neuron are 0, and so are their weights. The
 /// lanes are eight here, and added by halves; the rounding bound holds for every order.
 typedef float V __attribute__((vector_size(32), aligned(4), may_alias));
 V sum = *(const V*)x * *(const V*)(w + AT + 1);
 for (int q = 1; q < ROW / 8; ++q) sum += *(const V*)(x + q * 8) * *(const V*)(w + AT + 1 + q * 8);
-OUTPUT = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[AT];
+f = ((sum[0] + sum[4]) + (sum[2] + sum[6])) + ((sum[1] + sum[5]) + (sum[3] + sum[7])) + w[AT];

@@ -14,7 +14,6 @@ import numpy as np
 
 from warp_bounding.activations import activation_of
 from warp_bounding.kernels.source import Lanes, Source
-from warp_bounding.networks.network import HEADS, Head
 from warp_bounding.runtime.native import constants, fill, native_text
 
 text = native_text("network.h")
@@ -29,7 +28,7 @@ class MlpSource(Source):
     """Native code of a network, for its sizes.
 
     Numbers: each layer twice, for queries in lanes (``QUERIES_IN_LANES``: blocks of J neurons, input by input) and for
-    neurons in lanes (``NEURONS_IN_LANES``: a row of all neurons for each input); then each output's bias and weights.
+    neurons in lanes (``NEURONS_IN_LANES``: a row of all neurons for each input); then the output's bias and weights.
     """
 
     hidden: tuple[int, ...]
@@ -41,29 +40,19 @@ class MlpSource(Source):
 
     @property
     def several(self) -> int:
-        """As many as have room in registers; one where f is not sums and activations alone."""
+        """As many as have room in registers."""
         kept = self.hidden[:-1]
-        largest = max([self.inputs, *kept, *map(sum, pairwise(kept))])
-        return max(1, min(MOST, KEPT // largest)) if self.head.outputs == 1 else 1
-
-    @property
-    def head(self) -> Head:
-        """How the outputs become f; a distance has one output, as points do."""
-        return HEADS.get(self.query, HEADS["point"])
-
-    @property
-    def inputs(self) -> int:
-        """Coordinates of v that the network takes: all but a plane's offset, with which its outputs are compared."""
-        return self.coordinates - self.head.offsets
+        largest = max([self.coordinates, *kept, *map(sum, pairwise(kept))])
+        return max(1, min(MOST, KEPT // largest))
 
     @property
     def layers(self) -> list[tuple[int, int]]:
         """``(inputs, outputs)`` of each hidden layer."""
-        return list(zip((self.inputs, *self.hidden[:-1]), self.hidden, strict=True))
+        return list(zip((self.coordinates, *self.hidden[:-1]), self.hidden, strict=True))
 
     @property
     def places(self) -> list[int]:
-        """Index in the numbers at which each layer's copies begin, and last where the outputs do."""
+        """Index in the numbers at which each layer's copies begin, and last where the output does."""
         places = [0]
         for k, h in self.layers:
             places.append(places[-1] + h * (k + 1) + _filling(h, k) + _row(h) * (k + 1))
@@ -78,27 +67,19 @@ class MlpSource(Source):
     # --- a query in each lane ----------------------------------------------------------------------------------------
 
     def body(self, lanes: Lanes) -> str:
-        lines = ["const V none = {0.0f}; V other = none; (void)other;", self.inputs_text("V")]
+        lines = ["const V none = {0.0f};", self.inputs_text("V")]
         lines += [self.layer(index, lanes) for index in range(len(self.hidden))]
-        for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
-            lines.append(f"{name} = {name} + w[{self.places[-1] + output * self.head_row}];")
-        return "\n".join([*lines, self._finish()])
-
-    @property
-    def head_row(self) -> int:
-        """How many numbers an output has: its bias, and a weight of each neuron of the last layer."""
-        return 1 + padded(self.hidden[-1])
+        return "\n".join([*lines, f"f = f + w[{self.places[-1]}];"])
 
     def inputs_text(self, type_: str) -> str:
         """C statements from ``v`` to the inputs ``h0``, numbers of this type."""
-        return f"{type_} h0[{self.inputs}]; for (int k = 0; k < {self.inputs}; ++k) h0[k] = v[k];"
+        return f"{type_} h0[{self.coordinates}]; for (int k = 0; k < {self.coordinates}; ++k) h0[k] = v[k];"
 
     def layer(self, index: int, lanes: Lanes) -> str:
-        """C statements of a hidden layer: keep its activations, or of the last one add them up to the outputs."""
+        """C statements of a hidden layer: keep its activations, or of the last one add them up to f."""
         (k, h), at, last = self.layers[index], self.places[index], index == len(self.hidden) - 1
-        places = {"OUTPUTS": self.head.outputs if last else 0, "OUTPUT_AT": self.places[-1]}
-        places |= {"SECOND_AT": self.places[-1] + self.head_row, "KEEP": int(not last)}
-        lines = [f"V h{index + 1}[{1 if last else h}];", "f = other = none;"]
+        places = {"OUTPUT_AT": self.places[-1], "KEEP": int(not last)}
+        lines = [f"V h{index + 1}[{1 if last else h}];", "f = none;"]
         lines.append(f"{{ const V* x = h{index}; V* y = h{index + 1}; (void)y;")
         unrolled = {"unroll_blocks": "#pragma unroll (KEEP ? BLOCKS : 1)", "unroll_inputs": "#pragma unroll"}
         unrolled = unrolled if lanes.several else dict.fromkeys(unrolled, "")
@@ -129,19 +110,9 @@ class MlpSource(Source):
         return "\n".join([f"float h{index + 1}[{row}]; {{", own, text.LANES, names, layer, "}"])
 
     def function_output(self) -> str:
-        """``float f``, by the outputs behind the last layer."""
-        row, lines = padded(self.hidden[-1]), ["float f, other = 0.0f; (void)other;"]
-        for output, name in zip(range(self.head.outputs), ("f", "other"), strict=False):
-            own = constants(ROW=row, AT=self.places[-1] + output * self.head_row)
-            names = f"const float* x = h{len(self.hidden)}; float& OUTPUT = {name};"
-            lines += ["{", own, names, text.SUM, "}"]
-        return "\n".join([*lines, self._finish()])
-
-    def _finish(self) -> str:
-        """C statements that combine two outputs into f (``Head.finish``)."""
-        if not self.head.finish:
-            return ""
-        return f"{{ {constants(OFFSET=self.coordinates - 1)} {self.head.finish} }}"
+        """``float f``, by the output behind the last layer."""
+        own = constants(ROW=padded(self.hidden[-1]), AT=self.places[-1])
+        return "\n".join(["float f; {", own, f"const float* x = h{len(self.hidden)};", text.SUM, "}"])
 
 
 def _act(activation: str, lanes: Lanes, z: str) -> str:
@@ -185,7 +156,5 @@ def layer_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
 
 
 def head_numbers(weight: np.ndarray, bias: np.ndarray) -> np.ndarray:
-    """Outputs as ``MlpSource`` reads them: per row of ``weight`` its bias and the weights, padded."""
-    rows = np.zeros((len(bias), 1 + padded(weight.shape[1])), np.float32)
-    rows[:, 0], rows[:, 1 : 1 + weight.shape[1]] = bias, weight
-    return rows.reshape(-1)
+    """The output, ``(1, H)`` and ``(1,)``, as ``MlpSource`` reads it: its bias, then the weights, padded."""
+    return np.concatenate([bias, weight[0], np.zeros(padded(weight.shape[1]) - weight.shape[1], np.float32)])

@@ -53,8 +53,8 @@ TOOLS = PARTS.TOOLS
 def fits(source: "MlpSource") -> bool:
     """Whether a network's sizes are ones that the text is for: sines of moderate widths, one output."""
     widths = source.hidden
-    small = len(widths) <= DEEPEST and max(widths) <= WIDEST and source.inputs < 12
-    return small and source.activation == SINE.name and source.head.outputs == 1
+    small = len(widths) <= DEEPEST and max(widths) <= WIDEST and source.coordinates < 12
+    return small and source.activation == SINE.name
 
 
 class TensorCores:
@@ -104,7 +104,7 @@ def _tiles(count: int) -> int:
 
 def _groups(source: "MlpSource") -> int:
     """Groups of four coordinates, a 1 behind the last one."""
-    return -(-(source.inputs + 1) // 4)
+    return -(-(source.coordinates + 1) // 4)
 
 
 def _words(source: "MlpSource") -> list[int]:
@@ -119,7 +119,7 @@ def _words(source: "MlpSource") -> list[int]:
 
 def text(source: "MlpSource") -> str:
     """C statements from ``V v[]`` to ``V f``, by all lanes of a warp together."""
-    lines, at = [TOOLS, fill(PARTS.BEGIN, groups=_groups(source), coordinates=source.inputs)], 0
+    lines, at = [TOOLS, fill(PARTS.BEGIN, groups=_groups(source), coordinates=source.coordinates)], 0
     last = len(source.hidden) - 1
     for index, (width, words) in enumerate(zip(source.hidden, _words(source), strict=True)):
         tiles, inputs = _tiles(width), _tiles(source.hidden[index - 1]) if index else 0

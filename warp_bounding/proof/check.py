@@ -1,8 +1,8 @@
 """Prove from scratch what a file claims: which claim it is, whether it can be about the shape, and what must be proven.
 
 What is proven of a kind of query is an object (``Proof``); all have one way from a search to a verdict. Both searches
-are loops of their own, which halve boxes (``halving``): of points and planes (``covering``), and of
-distances (``distances``), by other boxes than those by which the threshold was set. ``taylor`` bounds networks. A
+are loops of their own, which halve boxes (``halving``): of points (``covering``), and of distances (``distances``), by
+other boxes than those by which the threshold was set. ``taylor`` bounds networks. A
 volume has one bound, here and where its threshold is set; where F is the distance to a volume, that volume is checked.
 Where the shape certifies no box, fresh positives are queried (``stress``).
 """
@@ -18,7 +18,7 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.certificates import Certificate, Verdict, conjunction, document
 from warp_bounding.certificates.claim import OUTSIDE, Claim, claim_of, fault_of, target
 from warp_bounding.errors import BounderError
-from warp_bounding.proof.covering import Checked, check_covering, cover_cells, cover_domain, cover_planes
+from warp_bounding.proof.covering import Checked, check_covering, cover_cells, cover_domain
 from warp_bounding.proof.distances import overestimate_within
 from warp_bounding.proof.halving import Checkpoint, unfinished
 from warp_bounding.proof.prove import TOUCHED
@@ -269,10 +269,7 @@ class OfRegions(Proof):
     def search(self, budget: float, **options) -> Checked:
         bounder, shape = self.bounder, self.shape
         try:
-            if bounder.exact_on_cells:
-                checked = Checked(*bounder.least(shape))
-            else:
-                checked = check_covering(cover_planes(bounder, shape), self.target, budget, **options)
+            checked = Checked(*bounder.least(shape))
         except BounderError as error:  # the volume does not hold the object, or numbers leave the range of the proof
             self.close, checked = str(error), Checked(-np.inf, 0)
         if checked.suspects is None and not self.target <= checked.least < np.inf:  # infinity: of no positive

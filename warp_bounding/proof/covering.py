@@ -1,8 +1,8 @@
-"""Checks ``f >= threshold + E`` over all positives of a bounder of points or planes, in a loop of its own.
+"""Checks ``f >= threshold + E`` over all positives of a bounder of points, in a loop of its own.
 
 Boxes cover what comes from the object: cell by cell; of a shape without cells the whole domain, of which boxes that the
-shape certifies to be empty are left out; of planes all normals. They are halved (``halving``) until every bound reaches
-the target or a counterexample is found.
+shape certifies to be empty are left out. They are halved (``halving``) until every bound reaches the target or a
+counterexample is found.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +13,6 @@ import numpy as np
 from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.networks.bounds import BoxBounds
 from warp_bounding.proof.halving import Boxes, Seen, search
-from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.search import NARROWEST, ShapePositives, TightenedBounds
 from warp_bounding.queries.domain import Domain
 from warp_bounding.rounding import UNIT64
@@ -23,7 +22,6 @@ from warp_bounding.shapes.shape import Shape
 PULL = 1e-4  # share of the way to its cell's centre: each suspect is also tried there, farther inside
 INWARD = 1 - 1e-3  # of the way from the domain's middle to a suspect: it is tried there, too
 BOX_BATCH = 16384  # boxes or cells of one step
-AROUND = (0.0, 1e-6, 1e-5, 1e-4, 1e-3)  # distances in v from a suspect plane at which others are tried
 TRIED = 512  # points of a chunk, those of the least f, that are tested for being positives
 SUSPECTS = 1024  # points of least f that are tried as counterexamples
 SMALLEST = 1e-9  # a box narrower than this, in the coordinates that f takes, ends the proof
@@ -31,14 +29,10 @@ FINER = 1 / 8  # times the fit's smallest box: the size at which a box counts as
 
 
 class PositivesOnly:
-    """Boxes that hold positives only; as ``ShapePositives``, which is for boxes that may hold none.
+    """Boxes that hold positives only; as ``ShapePositives``, which is for boxes that may hold none."""
 
-    Args:
-        f: A bounder, or a ``SupportGap``.
-    """
-
-    def __init__(self, f):
-        self.bound = f.bound
+    def __init__(self, bounder: Bounder):
+        self.bound = bounder.bound
 
     def tightened(self, lower: np.ndarray, upper: np.ndarray, bounds: BoxBounds, target: np.ndarray) -> TightenedBounds:
         return TightenedBounds(bounds.lower, bounds.axis, (lower, upper), np.zeros(len(lower), dtype=bool))
@@ -167,17 +161,6 @@ def cover_cells(bounder: Bounder, grid: Grid) -> Covering:
         return np.concatenate([x, x + PULL * ((first + last) / 2 - x)])
 
     return Covering(PositivesOnly(bounder), starts(), inside)
-
-
-def cover_planes(bounder: Bounder, shape: Shape) -> Covering:
-    """Covers the planes that meet an object by boxes of their normals; suspects are planes at and around these."""
-    gap = SupportGap(bounder, shape)
-
-    def around(m: np.ndarray, _: np.ndarray) -> np.ndarray:
-        v, rng = gap.touching(m), np.random.default_rng(0)
-        return np.concatenate([bounder.domain.to_object(v + step * rng.uniform(-1, 1, v.shape)) for step in AROUND])
-
-    return Covering(PositivesOnly(gap), [(*gap.boxes(), 1.0)], around)
 
 
 def cover_domain(bounder: Bounder, shape: Shape) -> Covering:

@@ -14,7 +14,6 @@ from warp_bounding.certificates import Certificate, Verdict, document, shown
 from warp_bounding.certificates.claim import mismatch
 from warp_bounding.errors import BounderError
 from warp_bounding.proof.distances import largest_overestimate
-from warp_bounding.proof.planes import SupportGap
 from warp_bounding.proof.search import Search, ShapePositives, minimum
 from warp_bounding.proof.stress import Walk, statistical_test
 from warp_bounding.queries import QUERIES
@@ -54,7 +53,6 @@ def least_value(
 
     * Closed forms of cells: one pass over the cells.
     * Convex volumes: the object's convex hull alone, where it is known.
-    * A network's planes, best first over their normals (``planes``).
     * A network's points, best first: over the cells, or, of a shape without cells, over the domain, less what the shape
       certifies to be empty (``search.ShapePositives``).
     """
@@ -64,9 +62,6 @@ def least_value(
     if bounder.exact_on_cells and (of_regions or isinstance(grid, Grid) or bounder.exact_on_hull(grid)):
         least, looked_at = bounder.least(grid)
         return Search(least, least, np.empty((0, grid.ndim)), looked_at, working_seconds() - started, True)
-    if of_regions:
-        gap = SupportGap(bounder, grid)
-        return minimum(gap, *gap.boxes(), **limits)
     if points is None or not len(points):
         limits["points"] = bounder.domain.to_local(_starts(grid))
     if isinstance(grid, Grid):
@@ -107,8 +102,8 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain; if method or shape have no proof; if it consists of
-            several networks whose planes are proven one by one (``Bounder.parts``); or if the minimum is not finite.
+        BounderError: If the bounder was made for another domain; if method or shape have no proof; or if the minimum is
+            not finite.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
@@ -118,8 +113,6 @@ def prove(
         raise BounderError(
             f"{bounder.method}: {grid.name} certifies no box to be empty, so there is no proof; see statistical_test"
         )
-    if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
-        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
     search = least_value(bounder, grid, eps=eps, budget=budget, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
     return search

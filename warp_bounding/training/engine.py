@@ -1,4 +1,4 @@
-"""Trains networks in short steps on a CPU: threads, clock, optimiser, and hand-written gradients."""
+"""Trains networks in short steps on a CPU: torch, threads, clock, optimiser, and hand-written gradients."""
 
 from __future__ import annotations
 
@@ -6,15 +6,49 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator
 from functools import partial
-from itertools import pairwise
+from importlib import import_module
+from itertools import pairwise, product
 from threading import local
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from warp_bounding.activations import Activation, activation_of
-from warp_bounding.runtime.launch import cpu_threads, run_shares, working_seconds
+from warp_bounding.activations import activation_of
+from warp_bounding.errors import BounderError
+from warp_bounding.runtime.launch import compiled_for, cpu_threads, run_shares, working_seconds
 from warp_bounding.runtime.progress import Progress
-from warp_bounding.training.lazy_torch import torch
+
+# torch, imported at its first use: bounders that are not learned are fitted without it. No budget counts its import.
+
+
+class _Torch:
+    """Stands for the module; raises ``BounderError`` at its first use if torch is not installed."""
+
+    def __getattr__(self, name: str) -> Any:
+        started = perf_counter()
+        try:
+            found = getattr(import_module("torch"), name)
+        except ImportError as error:
+            raise BounderError("fitting what is learned needs torch: pip install 'warp-bounding[train]'") from error
+        compiled_for(perf_counter() - started)
+        setattr(self, name, found)  # found at once from now on
+        return found
+
+
+if TYPE_CHECKING:
+    import torch
+else:
+    torch = _Torch()
+
+
+def adam(tensors: list, **options):
+    """``torch.optim.Adam``. A process's first optimiser imports torch's compiler; no budget counts that either."""
+    started = perf_counter()
+    optimiser = torch.optim.Adam(tensors, **options)
+    compiled_for(perf_counter() - started)
+    return optimiser
+
 
 # Shares of a job on the library's own threads, each of which runs torch on one core.
 #
@@ -268,50 +302,6 @@ def _refine(factor: torch.Tensor, basis: torch.Tensor) -> tuple[torch.Tensor, to
     return refined, (refined.T @ basis).square_()
 
 
-# A small network of rows in torch, for autograd: several outputs, trained as a whole or only its last layer.
-#
-# Layers are ``(out, in + 1)`` matrices, the last column the biases.
-
-
-def initial(generator: torch.Generator, rows: int, inputs: int, gain: float = 1.0) -> torch.Tensor:
-    """``(rows, inputs + 1)``, uniform in ``+-1 / sqrt(inputs)``; ``gain`` times that, but for the biases."""
-    layer = (torch.rand(rows, inputs + 1, generator=generator) * 2 - 1) / math.sqrt(inputs)
-    layer[:, :-1] *= gain
-    return layer
-
-
-def initial_layers(widths: list[int], gains: tuple[float, float], generator: torch.Generator) -> list[torch.Tensor]:
-    """Random layers between ``widths``, with gains of the first and of later hidden ones; the output's gain is 1."""
-    each = [gains[0], *[gains[1]] * (len(widths) - 3), 1.0]
-    return [initial(generator, h, k, gain) for gain, (k, h) in zip(each, pairwise(widths), strict=True)]
-
-
-class RowNetwork:
-    """Hidden layers and linear outputs."""
-
-    def __init__(self, layers: list[torch.Tensor], activation: Activation):
-        self.layers, self.activation = [layer.requires_grad_(True) for layer in layers], activation
-
-    def __call__(self, h: torch.Tensor) -> torch.Tensor:
-        """Outputs ``(N, outputs)`` of rows ``(N, inputs)``."""
-        for layer in self.layers[:-1]:
-            h = self.activation.torch_value(torch.addmm(layer[:, -1], h, layer[:, :-1].T))
-        return torch.addmm(self.layers[-1][:, -1], h, self.layers[-1][:, :-1].T)
-
-    def copy(self) -> list[torch.Tensor]:
-        """The layers as they are now."""
-        return [layer.detach().clone() for layer in self.layers]
-
-
-def tensors_of(layers: list[torch.Tensor]) -> dict[str, np.ndarray]:
-    """Layers as a bounder stores them."""
-    out = {}
-    for index, layer in enumerate(layers):
-        out[f"layers.{index}.weight"] = layer[:, :-1].numpy().copy()
-        out[f"layers.{index}.bias"] = layer[:, -1].numpy().copy()
-    return out
-
-
 # A small network in torch with a hand-written backward pass, for many short steps on a CPU.
 #
 # Autograd's bookkeeping and fresh allocations cost more than the arithmetic at these sizes, so forward, backward and
@@ -339,8 +329,10 @@ class TrainableNetwork:
 
     def initialise(self, first: float, later: float, generator: torch.Generator) -> None:
         """Uniform weights in ``+-gain / sqrt(inputs)``; the gains are ``first``, then ``later``, of the output 1."""
-        for layer, values in zip(self.layers, initial_layers(self.widths, (first, later), generator), strict=True):
-            layer.copy_(values)
+        for layer, gain in zip(self.layers, [first, *[later] * (len(self.hidden) - 1), 1.0], strict=True):
+            rows, inputs = layer.shape[0], layer.shape[1] - 1
+            layer.copy_((torch.rand(rows, inputs + 1, generator=generator) * 2 - 1) / math.sqrt(inputs))
+            layer[:, :-1] *= gain
 
     def encode(self, v: torch.Tensor) -> torch.Tensor:
         """Columns ``(n, N)`` as the network's input ``(n + 1, N)``, with a row of ones."""
@@ -350,7 +342,9 @@ class TrainableNetwork:
 
     def tensors(self) -> dict[str, np.ndarray]:
         """The parameters as a bounder stores them."""
-        return tensors_of(self.layers)
+        parts = {"weight": slice(None, -1), "bias": -1}
+        named = product(enumerate(self.layers), parts.items())
+        return {f"layers.{i}.{name}": layer[:, part].numpy().copy() for (i, layer), (name, part) in named}
 
 
 class Evaluator:
@@ -417,3 +411,10 @@ def evaluated(
 
     team.over(columns.shape[1], job)
     return values
+
+
+def summed(workers: list[Evaluator]) -> list[torch.Tensor]:
+    """The workers' gradients, one matrix a layer; they are the first one's own."""
+    for worker in workers[1:]:
+        workers[0].gradient.add_(worker.gradient)
+    return workers[0].gradients

@@ -38,9 +38,9 @@ from warp_bounding.shapes import Grid, Mesh, MovingMesh, load_shape
 from warp_bounding.shapes.complement import SIDES, Complement
 from warp_bounding.shapes.recentred import Frame, parted
 from warp_bounding.shapes.shape import MAX_RESOLUTION, Shape, check_memory
+from warp_bounding.training.distances import train_distance
 from warp_bounding.training.fit_network import fit_network, tries
 from warp_bounding.training.learned_kdop import train_learned_kdop
-from warp_bounding.training.recipes.distance import train_distance
 from warp_bounding.training.relu_field import train_relu_field
 from warp_bounding.training.samples import CallersQueries, Problem, Trained
 
@@ -87,7 +87,7 @@ def fit(
         query: Kind of query: ``"point"``, ``"ray"``, ``"plane"`` or ``"box"``; or ``"distance"``: a ``DistanceBounder``
             of the shape, whose distances are never too large.
         method: A name in ``METHODS``; or several, as in ``"learned-kdop+mlp"``: a cascade, queried in this order.
-            ``None`` is ``"mlp"`` for points, planes and distances, and ``"bvh"`` for rays and boxes, which networks do
+            ``None`` is ``"mlp"`` for points and distances, and ``"bvh"`` for rays, planes and boxes, which networks do
             not answer: the first of ``DEFAULTS`` that does. For points of a solid without cells it is
             ``"learned-kdop+mlp"``.
         budget: Seconds for training and proof, of all parts of a cascade together. A network's proof may take a tenth

@@ -1,8 +1,7 @@
 """Fitting networks: train, then set the threshold by a proof.
 
 A network of points is trained with the prover in the loop: now and then branch and bound searches for the least f on
-the object, and the points that it finds become samples. The last part of the budget is the proof itself. Support
-functions of planes need no labels, and their proof is short.
+the object, and the points that it finds become samples. The last part of the budget is the proof itself.
 
 An arm's network is proven in another way, and so is any whose proof is left to workers: a search for the least f takes
 far longer in many dimensions than a proof at a threshold that is known. So it trains without the prover, a walk finds a
@@ -17,7 +16,6 @@ import numpy as np
 
 from warp_bounding.activations import DEFAULT, RELU, SINE
 from warp_bounding.bounders.mlp import Mlp
-from warp_bounding.networks.network import HEADS
 from warp_bounding.proof import Search, least_value, prove_or_test
 from warp_bounding.proof.lowering import prove_lower
 from warp_bounding.proof.prove import BELOW_FOUND, least_found
@@ -27,9 +25,7 @@ from warp_bounding.runtime.progress import Progress
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.shape import Shape
 from warp_bounding.training.engine import Clock, interrupts, single_threaded_torch
-from warp_bounding.training.recipes.default import NetworkTrainer
-from warp_bounding.training.recipes.occupancy import OccupancyTrainer
-from warp_bounding.training.recipes.plane import SupportTrainer
+from warp_bounding.training.recipe import NetworkTrainer, OccupancyTrainer
 from warp_bounding.training.samples import Problem, Samples, Trained, samples_of
 
 # Options of a network's training, in addition to its problem.
@@ -58,7 +54,7 @@ class Schedule:
         search_at: Used fractions at which the prover searches points.
         search_share: What a search may take, a share of the budget.
         search_boxes: The same as a number of boxes.
-        reserve: For setting the threshold, until a search has measured that: a share, of points and of planes.
+        reserve: For setting the threshold, until a search has measured that: a share.
         least_reserve: The least that is reserved for the proof once a search has measured it: a share.
         most_reserve: The most: a share.
         lower_reserve: For the proof at a lower threshold: a share.
@@ -70,7 +66,7 @@ class Schedule:
     search_at: tuple[float, ...] = (0.4, 0.65, 0.9)
     search_share: float = 0.02
     search_boxes: int = 1_000_000
-    reserve: tuple[float, float] = (0.03, 0.15)
+    reserve: float = 0.03
     least_reserve: float = 0.01
     most_reserve: float = 0.2
     lower_reserve: float = 2 / 3
@@ -89,7 +85,6 @@ class ProofLimits:
         boxes: The number of boxes at which it ends, where the budget is in steps.
         cost: The share of all queries that may become false positives by the gap that a complete search of points
             leaves.
-        plane_gap: The gap at which the proof of planes ends, in domain half-widths of a plane's offset.
         finest: Least gap that is required, in f.
         usual: Gap in f that is required where too few negatives lie below to measure its cost.
     """
@@ -98,7 +93,6 @@ class ProofLimits:
     overtime: float = 0.1
     boxes: int = 20_000_000
     cost: float = 1e-4
-    plane_gap: float = 1e-3
     finest: float = 1e-6
     usual: float = 1e-3
 
@@ -144,31 +138,30 @@ def _least(trainer: NetworkTrainer) -> float:
 def tries(shape: Shape, query: str, steps: int | None) -> bool:
     """Whether activations are tried: of points, where there is time for it, and of no arms, whose waves are sines."""
     short = steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS
-    return HEADS[query].outputs == 1 and shape.waves is None and not short
+    return shape.waves is None and not short
 
 
 class _Fit:
     """One fit.
 
-    ``of_planes``: the network is a plane's two supports (``Head``); else queries are points. ``first_reserve``: the
-    share of the budget reserved for setting the threshold until a search has measured what that takes; the user's
-    progress counts the rest as training. ``trials`` are of short trainings, on the same ``samples`` as the ``trainer``.
+    ``first_reserve``: the share of the budget reserved for setting the threshold until a search has measured what that
+    takes; the user's progress counts the rest as training. ``trials`` are of short trainings, on the same ``samples``
+    as the ``trainer``.
     """
 
     def __init__(self, method: type[Mlp], problem: Problem, options: NetworkOptions, progress: Progress | None):
         self.method, self.options = method, options
-        self.of_planes = HEADS[problem.query].outputs > 1
         grid, tested = problem.grid, options.statistical or not problem.grid.certified
-        of_shape = not (self.of_planes or tested or isinstance(grid, Grid))
+        of_shape = not (tested or isinstance(grid, Grid))
         self.lowers = of_shape and (grid.joints is not None or problem.scheduler is not None)
-        self.first_reserve = SCHEDULE.reserve[self.of_planes]
-        if self.lowers or (tested and not self.of_planes):
+        self.first_reserve = SCHEDULE.reserve
+        if self.lowers or tested:
             self.first_reserve = SCHEDULE.lower_reserve if self.lowers else SCHEDULE.tested_reserve
         self.clock = Clock(options.budget, options.steps, progress, 1 - self.first_reserve)
         self.problem, self.interrupted, self.boxes = problem, False, 0
         self.samples: Samples | None = None
         self.trials: list[NetworkTrainer] = []
-        self.trainer: NetworkTrainer | SupportTrainer | OccupancyTrainer | None = None
+        self.trainer: NetworkTrainer | OccupancyTrainer | None = None
 
     def run(self) -> Trained:
         if self.method.conservative:
@@ -190,7 +183,7 @@ class _Fit:
         """Train with the activation that is asked for, or with the one that did best in a trial."""
         activation = self.options.activation or self._tried()
         trainer = self.trainer = self._trainer(activation)
-        waiting = [] if self.of_planes else list(SCHEDULE.search_at)
+        waiting = list(SCHEDULE.search_at)
 
         def mine(used: float) -> None:
             if waiting and waiting[0] <= used < 1:
@@ -209,12 +202,10 @@ class _Fit:
             self.trainer.run(self.clock.trial(TRIAL_SHARE))
         return min(self.trials, key=_least).activation
 
-    def _trainer(self, activation: str) -> NetworkTrainer | SupportTrainer | OccupancyTrainer:
+    def _trainer(self, activation: str) -> NetworkTrainer | OccupancyTrainer:
         problem, hidden = self.problem, self.options.hidden
         if not self.method.conservative:
             return OccupancyTrainer(problem, hidden, activation)
-        if self.of_planes:
-            return SupportTrainer(problem, hidden, activation)
         if self.samples is None:
             reaching = problem.reaching if problem.front else None
             self.samples = samples_of(problem.grid, problem.domain, problem.seed, reaching)
@@ -252,7 +243,7 @@ class _Fit:
         least = SCHEDULE.lower_reserve / 2 if self.lowers else LIMITS.least_share  # without a proof there is nothing
         return {"budget": max(left, least * self.options.budget)}
 
-    def _prove(self, bounder: Mlp, trainer: NetworkTrainer | SupportTrainer) -> dict:
+    def _prove(self, bounder: Mlp, trainer: NetworkTrainer) -> dict:
         """Set the threshold; a record of how."""
         self.clock.tell(1.0, "proof")
         points, grid = trainer.worst_points(), self.problem.grid
@@ -264,7 +255,7 @@ class _Fit:
             found = prove_lower(bounder, grid, scheduler=self.problem.scheduler, progress=self._proven, **limit)
             bounder.freeze(float(found.threshold), found.certificate)
             return {"gap": least - float(found.threshold), "complete": True}
-        eps = LIMITS.plane_gap if self.of_planes else tolerance(bounder, self.problem, points)
+        eps = tolerance(bounder, self.problem, points)
         limit |= {"eps": eps, "points": points, "statistical": self.options.statistical, "progress": self._searched}
         search = prove_or_test(bounder, grid, seed=self.problem.seed, **limit)
         if search is None:

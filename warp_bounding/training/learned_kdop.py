@@ -21,8 +21,7 @@ from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.region_domain import AnyDomain, RegionDomain
 from warp_bounding.runtime.progress import Progress
-from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
-from warp_bounding.training.lazy_torch import adam, torch
+from warp_bounding.training.engine import Clock, adam, geometric, interrupts, single_threaded_torch, torch
 from warp_bounding.training.samples import Problem, Trained
 
 HALVINGS = 12  # of the interval in which f is highest along a ray

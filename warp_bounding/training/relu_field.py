@@ -16,8 +16,7 @@ from warp_bounding.bounders.relu_field import FieldMap, ReluField, break_points,
 from warp_bounding.errors import BounderError
 from warp_bounding.queries import oracle
 from warp_bounding.runtime.progress import Progress
-from warp_bounding.training.engine import Clock, geometric, interrupts, single_threaded_torch
-from warp_bounding.training.lazy_torch import adam, torch
+from warp_bounding.training.engine import Clock, adam, geometric, interrupts, single_threaded_torch, torch
 from warp_bounding.training.samples import Problem, Trained
 
 __all__ = ["train_relu_field"]

@@ -24,7 +24,7 @@ from warp_bounding.queries.region_domain import RegionDomain
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.recentred import Frame
 from warp_bounding.shapes.shape import Shape
-from warp_bounding.training.lazy_torch import torch
+from warp_bounding.training.engine import torch
 
 # Queries of the caller's own: false positives are weighed where these lie, and a proof does not care.
 

@@ -35,14 +35,14 @@ from warp_bounding.training.engine import (
     geometric,
     interrupts,
     single_threaded_torch,
+    summed,
+    torch,
 )
-from warp_bounding.training.lazy_torch import torch
-from warp_bounding.training.recipes.default import summed
 from warp_bounding.training.samples import Problem, Trained
 
-# Of the first and of later layers' weights; from ``EASED_IN`` dimensions on the same whatever the object: of a 4D
-# dragon, 200 s, false positives at points were 12.2 and 11.9 % with 7 and 12.
-GAINS, GAINS_OF_MANY = (10.0, 3.0), (12.0, 3.0)
+# Of the first and of later layers' weights, of ReLU the last ones; from ``EASED_IN`` dimensions on the same whatever
+# the object: of a 4D dragon, 200 s, false positives at points were 12.2 and 11.9 % with 7 and 12.
+GAINS, GAINS_OF_MANY, PLAIN_GAINS = (10.0, 3.0), (12.0, 3.0), (1.7, 1.7)
 # Below that many dimensions the first layer's gain is this by the mean distance from a point of the domain to the
 # object, local units, where that is more: a distance rises and falls over such a way. A maze with lanes of a tenth of
 # its side learned nothing in 30 s with a gain of 10 (72 % false positives), and had 7 % with 25 to 40; bunny, star and
@@ -91,7 +91,7 @@ class DistanceTrainer:
         self._depth = DEPTHS.get(self.ndim, DEEPEST)
         self._ease = EASE if self.ndim >= EASED_IN else 0.0
         self._limit = self.domain.limit.astype(np.float64)
-        gains = self._gains() if self.network.act.wave else self.network.act.support_gains
+        gains = self._gains() if self.network.act.wave else PLAIN_GAINS
         self.network.initialise(*gains, self.generator)
         nothing = torch.empty(self.ndim, 0), torch.empty(0)
         self.points, self.hard = nothing, nothing

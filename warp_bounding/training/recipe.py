@@ -1,4 +1,4 @@
-"""The default recipe: what the paper's asymmetric loss becomes when seconds count and the threshold is the minimum.
+"""The recipe of points: what the paper's asymmetric loss becomes when seconds count and the threshold is the minimum.
 
 The aim is few negatives above the *least* value on the object, a worst case over a continuous set. Hence the loss of
 ``accumulate``, and positives from a pool of the worst ones found, which take steps down f inside their cells. Positives
@@ -6,6 +6,8 @@ that others find, such as the prover, enter the pool by ``add``.
 
 Samples are columns here: coordinates v ``(ndim, N)``, and of positives their *states* ``(S, N)``, from which v follows
 (``training.samples``: a cell and an offset in it, for instance) and which stay positive wherever they move.
+
+``occupancy`` is at the end: the usual loss, for comparison.
 """
 
 from __future__ import annotations
@@ -16,9 +18,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from warp_bounding.training.engine import Clock, Evaluator, Soap, Team, TrainableNetwork, cosine, evaluated, geometric
-from warp_bounding.training.lazy_torch import torch
-from warp_bounding.training.samples import Samples
+from warp_bounding.queries import oracle
+from warp_bounding.training.engine import (
+    Clock,
+    Evaluator,
+    Soap,
+    Team,
+    TrainableNetwork,
+    cosine,
+    evaluated,
+    geometric,
+    summed,
+    torch,
+)
+from warp_bounding.training.samples import Problem, Samples
 
 # The asymmetric loss of the default recipe and its constants, the batches that it is taken on, and its gradient.
 #
@@ -62,6 +75,10 @@ class Recipe:
     later_gain: float = 3.0  # the same, of later hidden layers
     first_gain_plain: float = 3.0  # the same two where the activation is no wave
     later_gain_plain: float = 1.7
+
+    def gains(self, wave: bool) -> tuple[float, float]:
+        """Of the first and of later hidden layers."""
+        return (self.first_gain, self.later_gain) if wave else (self.first_gain_plain, self.later_gain_plain)
 
 
 # Share of uniform samples that are usually negatives within the domain. Few of a caller's queries are, as most lie far
@@ -137,13 +154,6 @@ def accumulate(
     team.over(len(negatives.weight), job)
 
 
-def summed(workers: list[Evaluator]) -> list[torch.Tensor]:
-    """The workers' gradients, one matrix a layer; they are the first one's own."""
-    for worker in workers[1:]:
-        workers[0].gradient.add_(worker.gradient)
-    return workers[0].gradients
-
-
 def _stratified(active: torch.Tensor, recipe: Recipe, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
     """Batches drawn from two strata: the samples that carry gradient, ``active`` ``(N,)`` bool, and the others.
 
@@ -189,8 +199,7 @@ class NetworkTrainer:
     def _initialise(self) -> None:
         network, samples = self.network, self.samples
         waves = network.act.wave
-        gains = ("first_gain", "later_gain") if waves else ("first_gain_plain", "later_gain_plain")
-        network.initialise(*(getattr(self.recipe, g) for g in gains), self.generator)
+        network.initialise(*self.recipe.gains(waves), self.generator)
         # An axis of few cells carries less detail than its range in v would suggest.
         network.layers[0][:, : samples.ndim] *= samples.detail.T
         if waves and samples.waves is not None and samples.waves.shape == network.layers[0].shape:
@@ -286,4 +295,55 @@ class NetworkTrainer:
     def _gradients(self, row: int, used: float, rate: float) -> list[torch.Tensor]:
         """Gradients of the loss on the planned batch ``row``, one matrix a layer, for a step at this learning rate."""
         accumulate(self._batches, self.recipe, self.team, self.workers, row, used)
+        return summed(self.workers)
+
+
+# Labelled queries, those of a step, and steps until they are renewed.
+LABELS, LABELS_BATCH, LABELS_REFRESH = 65536, 4096, 50
+LABELS_RATE, LABELS_WARM_UP = 1e-2, 0.02
+
+
+class OccupancyTrainer:
+    """``occupancy``: binary cross-entropy on uniform queries with exact labels, nothing more (the paper's OccNet).
+
+    The output is the log odds that a query meets the object. Both kinds of error weigh the same, so a decision at
+    probability one half leaves about as many false negatives as false positives. Optimiser and initial weights are
+    those of the recipe, so that both are trained equally well and can be compared.
+    """
+
+    def __init__(self, problem: Problem, hidden: tuple[int, ...], activation: str):
+        self.problem, self.activation, seed = problem, activation, problem.seed
+        self.generator, self._rng = torch.Generator().manual_seed(seed), np.random.default_rng(seed)
+        self._oracle = oracle(problem.query, problem.grid, "cpu", problem.domain.oracle_length)
+        self.network = TrainableNetwork(problem.grid.ndim, hidden, activation)
+        self.network.initialise(*Recipe().gains(self.network.act.wave), self.generator)
+        self.team = Team()
+        self.workers = [Evaluator(self.network) for _ in range(self.team.size)]
+
+    def finish(self) -> dict[str, np.ndarray]:
+        """The network as it is, as ``Occupancy`` stores it."""
+        return self.network.tensors()
+
+    def run(self, clock: Clock, on_refresh=None) -> None:
+        """Train until the clock's budget is used up, or an interrupt; ``on_refresh`` is not called."""
+        optimiser = Soap(self.network.layers, Recipe.beta1, Recipe.beta2)
+        for step, used in clock.steps():
+            if step % LABELS_REFRESH == 0:
+                q = self.problem.sample(LABELS, self._rng)
+                truth = torch.from_numpy(np.asarray(self._oracle(q), dtype=np.float32))
+                x = self.network.encode(torch.from_numpy(self.problem.domain.to_local(q).astype(np.float32)).T)
+                clock.tell(used, f"{step} steps")
+            pick = torch.randint(LABELS, (LABELS_BATCH,), generator=self.generator)
+            optimiser.step(self._gradients(x[:, pick], truth[pick]), cosine(LABELS_RATE, 1e-3, LABELS_WARM_UP, used))
+
+    def _gradients(self, x: torch.Tensor, truth: torch.Tensor) -> list[torch.Tensor]:
+        for worker in self.workers:
+            worker.gradient.zero_()
+
+        def job(index: int, part: slice) -> None:
+            own = x[:, part].contiguous()
+            odds = torch.sigmoid(self.workers[index].forward(own, keep=True))
+            self.workers[index].backward(own, odds.sub_(truth[part]).div_(LABELS_BATCH))
+
+        self.team.over(LABELS_BATCH, job)
         return summed(self.workers)
