@@ -26,8 +26,7 @@ import trimesh
 
 import warp_bounding as wb
 from sims.versions import versions
-from warp_bounding.baking.engine import Job, Settings
-from warp_bounding.baking.library import Record
+from warp_bounding.baking import Job, Record, Settings
 
 WORKERS, SCHEDULER_PORT = 2, 18786
 CLUSTER_SHAPES, CLUSTER_CORES = 100_000, 1_000

@@ -27,8 +27,7 @@ PAGES = tuple(f"docs/api/{name}.md" for name in ("arms", "choose", "composition"
 PAGES += ("tests/authors.md",)
 METHODS = {
     wb.Bounder: ("candidates", "data", "freeze", "func", "prepare", "query", "save", "to", "values"),
-    wb.baking.BounderLibrary: ("manifest", "names", "path", "stack"),
-    wb.baking.BounderStack: ("query",),
+    wb.baking.BounderLibrary: ("manifest", "names", "path"),
     wb.Prepared: ("launch", "move"),
     wb.Certificate: ("from_dict", "proven", "to_dict"),
     wb.arms.Motions: ("path",),

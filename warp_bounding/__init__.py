@@ -91,9 +91,10 @@ _MODULES = ("arms", "baking", "newton", "pairs", "proof", "shapes", "views")
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 # What 0.2.0 had under other names, or has been removed since.
 _GONE = {f"Indicator{name}": f"wb.shapes.{name}" for name in ("Function", "Grid", "Mesh", "Network")}
-_GONE |= {name: f"wb.baking.{name}" for name in ("Baked", "BounderLibrary", "BounderStack", "bake")}
+_GONE |= {name: f"wb.baking.{name}" for name in ("Baked", "BounderLibrary", "bake")}
 _GONE |= dict.fromkeys(("union", "hierarchy"), "wb.fit of the whole shape, or wb.cascade of proven bounders")
 _GONE |= {
+    "BounderStack": "wp.array([b.data for b in bounders], dtype=wb.Data); bounders of one size share a func",
     "Complement": "wb.shapes.Complement",
     "IndicatorBlendShapes": "wb.shapes.MovingMesh, or a wb.shapes.Mesh at each pose",
     "IndicatorError": "wb.ShapeError",

@@ -759,7 +759,7 @@ def choose(
 @command
 def bake(
     folder: Annotated[Path, Argument(metavar="FOLDER", help="Folder with shapes, in folders inside it too.")],
-    output: Annotated[str, Option("--output", "-o", help="Folder for bounders, manifest and contact sheet.")],
+    output: Annotated[str, Option("--output", "-o", help="Folder for bounders and manifest.")],
     jobs: Annotated[int | None, number_option("Worker processes of this machine (default: one a core).", count)] = None,
     scheduler: Annotated[Text, Option(help="Address of a Dask scheduler, such as tcp://host:8786.")] = None,
     **given: Any,
@@ -771,7 +771,7 @@ def bake(
 
     Example: warp-bounding bake meshes --output bounders --method mlp --hidden 24,24 --budget 20 --margin 0.01
     """
-    from warp_bounding.baking.engine import MANIFEST, SHEET
+    from warp_bounding.baking import MANIFEST
 
     quiet_warp(given["device"])
     one_of(jobs, scheduler)
@@ -784,23 +784,23 @@ def bake(
     for record in (record for record in done.records if record.error):
         warn(f"{record.source}: {record.error}")
     proven = sum(record.certificate == "proven" for record in done.records)
-    shapes, manifest, sheet = len(done.records), Path(output) / MANIFEST, Path(output) / SHEET
+    shapes, manifest = len(done.records), Path(output) / MANIFEST
     found = {name: getattr(done, name) for name in ("baked", "kept", "failed", "foreign")}
     found |= {name: round(getattr(done, name), 3) for name in ("seconds", "task_seconds")}
-    found |= {"shapes": shapes, "proven": proven, "out": output, "manifest": manifest, "contact_sheet": sheet}
+    found |= {"shapes": shapes, "proven": proven, "out": output, "manifest": manifest}
     kept = f", {done.kept:,} were there already" if done.kept else ""
     others = f"; {done.foreign:,} other files" if done.foreign else ""
     return (
         1 if done.failed else 0,
         found,
         f"{shapes:,} shapes: {done.baked:,} baked{kept}, {done.failed:,} failed; {proven:,} proven{others}",
-        f"{done.seconds:.1f} s, {done.task_seconds:.1f} s of work; {manifest}, {sheet}",
+        f"{done.seconds:.1f} s, {done.task_seconds:.1f} s of work; {manifest}",
     )
 
 
 def _bake_options() -> dict[str, inspect.Parameter]:
     """All options of ``fit``, with fewer samples, and those of ``choose``, none of which must be given."""
-    from warp_bounding.baking.engine import SAMPLES
+    from warp_bounding.baking import SAMPLES
 
     own = ("shape", "output", "checkpoint", "json", "balls")
     parameters = (inspect.signature(choose).parameters | inspect.signature(fit).parameters).items()

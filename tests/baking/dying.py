@@ -5,7 +5,7 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 
-from warp_bounding.baking.engine import Settings
+from warp_bounding.baking import Settings
 
 
 @dataclass(frozen=True)

@@ -3,23 +3,20 @@
 import errno
 import json
 import os
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+import warp as wp
 from bounding_shapes import shape
 
 import warp_bounding as wb
-from warp_bounding.baking import bake
-from warp_bounding.baking import engine as module
-from warp_bounding.baking.engine import SHEET, Job, Settings, bake_shape, jobs_of
-from warp_bounding.baking.library import Record
+from warp_bounding import baking as module
+from warp_bounding.baking import Job, Record, Settings, bake, bake_shape, jobs_of
 from warp_bounding.errors import BounderError, BoundingError, FileFormatError, ShapeError
 
 pytest.importorskip("distributed", reason="Dask is not installed")
-Image = pytest.importorskip("PIL.Image", reason="Pillow is not installed")
 KDOP = {"method": "kdop", "device": "cpu"}
 
 
@@ -39,7 +36,7 @@ def jobs(folder: Path, **arguments) -> dict[str, Job]:
     return {job.record.name: job for job in jobs_of(folder, folder.parent / "out", settings)[0]}
 
 
-def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder, monkeypatch):
+def test_every_shape_is_a_bounder_and_a_row_and_is_not_done_again(folder, monkeypatch):
     monkeypatch.setattr(module, "_ended", lambda open_, *_: map(bake_shape, open_))  # no workers but this process
     out = folder.parent / "out"
     done = bake(folder, out, samples=1000, **KDOP)
@@ -53,15 +50,13 @@ def test_every_shape_is_a_bounder_a_row_and_a_card_and_is_not_done_again(folder,
         rates = wb.evaluate(bounder, folder / f"{name}.npy", samples=1000)
         assert rows[name]["fp_rate"] == pytest.approx(rates.fp_rate)
     assert rows["broken"]["error"].startswith("expected")
-    page = (out / SHEET).read_text()
-    assert (page.count("<article"), page.count("data:image/png;base64,"), page.count("http")) == (3, 2, 0)
 
     written = {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")}
     again = bake(folder, out, samples=1000, **KDOP)
     assert (again.baked, again.kept, again.failed) == (0, 2, 1)
     assert {path: path.stat().st_mtime_ns for path in out.glob("*.safetensors")} == written
     job = jobs(folder)["blob"]
-    assert bake_shape(job) == replace(job.done(), picture="")  # as Dask asks once more when a worker dies
+    assert bake_shape(job) == job.done()  # as Dask asks once more when a worker dies
     (out / "records" / f"{job.key}.json").write_text("{")
     assert bake(folder, out, samples=1000, **KDOP).baked == 1
     other = bake(folder, out, method="aabb", device="cpu", samples=1000)
@@ -169,3 +164,41 @@ def test_a_worker_that_is_killed_loses_nothing(folder, monkeypatch):
     library = wb.baking.BounderLibrary(folder.parent / "out", device="cpu")
     assert library.names == ["blob", "star"]
     assert all(bounder.certificate.proven for bounder in library.values())
+
+
+# --- a folder of bounders ---------------------------------------------------------------------------------------------
+
+
+def test_nothing_is_loaded_before_it_is_asked(tmp_path):
+    (tmp_path / "bad.safetensors").write_bytes(b"bad")
+    library = wb.baking.BounderLibrary(tmp_path)
+    assert "bad" in library
+    with pytest.raises(FileFormatError, match=r"bad\.safetensors"):
+        library["bad"]
+    with pytest.raises(FileFormatError, match="no such folder"):
+        wb.baking.BounderLibrary(tmp_path / "none")
+
+
+def test_bounders_of_one_size_share_a_function_in_a_kernel_of_ones_own(tmp_path, rng):
+    for name in ("blob", "half", "star"):
+        wb.fit(shape(name), method="kdop", device="cpu").save(tmp_path / f"{name}.safetensors")
+    bounders = list(wb.baking.BounderLibrary(tmp_path, device="cpu").values())
+    assert len({bounder.func for bounder in bounders}) == 1
+
+    @wp.kernel(enable_backward=False)
+    def ask(
+        data: wp.array(dtype=wb.Data),
+        numbers: wp.array(dtype=wp.int32),
+        q: wp.array(dtype=wp.vec3),
+        out: wp.array(dtype=wp.bool),
+    ):
+        i = wp.tid()
+        out[i] = wp.static(bounders[0].func)(data[numbers[i]], q[i])
+
+    x, numbers = rng.random((1000, 3), dtype=np.float32), rng.integers(0, 3, 1000, dtype=np.int32)
+    data = wp.array([bounder.data for bounder in bounders], dtype=wb.Data, device="cpu")
+    inputs = [wp.array(numbers, dtype=wp.int32, device="cpu"), wp.array(x, dtype=wp.vec3, device="cpu")]
+    out = wp.zeros(len(x), dtype=wp.bool, device="cpu")
+    wp.launch(ask, len(x), [data, *inputs], [out], device="cpu")
+    expected = np.stack([bounder.query(x).numpy() for bounder in bounders])[numbers, np.arange(len(x))]
+    assert (out.numpy() == expected).all()

@@ -73,8 +73,6 @@ def test_of_what_is_put_together(rng):
     first, other = (fitted(method, NAME) for method in ("kdop", "aabb"))
     both = check(wb.cascade(first, other).query(x, out=unset()), x)
     assert (both == first.query(x).numpy() & other.query(x).numpy()).all()
-    stack = wb.baking.BounderStack([first, other])
-    assert (check(stack.query(np.zeros(COUNT, int), x, out=unset()), x) == first.query(x).numpy()).all()
 
 
 def test_of_pairs(rng):

@@ -1,34 +1,35 @@
-"""``bake``: a bounder for each shape of a folder, on many processes; what is finished is not done again.
+"""``bake``: a bounder for each shape of a folder, on many processes, and the folder as a mapping, ``BounderLibrary``.
 
-A task is a shape. The worker itself writes the bounder, then a record of what is known of it, each whole or not at all,
-under a name that is a hash of shape, settings and version. Whatever is wrong with a shape becomes a record with an
-error. Manifest and contact sheet are made of the records. Workers are processes of this machine, with one thread each,
-or those of any Dask scheduler.
+What is finished is not done again. A task is a shape. The worker itself writes the bounder, then a record of what is
+known of it, each whole or not at all, under a name that is a hash of shape, settings and version. Whatever is wrong
+with a shape becomes a record with an error. The manifest is made of the records. Workers are processes of this machine,
+with one thread each, or those of any Dask scheduler.
 """
 
-import base64
 import contextlib
 import csv
 import hashlib
-import html
 import io
 import json
 import os
+import re
 import time
 import warnings
+from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from inspect import signature
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from warp_bounding.baking.library import HASH_DIGITS, MANIFEST, RECORDS, Record
-from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, QueryError, ShapeError
+from warp_bounding.bounders import Bounder, load
+from warp_bounding.errors import BounderError, BoundingError, BoundingWarning, FileFormatError, ShapeError
+from warp_bounding.runtime.arrays import Picklable
 from warp_bounding.runtime.progress import Progress, quiet_warp, reported
-from warp_bounding.runtime.whole_file import BOUNDER, check_writable, write_whole
+from warp_bounding.runtime.whole_file import BOUNDER, check_writable, file_path, write_whole
 from warp_bounding.runtime.workers import ONE_THREAD, connected
 from warp_bounding.shapes import load_shape
 from warp_bounding.shapes.formats.load import READERS
@@ -36,8 +37,132 @@ from warp_bounding.shapes.formats.meshes import referred_buffers
 from warp_bounding.shapes.formats.usd import USD_SUFFIXES
 from warp_bounding.version import __version__
 
+__all__ = ["Baked", "BounderLibrary", "bake"]
+
 SAMPLES = 100_000  # random queries of a shape that false positives are counted on
-SHEET = "contact-sheet.html"  # in the folder of a bake
+MANIFEST, RECORDS = "manifest.csv", "records"  # in the folder of a bake
+HASH_DIGITS = 12  # hexadecimal: two of 10^5 shapes share them with a probability of 2e-5
+KEY = re.compile(rf"(.+)-([0-9a-f]{{{HASH_DIGITS}}})")  # name-hash, of a baked file
+
+# --- what is known of a shape, and the folder of a bake ------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of one shape under one set of settings, kept as a file of its own in the folder of a bake."""
+
+    name: str  # the shape's file without its extension
+    source: str  # its path, relative to the folder that was baked
+    hash: str  # of shape, settings and version
+    settings: str  # hash of the settings alone
+    file: str = ""  # the bounder's, in the folder of the bake; empty where there is none
+    method: str = ""  # "none" where a choice said that none pays; empty after an error
+    query: str = ""  # the kind of query that the bounder answers
+    bytes: int = 0  # that one query can read (``Bounder.nbytes``)
+    certificate: str = ""  # its kind; empty where there is none
+    fp_rate: float | None = None  # false positives, per cent of the samples; ``None`` where they were not counted
+    seconds: float = 0.0  # that the task took, all in all
+    error: str = ""  # why there is no bounder, in one line
+    note: str = ""  # what the library warned of, in one line
+
+    @classmethod
+    def read(cls, path: Path) -> "Record | None":
+        """The record of a file; ``None`` if there is none, and the shape is then baked anew."""
+        try:
+            return cls(**json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError):
+            return None
+
+    @classmethod
+    def all_of(cls, folder: Path) -> "list[Record]":
+        """Those in the folder of a bake, by source."""
+        found = filter(None, map(cls.read, (folder / RECORDS).glob("*.json")))
+        return sorted(found, key=lambda record: (record.source, record.settings, record.hash))
+
+
+class BounderLibrary(Picklable, Mapping):
+    """The bounders of a folder, by name.
+
+    A name is that of the shape's file without its extension; where several bounders have it (of other settings, or of
+    shapes in other folders), each is called ``name-hash``. What is listed is what lies in the folder when the library
+    is made: files are whole or not there, so a bake may still be running.
+
+    Args:
+        folder: That ``bake`` wrote, or any other with bounders' files.
+        device: Warp device of the bounders; the default device if ``None``.
+
+    Raises:
+        FileFormatError: If there is no such folder.
+
+    Example:
+        >>> bounder.save("bounders/ball.safetensors")
+        >>> library = wb.baking.BounderLibrary("bounders", device="cpu")
+        >>> library.names, len(library), "ball" in library
+        (['ball'], 1, True)
+        >>> library["ball"].certificate.proven
+        True
+    """
+
+    def __init__(self, folder, device: str | None = None):
+        self.folder = file_path(folder)
+        if not self.folder.is_dir():
+            is_what = "a file, expected a folder of bounders" if self.folder.exists() else "no such folder"
+            raise FileFormatError(f"{self.folder}: {is_what}")
+        self.device = device
+        keys = sorted(file.stem for file in self.folder.glob(f"*{BOUNDER}") if not file.name.startswith("."))
+        names = {key: found[1] if (found := KEY.fullmatch(key)) else key for key in keys}
+        count = Counter(names.values())
+        self._keys = {key if count[name] > 1 else name: key for key, name in names.items()}
+        self._loaded: dict[str, Bounder] = {}
+
+    @property
+    def names(self) -> list[str]:
+        """All names, sorted.
+
+        Example:
+            >>> bounder.save("bounders/ball.safetensors")
+            >>> wb.baking.BounderLibrary("bounders").names
+            ['ball']
+        """
+        return list(self._keys)
+
+    def path(self, name: str) -> Path:
+        """The file of a bounder; raises ``KeyError`` for no name.
+
+        Example:
+            >>> bounder.save("bounders/ball.safetensors")
+            >>> wb.baking.BounderLibrary("bounders").path("ball").name
+            'ball.safetensors'
+        """
+        return self.folder / f"{self._keys[name]}{BOUNDER}"
+
+    def __getitem__(self, name: str) -> Bounder:
+        if name not in self._loaded:
+            self._loaded[name] = load(self.path(name), self.device)
+        return self._loaded[name]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._keys  # without loading it
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._keys)
+
+    def __len__(self) -> int:
+        return len(self._keys)
+
+    @cached_property
+    def manifest(self) -> list[dict[str, Any]]:
+        """A row for each shape that was baked, those with an error too; fields as in ``library.Record``.
+
+        Example:
+            >>> bounder.save("bounders/ball.safetensors")
+            >>> wb.baking.BounderLibrary("bounders").manifest  # of a folder that no bake wrote
+            []
+        """
+        return [asdict(record) for record in Record.all_of(self.folder)]
+
+    def __repr__(self) -> str:
+        return f"<library of {len(self)} bounders in {self.folder}>"
 
 
 # --- settings and jobs -----------------------------------------------------------------------------------------------
@@ -157,8 +282,7 @@ def shape_digest(path: Path) -> str:
 def bake_shape(job: Job) -> Record:
     """Bake one shape, unless that has been done: Dask repeats tasks whose results were lost when a worker died.
 
-    Returns the record, without the picture, which only the file has. Raises ``FileFormatError`` if the folder cannot be
-    written to.
+    Returns the record. Raises ``FileFormatError`` if the folder cannot be written to.
     """
     if (record := job.done()) is None:
         started = time.perf_counter()
@@ -169,7 +293,7 @@ def bake_shape(job: Job) -> Record:
             record = replace(record, file=f"{job.key}{BOUNDER}")
             bounder.save(job.out / record.file)
         record = job.end(replace(record, seconds=round(time.perf_counter() - started, 3)))
-    return replace(record, picture="")
+    return record
 
 
 def _made(job: Job) -> tuple[Any, Record]:
@@ -184,7 +308,7 @@ def _made(job: Job) -> tuple[Any, Record]:
             bounder = settings.bounder(shape)
             if bounder is None:
                 return None, replace(record, method="none", note="no bounder pays")
-            rates, drawn = evaluate(bounder, shape, samples=settings.samples), picture(bounder, shape)
+            rates = evaluate(bounder, shape, samples=settings.samples)
         except Exception as error:  # whatever a file makes a reader, a fit or a proof do: the others go on
             text = " ".join(str(error).split()).removeprefix(f"{job.path}: ")
             known = isinstance(error, BoundingError) and text
@@ -192,37 +316,7 @@ def _made(job: Job) -> tuple[Any, Record]:
     notes = dict.fromkeys(" ".join(str(w.message).split()) for w in caught if issubclass(w.category, BoundingWarning))
     found = {"method": bounder.method, "query": bounder.query_kind, "bytes": bounder.nbytes, "note": "; ".join(notes)}
     found |= {"certificate": bounder.certificate.kind if bounder.certificate else ""}
-    found |= {"fp_rate": round(rates.fp_rate, 4), "picture": base64.b64encode(drawn).decode()}
-    return bounder, replace(record, **found)
-
-
-SIDE, WALL = 72, 3  # pixels of a slice, and between two
-COLOURS = {"no": (255, 255, 255), "maybe": (224, 122, 31), "object": (45, 84, 122)}  # RGB; no is transparent
-
-
-def picture(bounder, shape) -> bytes:
-    """A PNG of slices through the middle of a shape and its bound, in ``COLOURS``, for each pair of up to three axes.
-
-    Empty for kinds of query that cannot be shown.
-    """
-    from PIL import Image
-
-    from warp_bounding.views import view_of
-
-    first, middle, slices = int(shape.time), ((shape.lower + shape.upper) / 2).tolist(), []
-    given = {"radii": [0.0], "times": middle[:first], "resolution": SIDE}
-    for pair in combinations(range(first, min(shape.ndim, first + 3)), 2):
-        held = {axis: middle[axis] for axis in range(first, shape.ndim) if axis not in pair}
-        try:
-            state = view_of(bounder, shape, held=held, **given).states[0]
-        except QueryError:
-            return b""
-        seen = np.where(state.object, 2, state.bound).T[::-1]
-        slices.append(np.pad(seen, ((0, SIDE - len(seen)), (0, WALL))))
-    image, file = Image.fromarray(np.hstack(slices).astype(np.uint8), mode="P"), io.BytesIO()
-    image.putpalette([value for colour in COLOURS.values() for value in colour])
-    image.save(file, "PNG", transparency=0, optimize=True)
-    return file.getvalue()
+    return bounder, replace(record, fp_rate=round(rates.fp_rate, 4), **found)
 
 
 # --- the folder of a bake --------------------------------------------------------------------------------------------
@@ -231,47 +325,10 @@ def picture(bounder, shape) -> bytes:
 def write_manifest(out: Path, records: list[Record]) -> None:
     """Write a row for each record, for people and their spreadsheets."""
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, Record("", "", "", "").row)
+    writer = csv.DictWriter(text, [each.name for each in fields(Record)])
     writer.writeheader()
-    writer.writerows(record.row for record in records)
+    writer.writerows(map(asdict, records))
     write_whole(out / MANIFEST, text.getvalue().encode())
-
-
-PAGE = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>{head}</title><style>
-body {{ font: 14px/1.4 system-ui, sans-serif; margin: 1.5rem; color-scheme: light dark }} h1 {{ font-size: 1.2rem }}
-main {{ display: grid; gap: .8rem; grid-template-columns: repeat(auto-fill, minmax(250px, 1fr)) }}
-article {{ border: 1px solid #8888; padding: .7rem; overflow-wrap: anywhere; content-visibility: auto;
-  contain-intrinsic-size: 250px 190px }}
-img {{ image-rendering: pixelated; max-width: 100% }} h2 {{ font-size: 1rem; margin: 0 }} .error {{ color: #c33 }}
-</style></head><body><h1>{head}</h1><p>Slices through each object: <b style="color:{object}">object</b>,
-<b style="color:{maybe}">maybe</b>, though no object is there, and certainly no.</p>
-<main>
-{cards}
-</main></body></html>
-"""
-
-
-def write_sheet(out: Path, records: list[Record]) -> None:
-    """Write the contact sheet of all records; shapes with an error come first."""
-    baked = [record for record in records if record.file]
-    failed, proven = sum(bool(r.error) for r in records), sum(r.certificate == "proven" for r in baked)
-    head = f"{len(records)} shapes, {len(baked)} with a bounder, {proven} of them proven; {failed} failed"
-    cards = "\n".join(_card(record) for record in sorted(records, key=lambda r: not r.error))
-    colours = {name: f"rgb{COLOURS[name]}" for name in ("object", "maybe")}
-    write_whole(out / SHEET, PAGE.format(head=head, cards=cards, **colours).encode())
-
-
-def _card(record: Record) -> str:
-    """A shape's part of the contact sheet."""
-    drawn = f'<img src="data:image/png;base64,{record.picture}" alt="slices" loading="lazy">' if record.picture else ""
-    rate = "" if record.fp_rate is None else f"{record.fp_rate:.2f} % false positives"
-    told = (record.method, record.query, f"{record.bytes:,} bytes" if record.file else "", rate, record.certificate)
-    lines = [", ".join(filter(None, told)), f"{record.seconds:.1f} s, settings {record.settings}", record.note]
-    text = "".join(f"<div>{html.escape(line)}</div>" for line in filter(None, lines))
-    error = f'<div class="error">{html.escape(record.error)}</div>' if record.error else ""
-    return f"<article>{drawn}<h2>{html.escape(record.source)}</h2>{error}{text}</article>"
 
 
 # --- the client ------------------------------------------------------------------------------------------------------
@@ -317,7 +374,7 @@ def bake(
 
     Args:
         folder: With shapes of any kind that ``load_shape`` reads, in folders inside, too.
-        out: Where bounders, records, ``manifest.csv`` and ``contact-sheet.html`` go; ``BounderLibrary`` opens it.
+        out: Where bounders, records and ``manifest.csv`` go; ``BounderLibrary`` opens it.
         jobs: Worker processes of this machine; one a core if ``None``.
         scheduler: Address of a Dask scheduler, whose workers see both folders under the same paths; ``None`` for
             processes of this machine.
@@ -372,7 +429,6 @@ def bake(
             done.records = [found.get((job.record.name, job.record.hash), job.record) for job in every]
             done.seconds = time.perf_counter() - started
             write_manifest(out, records)
-            write_sheet(out, records)
     return done
 
 
