@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-import warp as wp
 from bounding_shapes import object_points, reloaded, shape
 
 import warp_bounding as wb
@@ -161,16 +160,10 @@ def test_what_cannot_be_registered():
 # --- an activation, in every role that a network gives it -------------------------------------------------------------
 
 
-@wp.func
-def leaky_plain(z: float):
-    return wp.max(z, 0.125 * z)
-
-
 class Leaky(Activation):
     """``max(z, z / 8)``: slopes 1 and 1/8, exact in float32 but for what is subnormal."""
 
     name = "leaky"
-    plain = leaky_plain
 
     def statement(self, lanes, target, z):
         return f"{{ const V z_ = {z}; const V less_ = z_ * 0.125f; {target} = z_ > less_ ? z_ : less_; }}"

@@ -10,7 +10,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import Lanes
@@ -26,7 +25,6 @@ class Activation(ABC):
 
     Attributes:
         name: As users and files say it, and a part of names in C.
-        plain: Warp's own Python of ``statement``: a ``wp.func`` of one float.
         limit: Largest |argument| for which ``error`` holds.
         largest: Bound of |value|; where it is ``None``, |value| <= |argument|.
         bends: Whether bounds enclose it by a cubic rather than by a line (``relaxation``).
@@ -35,7 +33,6 @@ class Activation(ABC):
     """
 
     name: ClassVar[str]
-    plain: ClassVar[wp.Function]
     limit: ClassVar[float] = np.inf
     largest: ClassVar[float | None] = None
     bends: ClassVar[bool] = False
@@ -88,14 +85,8 @@ class Activation(ABC):
 # half-width.
 
 
-@wp.func
-def _plain_relu(z: float):
-    return wp.max(z, 0.0)
-
-
 class _Relu(Activation):
     name = "relu"
-    plain = _plain_relu
 
     def statement(self, lanes: Lanes, target: str, z: str) -> str:
         if lanes.vector:
@@ -186,24 +177,9 @@ SINE_SLACK = 1e-11
 # Pi in three float64 parts: the first 34 bits, exact times n <= 2^12 (|z| <= 4000 pi); the next 32 bits; the rest.
 PI_PARTS = (float.fromhex("0x1.921fb544p+1"), float.fromhex("0x1.0b4611a6p-33"), float.fromhex("0x1.3198a2e037073p-68"))
 
-_S1, _S2, _S3 = COEFFICIENTS
-
-
-@wp.func
-def _plain_sine(z: float):
-    q = z * INVERSE_PI + MAGIC
-    n = q - MAGIC
-    r = (z - n * PI_HIGH) - n * PI_LOW
-    s = r * r
-    p = r + (r * s) * (_S1 + s * (_S2 + s * _S3))
-    if int(n) & 1:
-        p = -p
-    return p
-
 
 class _Sine(Activation):
     name = "sin"
-    plain = _plain_sine
     limit, largest = SINE_LIMIT, 1.0
     bends = True
     wave = True

@@ -44,7 +44,7 @@ MANIFEST, RECORDS = "manifest.csv", "records"  # in the folder of a bake
 HASH_DIGITS = 12  # hexadecimal: two of 10^5 shapes share them with a probability of 2e-5
 KEY = re.compile(rf"(.+)-([0-9a-f]{{{HASH_DIGITS}}})")  # name-hash, of a baked file
 
-# --- what is known of a shape, and the folder of a bake ------------------------------------------------------------------
+# --- what is known of a shape, and the folder of a bake ---------------------------------------------------------------
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import warp as wp
 from asking import ask
 from bounding_shapes import (
     NETWORKS,
@@ -10,7 +9,6 @@ from bounding_shapes import (
     crossed,
     device_coordinates,
     domain_points,
-    fitted,
     object_points,
     random_bounder,
     random_mlp,
@@ -18,9 +16,7 @@ from bounding_shapes import (
     shape,
 )
 
-from warp_bounding.activations import ACTIVATIONS
 from warp_bounding.bounders import METHODS
-from warp_bounding.kernels.plain import kdop_kernel, mlp_kernel
 
 COUNTS = (1, 511, 513, 2049)
 DEEP = ("bvh", "learned-kdop", "relu-field", "voxels", "mlp")  # in other dimensions than three
@@ -128,36 +124,3 @@ def test_the_map_moves_points_by_less_than_delta(name, rng):
     assert (np.abs(computed - bounder.domain.to_local(exact)) <= bounder.domain.delta / 4).all()
     space = slice(int(grid.time), None)
     assert (np.abs(computed) <= bounder.domain.limit)[:, space].all()
-
-
-def plainly(bounder, kernel, x: np.ndarray, numbers: list[np.ndarray]) -> np.ndarray:
-    domain, f = bounder.domain, wp.empty(len(x), dtype=wp.float32, device=bounder.device)
-    given = [x, domain.center, domain.scale, domain.limit, *numbers]
-    inputs = [wp.array(np.ascontiguousarray(each).reshape(-1), device=bounder.device) for each in given]
-    wp.launch(kernel, len(x), inputs, [f], device=bounder.device)
-    return f.numpy().astype(np.float64)
-
-
-def check_plain(bounder, plain: np.ndarray, x: np.ndarray) -> None:
-    native, v = bounder.values(x).numpy().astype(np.float64), bounder.domain.to_local(x)
-    inside, error = np.isfinite(native), bounder.rounding_bound()
-    assert (np.isfinite(plain) == inside).all()
-    assert inside.sum() > 1000
-    assert (np.abs(plain[inside] - native[inside]) <= 2 * error).all()
-    assert (np.abs(plain - bounder.reference(v))[inside] <= 2 * error + 1e-3).all()
-
-
-@pytest.mark.parametrize("activation", ACTIVATIONS)
-def test_plain_networks(activation, device, rng):
-    bounder = random_mlp(shape("blob"), (9, 6), activation, device=device)
-    x, layers = domain_points(shape("blob"), 3000, rng), range(3)
-    numbers = [bounder.tensors[f"layers.{i}.{part}"].reshape(-1) for i in layers for part in ("bias", "weight")]
-    sizes = np.array([3, 9, 6, 1], np.int32)
-    check_plain(bounder, plainly(bounder, mlp_kernel(9, activation), x, [sizes, np.concatenate(numbers)]), x)
-
-
-def test_plain_half_spaces(device, rng):
-    bounder, x = fitted("kdop", "blob").to(device), domain_points(shape("blob"), 3000, rng)
-    slabs = bounder.shape
-    numbers = [np.float32(each) for each in (slabs.directions, slabs.low, slabs.high)]
-    check_plain(bounder, plainly(bounder, kdop_kernel, x, numbers), x)

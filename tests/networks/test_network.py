@@ -6,7 +6,6 @@ from itertools import pairwise, product
 
 import numpy as np
 import pytest
-import warp as wp
 from bounding_shapes import (
     HIDDEN,
     NETWORKS,
@@ -20,7 +19,7 @@ from bounding_shapes import (
     shape,
 )
 from enclosures import enclosure
-from fused_activations import PLAIN, fused_sine, plain_sine
+from fused_activations import fused_sine, plain_sine
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_shapes import within
@@ -319,25 +318,6 @@ def test_what_the_registry_says_of_an_activation(name):
     assert (np.abs(np.diff(y)) <= np.diff(x) * (1 + 1e-9)).all()
     assert (np.abs(y) <= (np.abs(x) if activation.largest is None else activation.largest)).all()
     assert activation.error(1.0) < 1e-5
-
-
-def plain_kernel(activation):
-    @wp.kernel(module="unique", enable_backward=False)
-    def values(z: wp.array(dtype=float), h: wp.array(dtype=float)):
-        h[wp.tid()] = wp.static(activation.plain)(z[wp.tid()])
-
-    return values
-
-
-@pytest.mark.parametrize("name", ACTIVATIONS)
-def test_plain_values_are_within_the_error(name, device):
-    activation, limit = ACTIVATIONS[name], min(ACTIVATIONS[name].limit, 1e3)
-    z = np.linspace(-limit, limit, 200_001).astype(np.float32)
-    h = wp.empty(len(z), dtype=float, device=device)
-    wp.launch(plain_kernel(activation), len(z), [wp.array(z, dtype=float, device=device)], [h], device=device)
-    error = np.abs(h.numpy() - activation.value(z.astype(np.float64)))
-    assert error.max() <= activation.error(limit)
-    assert np.abs(PLAIN[name](z) - h.numpy()).max() <= 2 * activation.error(limit)
 
 
 @pytest.mark.parametrize("evaluate", [plain_sine, fused_sine], ids=["unfused", "fused"])
