@@ -18,7 +18,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.evaluation import Rates, counted, truth_by
 from warp_bounding.geometry import enclosing_of_points
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.boundary import draw_positives
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
 
 SAMPLES = 20_000  # regions of whose positives a volume is made

@@ -21,7 +21,7 @@ from warp_bounding.errors import BounderError
 from warp_bounding.proof import prove
 from warp_bounding.proof.stress import Walk
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.boundary import draw_positives
 
 NAME = "proofs"
 CSV = """dimension object query method search fp_zero fn_zero hard_fn_zero missed_zero fp_sampled fn_sampled

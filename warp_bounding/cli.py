@@ -618,7 +618,7 @@ def info(file: BounderFile) -> tuple:
     """
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
-    from warp_bounding.shapes.complement import SIDES
+    from warp_bounding.shapes.derived import SIDES
 
     quiet_warp()
     bounder = wb.load(file, device="cpu")

@@ -16,7 +16,7 @@ from warp_bounding.bounders.volumes import kdop_directions
 from warp_bounding.errors import BounderError
 from warp_bounding.geometry import GAP
 from warp_bounding.queries import oracle, sample
-from warp_bounding.queries.hard import draw_positives
+from warp_bounding.queries.boundary import draw_positives
 from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.rounding import round_down
 from warp_bounding.training import fit

@@ -35,7 +35,7 @@ from warp_bounding.errors import BoundingError, FileFormatError
 from warp_bounding.proof import check
 from warp_bounding.proof.stress import DistancePositives, HardStream, Missed
 from warp_bounding.queries import oracle
-from warp_bounding.queries.hard import FORMS, HardPositives
+from warp_bounding.queries.boundary import FORMS, HardPositives
 from warp_bounding.shapes import Grid
 from warp_bounding.shapes.shape import OUT, Shape
 

@@ -14,7 +14,7 @@ from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof import attempt_confidence, fn_rate_bound, prove, statistical_test, stress_test, try_positives
 from warp_bounding.proof.stress import CYCLE, QUERY_BATCH, Walk, descend, random_world
 from warp_bounding.queries import QUERIES, QUERY_KINDS, oracle
-from warp_bounding.queries.hard import FORMS, HardPositives, draw_positives
+from warp_bounding.queries.boundary import FORMS, HardPositives, draw_positives
 from warp_bounding.shapes import Function
 
 LENGTH = 0.75

@@ -12,10 +12,9 @@ from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 from warp_bounding.bounders import Cascade
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import TOOLS
-from warp_bounding.queries import sample
+from warp_bounding.queries import locate, sample
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
-from warp_bounding.queries.registry import locate
 from warp_bounding.shapes import Grid
 
 NAMES = ("c", "blob", "anisotropic", "mesh", "animated", pytest.param("five", marks=pytest.mark.slow))

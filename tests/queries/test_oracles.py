@@ -9,15 +9,14 @@ from bounding_shapes import SHAPES as ALL_SHAPES
 from bounding_shapes import domain_points, object_points, shape
 
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import QUERIES, SampledOracle, check_query, oracle, sample
+from warp_bounding.queries import QUERIES, SampledOracle, check_query, locate, oracle, sample
+from warp_bounding.queries.boundary import HardPositives, draw_positives
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.directions import sample_directions
-from warp_bounding.queries.hard import HardPositives, draw_positives
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
 from warp_bounding.queries.region_domain import domain_of
-from warp_bounding.queries.registry import locate
 from warp_bounding.shapes import Grid
 
 SHAPES = ("line", "c", "blob", "half", "single", "anisotropic", "mesh", "animated", "five")

@@ -13,7 +13,7 @@ from warp_bounding.queries.point import POINT
 from warp_bounding.runtime.arrays import Picklable, new_output
 from warp_bounding.runtime.launch import launch_on_cores
 from warp_bounding.runtime.native import named, vector_type
-from warp_bounding.shapes.complement import SIDES
+from warp_bounding.shapes.derived import SIDES
 
 NO, MAYBE, YES = 0, 1, 2  # answers of ``classify``
 

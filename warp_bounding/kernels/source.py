@@ -19,8 +19,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from warp_bounding.queries import QUERIES, described
-from warp_bounding.queries.registry import locate
+from warp_bounding.queries import QUERIES, described, locate
 from warp_bounding.runtime.launch import BLOCK
 from warp_bounding.runtime.native import fill, identity, native_text
 from warp_bounding.shapes.joints import NUMBERS

@@ -1,5 +1,5 @@
 // The exact truth of queries about cells, in float64: the bodies of the loop of ``queries/exact.py``, and the points that
-// the paper samples (``queries/registry.py``). A part begins behind a line with three slashes and its name.
+// the paper samples (`queries/__init__.py`). A part begins behind a line with three slashes and its name.
 
 /// COORDINATE
 struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi: the first and the last closed cell there

@@ -53,12 +53,10 @@ class Rounding(NamedTuple):
     Attributes:
         padding: Per layer, the output last: bounds the float64 rounding of everything that bounds compute there.
         error: E, a bound of the error of any float32 evaluation of the output.
-        largest: Bound of the output's absolute value.
     """
 
     padding: list[float]
     error: float
-    largest: float
 
 
 def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
@@ -110,7 +108,7 @@ def measure(layers: list[Layer], limit: np.ndarray) -> Rounding:
         error = rounding + activation.error(argument)
         size = largest if activation.largest is None else np.full_like(largest, activation.largest)
     # 1e-6 is far above what this function itself rounds in float64.
-    return Rounding(padding, float(rounding[0]) * (1 + 1e-6), float(largest[0]) * (1 + 1e-6))
+    return Rounding(padding, float(rounding[0]) * (1 + 1e-6))
 
 
 class SearchBounds:
@@ -136,7 +134,6 @@ class Network:
     Attributes:
         padding: As in ``Rounding``.
         rounding: E, a bound of the error of any float32 evaluation.
-        largest: Bound of ``|f|``.
         packed: As ``bound_boxes`` reads them: of each hidden layer the biases, the weights row by row and their
             absolute values, then the output's bias and weights.
         bounds: What bounds it over boxes, wherever it is sent; those of the search, unless it is ``bounded_by`` others.
@@ -154,7 +151,7 @@ class Network:
             layers = [Layer(w.astype(np.float64), b.astype(np.float64), act) for (w, b), act in pairs]
         *self.hidden, self.output = layers
         self.limit = np.asarray(limit, dtype=np.float64)
-        self.padding, self.rounding, self.largest = measure([*self.hidden, self.output], self.limit)
+        self.padding, self.rounding = measure([*self.hidden, self.output], self.limit)
         parts = [part for x in self.hidden for part in (x.bias, x.weight.reshape(-1), np.abs(x.weight).reshape(-1))]
         self.packed = np.concatenate([*parts, self.output.bias, self.output.weight[0]])
 

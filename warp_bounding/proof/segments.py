@@ -311,7 +311,7 @@ for (int k = 0; k < K; ++k) h[k] = z[k] + z[K + k] * z[2 * K];
 
 
 class _Walk:
-    """One network along segments: the native walk (``native/segments.h``) with its numbers, and its launch.
+    """One network along segments: the native walk (``native/bounds.h``) with its numbers, and its launch.
 
     Of points it bounds -f, which must lie above -(threshold + E). Of a distance to a shape that moves it bounds F,
     which must lie above 0 all along. It is not enough that no face touches the point on its way, which a march would
@@ -376,7 +376,7 @@ def _kernel(shape: NetworkShape) -> wp.Kernel:
         + f" constexpr double INSIDE = {constant(INSIDE)}, LARGEST = {constant(LARGEST_LOCAL)};"
     )
     names += " auto absolute_of = [](double x) { return x < 0.0 ? -x : x; };"
-    walk = fill(native_text("segments.h").WALK, body=body(shape))
+    walk = fill(native_text("bounds.h").WALK, body=body(shape))
     cpu, cuda = lanes_text(shape, names)
     ends = (
         "const int BEGIN = block * BLOCK, END = BEGIN + BLOCK < count ? BEGIN + BLOCK : count;",

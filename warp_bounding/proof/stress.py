@@ -40,8 +40,7 @@ from warp_bounding.certificates.claim import OUTSIDE, as_fitted, in_local, misma
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.proof.search import ShapePositives, halve
 from warp_bounding.queries import QUERIES, oracle
-from warp_bounding.queries.boundary import border_points
-from warp_bounding.queries.hard import FORMS, HardPositives, World, draw_positives
+from warp_bounding.queries.boundary import FORMS, HardPositives, World, border_points, draw_positives
 from warp_bounding.rounding import round_down
 from warp_bounding.runtime.launch import working_seconds
 from warp_bounding.shapes.grid import Grid

@@ -78,7 +78,7 @@ class Query(ABC):
         every: In words, all queries of the kind; ``{length}`` stands for the length.
         hard_positives: In words, the half of ``draw_positives`` that is drawn to be hard.
         oracle_body: C text of the exact truth (``exact.loop_snippet``).
-        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``registry.SampledOracle``), by
+        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``SampledOracle``), by
             its paper's recipe.
         decider: Name of the method of shapes that decides queries of this kind.
         directed: For each n of a query's numbers: they are a direction, whose length does not count, or else a point.
