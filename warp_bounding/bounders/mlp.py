@@ -116,8 +116,6 @@ class Mlp(Layered, Bounder):
         return True
 
     def check_tensors(self) -> None:
-        if self.query_kind != POINT.name:
-            raise BounderError(f"networks over {self.query_kind} queries are gone: fit a bvh")
         self.expect_shapes(self.layer_shapes(self.domain.ndim, 1) | self.more_shapes())
         self.network = Network(self.layers, self.activation, self.domain.limit.astype(np.float64))
 
