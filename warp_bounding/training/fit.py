@@ -240,7 +240,7 @@ def _has_front(shape: Shape, query: str, options: dict[str, Any]) -> bool:
     """Whether ``fit`` puts half-spaces in front of a network, by its options: for points of solids without cells."""
     solid = not isinstance(shape, Grid) and shape.ndim == COMMON_NDIM and not shape.time and shape.joints is None
     known = solid and query == POINT.name and options["activation"] is None and not options["statistical"]
-    return known and tries(shape, query, options[STEPS.name])
+    return known and tries(shape, options[STEPS.name])
 
 
 class Stopwatch:

@@ -135,8 +135,8 @@ def _least(trainer: NetworkTrainer) -> float:
     return trainer.least
 
 
-def tries(shape: Shape, query: str, steps: int | None) -> bool:
-    """Whether activations are tried: of points, where there is time for it, and of no arms, whose waves are sines."""
+def tries(shape: Shape, steps: int | None) -> bool:
+    """Whether activations are tried: where there is time for it, and of no arms, whose waves are sines."""
     short = steps is not None and steps * TRIAL_SHARE < FEWEST_STEPS
     return shape.waves is None and not short
 
@@ -194,7 +194,7 @@ class _Fit:
 
     def _tried(self) -> str:
         """The activation whose short training leaves the fewest false positives; the default where none is worth it."""
-        if not tries(self.problem.grid, self.problem.query, self.options.steps):
+        if not tries(self.problem.grid, self.options.steps):
             return DEFAULT.name
         for name in TRIED:
             self.trainer = self._trainer(name)
