@@ -91,8 +91,8 @@ def test_files_of_what_is_gone_say_what_replaces_it(saved):
         check_refused(saved, words)
 
 
-@pytest.mark.parametrize("query", ["ray", "box"])
 @pytest.mark.parametrize("query", REGIONS)
+@pytest.mark.parametrize("method", ["mlp", "cascade", "relu-field"])
 def test_older_networks_and_fields_over_regions_are_refused_in_one_line(method, query, tmp_path, capsys, rng):
     """By ``load``, by ``certify`` and on the command line; the line names what answers these queries now."""
     path, source, box = tmp_path / "old.safetensors", tmp_path / "c.npy", fitted_query("c", "aabb", query, LENGTH)
