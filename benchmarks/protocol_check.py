@@ -16,8 +16,9 @@ import warp as wp
 from shared import options, show
 
 from paper.data import objects_in
+from paper.labels import SampledOracle
 from warp_bounding.bounders import METHODS
-from warp_bounding.queries import QUERY_KINDS, SampledOracle, sample
+from warp_bounding.queries import QUERY_KINDS, sample
 from warp_bounding.shapes import load_shape
 
 FITTED = 20_000

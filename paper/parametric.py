@@ -5,19 +5,21 @@ paper's code a volume encloses the positives among 20,000 random regions. Nothin
 positive that these samples do not show, and tables count that.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from paper.labels import SampledOracle
 from warp_bounding.bounders import METHODS
 from warp_bounding.bounders.ellipsoids import QuadricBounder
 from warp_bounding.bounders.learned_kdop import LearnedKdop
 from warp_bounding.bounders.volumes import kdop_directions
 from warp_bounding.errors import BounderError
-from warp_bounding.evaluation import Rates, counted, truth_by
+from warp_bounding.evaluation import Rates, counted
 from warp_bounding.geometry import enclosing_of_points
-from warp_bounding.queries import oracle, sample
+from warp_bounding.queries import decision, oracle, sample
 from warp_bounding.queries.boundary import draw_positives
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
 
@@ -98,12 +100,16 @@ def fit(grid, query, method, *, length=1.0, seed=0, seconds=10.0, steps=None) ->
     return ParametricVolume(domain, directions, y.min(axis=0), y.max(axis=0), None, numbers)
 
 
-def rates(volume: ParametricVolume, grid: Any, samples: int, protocol: str, *, seed: int, device: Any = "cpu") -> Rates:
-    """False positives and false negatives of random queries: the very queries that ``evaluate`` asks."""
-    query, length, rng = volume.domain.query, volume.domain.oracle_length, np.random.default_rng(seed)
-    truth = truth_by(protocol, query, grid, device, length, seed)
-    reported = {"protocol": protocol, "seed": int(seed), "truth": "cells", "indicator": grid.digest}
-    return counted(lambda count: sample(query, grid, count, rng), truth, volume.query, int(samples), None, **reported)
+def rates(ask: Callable, query: str, grid: Any, samples: int, protocol: str, *, seed: int, length: float) -> Rates:
+    """False positives and false negatives of random queries: the very queries that ``evaluate`` asks.
+
+    ``ask`` tells which queries ``(N, m)`` are *maybe*.
+    """
+    rng = np.random.default_rng(seed)
+    sampled = protocol != "exact"
+    truth = SampledOracle(query, grid, "cpu", seed, length) if sampled else decision(query, grid, "cpu", length)
+    reported = {"seed": int(seed), "truth": "cells", "indicator": grid.digest}
+    return counted(lambda count: sample(query, grid, count, rng), truth, ask, int(samples), None, **reported)
 
 
 def learned_normals(positives, negatives, scale, *, seed: int, seconds: float, steps: int | None) -> np.ndarray:

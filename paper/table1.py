@@ -89,9 +89,9 @@ def run(line, output, data=None, protocol=None, preset=None, budget=None, column
 
 def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: results.Folder) -> Iterator[dict[str, Any]]:
     """Rows of a cell, one a protocol."""
-    from warp_bounding.evaluation import evaluate
+    from warp_bounding.evaluation import ASKED, parts_of
 
-    variant, column, queried, started = cell.variant, cell.column, {}, time.perf_counter()
+    variant, column, started = cell.variant, cell.column, time.perf_counter()
     if variant.parametric:
         seconds = min(t.budget_of(s, column, variant), KDOP_SECONDS) if variant.learned else 0.0
         own = {"length": s["length"], "seed": s["seed"], "seconds": seconds}
@@ -103,12 +103,14 @@ def _measured(s: dict[str, Any], cell: Cell, kinds: Sequence[str], folder: resul
         spent = {"fit_seconds": round(time.perf_counter() - started, 3)}
     else:
         bounder, spent = fitted(folder, cell, s), {}
+    ask = bounder.query if variant.parametric else lambda x: bounder.query(x).numpy()
     if variant.method == t.DISTANCE:
-        queried = {"query": column.query} | ({"length": s["length"]} if column.kind.has_length else {})
-        queried |= {"steps": t.DISTANCE_STEPS[column.query]} if column.query in t.DISTANCE_STEPS else {}
-    rates = parametric.rates if variant.parametric else evaluate
+        steps = {"steps": t.DISTANCE_STEPS[column.query]} if column.query in t.DISTANCE_STEPS else {}
+        of_parts = ASKED[column.query](bounder, s["length"], **steps)
+        ask = lambda x: of_parts(*parts_of(column.query, x)).numpy()  # noqa: E731
     for protocol in kinds:
-        found = rates(bounder, cell.grid, s["samples"], protocol, seed=s["seed"] + 1, **queried)
+        own = {"seed": s["seed"] + 1, "length": s["length"] if column.kind.has_length else 1.0}
+        found = parametric.rates(ask, column.query, cell.grid, s["samples"], protocol, **own)
         counts = {"fp_rate": float(found.fp_rate), "fn": int(found.fn), "positives": float(found.positives)}
         yield about(cell, bounder, s) | spent | {"protocol": protocol} | counts
 

@@ -563,7 +563,6 @@ def evaluate(
     file: BounderFile,
     shape: ShapeFile,
     samples: Samples = 10**6,
-    protocol: Annotated[Literal["exact", "sampled"], Option(help="sampled: as in the paper.")] = "exact",
     seed: Annotated[int | None, number_option("Random seed (default: 1; a fresh one for --stress).")] = None,
     radius: Annotated[float | None, Option(help="Of a distance: points within it are positive (default: 0).")] = None,
     query: Annotated[Literal["point", "ray", "box"] | None, Option(help="Of a distance: what it is asked.")] = None,
@@ -587,10 +586,10 @@ def evaluate(
     of_distance = {"radius": radius, "query": query, "length": length}
     with bar("evaluate") as update:
         seed = 1 if seed is None else seed
-        rates = wb.evaluate(bounder, loaded, samples, protocol, seed=seed, progress=update, **of_distance)
+        rates = wb.evaluate(bounder, loaded, samples, seed=seed, progress=update, **of_distance)
     of_both = about(bounder, file, None, shape, rates.indicator)
     text = f"{bounder.method}: {rates.fp_rate:.3f} % false positives, {rates.fn} false negatives"
-    where = f"{rates.samples:,} samples ({rates.protocol}), {rates.reported_truth}"
+    where = f"{rates.samples:,} samples, {rates.reported_truth}"
     line = f"{text}, {rates.positives:.3f} % positives in {where}"
     return 0 if rates.fn == 0 else 1, of_both | rates.to_dict(), line
 

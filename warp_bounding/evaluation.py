@@ -14,7 +14,7 @@ from warp_bounding.bounders.load import bounder_of
 from warp_bounding.bounders.volumes import Aabb
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import QUERIES, SampledOracle, decision, oracle, sample
+from warp_bounding.queries import QUERIES, decision, oracle, sample
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
@@ -39,7 +39,6 @@ class Rates:
     fn: int  #: False negatives, a count; a conservative bounder has none
     positives: float  #: Samples whose truth is *yes*, per cent
     samples: int  #: Number of samples
-    protocol: str  #: ``"exact"`` or ``"sampled"``: the truth from random points of a region, as in the paper
     seed: int  #: Seed of the samples
     truth: str = "of its cells"  #: Whose: of the shape itself, or of cells, of a grid or where the shape cannot tell
     indicator: str | None = None  #: SHA-256 of what the fit bounded; equal to ``bounder.info["indicator"]``
@@ -64,30 +63,19 @@ class Rates:
         """JSON-ready.
 
         Example:
-            >>> wb.evaluate(bounder, grid, samples=1000).to_dict()["protocol"]
-            'exact'
+            >>> wb.evaluate(bounder, grid, samples=1000).to_dict()["samples"]
+            1000
         """
         return asdict(self)
 
 
 # --- truth -----------------------------------------------------------------------------------------------------------
 
-PROTOCOLS = ("exact", "sampled")
 
-
-def judge_of(shape, fitted: Shape, query: str, protocol: str) -> Shape:
+def judge_of(shape, fitted: Shape, query: str) -> Shape:
     """Whose truth counts: that of the shape itself where it can decide, and else of the cells that the fit bounded."""
-    known = isinstance(shape, Shape) and not isinstance(shape, Grid) and protocol == PROTOCOLS[0]
+    known = isinstance(shape, Shape) and not isinstance(shape, Grid)
     return shape.dilated(fitted.margin) if known and QUERIES[query].decides(shape) else fitted
-
-
-def truth_by(
-    protocol: str, query: str, judge: Shape, device, length: float, seed: int
-) -> Callable[[np.ndarray], np.ndarray]:
-    """The truth of queries by a protocol: rays have ``length``, ``seed`` is that of sampled truth's random points."""
-    if protocol == PROTOCOLS[0]:
-        return decision(query, judge, device, length)
-    return SampledOracle(query, judge, device=device, seed=seed, length=length)
 
 
 # --- counting --------------------------------------------------------------------------------------------------------
@@ -163,9 +151,7 @@ def within(shape: Shape, radius: float) -> Callable[[np.ndarray], np.ndarray]:
     return decide
 
 
-def _of_distance(
-    bounder: DistanceBounder, shape: Shape, fitted: Shape, protocol: str, seed: int, query: str, told: dict
-) -> tuple:
+def _of_distance(bounder: DistanceBounder, shape: Shape, fitted: Shape, query: str, told: dict) -> tuple:
     """What is evaluated of a distance: whose truth, around which shape, that truth, how it is asked, and more."""
     if query not in ASKED:
         raise QueryError(f"query of a distance must be one of {', '.join(ASKED)}, got {query!r}")
@@ -180,8 +166,8 @@ def _of_distance(
         return judge, around, truth_of, lambda x: bounder.query(x, radius), {"query": query, "radius": radius}
     length = float(told.pop("length", 1.0))
     ask = ASKED[query](bounder, length, **told)
-    judge = judge_of(shape, fitted, query, protocol)
-    truth_of = truth_by(protocol, query, judge, bounder.device, length, seed)
+    judge = judge_of(shape, fitted, query)
+    truth_of = decision(query, judge, bounder.device, length)
     return judge, judge, truth_of, lambda x: ask(*parts_of(query, x)), {"query": query}
 
 
@@ -199,7 +185,6 @@ def evaluate(
     bounder: Bounder | str | os.PathLike,
     shape,
     samples: int = 1_000_000,
-    protocol: str = "exact",
     *,
     seed: int = 1,
     radius: float | None = None,
@@ -216,8 +201,6 @@ def evaluate(
             mesh or a function is the truth itself, also where the fit bounded its cells.
         samples: Number of queries, drawn as in the paper (about a grid: between the centres of the first and
             the last cells; other shapes: a tenth of the longest side around the box that holds the object).
-        protocol: ``"exact"``, or ``"sampled"``, the paper's way to find the truth: ``any()`` over random points of the
-            region. That misses thin hits, so there are fewer positives. For points both are the same.
         seed: Seed of the samples.
         radius: For points and a distance: those within it count as positive; 0 if ``None``. Other bounders
             have none.
@@ -231,7 +214,7 @@ def evaluate(
         The rates.
 
     Raises:
-        QueryError: For an unknown protocol, fewer than one sample, a shape of another dimension, an impossible radius,
+        QueryError: For fewer than one sample, a shape of another dimension, an impossible radius,
             or options of distances only.
 
     Example:
@@ -239,8 +222,6 @@ def evaluate(
         >>> rates.fn, 0 < rates.fp_rate < 100
         (0, True)
     """
-    if protocol not in PROTOCOLS:
-        raise QueryError(f"protocol must be one of {', '.join(PROTOCOLS)}, got {protocol!r}")
     for name, value, least in (("samples", samples, 1), ("seed", seed, 0)):
         if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or value < least:
             raise QueryError(f"{name} must be a whole number of at least {least}, got {value!r}")
@@ -256,11 +237,11 @@ def evaluate(
         raise QueryError(f"the shape is {fitted.ndim}D, the bounder {bounder.ndim}D")
     if bounder.of_distances:
         query = POINT.name if query is None else query
-        judge, around, truth_of, ask, more = _of_distance(bounder, shape, fitted, protocol, seed, query, told)
+        judge, around, truth_of, ask, more = _of_distance(bounder, shape, fitted, query, told)
     else:
         query, ask, more = bounder.query_kind, bounder.query, {}
-        around = judge = judge_of(shape, fitted, query, protocol)
-        truth_of = truth_by(protocol, query, judge, bounder.device, bounder.domain.oracle_length, seed)
+        around = judge = judge_of(shape, fitted, query)
+        truth_of = decision(query, judge, bounder.device, bounder.domain.oracle_length)
         if isinstance(fitted, Grid) and judge is not fitted:
             more["of_cells"] = oracle(query, fitted, bounder.device, bounder.domain.oracle_length)
     truth = "of the shape itself"
@@ -273,7 +254,6 @@ def evaluate(
         lambda x: ask(x).numpy(),
         int(samples),
         progress,
-        protocol=protocol,
         seed=seed,
         truth=truth,
         indicator=fitted.digest,
@@ -301,7 +281,7 @@ def quick_rates(bounder: Bounder, grid: Shape, shape: Shape | None = None) -> di
         rates = [100 * int((maybe & outside).sum()) / QUICK for maybe in (bounder.exact(x) <= 0, boxed)]
         return {"fp_rate": rates[0], "fp_rate_aabb": rates[1], "free": 100 * float(outside.mean()), "samples": QUICK}
     query, length = bounder.query_kind, bounder.domain.oracle_length
-    judge = judge_of(grid if shape is None else shape, grid, query, PROTOCOLS[0])
+    judge = judge_of(grid if shape is None else shape, grid, query)
     x = sample(query, judge, QUICK, np.random.default_rng(QUICK_SEED))
     x = x[~oracle(query, judge, device="cpu", length=length)(x)]
     box = Aabb.fit(judge, domain_of(grid, query, length))

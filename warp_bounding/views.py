@@ -22,7 +22,7 @@ from warp_bounding.bounders.bounder import Bounder
 from warp_bounding.certificates.claim import as_fitted, in_local, of_side
 from warp_bounding.certificates.statement import statement
 from warp_bounding.errors import BoundingError, QueryError
-from warp_bounding.evaluation import PROTOCOLS, judge_of, judge_of_points
+from warp_bounding.evaluation import judge_of, judge_of_points
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.queries.point import POINT
@@ -227,7 +227,7 @@ def view_of(
     if local.of_distances:
         around = judge_of_points(local, own, fitted, radii[0])[1]
     else:
-        around = judge_of(own, fitted, POINT.name, PROTOCOLS[0])
+        around = judge_of(own, fitted, POINT.name)
     room = max(radii) + BEYOND * (around.upper - around.lower)[axes].max()
     lower, upper, solid = around.lower[axes] - room, around.upper[axes] + room, len(axes) == SPACE
     cells = resolution or (CELLS if solid else PIXELS)

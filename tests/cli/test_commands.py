@@ -43,14 +43,9 @@ def test_each_kind_of_query(files, capsys, query):
     assert (info["query"], info["dimension"], info["length"]) == (query, 2, 0.75 if query == "ray" else None)
     assert info["certificate"] == fitted["certificate"]
     assert "what is proven" in info["statement"]
-    rates = {}
-    for protocol in ("exact", "sampled"):
-        rates[protocol] = as_json(
-            capsys, "evaluate", path, files / "c.npy", "--samples", 20_000, "--protocol", protocol
-        )
-        assert rates[protocol]["fn"] == 0
-    assert rates["exact"]["fp_rate"] == fitted["fp_rate"]
-    assert rates["exact"]["positives"] >= rates["sampled"]["positives"] > 0
+    rates = as_json(capsys, "evaluate", path, files / "c.npy", "--samples", 20_000)
+    assert (rates["fn"], rates["fp_rate"]) == (0, fitted["fp_rate"])
+    assert rates["positives"] > 0
     again = as_json(capsys, "certify", path, files / "c.npy")
     assert (again["proven"], again["same_indicator"]) == (True, True)
     other = as_json(capsys, "certify", path, files / "other.npy", status=1)

@@ -1,4 +1,4 @@
-"""Rates are counts of what oracle and bounder say, by both protocols, of points, regions and distances."""
+"""Rates are counts of what oracle and bounder say, of points, regions and distances."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from distances import far, thing
 import warp_bounding as wb
 from warp_bounding import evaluation
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import SampledOracle, oracle, sample
+from warp_bounding.queries import oracle, sample
 
 
 def test_progress_and_chunks(monkeypatch):
@@ -32,7 +32,7 @@ def test_a_path_is_taken_for_a_bounder_and_what_is_none_is_told(tmp_path):
         for call in (wb.evaluate, wb.certify):
             with pytest.raises(wb.BounderError, match="first, then the shape, got"):
                 call(wrong, fitted("aabb", "c"))
-    for options in (*({"samples": n} for n in ("many", 0, 1.5, True)), {"seed": -1}, {"protocol": 5}):
+    for options in (*({"samples": n} for n in ("many", 0, 1.5, True)), {"seed": -1}):
         with pytest.raises(QueryError):
             wb.evaluate(fitted("aabb", "c"), grid, **options)
 
@@ -76,22 +76,9 @@ def test_rates_are_what_a_count_gives(method, query, device):
         rates, maybe = wb.evaluate(bounder, grid, samples=SAMPLES, seed=5), bounder.query(x).numpy().astype(bool)
         counted = ((truth & ~maybe).sum(), 100 * (maybe & ~truth).sum() / SAMPLES, 100 * truth.sum() / SAMPLES)
         assert (rates.fn, rates.fp_rate, rates.positives) == counted
-        assert (rates.samples, rates.protocol, rates.seed) == (SAMPLES, "exact", 5)
+        assert (rates.samples, rates.seed) == (SAMPLES, 5)
         assert (rates.fn > 0) == np.isinf(threshold)
     assert wb.evaluate(bounder, grid, samples=SAMPLES, seed=4) != rates
-
-
-@pytest.mark.parametrize("query", REGIONS)
-def test_sampled_positives_are_fewer(query):
-    """Random points of a region miss thin hits and invent none: no false negatives under either protocol."""
-    bounder, grid = fitted_query("star", "aabb", query, 0.6), shape("star")
-    exact, sampled = (wb.evaluate(bounder, grid, samples=SAMPLES, seed=2, protocol=p) for p in ("exact", "sampled"))
-    assert exact.fn == sampled.fn == 0
-    assert exact.positives > sampled.positives > 0
-    passed = [rates.fp_rate + rates.positives for rates in (exact, sampled)]  # all that it lets through
-    assert passed[0] == pytest.approx(passed[1])
-    x = sample(query, grid, SAMPLES, np.random.default_rng(2))
-    assert not (SampledOracle(query, grid, "cpu", length=0.6)(x) & ~oracle(query, grid, "cpu", 0.6)(x)).any()
 
 
 ASKED = {
@@ -113,10 +100,6 @@ def test_rates_of_distances_are_what_a_count_gives(query):
     near = wb.evaluate(bounder, grid, samples=SAMPLES, radius=0.3)
     assert (near.fn, near.radius) == (0, 0.3)
     assert near.positives > 0
-    sampled = wb.evaluate(bounder, grid, SAMPLES, "sampled", seed=5, query=query, **told)
-    assert sampled.fn == 0
-    assert sampled.positives <= rates.positives
-    assert sampled.fp_rate >= rates.fp_rate
 
 
 def test_what_makes_no_sense_is_refused():

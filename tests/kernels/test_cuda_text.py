@@ -11,7 +11,6 @@ from bounding_shapes import domain_points, random_bounder, random_mlp, shape
 from distances import far, points_around
 from region_cases import REGIONS, fitted_region
 
-from warp_bounding import queries
 from warp_bounding.arms.motions import _kernels as _motions
 from warp_bounding.bounders import DISTANCES, METHODS
 from warp_bounding.kernels.distances import box_kernel, lanes_kernel, lines_kernel
@@ -45,7 +44,6 @@ def test_regions_and_their_truth(query, tmp_path):
     bounder = fitted_region("bvh", query, grid)
     check_compiles(batch_kernel(bounder.source, True, False), tmp_path / "placed")
     check_compiles(QUERIES[query].kernel(3), tmp_path / "exact")
-    check_compiles(queries._kernel(query, 3), tmp_path / "sampled")
 
 
 @pytest.mark.parametrize("activation", ["sin", "relu"])

@@ -7,6 +7,7 @@ import pytest
 from bounding_shapes import shape
 
 from paper import regions, results
+from paper.labels import SampledOracle
 from paper.parametric import SAMPLES, fit, rates
 from warp_bounding.errors import BounderError, BoundingError
 from warp_bounding.queries import oracle, sample
@@ -77,7 +78,7 @@ def test_samples_are_enclosed_and_others_are_hardly_missed(name, methods, query)
     for method in methods[: 6 + (query != "ray")]:  # rays are slow to learn
         volume = fit(shape(name), query, method, steps=30)
         assert volume.query(x).mean() > 1 - 1e-3, method  # the rounding of products
-        found = rates(volume, shape(name), 20_000, "exact", seed=3)
+        found = rates(volume.query, query, shape(name), 20_000, "exact", seed=3, length=1.0)
         assert found.fn < 0.005 * found.samples
         assert 0 < found.fp_rate + found.positives <= 100 + 1e-9
 
@@ -93,15 +94,26 @@ def test_networks_over_the_numbers_deny_none_of_the_samples_that_set_their_thres
     last = [f[truth] for f, truth in found[-regions.LEAST_DRAWS :]]
     assert min(f.min() for f in last) == network.threshold
     assert np.mean([f[truth].mean() - f[~truth].mean() for f, truth in found]) > 0  # it has learnt something
-    counted, grid = rates(network, shape("c"), 20_000, "exact", seed=3), shape("c")
+    counted, grid = rates(network.query, query, shape("c"), 20_000, "exact", seed=3, length=1.0), shape("c")
     assert counted.fn < 0.01 * counted.samples
     x = sample(query, grid, 20_000, np.random.default_rng(3))
     truth, maybe = oracle(query, grid, "cpu", network.domain.oracle_length)(x), network.query(x)
     assert (counted.fp_rate, counted.fn) == (pytest.approx(100 * (maybe & ~truth).mean()), (truth & ~maybe).sum())
-    assert rates(replace(network, threshold=np.inf), grid, 20_000, "exact", seed=3).fn == truth.sum() > 0
+    nothing = replace(network, threshold=np.inf)
+    assert rates(nothing.query, query, grid, 20_000, "exact", seed=3, length=1.0).fn == truth.sum() > 0
     assert network.nbytes > 4 * (8 * 4 + 8 + 8 + 1)
 
 
 def test_points_have_no_other_numbers():
     with pytest.raises(BounderError, match="expected regions"):
         fit(shape("c"), "point", "aabb")
+
+
+@pytest.mark.parametrize("query", ["ray", "plane", "box"])
+def test_sampled_labels_are_some_of_the_exact_ones(query):
+    """Random points of a region miss thin hits and invent none."""
+    grid = shape("star")
+    x = sample(query, grid, 20_000, np.random.default_rng(2))
+    labels, truth = SampledOracle(query, grid, "cpu", length=0.6)(x), oracle(query, grid, "cpu", 0.6)(x)
+    assert not (labels & ~truth).any()
+    assert 0 < labels.sum() < truth.sum()

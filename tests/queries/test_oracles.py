@@ -9,7 +9,7 @@ from bounding_shapes import SHAPES as ALL_SHAPES
 from bounding_shapes import domain_points, object_points, shape
 
 from warp_bounding.errors import QueryError
-from warp_bounding.queries import QUERIES, SampledOracle, check_query, locate, oracle, sample
+from warp_bounding.queries import QUERIES, check_query, locate, oracle, sample
 from warp_bounding.queries.boundary import HardPositives, draw_positives
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.directions import sample_directions
@@ -237,7 +237,6 @@ def test_a_kind_of_query_is_added_from_outside(monkeypatch, rng):
     q = sample(check_query(cuboid), grid, 2000, rng)
     truth = oracle(cuboid, grid, "cpu")
     np.testing.assert_array_equal(truth(q), oracle("box", grid, "cpu")(q))
-    np.testing.assert_array_equal(SampledOracle(cuboid, grid, "cpu")(q), SampledOracle("box", grid, "cpu")(q))
     assert truth(next(draw_positives(cuboid, grid, 100, 1, "cpu"))).all()
     assert truth(HardPositives(cuboid, grid, device="cpu").draw(1, 0, 500)).all()
     domain, same = domain_of(grid, cuboid), domain_of(grid, "box")

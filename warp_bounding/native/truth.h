@@ -1,5 +1,5 @@
-// The exact truth of queries about cells, in float64: the bodies of the loop of ``queries/exact.py``, and the points that
-// the paper samples (`queries/__init__.py`). A part begins behind a line with three slashes and its name.
+// The exact truth of queries about cells, in float64: the bodies of the loop of ``queries/exact.py``. A part begins
+// behind a line with three slashes and its name.
 
 /// COORDINATE
 struct Coordinate {  // t + rest = cells_per_unit * x - offset, exactly; lo, hi: the first and the last closed cell there
@@ -84,9 +84,6 @@ for (int corner = 0; corner < (1 << N); ++corner) {
     sum += sign * indices.data[index];
 }
 answer = sum > 0;
-
-/// SAMPLED_BOX
-for (int k = 0; k < N; ++k) y[k] = (double)q[k] + uniform() * ((double)q[N + k] - (double)q[k]);
 
 /// RAY:
 /// Names that end in _sure are rounded inwards, those in _most outwards.
@@ -195,10 +192,6 @@ for (int left = (end_slab - begin_slab) * sign, slab = begin_slab; left >= 0 && 
     left -= 1; slab += sign;
 }
 
-/// SAMPLED_RAY
-const double along = length * uniform() / size;
-for (int k = 0; k < N; ++k) y[k] = (double)q[k] + along * (double)q[N + k];
-
 /// PLANE:
 /// LANES corners stand side by side; after GROUPS of such groups it is looked whether enough is known.
 Coordinate p[N];
@@ -262,56 +255,4 @@ for (int c = 0; c < components && answer != 1; ++c) {
     }
     if (below && above) answer = 1;
     else if (perhaps_below && perhaps_above) answer = 2;
-}
-
-/// SAMPLED_PLANE
-if (q[0] == 0.0f) break;
-// all points whose free coordinates lie outside the domain are skipped at once: their number is geometric
-const double skipped = floor(log(uniform()) / map.data[5 * N]);
-if (skipped >= COUNT - sample) break;
-sample += (int)skipped;
-double rest = 0.0;
-for (int k = 1; k < N; ++k) {
-    y[k] = map.data[3 * N + k] + uniform() * (map.data[4 * N + k] - map.data[3 * N + k]);
-    rest += (double)q[k] * (y[k] - (double)q[N + k]);
-}
-y[0] = (double)q[N] - rest / (double)q[0];
-
-/// SAMPLED:
-/// COUNT points of a region; ``y`` is the next one.
-struct Generator {  // PCG-RXS-M-XS 32 (O'Neill 2014), keyed by a hash of the seed and the query
-    unsigned int state;
-    void absorb(unsigned int word) { state ^= word; (*this)(); }
-    unsigned int operator()() {
-        state = state * 747796405u + 2891336453u;
-        unsigned int word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
-        return (word >> 22u) ^ word;
-    }
-};
-if (out.data[i] != 1) break;  // the exact truth
-Generator generator;
-generator.state = (unsigned int)seed;
-unsigned int key = generator();
-for (int k = 0; k < 2 * N; ++k) {
-    union { float f; unsigned int u; } bits;
-    bits.f = q[k];
-    generator.state = key ^ bits.u;
-    key = generator() + 0x9e3779b9u * (unsigned int)(k + 1);
-}
-generator.state = key;
-const auto uniform = [&]() { return ((double)generator() + 0.5) * 0x1p-32; };
-double size = 0.0;
-for (int k = 0; k < N; ++k) size += (double)q[N + k] * (double)q[N + k];
-size = sqrt(size);
-for (int sample = 0; sample < COUNT; ++sample) {
-    double y[N];
-    $sampled_point
-    long long index = 0;
-    bool inside = true;
-    for (int k = 0; k < N; ++k) {
-        const double t = floor(y[k] * map.data[k] - map.data[N + k] + 0.5), r = map.data[2 * N + k];
-        inside &= t >= 0.0 && t < r;
-        index = index * (long long)r + (t >= 0.0 && t < r ? (long long)t : 0);
-    }
-    if (inside && cells.data[index]) { answer = 1; break; }
 }

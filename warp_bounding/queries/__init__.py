@@ -1,22 +1,19 @@
 """Queries: what is asked of an object, how it is sampled, and the exact truth. One file a kind; here they are by name.
 
-Also the C text of a kind's map, and the paper's labels.
+Also the C text of a kind's map.
 """
 
 from collections.abc import Callable
 
 import numpy as np
-import warp as wp
 
 from warp_bounding.errors import QueryError
 from warp_bounding.queries.base import Query
 from warp_bounding.queries.box import BOX
 from warp_bounding.queries.distance import DISTANCE, DistanceQuery
-from warp_bounding.queries.exact import ExactOracle, oracle_kernel
 from warp_bounding.queries.plane import PLANE
 from warp_bounding.queries.point import POINT
 from warp_bounding.queries.ray import RAY
-from warp_bounding.runtime.native import constants, fill, native_text
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.joints import TEXT
 from warp_bounding.shapes.shape import Shape
@@ -25,7 +22,6 @@ __all__ = [
     "QUERIES",
     "QUERY_KINDS",
     "Query",
-    "SampledOracle",
     "check_query",
     "decision",
     "described",
@@ -102,46 +98,3 @@ def locate(query: str, n: int, free: int, placed: bool = False, joints: bool = F
         moving=f"{{ {kind.placed_text} }}" if placed else "",
         text=text,
     )
-
-
-# The ``sampled`` protocol: the paper's labels, ``any()`` over random points of the region.
-#
-# 500 points of a region, 1500 in four dimensions; of a ray uniform in t over [0, length], of a box uniform inside, of
-# a plane all coordinates but the first uniform in [-3, 3] (in the frame where the grid's outer cell centres are 0 and
-# 1), the first solved for; a plane whose normal has no first component yields no points. The generator is
-# counter-based and keyed by the seed and the query's own bits: a query has one label, in any batch and on every device
-# up to the last bits of a square root. A region that the *exact* oracle calls empty is not sampled at all. That is
-# fast, and it excludes phantom hits: a point may be rounded off its region into a cell, but never makes a region
-# positive that meets no cell.
-
-PLANE_SPAN = 3.0  # free coordinates of a plane's points are uniform in [-3, 3], as in the paper
-
-
-def _kernel(query: str, ndim: int) -> wp.Kernel:
-    body = fill(native_text("truth.h").SAMPLED, sampled_point=QUERIES[query].sampled_point)
-    body = constants(COUNT=500 if ndim < 4 else 1500) + body
-    return oracle_kernel(f"wb_sampled_{query}_{ndim}d", ndim, 2 * ndim, body)
-
-
-class SampledOracle(ExactOracle):
-    """The paper's labels, a subset of the exact ones: sampling misses thin hits and invents none.
-
-    ``seed`` is that of the random points. Of points the labels are exact, a point being all of its region.
-    """
-
-    def __init__(self, query: str, grid: Grid, device: str | None = None, seed: int = 0, length: float = 1.0):
-        kind = QUERIES[check_query(query)]
-        self.kind, self.seed, self._exact = kind, int(seed), kind.oracle(grid, device, length)
-        if not kind.is_region:
-            return
-        free = (grid.upper - grid.lower) / (grid.sample_upper - grid.sample_lower)  # of the domain, in the frame
-        with np.errstate(divide="ignore"):
-            outside = np.log1p(-np.prod(free[1:] / (2 * PLANE_SPAN)))
-        arrays = {"map": np.concatenate([grid.lower, grid.upper, [outside]]), "cells": grid.occupancy.astype(np.uint8)}
-        super().__init__(kind, grid, device, length, _kernel(query, grid.ndim), arrays)
-
-    def __call__(self, q: np.ndarray) -> np.ndarray:
-        return super().__call__(q) if self.kind.is_region else self._exact(q)
-
-    def _answers(self, q: np.ndarray) -> np.ndarray:
-        return super()._answers(q, self.seed, self._exact(q).astype(np.uint8))

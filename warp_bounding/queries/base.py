@@ -78,8 +78,6 @@ class Query(ABC):
         every: In words, all queries of the kind; ``{length}`` stands for the length.
         hard_positives: In words, the half of ``draw_positives`` that is drawn to be hard.
         oracle_body: C text of the exact truth (``exact.loop_snippet``).
-        sampled_point: C text that sets ``y[N]`` to a random point of the region ``q`` (``SampledOracle``), by
-            its paper's recipe.
         decider: Name of the method of shapes that decides queries of this kind.
         directed: For each n of a query's numbers: they are a direction, whose length does not count, or else a point.
         ends: For each n of them: whether a query meets nothing where they are too small, and where they are too large.
@@ -93,7 +91,6 @@ class Query(ABC):
     every: str
     hard_positives: str
     oracle_body: ClassVar[str]
-    sampled_point: ClassVar[str] = ""
     decider: ClassVar[str] = ""
     directed: ClassVar[tuple[bool, ...]]
     ends: ClassVar[tuple[tuple[bool, bool], ...]]

@@ -35,7 +35,6 @@ class BoxQuery(Query):
         "reaching outside the domain"
     )
     oracle_body = text.BOX
-    sampled_point = text.SAMPLED_BOX
 
     def valid(self, q: np.ndarray) -> np.ndarray:
         return super().valid(q) & (q[:, : q.shape[1] // 2] <= q[:, q.shape[1] // 2 :]).all(axis=1)

@@ -42,8 +42,7 @@ def oracle_kernel(name: str, ndim: int, columns: int, body: str) -> wp.Kernel:
     """The kernel of an oracle, by a name of this body and dimension only.
 
     Besides the queries the body (``loop_snippet``) reads ``map`` (cells per unit, offset and shape, n float64 each, and
-    more where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells``, ``length`` and
-    ``seed``; ``out`` holds what the oracle has put there.
+    more where the oracle adds it) and whichever it needs of ``numbers``, ``indices``, ``cells`` and ``length``.
     """
 
     @named(name).block_kernel(loop_snippet(ndim, body, columns))
@@ -56,7 +55,6 @@ def oracle_kernel(name: str, ndim: int, columns: int, body: str) -> wp.Kernel:
         indices: wp.array(dtype=wp.int32),
         cells: wp.array(dtype=wp.uint8),
         length: wp.float64,
-        seed: wp.uint32,
         out: wp.array(dtype=wp.uint8),
     ): ...
 
@@ -116,13 +114,11 @@ class ExactOracle:
         held = {**dict.fromkeys(types, np.zeros(1)), **arrays, "map": np.concatenate(own)}
         self._inputs = [wp.array(held[k].reshape(-1), dtype=t, device=self.device) for k, t in types.items()]
 
-    def _answers(self, q: np.ndarray, seed: int = 0, given: np.ndarray | None = None) -> np.ndarray:
-        """``(N,)`` uint8: 0, 1, or 2 for undecided; the kernel sees ``seed``, and what is ``given`` in ``out``."""
+    def _answers(self, q: np.ndarray) -> np.ndarray:
+        """``(N,)`` uint8: 0, 1, or 2 for undecided."""
         out = wp.empty(len(q), dtype=wp.uint8, device=self.device)
-        if given is not None:
-            out = wp.array(given, dtype=wp.uint8, device=self.device)
         flat = wp.array(q.reshape(-1), dtype=wp.float32, device=self.device, copy=not self.device.is_cpu)
-        inputs = [flat, len(q), 0, *self._inputs, wp.float64(self.length), wp.uint32(seed % 2**32)]
+        inputs = [flat, len(q), 0, *self._inputs, wp.float64(self.length)]
         launch_blocks(self._kernel, len(q), inputs, [out], self.device, first_index=2)
         return out.numpy()
 

@@ -81,7 +81,6 @@ class PlaneQuery(DirectedQuery):
         "as far as several domains away"
     )
     oracle_body = constants(LANES=LANES, GROUPS=GROUPS) + text.PLANE
-    sampled_point = text.SAMPLED_PLANE
 
     def truth(self, grid: Grid, q: np.ndarray, length: float = 1.0, cells: np.ndarray | None = None) -> np.ndarray:
         n, truth = grid.ndim, self.valid(q)

@@ -100,7 +100,6 @@ class RayQuery(DirectedQuery):
         "them from outside the domain"
     )
     oracle_body = text.RAY
-    sampled_point = text.SAMPLED_RAY
 
     def halves(self, q: np.ndarray, length: float) -> list[np.ndarray]:
         """Both ends of segments, the second one rounded to float64."""
