@@ -22,7 +22,7 @@ from warp_bounding.activations import DEFAULT
 from warp_bounding.errors import BoundingError
 from warp_bounding.queries import sample
 from warp_bounding.shapes import Grid
-from warp_bounding.shapes.derived import SIDES
+from warp_bounding.shapes.complement import SIDES
 
 
 def labels_of(parts) -> list[str]:

@@ -79,7 +79,7 @@ _HOMES = {
         "compact",
         "load",
     ),
-    "warp_bounding.bounders.two_sided": ("TwoSided", "two_sided"),
+    "warp_bounding.bounders.cascade": ("TwoSided", "two_sided"),
     "warp_bounding.shapes": ("load_shape",),
     "warp_bounding.proof": ("certify",),
     "warp_bounding.evaluation": ("Rates", "evaluate"),

@@ -46,7 +46,8 @@ from warp_bounding.runtime.launch import (
 )
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.shapes import Grid, load_shape
-from warp_bounding.shapes.derived import SIDES, own_coordinates
+from warp_bounding.shapes.complement import SIDES
+from warp_bounding.shapes.recentred import own_coordinates
 from warp_bounding.shapes.shape import Shape
 from warp_bounding.training import fit
 from warp_bounding.training.fit import check_asked, check_numbers, is_number, trainer_of, warn_of_restriction

@@ -617,7 +617,7 @@ def info(file: BounderFile) -> tuple:
     """
     from warp_bounding.bounders.voxels import Voxels
     from warp_bounding.certificates.statement import statement
-    from warp_bounding.shapes.derived import SIDES
+    from warp_bounding.shapes.complement import SIDES
 
     quiet_warp()
     bounder = wb.load(file, device="cpu")

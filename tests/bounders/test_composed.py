@@ -15,11 +15,11 @@ from rewriting import changed
 
 import warp_bounding as wb
 from warp_bounding.bounders import Cascade
-from warp_bounding.bounders.two_sided import MAYBE, NO, YES
+from warp_bounding.bounders.cascade import MAYBE, NO, YES
 from warp_bounding.errors import BounderError, QueryError
 from warp_bounding.kernels.source import DENIED
 from warp_bounding.proof import stress_test
-from warp_bounding.shapes.derived import Complement
+from warp_bounding.shapes.complement import Complement
 from warp_bounding.shapes.shape import IN, OUT
 
 CHAINS = [("aabb", "kdop", "mlp"), ("sphere", "aabb", "mlp"), ("voxels", "mlp")]

@@ -18,7 +18,7 @@ from warp_bounding.errors import BounderError, FileFormatError, ShapeError
 from warp_bounding.networks import network_shape
 from warp_bounding.proof import covering, distances
 from warp_bounding.proof.halving import KEY, Checkpoint
-from warp_bounding.shapes.derived import Frame, Recentred
+from warp_bounding.shapes.recentred import Frame, Recentred
 
 
 def ball(radius: float = 1.0) -> wb.shapes.Mesh:

@@ -10,7 +10,7 @@ from rewriting import rewrite
 
 import warp_bounding as wb
 from warp_bounding.shapes import load_shape
-from warp_bounding.shapes.derived import Frame, Recentred, recentred
+from warp_bounding.shapes.recentred import Frame, Recentred, recentred
 
 UTM = np.array([500000.13, 4649776.37, 12.7])
 BALL = np.linalg.norm(np.indices((16, 16, 16)) - 7.5, axis=0) < 6

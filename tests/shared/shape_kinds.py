@@ -10,7 +10,7 @@ from bounding_shapes import shape as grid
 
 import warp_bounding as wb
 from warp_bounding.arms import Arm, ArmConfigurations, Body, Joint
-from warp_bounding.shapes.derived import Frame, Recentred
+from warp_bounding.shapes.recentred import Frame, Recentred
 from warp_bounding.shapes.shape import IN
 
 MARGIN = 0.0625

@@ -49,17 +49,17 @@ def _package(*names: str) -> tuple[str, ...]:
 
 
 QUERY = _package("activations.py", "bounders", "kernels", "networks", "queries", "rounding.py", "runtime")
-SHAPES = _package("shapes", "geometry", "rigid.py")
-FIT = (*QUERY, *SHAPES, *_package("certificates", "evaluation", "proof", "training"))
+SHAPES = _package("shapes", "geometry.py", "rigid.py")
+FIT = (*QUERY, *SHAPES, *_package("certificates", "evaluation.py", "proof", "training"))
 MOTIONS = (*SHAPES, *_package("arms", "runtime"))
 ARMS, PAIRS, NEWTON = (*FIT, *_package("arms")), (*FIT, *_package("pairs")), (*QUERY, *_package("newton", "pairs"))
 CLOTH, ARM_DEMO = ("sims/bounders", "sims/cloth"), ("sims/arm", "sims/planning")
 PAGES = {
     "arm": Page((*ARMS, *ARM_DEMO)),
     "arm-pairs": Page((*ARMS, *PAIRS)),
-    "bake": Page((*FIT, *_package("baking"))),
+    "bake": Page((*FIT, *_package("baking.py"))),
     "changing-cell": Page((*ARMS, *ARM_DEMO)),
-    "chosen": Page((*FIT, *_package("choice"), "paper")),
+    "chosen": Page((*FIT, *_package("choice.py"), "paper")),
     "demos": Page((*ARMS, *NEWTON, "sims")),
     "distances": Page(FIT),
     "export": Page((*FIT, "examples/cpp")),
@@ -75,7 +75,7 @@ PAGES = {
     "pairs": Page(PAIRS),
     "parts": Page(FIT),
     "planners": Page((*MOTIONS, "benchmarks/motions.py")),
-    "predicted": Page((*FIT, *_package("choice"))),
+    "predicted": Page((*FIT, *_package("choice.py"))),
     "proofs": Page((*FIT, "paper"), without=("settings.json",)),
     "robot-balls": Page((*MOTIONS, *_package("pairs"))),
     "robot-planning": Page((*ARMS, *ARM_DEMO)),

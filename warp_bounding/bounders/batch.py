@@ -22,8 +22,8 @@ from warp_bounding.queries.placement import Placement
 from warp_bounding.queries.region_domain import AnyDomain
 from warp_bounding.runtime.arrays import Compaction, compact, flat_queries, memory_of, new_output
 from warp_bounding.runtime.launch import BlockLaunch
-from warp_bounding.shapes.derived import Frame
 from warp_bounding.shapes.joints import PER_JOINT
+from warp_bounding.shapes.recentred import Frame
 
 
 class Prepared:
@@ -135,7 +135,7 @@ LOOKS = 8  # whoever has asked as many batches in the right units goes on with t
 class Queryable(ABC):
     """What a ``Bounder`` needs to answer queries; ``Bounder`` adds fitting, bounds and proofs.
 
-    A bounder of a shape that has an origin (``shapes.derived``) follows one rule. ``query``, ``values`` and
+    A bounder of a shape that has an origin (``shapes.recentred``) follows one rule. ``query``, ``values`` and
     ``candidates`` take world coordinates, float32 or float64, and subtract the origin in float64. Whatever reads
     float32 in place takes local coordinates: kernels' functions, ``prepare``, placements. These are only for
     ``bounder.local``, which has no origin, so that nobody gives them world coordinates by mistake.

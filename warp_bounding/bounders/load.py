@@ -15,7 +15,7 @@ from warp_bounding.queries.domain import json_number
 from warp_bounding.queries.region_domain import SPACE, RegionDomain
 from warp_bounding.runtime.launch import device_of
 from warp_bounding.runtime.whole_file import file_path
-from warp_bounding.shapes.derived import Frame
+from warp_bounding.shapes.recentred import Frame
 from warp_bounding.shapes.shape import dilated_digest
 
 

@@ -19,8 +19,9 @@ from warp_bounding.certificates import Certificate
 from warp_bounding.errors import BoundingError, FileFormatError, ShapeError
 from warp_bounding.queries.distance import DISTANCE
 from warp_bounding.rounding import UNIT32, round_down
-from warp_bounding.shapes.derived import SIDES, Complement, Frame, outside_of, own_coordinates, parted
+from warp_bounding.shapes.complement import SIDES, Complement, outside_of
 from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.recentred import Frame, own_coordinates, parted
 from warp_bounding.shapes.shape import Shape
 
 if TYPE_CHECKING:

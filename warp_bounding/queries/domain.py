@@ -148,7 +148,7 @@ class Domain(PointMap):
     def fault(self, blur: np.ndarray | float = 0.0) -> str | None:
         """What is wrong with these numbers, in a few words; ``None`` if every claim of this class holds for them.
 
-        ``delta`` must also cover ``blur``, ``(n,)``, object units (``shapes.derived``).
+        ``delta`` must also cover ``blur``, ``(n,)``, object units (``shapes.recentred``).
         """
         arrays = [self.center, self.scale, self.limit, self.delta, self.lower, self.upper]
         if not all(a.shape == (self.ndim,) and np.isfinite(a).all() for a in arrays) or self.ndim == 0:

@@ -25,7 +25,7 @@ _HOMES = {
     "warp_bounding.shapes.grid": ("Grid",),
     "warp_bounding.shapes.mesh": ("Mesh",),
     "warp_bounding.shapes.motion": ("MovingMesh",),
-    "warp_bounding.shapes.derived": ("Complement",),
+    "warp_bounding.shapes.complement": ("Complement",),
 }
 _WHERE = {name: home for home, names in _HOMES.items() for name in names}
 _GONE = {"Box", "Capsule", "Difference", "Dilation", "Extrusion", "HalfSpace", "Intersection", "Sphere", "Torus"}

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.derived import Recentred, expect_near, recentred
 from warp_bounding.shapes.grid import Grid, grid_over
+from warp_bounding.shapes.recentred import Recentred, expect_near, recentred
 from warp_bounding.shapes.shape import (
     HOLLOW,
     OUT,

@@ -35,7 +35,8 @@ from warp_bounding.queries.region_domain import domain_of
 from warp_bounding.runtime.launch import compile_seconds, device_of
 from warp_bounding.runtime.progress import Progress, reported
 from warp_bounding.shapes import Grid, Mesh, MovingMesh, load_shape
-from warp_bounding.shapes.derived import SIDES, Complement, Frame, parted
+from warp_bounding.shapes.complement import SIDES, Complement
+from warp_bounding.shapes.recentred import Frame, parted
 from warp_bounding.shapes.shape import MAX_RESOLUTION, Shape, check_memory
 from warp_bounding.training.distances import train_distance
 from warp_bounding.training.fit_network import fit_network, tries

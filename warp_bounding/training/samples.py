@@ -21,8 +21,8 @@ from warp_bounding.queries import QUERIES, oracle, sample
 from warp_bounding.queries.boundary import border_points, held_points, pulled, random_points
 from warp_bounding.queries.domain import Domain
 from warp_bounding.queries.region_domain import RegionDomain
-from warp_bounding.shapes.derived import Frame
 from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.recentred import Frame
 from warp_bounding.shapes.shape import Shape
 from warp_bounding.training.engine import torch
 

@@ -19,8 +19,8 @@ from typing import NamedTuple
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.derived import Frame, Recentred
 from warp_bounding.shapes.grid import Grid
+from warp_bounding.shapes.recentred import Frame, Recentred
 from warp_bounding.shapes.shape import MAX_CELLS, MAX_OFFSET
 
 TIME_NDIM = 4  # arrays of this many dimensions are animations unless the caller says otherwise

@@ -21,7 +21,6 @@ import numpy as np
 from warp_bounding.errors import ShapeError
 from warp_bounding.runtime.progress import slow
 from warp_bounding.runtime.whole_file import BOUNDER
-from warp_bounding.shapes.derived import Recentred
 from warp_bounding.shapes.formats.arrays import UNKNOWN, Cells, Placement, Wanted, check_cells, grid_of, level_of
 from warp_bounding.shapes.formats.images import WHICH, image_from, read_netpbm, read_png, read_ros_map
 from warp_bounding.shapes.formats.meshes import MESH_READERS, parts_of, read_mesh
@@ -30,6 +29,7 @@ from warp_bounding.shapes.formats.usd import USD_SUFFIXES, read_usd
 from warp_bounding.shapes.grid import Grid
 from warp_bounding.shapes.mesh import Mesh, mesh_of
 from warp_bounding.shapes.motion import MovingMesh
+from warp_bounding.shapes.recentred import Recentred
 from warp_bounding.shapes.shape import HOLLOW
 
 # --- Objects of other libraries ---------------------------------------------------------------------------------------

@@ -17,7 +17,6 @@ from urllib.parse import unquote
 import numpy as np
 
 from warp_bounding.errors import ShapeError
-from warp_bounding.shapes.derived import Recentred
 from warp_bounding.shapes.formats.collada import read_collada
 from warp_bounding.shapes.formats.reading import (
     MeshData,
@@ -30,6 +29,7 @@ from warp_bounding.shapes.formats.reading import (
     triangulated,
 )
 from warp_bounding.shapes.mesh import Mesh, mesh_of
+from warp_bounding.shapes.recentred import Recentred
 
 
 def _read_by_trimesh(path: Path) -> MeshData:

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from warp_bounding.shapes.derived import Recentred
 from warp_bounding.shapes.formats.reading import LONGEST_REASON, import_optional, joined, placed, reading, triangulated
 from warp_bounding.shapes.mesh import Mesh, mesh_of
+from warp_bounding.shapes.recentred import Recentred
 
 if TYPE_CHECKING:
     from pxr import Usd
