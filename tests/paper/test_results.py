@@ -78,7 +78,7 @@ def test_samples_are_enclosed_and_others_are_hardly_missed(name, methods, query)
     for method in methods[: 6 + (query != "ray")]:  # rays are slow to learn
         volume = fit(shape(name), query, method, steps=30)
         assert volume.query(x).mean() > 1 - 1e-3, method  # the rounding of products
-        found = rates(volume.query, query, shape(name), 20_000, "exact", seed=3, length=1.0)
+        found = rates(volume.query, query, shape(name), 20_000, "exact", seed=3, length=volume.domain.oracle_length)
         assert found.fn < 0.005 * found.samples
         assert 0 < found.fp_rate + found.positives <= 100 + 1e-9
 
@@ -94,13 +94,14 @@ def test_networks_over_the_numbers_deny_none_of_the_samples_that_set_their_thres
     last = [f[truth] for f, truth in found[-regions.LEAST_DRAWS :]]
     assert min(f.min() for f in last) == network.threshold
     assert np.mean([f[truth].mean() - f[~truth].mean() for f, truth in found]) > 0  # it has learnt something
-    counted, grid = rates(network.query, query, shape("c"), 20_000, "exact", seed=3, length=1.0), shape("c")
+    grid, own = shape("c"), {"seed": 3, "length": network.domain.oracle_length}
+    counted = rates(network.query, query, grid, 20_000, "exact", **own)
     assert counted.fn < 0.01 * counted.samples
     x = sample(query, grid, 20_000, np.random.default_rng(3))
     truth, maybe = oracle(query, grid, "cpu", network.domain.oracle_length)(x), network.query(x)
     assert (counted.fp_rate, counted.fn) == (pytest.approx(100 * (maybe & ~truth).mean()), (truth & ~maybe).sum())
     nothing = replace(network, threshold=np.inf)
-    assert rates(nothing.query, query, grid, 20_000, "exact", seed=3, length=1.0).fn == truth.sum() > 0
+    assert rates(nothing.query, query, grid, 20_000, "exact", **own).fn == truth.sum() > 0
     assert network.nbytes > 4 * (8 * 4 + 8 + 8 + 1)
 
 

@@ -102,8 +102,8 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain; if method or shape have no proof; or if the minimum is
-            not finite.
+        BounderError: If the bounder was made for another domain; if method or shape have no proof; if it is a cascade of
+            regions, which is proven part by part (``Bounder.parts``); or if the minimum is not finite.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
@@ -113,6 +113,8 @@ def prove(
         raise BounderError(
             f"{bounder.method}: {grid.name} certifies no box to be empty, so there is no proof; see statistical_test"
         )
+    if len(bounder.parts) > 1 and QUERIES[bounder.query_kind].is_region:
+        raise BounderError(f"{bounder.method}: {bounder.query_kind} queries are proven part by part, see Bounder.parts")
     search = least_value(bounder, grid, eps=eps, budget=budget, boxes=boxes, points=points, progress=progress)
     settle(bounder, grid, search)
     return search
