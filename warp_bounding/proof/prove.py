@@ -102,8 +102,8 @@ def prove(
         The search, with its lowest points.
 
     Raises:
-        BounderError: If the bounder was made for another domain; if method or shape have no proof; if it is a cascade of
-            regions, which is proven part by part (``Bounder.parts``); or if the minimum is not finite.
+        BounderError: If the bounder was made for another domain; if method or shape have no proof; if it is a cascade
+            of regions, which is proven part by part (``Bounder.parts``); or if the minimum is not finite.
     """
     if reason := mismatch(bounder, grid):
         raise BounderError(f"{bounder.method}: {reason}")
