@@ -162,7 +162,7 @@ def page(kept: StoredRows, command: str) -> str:
     chosen = ", ".join(f"`{about['chosen'][way]}` ({way})" for way in WAYS)
     largest = 100 * max(max(errors(row)) for row in rows)
     lines += ["", f"Chosen: {chosen}. The largest difference of `choose` and what was measured: {largest:.0f} %."]
-    if about["load"] > about["threads"]:
+    if about["load"] > 1.5 * about["threads"]:
         lines += ["", f"Others used the machine (a load of {about['load']:.0f}): compare ratios, no times."]
     return "\n".join(lines) + "\n"
 

@@ -124,7 +124,7 @@ def predicted(results: Path) -> str:
 def _load(about: dict) -> str:
     """A line where others used the machine as it was measured."""
     busy = "\nMeasured on a machine that had other work too: compare them only with each other.\n"
-    return busy if about["load"] > about["threads"] else ""
+    return busy if about["load"] > 1.5 * about["threads"] else ""
 
 
 AS_TRAINED = "the paper's form of a network, not proven"  # over the numbers of queries, its threshold from samples
