@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from asking import ask, run_text
-from bounding_shapes import random_mlp, shape
+from bounding_shapes import shape
 from region_cases import REGIONS, fitted_region, hard_regions, ray_length
 
 from warp_bounding.bounders import Cascade
 from warp_bounding.errors import BounderError
 from warp_bounding.kernels.source import TOOLS
-from warp_bounding.queries import locate, sample
+from warp_bounding.queries import locate
 from warp_bounding.queries.base import FAR
 from warp_bounding.queries.region_domain import RegionDomain, domain_of
 from warp_bounding.shapes import Grid
@@ -238,15 +238,10 @@ def test_tiny_and_huge_objects(query, exponent, device, rng):
 
 @cache
 def bounders(name: str, query: str):
-    """A network or a cascade, whose kernels gather queries first; in 3D also a volume, whose kernel works on all."""
+    """A cascade, whose kernels gather queries first; in 3D also a volume, whose kernel works on all."""
     grid = shape(name)
     volume = fitted_region("aabb", query, grid)
-    if query != "plane":
-        first = Cascade.of([volume, fitted_region("bvh", query, grid)])
-    else:
-        first, rng = random_mlp(grid, gain=2.0, domain=volume.domain), np.random.default_rng(0)
-        values = first.values(sample(query, grid, 1000, rng)).numpy()
-        first.freeze(float(np.median(values[np.isfinite(values)])), None)
+    first = Cascade.of([volume, fitted_region("bvh", query, grid)])
     return [first, *([volume] if name == "blob" else [])]
 
 
