@@ -16,9 +16,9 @@ from warp_bounding.networks.network import Network
 @pytest.mark.parametrize(("ndim", "hidden"), [(3, (24, 9)), (6, (9, 5))])
 def test_emulated_lanes_stay_within_the_rounding_bound(ndim, hidden):
     source, rng = MlpSource(ndim, False, hidden, "sin"), np.random.default_rng(1)
-    layers = random_layers((source.inputs, *hidden, 1), rng)
-    network = Network(layers, SINE.name, np.ones(source.inputs))
-    v = rng.uniform(-1, 1, (32, source.inputs)).astype(np.float32)
+    layers = random_layers((source.coordinates, *hidden, 1), rng)
+    network = Network(layers, SINE.name, np.ones(source.coordinates))
+    v = rng.uniform(-1, 1, (32, source.coordinates)).astype(np.float32)
     numbers = tensor_cores.numbers(source, layers, np.float32(0.5))
     exact, bound = network(v), tensor_cores.rounding(network)
     for cuts in (0, 1):
