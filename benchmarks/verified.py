@@ -24,8 +24,8 @@ NAMES += ("cloth-star-distance", "cloth-star-mlp", "cloth-bunny-mlp", "field-bun
 NAMES += ("cloth-bunny-distance", "shadows-bunny-distance", "shadows-chair-distance")
 ABOUT = """[`python -m verifier`](../../docs/verifier.md) of every bundled bounder of points of a closed mesh, and of
 every bundled distance of a network to one: the bunny that ships in warp-lang, a star, and a chair, with the margins of
-the demos cloth and shadows, and of the field of meshes. One process, one thread (`OMP_NUM_THREADS=1`). Bundled grids
-of distances and balls are not checked by this program.
+the demos cloth and shadows, and of the field of meshes. One process, one thread (`OMP_NUM_THREADS=1`), on a machine
+that had other work too (*busy*). Bundled grids of distances and balls are not checked by this program.
 
 A log of the boxes that the library's proof had halved was built, measured, and dropped: with it the program looked at
 1.1 to 1.3 times as many boxes, in 0.77 to 1.05 of the processor's time."""
