@@ -30,12 +30,12 @@ def verify(file: Path, shape: Path, margin: float | None) -> str:
             claim.check_faces(used, margin)
             continue
         lower, upper = np.array(claim.roots, float).reshape(-1, 2, 3).transpose(1, 0, 2)
-        (low, high, _), every = claim.origins(lower, upper), np.arange(len(faces))
+        (low, high), every = claim.origins(lower, upper), np.arange(len(faces))
         far = np.inf if claim.unit else margin**2  # a distance is one to all triangles
         items = [np.flatnonzero(mesh.gaps(low, high, i, every) <= far) for i in range(len(lower))]
         root = Boxes(lower, upper, np.array([*map(len, items)]), np.hstack([*items, every[:0]]))
         key = hashlib.sha256(repr((sha, margin, i)).encode() + bytes(vertices) + bytes(faces) + code).hexdigest()
-        looked += search(Look(claim, mesh, margin), root, file.with_name(f"{file.name}.verify-{i}.npz"), key)
+        looked += search(Look(claim, mesh, margin), root, file.with_name(f"{file.name}.verify-{key[:16]}.npz"))
     does = "overestimates no distance to the points" if claims[0].unit else "answers maybe for all points"
     what = f"{file.name} {does} within {margin} of the solid in {shape.name}"
     shown = "; ".join(f"{claim.method}, f >= {claim.threshold!r} + {claim.error:.6g}" for claim in claims)

@@ -9,10 +9,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from verifier import float32
-from verifier.network import WIDEST
+from verifier import float32, grid, network
 
-METHODS = {"point": ("mlp", "aabb", "obb", "kdop", "learned-kdop", "bvh"), "distance": ("mlp",)}
+METHODS = {"point": ("mlp", "aabb", "obb", "kdop", "learned-kdop", "bvh"), "distance": ("mlp", "distance-grid")}
 ROOM = 1 + 2.0**-45  # outweighs what float64 rounds in a handful of operations on positive numbers
 
 
@@ -30,14 +29,15 @@ def parts(tensors: dict[str, np.ndarray], about: dict) -> list[tuple[dict, dict]
 class Claim:
     """A file's claim, or a part's; ``ValueError`` for one that is not checked by this program.
 
-    It has ``layers`` and ``roots``, boxes of v to search, or ``faces`` (f is the least ``offset - d . v``); ``error``
-    is E; ``unit`` is 1 / scale where distances are claimed, else 0.
+    It has a module ``f`` with its ``numbers`` and ``roots``, boxes to search, or ``faces`` (f is the least ``offset -
+    d . v``). Boxes are of v, or of places in a grid: of ``(x - origin) * per``, where ``room`` is for what float64
+    rounds. ``error`` is E; ``unit`` is 1 / scale where distances are claimed, else 0.
     """
 
     def __init__(self, tensors: dict[str, np.ndarray], about: dict):
         self.method, sizes, domain, far = about["method"], about["sizes"], about["domain"], about["query"] == "distance"
-        self.activation = sizes.get("activation", "sin")
-        odd = [self.method not in METHODS.get(about["query"], ()), self.activation not in ("sin", "relu")]
+        activation = sizes.get("activation", "sin")
+        odd = [self.method not in METHODS.get(about["query"], ()), activation not in ("sin", "relu")]
         odd += [about["dimension"] != 3, about["motion"], "frame" in about, "speed" in domain, sizes.get("shape")]
         odd += [x.get(name) for x in (domain, sizes) for name in ("joints", "time", "unbounded", "octaves", "moments")]
         if any(odd):
@@ -48,23 +48,33 @@ class Claim:
         if numbers.shape != (10,) or (np.float32(numbers) != numbers).any() or not (self.scale > 0).all():
             raise ValueError("the threshold or the domain has other numbers than float32")
         half, power = np.frexp(self.scale)
-        if far and ((half != 0.5) | (power != power[0]) | (np.abs(power) > 30) | (self.limit < 2.0**-20)).any():
-            raise ValueError("the scale of a distance is not one power of two, or its domain is too flat")
-        self.layers, self.faces, self.roots, self.error, self.unit = None, None, [(-self.limit, self.limit)], 0.0, 0.0
+        odd = (half != 0.5) | (power != power[0]) | (np.abs(power) > 30) | (np.abs(np.log2(self.limit)) > 20)
+        if far and odd.any():
+            raise ValueError("the scale of a distance is not one power of two, or its domain is too flat or too large")
+        self.origin, self.per, self.roots = self.center, self.scale, [(-self.limit, self.limit)]
+        self.room = 2.0**-49 * ((2 * self.limit + self.delta) / self.scale + np.abs(self.center))
+        self.f, self.faces, self.error, self.unit = network, None, float32.AROUND * far, far / self.scale[0]
         if self.method == "mlp":
             widths = [3, *sizes["hidden"], 1]
-            names = [f"layers.{i}" for i in range(len(widths) - 1)]
-            self.layers = [(tensors[f"{name}.weight"], tensors[f"{name}.bias"]) for name in names]
-            if [weight.shape + bias.shape for weight, bias in self.layers] != [(h, k, h) for k, h in pairwise(widths)]:
-                raise ValueError("layers are not of the sizes that the file says")
-            if max(widths) > WIDEST:
-                raise ValueError(f"layers of more than {WIDEST} neurons are not checked by this program")
-            self.error = float32.network(self.layers, self.activation, self.limit)
-            if far:
-                self.layers[-1] = tuple(-numbers for numbers in self.layers[-1])
-                self.error, self.unit = self.error + float32.AROUND, 1 / self.scale[0]
+            layers = [(tensors[f"layers.{i}.weight"], tensors[f"layers.{i}.bias"]) for i in range(len(widths) - 1)]
+            found = [weight.shape + bias.shape for weight, bias in layers]
+            if found != [(h, k, h) for k, h in pairwise(widths)] or max(widths) > network.WIDEST:
+                raise ValueError(f"expected layers of the sizes that the file says, {network.WIDEST} neurons at most")
+            self.error += float32.network(layers, activation, self.limit)
+            layers[-1] = tuple(-numbers if far else numbers for numbers in layers[-1])
+            self.numbers = layers, activation
+        elif self.method == "distance-grid":
+            low, step = tensors.get("range", (0.0, 1.0))  # of values of 8 bits
+            values = low + step * tensors["values"]
+            size, cells = np.abs(values), np.array(values.shape) - 1
+            small = sizes["storage"] == "float16" and ((size > 0) & (size < 2.0**-14)).any()  # is subnormal
+            if values.ndim != 3 or not 1 <= cells.min() <= cells.max() < 1024 or size.max() > 2.0**20 or small:
+                raise ValueError("nodes or values of the grid are not checked by this program")
+            self.f, self.numbers, self.roots = grid, (values,), [(0 * cells, cells)]
+            self.origin, self.per = self.center - self.limit / self.scale, self.scale * cells / (2 * self.limit)
+            self.error += float32.grid(values, low)
         elif self.method == "bvh":
-            self.layers = [(np.zeros((1, 3)), -np.ones(1))]
+            self.numbers = [(np.zeros((1, 3)), -np.ones(1))], activation
             leaves = leaves_of(*(tensors[name] for name in ("low", "high", "past")))
             self.roots = uncovered(*self.roots[0], *leaves) if self.threshold <= 0 else self.roots  # f is 0 in a leaf
         elif self.method == "learned-kdop":
@@ -76,11 +86,10 @@ class Claim:
             self.error = float32.faces(*self.faces, self.limit, axes=self.method == "aabb")
         self.target = np.nextafter(self.threshold + self.error, np.inf)
 
-    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Boxes that hold all points of object space of which a v in these boxes can be made, and what is room."""
-        low, high = (lower - self.delta) / self.scale, (upper + self.delta) / self.scale
-        room = 2.0**-50 * ((np.maximum(np.abs(lower), np.abs(upper)) + self.delta) / self.scale + np.abs(self.center))
-        return low + self.center - room, high + self.center + room, room
+    def origins(self, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes that hold all points of object space that may come to lie in these."""
+        low, high = (lower - self.delta) / self.per, (upper + self.delta) / self.per
+        return low + self.origin - self.room, high + self.origin + self.room
 
     def check_domain(self, lower: np.ndarray, upper: np.ndarray) -> None:
         """Raise ``ArithmeticError`` if the map itself may deny a point of an object in this box."""

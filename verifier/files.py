@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-SIZES = {"float": "f4", "float32": "f4", "double": "f8", "float64": "f8", "uchar": "u1", "uint8": "u1"}  # of PLY
-ENDS = {"binary_little_endian": "<", "binary_big_endian": ">"}
-SIZES |= {"int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4", "short": "i2", "ushort": "u2"}
+TYPES = {"F32": "<f4", "F16": "<f2", "U8": "u1"}  # of a bounder's file
+SIZES = {"float": "<f4", "double": "<f8", "uchar": "u1", "int": "<i4", "uint": "<u4"}  # of PLY
 
 
 def read_bounder(path: Path) -> tuple[dict[str, np.ndarray], dict, str]:
@@ -19,7 +18,7 @@ def read_bounder(path: Path) -> tuple[dict[str, np.ndarray], dict, str]:
     about, tensors = json.loads(header.pop("__metadata__")["warp_bounding"])["bounder"], {}
     for name, entry in header.items():
         data = content[end:][slice(*entry["data_offsets"])]
-        tensors[name] = np.frombuffer(data, {"F32": "<f4"}[entry["dtype"]]).reshape(entry["shape"]).astype(float)
+        tensors[name] = np.frombuffer(data, TYPES[entry["dtype"]]).reshape(entry["shape"]).astype(float)
         if not np.isfinite(tensors[name]).all():
             raise ValueError(f"{name} has numbers that are not finite")
     return tensors, about, hashlib.sha256(content).hexdigest()
@@ -38,37 +37,29 @@ def read_mesh(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _obj(content: bytes):
-    lines, vertices, faces = [line.split() for line in content.decode().splitlines() if line.strip()], [], []
-    for word, *rest in lines:
-        if word == "v":
-            vertices.append([float(x) for x in rest[:3]])
-        elif word == "f":
-            corners = [int(x.split("/")[0]) for x in rest]
-            faces.append([x - 1 if x > 0 else len(vertices) + x for x in corners])
+    lines = [line.split() for line in content.decode().splitlines() if line.strip()]
+    vertices = [[float(x) for x in rest[:3]] for word, *rest in lines if word == "v"]
+    faces = [[int(x.split("/")[0]) - 1 for x in rest] for word, *rest in lines if word == "f"]
     return vertices, faces
 
 
 def _stl(content: bytes):
-    words = content.split()
-    if len(content) == 84 + 50 * int.from_bytes(content[80:84], "little"):
-        record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
-        vertices = np.frombuffer(content, record, offset=84)["corners"]
-    else:
-        vertices = np.array([words[i + 1 : i + 4] for i, word in enumerate(words) if word == b"vertex"], float)
+    if len(content) != 84 + 50 * int.from_bytes(content[80:84], "little"):
+        raise ValueError("an STL file in ASCII, or of a wrong length, is not read by this program")
+    record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
+    vertices = np.frombuffer(content, record, offset=84)["corners"]
     return vertices, np.arange(vertices.size // 3).reshape(-1, 3)
 
 
 def _ply(content: bytes):
     head, _, body = content.partition(b"end_header\n")
     words = [line.split() for line in head.decode().splitlines() if not line.startswith(("comment", "obj_info"))]
-    if words[1][1] not in ENDS:
-        raise ValueError(f"expected a binary PLY file, got one in {words[1][1]}, which is not read by this program")
-    end = ENDS[words[1][1]]
     (_, vertex, vertices), (_, face, faces) = (line for line in words if line[0] == "element")
     *numbers, corners = (line[1:] for line in words if line[0] == "property")
-    table = np.frombuffer(body, [(name, end + SIZES[size]) for size, name in numbers], int(vertices))
-    row = [("count", end + SIZES[corners[1]]), ("corners", end + SIZES[corners[2]], 3)]
+    table = np.frombuffer(body, [(name, SIZES[size]) for size, name in numbers], int(vertices))
+    row = [("count", SIZES[corners[1]]), ("corners", SIZES[corners[2]], 3)]
     rows = np.frombuffer(body, row, int(faces), table.nbytes)
-    if (vertex, face, corners[0]) != ("vertex", "face", "list") or (rows["count"] != 3).any():
-        raise ValueError("a PLY file of other elements than vertices and triangles is not read by this program")
+    kind = words[1][1], vertex, face, corners[0]
+    if kind != ("binary_little_endian", "vertex", "face", "list") or (rows["count"] != 3).any():
+        raise ValueError("a PLY file of other than vertices and triangles, binary and little endian, is not read")
     return np.stack([table[axis] for axis in "xyz"], axis=1), rows["corners"]

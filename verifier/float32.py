@@ -75,3 +75,9 @@ def faces(directions: np.ndarray, offsets: np.ndarray, limit: np.ndarray, axes: 
         return float(((limit.max() + np.abs(offsets).max()) * U + 4 * TINY) * UP)
     size, error = affine(directions, np.zeros(len(directions)), limit, np.zeros_like(limit))
     return float(((error + U * (size + error + np.abs(offsets)) + 4 * TINY) * UP).max())
+
+
+def grid(values: np.ndarray, low: float) -> float:
+    """E of a distance-grid; where values are of 8 bits, ``low`` is that of 0. See docs/verifier.md."""
+    rises = [np.abs(np.diff(values, axis=k)).max() * count for k, count in enumerate(values.shape)]
+    return float((4 * U * sum(rises) + 21 * U * max(np.abs(values).max(), abs(low))) * UP)

@@ -10,7 +10,6 @@ import numpy as np
 AGAIN = 1000  # one statement in so many is proven a second time
 ROOM = 2.0**-48  # 32 units: more than what sums of up to 12 products round, times their absolute terms
 SMALLEST = 2.0**-900  # products that matter are larger, so none is subnormal
-CELLS = 256  # of a table of the plane across axis 0, along each of the other two
 
 
 class Mesh:
@@ -24,17 +23,6 @@ class Mesh:
         if not np.abs(vertices).max() < 2.0**100 or (there != back).any():
             raise ValueError("a mesh that is not closed, or whose faces are not turned alike, is not for this program")
         self.lower, self.upper = self.triangles.min(axis=1), self.triangles.max(axis=1)
-        self._corner = self.lower.min(axis=0)
-        self._side = (self.upper.max(axis=0) - self._corner) / (CELLS - 1) + 1e-300
-        first, last = self._cell(self.lower), self._cell(self.upper)
-        wide = last - first + 1
-        owner, at = np.repeat(np.arange(len(wide)), wide.prod(axis=1)), spread(0 * wide[:, 0], wide.prod(axis=1))
-        key = (first[owner, 0] + at // wide[owner, 1]) * (CELLS + 2) + first[owner, 1] + at % wide[owner, 1]
-        order = np.argsort(key, kind="stable")
-        self._starts, self._items = np.searchsorted(key[order], np.arange((CELLS + 2) ** 2 + 1)), owner[order]
-
-    def _cell(self, x: np.ndarray) -> np.ndarray:  # rounding keeps the order, so a triangle's cells hold its points
-        return np.clip(np.floor((x - self._corner) / self._side), -1, CELLS)[:, 1:].astype(np.int64) + 1
 
     def gaps(self, lower, upper, box, triangle) -> np.ndarray:
         """Lower bounds of squared gaps between pairs of a box and the box around a triangle."""
@@ -58,18 +46,12 @@ class Mesh:
         return known
 
     def outside(self, x: np.ndarray) -> np.ndarray:
-        """Which points are outside: half-lines cross an even number of triangles, as many from the front as not."""
-        key = self._cell(x) @ (CELLS + 2, 1)
-        count = self._starts[key + 1] - self._starts[key]
-        point, triangle = np.repeat(np.arange(len(x)), count), self._items[spread(self._starts[key], count)]
+        """Which points are outside: a half-line crosses as many triangles from the front as from the back."""
+        low, high = self.lower.T[1:].copy(), self.upper.T.copy()
+        met = [np.flatnonzero((low <= p[1:]).all(axis=0) & (high >= p).all(axis=0)) for p in x[:, :, None]]
+        point, triangle = np.array([(i, k) for i, row in enumerate(met) for k in row], int).reshape(-1, 2).T
         sign, certain = crossing(self.triangles[triangle], x[point])
-        turns, odd = np.bincount(point, sign, len(x)), np.bincount(point, np.abs(sign), len(x)) % 2
-        return (turns == 0) & (odd == 0) & (np.bincount(point, ~certain, len(x)) == 0)
-
-
-def spread(starts: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """``starts[i], starts[i] + 1, ...``, as many as ``count[i]``, one behind the other."""
-    return np.arange(count.sum()) + np.repeat(starts - (np.cumsum(count) - count), count)
+        return (np.bincount(point, sign, len(x)) == 0) & (np.bincount(point, ~certain, len(x)) == 0)
 
 
 def separates(direction, corners, low, high, gap, slope) -> np.ndarray:
@@ -108,5 +90,5 @@ def crossing(corners: np.ndarray, x: np.ndarray) -> tuple[np.ndarray, np.ndarray
     through, front = (np.abs(area) > room).all(axis=0) & ~beside, np.sign(area[0])
     height = front * (area * along).sum(axis=0)  # has the sign of the way to where the line meets the triangle
     slack = ((2 * room + ROOM * np.abs(area)) * np.abs(along)).sum(axis=0) + SMALLEST
-    certain = beside | (along < 0).all(axis=0) | (through & (np.abs(height) > slack))
+    certain = beside | (through & (np.abs(height) > slack))
     return np.where(through & (height > slack), front, 0.0), certain

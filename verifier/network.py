@@ -6,13 +6,14 @@ they are ``sin z``, ``cos z J`` and ``cos z* H - sin z* J* J*'``, where z* and J
 """
 
 import math
-from itertools import combinations_with_replacement
 
 import flint
 import numpy as np
 
 U, UP, TINY = 2.0**-53, 1 + 2.0**-40, 2.0**-1000
 WIDEST = 2000  # neurons of a layer
+FIRST, SECOND = np.triu_indices(3)  # of a Hessian the upper triangle is kept
+FULL = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # where in it each entry is
 TERMS, REACH = 10, 1.6  # of two Taylor series, up to r^19 and r^18; of |r|, just over pi / 2
 REST = REACH**20 / math.factorial(20) + 2.0**-46  # the first term that is left out, and what Horner's rule rounds
 
@@ -75,33 +76,27 @@ def lowest(layers, activation: str, lower: np.ndarray, upper: np.ndarray) -> tup
     """Lower bounds ``(N,)`` of f over boxes; base ``(N,)`` and slope of affine ones, what an axis bends, ``(N, n)``."""
     middle = (lower + upper) / 2
     half = np.maximum(upper - middle, middle - lower).T * UP
-    (weight, bias), pairs = layers[0], list(combinations_with_replacement(range(len(half)), 2))
-    first, second = np.array(pairs).T
+    weight, bias = layers[0]
     z = weight @ Ball(middle.T) + Ball(bias[:, None])
     slope = Ball(np.broadcast_to(weight[:, :, None], (*weight.shape, len(lower))))
-    bend = Ball(np.zeros((len(bias), len(pairs), len(lower))))  # the upper triangle of H
+    bend = Ball(np.zeros((len(bias), 6, len(lower))))
     for weight, bias in layers[1:]:
-        turned, curved = np.zeros(slope.mid.shape), bend.size()  # bounds of |H| r, and of |H|
-        for p, (k, j) in enumerate(pairs):
-            turned[:, k] += curved[:, p] * half[j]
-            turned[:, j] += curved[:, p] * half[k] * (k != j)
+        turned = (bend.size()[:, FULL] * half).sum(axis=2)  # a bound of |H| r
         reach = ((slope.size() + turned * 0.5) * half).sum(axis=1) * UP
         if activation == "sin":
             value, change = z.sine_cosine()
             s, c = value.size(), change.size()
             moved = [np.minimum((a + b * reach * 0.5) * reach * UP, 2.0) for a, b in ((c, s), (s, c))]
             wide, minus = slope.widened(turned * UP), Ball(-value.mid, value.rad).widened(moved[0])
-            bend = change.widened(moved[1])[:, None] * bend + minus[:, None] * (wide[:, first] * wide[:, second])
+            bend = change.widened(moved[1])[:, None] * bend + minus[:, None] * (wide[:, FIRST] * wide[:, SECOND])
         else:
             around, top = z.widened(reach), np.maximum(-z.lower(-1), 0) / 2
             on, off, sure = around.lower() >= 0, around.lower(-1) >= 0, z.lower() >= 0
             value = Ball(np.where(sure, z.mid, top), np.where(sure, z.rad, top))
             change = Ball(np.where(on, 1.0, np.where(off, 0.0, 0.5)), np.where(on | off, 0.0, 0.5))
         z, slope, bend = weight @ value + Ball(bias[:, None]), weight @ (change[:, None] * slope), weight @ bend
-    bent, low, size = slope[0].rad * half, bend[0].lower(), bend[0].size()
-    for p, (k, j) in enumerate(pairs):  # what is positive on H's diagonal takes nothing off
-        bent[k] += half[k] * half[j] * (np.maximum(-low[p], 0) if k == j else size[p]) / 2
-        bent[j] += half[k] * half[j] * size[p] / 2 * (k != j)
+    curved = np.where((FIRST == SECOND)[:, None], np.maximum(-bend[0].lower(), 0), bend[0].size())
+    bent = (slope[0].rad + (curved[FULL] * half).sum(axis=1) / 2) * half  # H > 0 on the diagonal takes nothing off
     room = bent.sum(axis=0) * 2.0**-4 + z[0].size() * 2.0**-40 + z[0].rad  # for Arb
     base = np.nextafter(z[0].lower() - (bent.sum(axis=0) + room) * UP, -np.inf)
     return np.nextafter(base - (np.abs(slope[0].mid) * half).sum(axis=0) * UP, -np.inf), base, slope[0].mid.T, bent.T
