@@ -128,11 +128,15 @@ def test_a_changed_number_is_found(files_of, capsys, kind):
     assert "not verified: " in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("node", [(0, 0, 0), (5, 5, 2), (11, 3, 1)])
-def test_a_raised_node_of_a_grid_is_found(files_of, capsys, node):
-    made = bounder("bytes")
-    values = made.tensors["values"].copy()
-    values[node] += 8
+@pytest.mark.parametrize("node", [(0, 0, 0), (5, 5, 0), (11, 3, 1)])
+def test_a_node_of_a_grid_that_is_too_high_is_found(files_of, capsys, node):
+    """By a ten-thousandth of a unit, at a place outside."""
+    made = bounder("floats")
+    values, limit = made.tensors["values"].copy(), made.domain.limit.astype(float)
+    x = made.domain.to_object((2 * limit * node / (np.array(values.shape) - 1) - limit)[None])
+    away = trimesh.proximity.closest_point(trimesh.Trimesh(np.float32(RING.vertices), RING.faces), x)[1][0] - MARGIN
+    assert values[node] + float(made.threshold) < away / made.domain.unit
+    values[node] = away / made.domain.unit - float(made.threshold) + 1e-4
     assert main(files_of(changed(made, {"values": values}))) == 1
     assert "not verified: box" in capsys.readouterr().out
 
@@ -257,7 +261,7 @@ def test_what_a_part_says_besides_is_not_heeded(files_of):
 def test_layers_that_are_too_wide_are_bad_input(files_of, monkeypatch, capsys):
     monkeypatch.setattr(network, "WIDEST", HIDDEN[0] - 1)
     assert main(files_of("sin")) == 2
-    assert "layers of more than 7 neurons" in capsys.readouterr().err
+    assert "7 neurons at most" in capsys.readouterr().err
 
 
 def test_scales_of_distances_are_one_power_of_two(files_of, capsys):
