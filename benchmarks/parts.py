@@ -285,7 +285,8 @@ def page(rows: list[dict], folder: Path, about: str) -> str:
         f"{about}. Times are those of the wall, so other work on the machine makes fits worse.",
         "",
         f"Margin: {MARGIN:g} of the longest side; {SAMPLES:,} random points. The best classic is the tightest of "
-        "`aabb`, `obb`, `kdop` and `bvh` that takes no more bytes.",
+        "`aabb`, `obb`, `kdop` and `bvh` that takes no more bytes. A size is that of the network; the half-spaces in "
+        f"front of it add bytes, {max(row['bytes'] for row in fits):,} in all at most.",
         "",
         "| size | budget, s | seeds | parts | at most a quarter of the best classic | at most half | share: median "
         "| worst | proven | false negatives | seconds: most |",
@@ -330,7 +331,8 @@ def draw(fits: list[dict], file: Path) -> None:
 
     figure = Figure(figsize=(11, 4.5), layout="constrained")
     left, right = figure.subplots(1, 2)
-    for place, size in enumerate(SIZES):
+    sizes = [size for size in SIZES if any(row["size"] == size for row in fits)]
+    for place, size in enumerate(sizes):
         own = [row for row in fits if row["size"] == size and row["budget"] == max_budget(fits)]
         share = np.sort([row["share"] for row in own])
         left.plot(place + np.linspace(-0.3, 0.3, len(share)), share, ".", label=size)
@@ -341,10 +343,15 @@ def draw(fits: list[dict], file: Path) -> None:
         right.plot([row["bytes"] for row in own], [row["fp"] for row in own], ".", color="tab:red", ms=4)
         right.plot([r["best"]["bytes"] for r in own], [r["best"]["fp"] for r in own], ".", color="tab:blue", ms=4)
     left.axhline(0.25, color="0.5", lw=0.8)
-    left.set(yscale="log", ylabel="false positives, share of the best classic's", xticks=range(len(SIZES)))
-    left.set_xticklabels(SIZES)
+    left.set(yscale="log", ylabel="false positives, share of the best classic's", xlabel="size of the network")
+    left.set_xticks(range(len(sizes)), sizes)
+    left.set_xlim(-0.6, len(sizes) - 0.4)
     right.set(xscale="log", yscale="log", xlabel="bytes", ylabel="false positives, %")
-    right.set_title("networks (red), the best classic of no more bytes (blue)", fontsize=9)
+    right.set_title("what fit returns (red), the best classic of no more bytes (blue)", fontsize=9)
+    for axis in (left.yaxis, right.xaxis, right.yaxis):
+        axis.set_major_formatter("{x:g}")
+    for axis in (left.yaxis, right.xaxis):
+        axis.set_minor_formatter("{x:g}")
     figure.savefig(file, dpi=110)
 
 

@@ -117,7 +117,7 @@ def random_layers(sizes, rng, gain=2.0, first=None) -> list[tuple[np.ndarray, np
 
 
 def random_mlp(grid, hidden=HIDDEN, activation="sin", seed=0, device="cpu", gain=4.0, domain=None) -> Mlp:
-    """Of random weights, hard to bound, not proven."""
+    """A network of random weights. It is hard to bound, and nothing is proven of it."""
     rng, domain, tensors = np.random.default_rng(seed), domain or Domain.of(grid), {}
     for index, (weight, bias) in enumerate(random_layers((domain.ndim, *hidden, 1), rng, 1.5, gain)):
         tensors |= {f"layers.{index}.weight": weight, f"layers.{index}.bias": bias}

@@ -1,6 +1,6 @@
-"""Queries: what is asked of an object, how it is sampled, and the exact truth. One file a kind; here they are by name.
+"""The kinds of query by name. Each kind has a file, with its sampler and its exact truth.
 
-Also the C text of a kind's map.
+``locate`` writes the C text that maps a query to v.
 """
 
 from collections.abc import Callable

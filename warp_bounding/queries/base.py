@@ -2,7 +2,7 @@
 
 A *positive* is a query that meets the object, a *hard* one barely; a bounder *denies* a query by answering *no*. Each
 kind has a file of its own and an entry in ``queries.QUERIES`` under its name. Higher floors have tables by the same
-name for what they know of it. No code compares the name itself.
+name for what they know of it.
 
 *Local space* is object space mapped by ``x -> (x - center) * scale``; the domain is about [-1, 1]^n there. A query
 becomes numbers ``v`` of that space: coordinates of points, displacements, normals. The C text that computes them is

@@ -77,7 +77,7 @@ class Recipe:
     later_gain_plain: float = 1.7
 
     def gains(self, wave: bool) -> tuple[float, float]:
-        """Of the first and of later hidden layers."""
+        """Gain of the initial weights of the first layer, and of later hidden layers."""
         return (self.first_gain, self.later_gain) if wave else (self.first_gain_plain, self.later_gain_plain)
 
 
