@@ -29,9 +29,7 @@ from warp_bounding.proof import stress_test
 
 SAMPLES, TIMED, ROUNDS = 400_000, 1_000_000, 7
 STATES, NEIGHBOURS, ALONG = 4000, 12, 200_000  # the roadmap whose edges are queried, and at how many points
-SHOWN = ("planar-3", "planar-4", "six")  # cells that are measured
-MOST_CLASSIC = 4  # coordinates: with more, classics cost minutes and leave nearly everything
-SIX = Path("out/six/proven.safetensors")  # what benchmarks/six_joints.py proves
+SHOWN = ("planar-3", "planar-4")  # cells that are measured
 DASH = "–"
 
 
@@ -137,7 +135,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
     specs = dict(specs_of(shape))
     row: dict = {"cell": name, "label": label}
     if label in BUILT:
-        memory = nbytes_of(shape.ndim, specs["mlp"].options)  # of the six joints' network, too
+        memory = nbytes_of(shape.ndim, specs["mlp"].options)
         ask = BUILT[label](shape, memory)
         row |= {
             "bytes": memory,
@@ -147,9 +145,7 @@ def measure(place: Workplace, label: str, samples: tuple[Sampled, Sampled], effo
         }
     else:
         spec = specs[label]
-        if (name, label) == ("six", "mlp") and SIX.exists():
-            fitted = wb.load(SIX, device="cpu")
-        elif (file := stored(place.scene, label)).exists():
+        if (file := stored(place.scene, label)).exists():
             fitted = bounder_from(file, shape, spec, device="cpu")
         else:
             fitted = fit(spec, shape, budget=effort * spec.budget, device="cpu")
@@ -256,7 +252,7 @@ def main() -> int:
         x = np.random.default_rng(11).uniform(shape.lower, shape.upper, (SAMPLES, shape.ndim)).astype(np.float32)
         samples = tuple(Sampled(y, shape.contains(y)) for y in (x, along_edges(place)))
         for label in options.methods.split(","):
-            if kept.have(cell=name, label=label) or (label in CLASSIC and shape.ndim > MOST_CLASSIC):
+            if kept.have(cell=name, label=label):
                 continue
             row = measure(place, label, samples, options.effort, options.attacked)
             kept.add(row)

@@ -28,7 +28,7 @@ NAMES += ("pile-ring-pairs", "pile-bunny-pairs")
 ABOUT = """[`python -m verifier`](../../docs/verifier.md) of every bundled bounder of points of a closed mesh, and of
 every bundled distance of a network or a grid to one: the bunny that ships in warp-lang, a star, a chair, and a ring,
 with the margins of the demos cloth, shadows and pile, and of the field of meshes. One process, one thread
-(`OMP_NUM_THREADS=1`), on a machine that had other work too (*busy*). Bundled balls are not checked by this program.
+(`OMP_NUM_THREADS=1`). Bundled balls are not checked by this program.
 
 A log of the boxes that the library's proof had halved was built, measured, and dropped: with it the program looked at
 1.1 to 1.3 times as many boxes, in 0.77 to 1.05 of the processor's time."""

@@ -10,7 +10,7 @@ import numpy as np
 
 import warp_bounding as wb
 from sims.prefitted import FOLDER
-from warp_bounding.rigid import lengths, matmul, moved, sine_cosine
+from warp_bounding.rigid import sine_cosine
 
 __all__ = [
     "CELLS",
@@ -19,13 +19,10 @@ __all__ = [
     "Cell",
     "Own",
     "Robot",
-    "four_joints",
-    "panda",
     "planar",
     "robots",
     "six_joints",
     "ur5",
-    "xarm7",
 ]
 
 # Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m
@@ -40,8 +37,6 @@ SIX = (
 )
 RADII = (0.07, 0.06, 0.05, 0.045, 0.045, 0.04)  # metres, of its links
 OFFSET = 0.12  # metres: the upper arm beside the shoulder
-HELD = (-1.5, 0.0)  # radians: its wrist, where four joints move
-BALLS, BALL = 14, 0.1  # how many balls hang around the arm of four joints, and their radius, metres
 
 
 LENGTHS = {2: (0.55, 0.45), 3: (0.4, 0.35, 0.25), 4: (0.32, 0.28, 0.22, 0.18)}  # metres, of the planar arms' links
@@ -77,33 +72,19 @@ def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi)
     return wb.arms.Arm(joints, links, name=f"planar arm of {len(lengths)} joints")
 
 
-def _turned(angle: float) -> np.ndarray:
-    s, c = sine_cosine(angle)
-    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-
-
-def _links(held: Sequence[float] = ()) -> tuple[list[wb.arms.Joint], list[wb.arms.Body]]:
-    """Joints and links of the six-joint arm; the last joints may be held at some angles."""
-    joints, bodies, before, free = [], [], np.eye(4), len(SIX) - len(held)
+def _links() -> tuple[list[wb.arms.Joint], list[wb.arms.Body]]:
+    """Joints and links of the six-joint arm."""
+    joints, bodies, before = [], [], np.eye(4)
     for i, ((a, alpha, d), radius) in enumerate(zip(SIX, RADII, strict=True)):
-        side, pose = OFFSET if i == 1 else 0.0, np.eye(4)
-        if i < free:
-            joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
-        else:
-            pose = matmul(before, _turned(held[i - free]))
+        side = OFFSET if i == 1 else 0.0
+        joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
         parts = {f"link {i}": ([0, 0, d + side], [a, 0, d + side]) if a else ([0, 0, 0], [0, 0, d])}
         if i == 1:
             parts |= {"shoulder": ([0, 0, 0], [0, 0, side]), "elbow": ([a, 0, 0], [a, 0, side])}
         for name, ends in parts.items():
-            ends = moved(np.array(ends), pose)
-            bodies.append(wb.arms.Body.capsule(*ends, radius, link=min(i, free - 1), name=name))
-        before = matmul(pose, _moved(a, 0.0, d, about_x=alpha))
+            bodies.append(wb.arms.Body.capsule(*ends, radius, link=i, name=name))
+        before = _moved(a, 0.0, d, about_x=alpha)
     return joints, bodies
-
-
-def four_joints() -> wb.arms.Arm:
-    """The first four joints of the six-joint arm, whose wrist is held and has no gripper."""
-    return wb.arms.Arm(*_links(HELD), name="arm of four joints")
 
 
 def six_joints() -> wb.arms.Arm:
@@ -146,34 +127,14 @@ def _factory() -> tuple[wb.arms.Body, ...]:
     return (table, *boards, *sides, *posts, crate)
 
 
-def _hanging() -> tuple[wb.arms.Body, ...]:
-    """Balls in reach, at random places above the ground and not over the base."""
-    rng, found = np.random.default_rng(3), []
-    while len(found) < BALLS:
-        place = rng.normal(size=3)
-        place *= rng.uniform(0.35, 0.9) / lengths(place)
-        place[2] = abs(place[2])
-        if lengths(place[:2]) > 0.25:
-            found.append(wb.arms.Body.sphere(place, BALL, name="ball"))
-    return tuple(found)
-
-
 def _planar_cell(count: int, lengths: Sequence[float]) -> Cell:
     return Cell(f"planar-{count}", f"Planar arm, {count} joints", planar(lengths), _flat())
-
-
-def _corridor() -> tuple[wb.arms.Body, ...]:
-    """Other things around the planar arms: two long walls, a block before and posts behind."""
-    walls = (_block(0.1, 0.7, 0.9, 0.06, 0.15), _block(0.05, -0.66, 0.8, 0.06, -0.1))
-    return (*walls, _block(0.8, 0.05, 0.1, 0.3), _post(-0.6, 0.25, 0.08), _post(-0.55, -0.35, 0.07))
 
 
 CELLS = {
     cell.name: cell
     for cell in (
         *(_planar_cell(count, lengths) for count, lengths in LENGTHS.items()),
-        Cell("corridor-4", "Planar arm, 4 joints, in a corridor", planar(LENGTHS[4]), _corridor()),
-        Cell("four", "Arm of four joints among balls", four_joints(), _hanging()),
         Cell("six", "Arm of six joints", six_joints(), _factory()),
     )
 }
@@ -289,23 +250,3 @@ def ur5() -> Cell:
     files = folder / f"urdf/{name}.urdf", folder / f"srdf/{name}.srdf"
     arm = wb.arms.load_urdf(files[0], srdf=files[1], held=HELD_WRIST, name="UR5")
     return Cell("ur5", "UR5", arm, _workplace(), "ur5", HELD_WRIST)
-
-
-def _held(name: str, held: dict[str, float]) -> Cell:
-    """A robot of ``ROBOTS`` at a workplace, these joints held; of the others those that can turn without end."""
-    own = ROBOTS[name]
-    arm = wb.arms.load_urdf(robots() / own.urdf, srdf=robots() / own.srdf, held=held, name=own.title)
-    return Cell(name, own.title, arm.endless(), _workplace(), name, held)
-
-
-@cache
-def panda() -> Cell:
-    """Four joints of a Panda, the last three and its gripper held, at a workplace."""
-    held = {"panda_joint5": 0.0, "panda_joint6": np.pi / 2, "panda_joint7": np.pi / 4, "panda_finger_joint1": 0.02}
-    return _held("panda", held)
-
-
-@cache
-def xarm7() -> Cell:
-    """Four joints of an xArm7, the last three held, at a workplace."""
-    return _held("xarm7", {"joint5": 0.0, "joint6": np.pi / 2, "joint7": 0.0})

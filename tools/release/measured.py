@@ -56,9 +56,7 @@ ARMS, PAIRS, NEWTON = (*FIT, *_package("arms")), (*FIT, *_package("pairs")), (*Q
 CLOTH, ARM_DEMO = ("sims/bounders", "sims/cloth"), ("sims/arm", "sims/planning")
 PAGES = {
     "arm": Page((*ARMS, *ARM_DEMO)),
-    "arm-pairs": Page((*ARMS, *PAIRS)),
     "bake": Page((*FIT, *_package("baking.py"))),
-    "changing-cell": Page((*ARMS, *ARM_DEMO)),
     "chosen": Page((*FIT, *_package("choice.py"), "paper")),
     "demos": Page((*ARMS, *NEWTON, "sims")),
     "distances": Page(FIT),
@@ -78,11 +76,8 @@ PAGES = {
     "predicted": Page((*FIT, *_package("choice.py"))),
     "proofs": Page((*FIT, "paper"), without=("settings.json",)),
     "robot-balls": Page((*MOTIONS, *_package("pairs"))),
-    "robot-planning": Page((*ARMS, *ARM_DEMO)),
     "robots": Page(ARMS),
     "scan": Page((*MOTIONS, *FIT)),
-    "self-collision": Page((*ARMS, *ARM_DEMO)),
-    "six-joints": Page((*ARMS, *ARM_DEMO), without=("tasks.csv",)),
     "speed": Page((*FIT, "paper"), without=("settings.json",)),
     "speed/cuda": Page((*FIT, "paper"), gpu=True),
     "speed/rivals": Page((*FIT, *NEWTON, *CLOTH)),
