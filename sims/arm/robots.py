@@ -1,4 +1,4 @@
-"""Arms and their cells: planar arms of a few joints, one of six as factories have, and robots of example-robot-data."""
+"""Arms and their cells: planar arms of a few joints, and robots of example-robot-data."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -21,23 +21,8 @@ __all__ = [
     "Robot",
     "planar",
     "robots",
-    "six_joints",
     "ur5",
 ]
-
-# Lengths and offsets of the six-joint arm, metres: those of an arm that lifts 5 kg and reaches 0.85 m
-# (Denavit-Hartenberg a, alpha, d).
-SIX = (
-    (0.0, np.pi / 2, 0.089),
-    (-0.425, 0.0, 0.0),
-    (-0.392, 0.0, 0.0),
-    (0.0, np.pi / 2, 0.109),
-    (0.0, -np.pi / 2, 0.095),
-    (0.0, 0.0, 0.082),
-)
-RADII = (0.07, 0.06, 0.05, 0.045, 0.045, 0.04)  # metres, of its links
-OFFSET = 0.12  # metres: the upper arm beside the shoulder
-
 
 LENGTHS = {2: (0.55, 0.45), 3: (0.4, 0.35, 0.25), 4: (0.32, 0.28, 0.22, 0.18)}  # metres, of the planar arms' links
 
@@ -57,9 +42,8 @@ class Cell(NamedTuple):
         return wb.arms.ArmConfigurations(self.arm, self.obstacles, weights=self.arm.reaching, name=self.name, **options)
 
 
-def _moved(x: float = 0.0, y: float = 0.0, z: float = 0.0, *, about_x: float = 0.0) -> np.ndarray:
-    s, c = sine_cosine(about_x)
-    return np.array([[1, 0, 0, x], [0, c, -s, y], [0, s, c, z], [0, 0, 0, 1]])
+def _moved(x: float) -> np.ndarray:
+    return np.array([[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 
 def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi) -> wb.arms.Arm:
@@ -70,33 +54,6 @@ def planar(lengths: Sequence[float], radius: float = 0.04, limit: float = np.pi)
         wb.arms.Body.capsule([0, 0, 0], [x, 0, 0], radius, link=i, name=f"link {i}") for i, x in enumerate(lengths)
     ]
     return wb.arms.Arm(joints, links, name=f"planar arm of {len(lengths)} joints")
-
-
-def _links() -> tuple[list[wb.arms.Joint], list[wb.arms.Body]]:
-    """Joints and links of the six-joint arm."""
-    joints, bodies, before = [], [], np.eye(4)
-    for i, ((a, alpha, d), radius) in enumerate(zip(SIX, RADII, strict=True)):
-        side = OFFSET if i == 1 else 0.0
-        joints.append(wb.arms.Joint(before, lower=-np.pi, upper=np.pi, name=f"joint {i}"))
-        parts = {f"link {i}": ([0, 0, d + side], [a, 0, d + side]) if a else ([0, 0, 0], [0, 0, d])}
-        if i == 1:
-            parts |= {"shoulder": ([0, 0, 0], [0, 0, side]), "elbow": ([a, 0, 0], [a, 0, side])}
-        for name, ends in parts.items():
-            bodies.append(wb.arms.Body.capsule(*ends, radius, link=i, name=name))
-        before = _moved(a, 0.0, d, about_x=alpha)
-    return joints, bodies
-
-
-def six_joints() -> wb.arms.Arm:
-    """An arm of six joints on a pedestal, with a gripper of two fingers."""
-    joints, bodies = _links()
-    bodies.insert(0, wb.arms.Body.capsule([0, 0, 0], [0, 0, 0.04], 0.075, name="pedestal"))
-    tip = SIX[-1][2]
-    bodies.append(wb.arms.Body.box([-0.05, -0.02, tip], [0.05, 0.02, tip + 0.05], radius=0.01, link=5, name="gripper"))
-    for side in (-1, 1):
-        lower, upper = [side * 0.04 - 0.008, -0.01, tip + 0.05], [side * 0.04 + 0.008, 0.01, tip + 0.11]
-        bodies.append(wb.arms.Body.box(lower, upper, radius=0.004, link=5, name="finger"))
-    return wb.arms.Arm(joints, bodies, touching=[(wb.arms.WORLD, 1)], name="arm of six joints")
 
 
 def _post(x: float, y: float, radius: float, height: float = 1.0) -> wb.arms.Body:
@@ -117,27 +74,11 @@ def _flat() -> tuple[wb.arms.Body, ...]:
     return (*posts, *walls, _block(-0.35, -0.68, 0.3, 0.08, 0.5), _post(-0.1, 0.85, 0.06))
 
 
-def _factory() -> tuple[wb.arms.Body, ...]:
-    """A table, a shelf of three boards with its sides, and two posts."""
-    table = wb.arms.Body.box([-0.9, -0.9, -0.12], [0.9, 0.9, -0.085], name="table")
-    boards = [wb.arms.Body.box([0.45, -0.4, z], [0.8, 0.4, z + 0.02], name="board") for z in (0.12, 0.42, 0.72)]
-    sides = [wb.arms.Body.box([0.45, y, -0.08], [0.8, y + 0.02, 0.74], name="side") for y in (-0.42, 0.4)]
-    posts = [wb.arms.Body.capsule([x, y, 0], [x, y, 0.9], 0.05, name="post") for x, y in ((-0.35, 0.5), (-0.3, -0.55))]
-    crate = wb.arms.Body.box([-0.75, -0.2, -0.08], [-0.5, 0.2, 0.15], name="crate")
-    return (table, *boards, *sides, *posts, crate)
-
-
 def _planar_cell(count: int, lengths: Sequence[float]) -> Cell:
     return Cell(f"planar-{count}", f"Planar arm, {count} joints", planar(lengths), _flat())
 
 
-CELLS = {
-    cell.name: cell
-    for cell in (
-        *(_planar_cell(count, lengths) for count, lengths in LENGTHS.items()),
-        Cell("six", "Arm of six joints", six_joints(), _factory()),
-    )
-}
+CELLS = {cell.name: cell for cell in (*(_planar_cell(count, lengths) for count, lengths in LENGTHS.items()),)}
 
 
 # --- robots of the package example-robot-data ------------------------------------------------------------------------

@@ -92,6 +92,15 @@ def test_edges_do_not_miss_a_collision_and_what_is_cleared_along_them_is_not_che
     assert none.checks == 0
 
 
+def check_meshes(place: Workplace, rng: np.random.Generator) -> None:
+    """Where meshes collide, so do the hulls; they seldom differ."""
+    x = place.draw(1000, rng)
+    hulls, meshes = Hulls(place).states(x), Meshes(place).states(x)
+    assert not (meshes & ~hulls).any()
+    assert (meshes != hulls).mean() < 0.02
+    assert meshes.any()
+
+
 def test_meshes_lie_in_the_hulls_and_collide_where_these_do(place, bounders, rng, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setitem(sys.modules, "coal", None)
@@ -99,13 +108,7 @@ def test_meshes_lie_in_the_hulls_and_collide_where_these_do(place, bounders, rng
             MeshModel(place.shape)
     pytest.importorskip("coal", reason=MESHES)
     pytest.importorskip("pinocchio", reason=MESHES)
-    for name in ("planar-2", "six"):
-        cell = Workplace(CELLS[name])
-        x = cell.draw(1000, rng)
-        hulls, meshes = Hulls(cell).states(x), Meshes(cell).states(x)
-        assert not (meshes & ~hulls).any()
-        assert (meshes != hulls).mean() < 0.02
-        assert meshes.any()
+    check_meshes(Workplace(CELLS["planar-2"]), rng)
     some = {name: bounders[name] for name in ("aabb", "mlp")}
     found = simulate(place, Meshes(place), some, states=60, problems=2)
     for name in some:
@@ -177,6 +180,12 @@ def test_a_robot_plans_the_same_paths_with_bounders_of_its_cell_and_of_itself(ur
     alone = Example(ur5, Hulls(ur5), Segments(cell), states=200, problems=4)
     alone.step()
     assert alone.missed()
+
+
+def test_meshes_of_a_robot_lie_in_its_hulls(ur5, rng):
+    pytest.importorskip("coal", reason=MESHES)
+    pytest.importorskip("pinocchio", reason=MESHES)
+    check_meshes(ur5, rng)
 
 
 def test_a_robot_is_drawn_where_its_hulls_are(ur5, rng):
