@@ -374,11 +374,12 @@ def hierarchy_parts(work, labels):
         maybe["together"] = lambda x: maybe["root"](x) & maybe["leaves"](x)
         x = sample("point", grid, s["samples"], np.random.default_rng(s["seed"] + 1)).astype(np.float32)
         truth, points, found = grid.contains(x), raster(grid, 400), {}
+        pixels = points.reshape(-1, 2)
         for name, test in maybe.items():
             answers = test(x)
             rates = {"fp": 100 * float((answers & ~truth).mean()), "fn": int((truth & ~answers).sum())}
             rates |= {"positives": 100 * float(truth.mean()), "samples": len(x), "certificate": "proven"}
-            found[name] = rates | {"maybe": pack(test(points))}
+            found[name] = rates | {"maybe": pack(test(pixels).reshape(points.shape[:2]))}
         return {"inside": packed(grid, points), "levels": found}
 
     return {"school": levels}

@@ -146,6 +146,17 @@ def test_a_figure_of_learned_half_spaces_is_proven_and_tighter(data, tmp_path, c
     assert b"<svg" in (out / "kdop.svg").read_bytes()
 
 
+def test_networks_of_the_parts_of_a_school_of_fish_miss_none(data, tmp_path, capsys):
+    pytest.importorskip("torch", reason="torch is not installed")
+    words = ("figures", "hierarchy", "--data", data, "--quick", "--effort", "0.1", "--out", tmp_path)
+    status, _, err = run(capsys, *words, "--samples", "20000")
+    assert status == 0, err
+    levels = json.loads((tmp_path / "hierarchy.json").read_text())["parts"]["school"]["levels"]
+    assert {name: level["fn"] for name, level in levels.items()} == dict.fromkeys(levels, 0)
+    assert levels["together"]["fp"] <= min(levels["root"]["fp"], levels["leaves"]["fp"])
+    assert (tmp_path / "hierarchy.png").read_bytes().startswith(b"\x89PNG")
+
+
 # --- what a proof is worth ----------------------------------------------------------------------------------------
 
 

@@ -54,10 +54,13 @@ FIT = (*QUERY, *SHAPES, *_package("certificates", "evaluation.py", "proof", "tra
 MOTIONS = (*SHAPES, *_package("arms", "runtime"))
 ARMS, PAIRS, NEWTON = (*FIT, *_package("arms")), (*FIT, *_package("pairs")), (*QUERY, *_package("newton", "pairs"))
 CLOTH, ARM_DEMO = ("sims/bounders", "sims/cloth"), ("sims/arm", "sims/planning")
+PAPER = """cells.py comparisons.py data.py drawing.py labels.py paper.csv parametric.py proofs.py recipes.py regions.py
+    results.py speed.py table.py table1.py""".split()  # its tables, not its figures
+TABLES = (*FIT, *(f"paper/{name}" for name in PAPER))
 PAGES = {
     "arm": Page((*ARMS, *ARM_DEMO)),
     "bake": Page((*FIT, *_package("baking.py"))),
-    "chosen": Page((*FIT, *_package("choice.py"), "paper")),
+    "chosen": Page((*TABLES, *_package("choice.py"))),
     "demos": Page((*ARMS, *NEWTON, "sims")),
     "distances": Page(FIT),
     "export": Page((*FIT, "examples/cpp")),
@@ -74,16 +77,16 @@ PAGES = {
     "parts": Page(FIT),
     "planners": Page((*MOTIONS, "benchmarks/motions.py")),
     "predicted": Page((*FIT, *_package("choice.py"))),
-    "proofs": Page((*FIT, "paper"), without=("settings.json",)),
+    "proofs": Page(TABLES, without=("settings.json",)),
     "robot-balls": Page((*MOTIONS, *_package("pairs"))),
     "robots": Page(ARMS),
     "scan": Page((*MOTIONS, *FIT)),
-    "speed": Page((*FIT, "paper"), without=("settings.json",)),
-    "speed/cuda": Page((*FIT, "paper"), gpu=True),
+    "speed": Page(TABLES, without=("settings.json",)),
+    "speed/cuda": Page(TABLES, gpu=True),
     "speed/rivals": Page((*FIT, *NEWTON, *CLOTH)),
     "speed/rivals-cuda": Page(QUERY, gpu=True),
-    "table1": Page((*FIT, "paper"), without=("settings.json",)),
-    "table1/recipes": Page((*FIT, "paper"), without=("settings.json",)),
+    "table1": Page(TABLES, without=("settings.json",)),
+    "table1/recipes": Page(TABLES, without=("settings.json",)),
     "verifier": Page(("verifier", *_package("proof"), *CLOTH)),
 }
 
@@ -187,7 +190,7 @@ class Measured:
     @property
     def code(self) -> tuple[str, ...]:
         """Folders and files that it measures, its program among them."""
-        programs = {found[2] if "/" in found[2] else found[2].partition(".")[0] for found in self._said}
+        programs = {found[2] if "/" in found[2] else f"{found[2].partition('.')[0]}/__main__.py" for found in self._said}
         shared = ("benchmarks/shared.py",) if any(each.startswith("benchmarks/") for each in programs) else ()
         paths = tuple(dict.fromkeys((*self.page.code, *sorted(programs))))
         texts = (self.root / name for name in self._git("ls-files", *paths).decode().split() if name.endswith(".py"))
