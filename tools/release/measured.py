@@ -54,8 +54,10 @@ FIT = (*QUERY, *SHAPES, *_package("certificates", "evaluation.py", "proof", "tra
 MOTIONS = (*SHAPES, *_package("arms", "runtime"))
 ARMS, PAIRS, NEWTON = (*FIT, *_package("arms")), (*FIT, *_package("pairs")), (*QUERY, *_package("newton", "pairs"))
 CLOTH, ARM_DEMO = ("sims/bounders", "sims/cloth"), ("sims/arm", "sims/planning")
-PAPER = """cells.py comparisons.py data.py drawing.py labels.py paper.csv parametric.py proofs.py recipes.py regions.py
-    results.py speed.py table.py table1.py""".split()  # its tables, not its figures
+PAPER = (  # its tables, not its figures
+    *("cells.py", "comparisons.py", "data.py", "drawing.py", "labels.py", "paper.csv", "parametric.py", "proofs.py"),
+    *("recipes.py", "regions.py", "results.py", "speed.py", "table.py", "table1.py"),
+)
 TABLES = (*FIT, *(f"paper/{name}" for name in PAPER))
 PAGES = {
     "arm": Page((*ARMS, *ARM_DEMO)),
@@ -190,7 +192,8 @@ class Measured:
     @property
     def code(self) -> tuple[str, ...]:
         """Folders and files that it measures, its program among them."""
-        programs = {found[2] if "/" in found[2] else f"{found[2].partition('.')[0]}/__main__.py" for found in self._said}
+        said = {found[2] for found in self._said}
+        programs = {name if "/" in name else f"{name.partition('.')[0]}/__main__.py" for name in said}
         shared = ("benchmarks/shared.py",) if any(each.startswith("benchmarks/") for each in programs) else ()
         paths = tuple(dict.fromkeys((*self.page.code, *sorted(programs))))
         texts = (self.root / name for name in self._git("ls-files", *paths).decode().split() if name.endswith(".py"))
