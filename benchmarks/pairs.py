@@ -243,7 +243,7 @@ def main() -> None:
     rows = list(csv.DictReader(file.open())) if file.exists() else []
 
     def write(row: dict) -> None:
-        rows.append({name: row.get(name, "") for name in FIELDS} | {"versions": versions()})
+        rows.append({name: str(row.get(name, "")) for name in FIELDS} | {"versions": versions()})
         with file.open("w", newline="") as out:
             writer = csv.DictWriter(out, FIELDS)
             writer.writeheader()
