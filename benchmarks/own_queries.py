@@ -68,9 +68,9 @@ def page(kept: StoredRows, command: str) -> str:
     lines = ["# A fit to a simulation's own queries", ""]
     if pairs:
         lines += [
-            f"A network fitted to the queries of a simulation leaves {_more(pairs, 'calls')} exact checks than one fitted "
-            f"to random queries, and {_more(pairs, 'fp_rate')} false positives among random ones (geometric means of "
-            f"{len(pairs)} pairs).",
+            f"A network fitted to the queries of a simulation leaves {_more(pairs, 'calls')} exact checks than one "
+            f"fitted to random queries, and {_more(pairs, 'fp_rate')} false positives among random ones (geometric means "
+            f"of {len(pairs)} pairs).",
             "",
         ]
     lines += [f"`{command}`", ""]
