@@ -69,8 +69,8 @@ def page(kept: StoredRows, command: str) -> str:
     if pairs:
         lines += [
             f"A network fitted to the queries of a simulation leaves {_more(pairs, 'calls')} exact checks than one "
-            f"fitted to random queries, and {_more(pairs, 'fp_rate')} false positives among random ones (geometric means "
-            f"of {len(pairs)} pairs).",
+            f"fitted to random queries, and {_more(pairs, 'fp_rate')} false positives among random ones "
+            f"(geometric means of {len(pairs)} pairs).",
             "",
         ]
     lines += [f"`{command}`", ""]
