@@ -8,9 +8,9 @@ In each round every contestant of a group is timed once, in turn, after a pause;
 the median is reported. A network's work is its multiply-adds: how many, and what they would take at the rate of torch's
 product of large float32 matrices on the same cores, in the same rounds; no floor, since a batch in lanes is faster than
 that. Sines come on top. Warp's tree is built in every way that it offers: by constructor, and by boxes a leaf. Where
-Embree is missing (``pip install embreex``) its row is. In a function's row about half of the answers are *maybe*, in
-random order, so that no processor predicts its branches. In the row beside it all answers are *maybe*. Labels: exact
-answers of the 32-cell grid, as training asks for them.
+Embree is not installed (``pip install embreex``), its row is left out. A function has two rows. In the first about half
+of the answers are *maybe*, in random order, so that no processor predicts its branches. In the second, *all maybe*,
+every answer is *maybe*. Labels: exact answers of the 32-cell grid, as training asks for them.
 
 ``--device cuda:0`` asks the same of a GPU: torch there too, without rows of one core. Every time is one of a call that
 is waited for.

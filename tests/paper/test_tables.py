@@ -11,6 +11,7 @@ import warp_bounding as wb
 from paper import proofs, regions, results, speed, table1
 from paper.__main__ import parser
 from paper.cells import select
+from paper.drawing import unpack
 from paper.gallery import FIGURES
 from paper.table import HIDDEN, Column, Variant, budget_of, budgets_in
 from warp_bounding.errors import BounderError, BoundingError
@@ -151,9 +152,12 @@ def test_networks_of_the_parts_of_a_school_of_fish_miss_none(data, tmp_path, cap
     words = ("figures", "hierarchy", "--data", data, "--quick", "--effort", "0.1", "--out", tmp_path)
     status, _, err = run(capsys, *words, "--samples", "20000")
     assert status == 0, err
-    levels = json.loads((tmp_path / "hierarchy.json").read_text())["parts"]["school"]["levels"]
+    school = json.loads((tmp_path / "hierarchy.json").read_text())["parts"]["school"]
+    inside, levels = unpack(school["inside"]), school["levels"]
     assert {name: level["fn"] for name, level in levels.items()} == dict.fromkeys(levels, 0)
-    assert levels["together"]["fp"] <= min(levels["root"]["fp"], levels["leaves"]["fp"])
+    assert inside.any()
+    for level in levels.values():
+        assert unpack(level["maybe"])[inside].all()
     assert (tmp_path / "hierarchy.png").read_bytes().startswith(b"\x89PNG")
 
 
