@@ -9,6 +9,7 @@ the whole choice, with the prices at which another one is the best.
 
 import argparse
 import sys
+from collections import Counter
 from pathlib import Path
 
 from shared import StoredRows
@@ -28,16 +29,20 @@ def taken(row: dict, price: float) -> dict:
     return next(each for each in row["rows"] if each["label"] == label)
 
 
-CONCLUSION = (
-    "`choose` takes half-spaces, fields and small trees where the exact test is cheap, and cells or a large "
-    "tree of boxes where it is expensive. These grids of cells are so coarse that a tree reproduces them, so "
-    "a network is hardly ever taken."
-)
+def conclusion(rows: list[dict]) -> str:
+    """How often each method is the cheapest, over all columns and prices."""
+    counted = Counter(taken(row, price)["label"].split()[0] for row in rows for price in PRICES)
+    counted.setdefault("mlp", 0)
+    each = ", ".join(f"`{method}` {count}" for method, count in counted.most_common())
+    return (
+        f"What costs the least, in {counted.total()} cells of the table below: {each}. Networks (`mlp`) pay on finer "
+        "shapes than these grids of 32 cells a side, which a small tree of boxes reproduces."
+    )
 
 
 def page(kept: StoredRows, command: str) -> str:
     """The page, in Markdown."""
-    lines = ["# What `choose` takes in every column of Table 1", "", CONCLUSION, "", f"`{command}`", ""]
+    lines = ["# What `choose` takes in every column of Table 1", "", conclusion(kept.rows), "", f"`{command}`", ""]
     lines += [
         f"{kept.about}. The bunny's grids of 32 cells a side, queries as in Table 1; budgets of "
         f"{', '.join(f'{s:g} s ({n}D)' for n, s in SECONDS.items())} for all fits and measurements of a column. "

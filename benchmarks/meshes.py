@@ -119,18 +119,12 @@ def tightest(rows: list[dict], prefix: str, most: float) -> dict | None:
     return min(fitting, key=lambda row: row["fp_rate"], default=None)
 
 
-CONCLUSION = (
-    "A network is tighter than a tree of boxes of its memory on every mesh but the bear, which is built of "
-    "boxes. No false negative was found."
-)
-
-
 def page(rows: list[dict], folder: Path, command: str) -> str:
     """The page, in Markdown; the picture is written beside it."""
     lines = [
         "# Meshes: every method against the mesh itself",
         "",
-        CONCLUSION,
+        "",  # the first sentence, of the rows below
         "",
         f"`{command}`",
         "",
@@ -169,6 +163,8 @@ def page(rows: list[dict], folder: Path, command: str) -> str:
         )
         if level and level["fp_rate"] < network["fp_rate"]:
             behind.append((name, own[0]["aligned_area"]))
+    but = f" but {', '.join(name for name, _ in behind)}" if behind else ""
+    lines[2] = f"The network 24-24 is tighter than a tree of boxes of its memory on every mesh{but}."
     for name, aligned in behind:
         lines += ["", f"Where the network is behind: {name}, {aligned:.0f} % of whose area lies across an axis."]
         if aligned > 90:
@@ -241,7 +237,7 @@ def main() -> int:
     parser.add_argument("--meshes", default=",".join(MESHES), help="some of them, by name")
     parser.add_argument("--methods", default=",".join(METHODS), help="some of them, by label")
     parser.add_argument("--budget", type=float, default=60.0, help="seconds for each learned fit")
-    parser.add_argument("--attacked", type=int, default=10_000_000, help="hard points that each bounder is asked")
+    parser.add_argument("--attacked", type=int, default=1_000_000, help="hard points that each bounder is asked")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--page", action="store_true", help="only make the page of the rows that are there")
     options = parser.parse_args()
