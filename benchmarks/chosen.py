@@ -2,9 +2,9 @@
 
 `python benchmarks/chosen.py --data DIR --out results/chosen`
 
-Each kind of query of an object of each dimension is one call of `wb.choose`, with all its candidates: every method in
-several sizes, bits and hierarchies among them, cascades, networks with thresholds of parts, and distances. A row keeps
-the whole choice, with the prices at which another one is the best.
+Each kind of query of an object of each dimension is one call of `wb.choose`, with all its candidates: every method
+that answers it, many in several sizes, and a cascade. A row keeps the whole choice, with the prices at which another
+one is the best.
 """
 
 import argparse
