@@ -33,11 +33,9 @@ def conclusion(rows: list[dict]) -> str:
     """How often each method is the cheapest, over all columns and prices."""
     counted = Counter(taken(row, price)["label"].split()[0] for row in rows for price in PRICES)
     counted.setdefault("mlp", 0)
-    each = ", ".join(f"`{method}` {count}" for method, count in counted.most_common())
-    return (
-        f"What costs the least, in {counted.total()} cells of the table below: {each}. Networks (`mlp`) pay on finer "
-        "shapes than these grids of 32 cells a side, which a small tree of boxes reproduces."
-    )
+    (method, count), *others = counted.most_common()
+    rest = ", ".join(f"in {count} `{method}`" for method, count in others)
+    return f"In {count} of the {counted.total()} cells below, `{method}` costs the least; {rest}."
 
 
 def page(kept: StoredRows, command: str) -> str:
