@@ -8,6 +8,7 @@ from scipy.optimize import linprog
 import warp_bounding as wb
 from warp_bounding.arms.pieces import hulls_of
 
+RING = trimesh.creation.annulus(0.9, 1.0, 0.5, sections=32)
 MESHES = {
     "angle": trimesh.util.concatenate(
         [
@@ -19,7 +20,7 @@ MESHES = {
         [trimesh.creation.box(bounds=[[x, 0, 0], [x + 0.2, 0.2, 1]]) for x in (0, 0.9)]
         + [trimesh.creation.box(bounds=[[0, 0, -0.2], [1.1, 0.2, 0]])]
     ),
-    "half a ring": trimesh.creation.annulus(0.9, 1.0, 0.5, sections=32).slice_plane([0, 0, 0], [1, 0, 0]),
+    "half a ring": RING.submesh([RING.triangles_center[:, 0] > 0], append=True),
 }
 
 
