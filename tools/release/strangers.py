@@ -143,7 +143,7 @@ def quickstart(stay: Stay) -> str:
         stay.run(words)
     (stay.folder / "quickstart.py").write_text("\n".join([*snippets, PROMISED]), encoding="utf-8")  # one namespace
     said = stay.run(["python", "quickstart.py"]).stdout.strip().splitlines()
-    stay.run(["warp-bounding", "info", "bunny.safetensors"], status=0 if "Proven" in " ".join(said) else 1)
+    stay.run(["warp-bounding", "info", "bunny.safetensors"], status=0 if "proven" in said else 1)
     for words in behind:
         stay.run([*words, *SHORT_CHOICE] if stay.short and words[1] == "choose" else words)
     return f"{len(snippets)} snippets, {len(before) + len(behind)} commands"
