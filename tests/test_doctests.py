@@ -78,7 +78,7 @@ def made() -> dict:
         "pair": wb.pairs.Pair(far, balls),
     }
     names |= {"ball": ball, "grid": grid, "mesh": mesh, "motion": motion, "bounder": bounder, "points": points}
-    return names | {"np": np, "wp": wp, "wb": wb, "stress_test": stress_test, "__name__": __name__}
+    return names | {"np": np, "wp": wp, "wb": wb, "stress_test": stress_test}
 
 
 BALL = '<link name="{}"><collision><geometry><sphere radius="0.1"/></geometry></collision></link>'
@@ -89,8 +89,9 @@ ROBOT = [*map(BALL.format, ("base", "upper", "lower", "hand")), *(HINGE.format(*
 
 
 def run(text: str, name: str, made: dict) -> None:
-    """Run a text's examples; each must say what stands below it."""
-    test = doctest.DocTestParser().get_doctest(text, dict(made), name, None, 0)
+    """Run a text's examples; each must say what stands below it. Its kernels are compiled without those of others."""
+    names = made | {"__name__": re.sub(r"\W", "_", name)}
+    test = doctest.DocTestParser().get_doctest(text, names, name, None, 0)
     assert test.examples, f"{name} has no example"
     said = []
     doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(test, out=said.append, clear_globs=False)

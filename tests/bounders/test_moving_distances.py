@@ -51,10 +51,11 @@ def test_never_above_the_distance_of_the_mesh_at_that_time(name, margin, rng):
     assert bounder.certificate.proven
     assert bounder.domain.time
     x = moments(motion, 200, rng)
+    x[:, 0] = np.repeat(x[::5, 0], 5)  # a mesh takes long
     g = bounder.distance(x).numpy()
-    for point, bound in zip(x, g, strict=True):
-        mesh = wb.shapes.Mesh(motion.vertices_at(point[0]), motion.faces).dilated(margin)
-        assert bound <= mesh.distances(point[None, 1:])[0, 1]
+    for some in range(0, 200, 5):
+        mesh = wb.shapes.Mesh(motion.vertices_at(x[some, 0]), motion.faces).dilated(margin)
+        assert (g[some : some + 5] <= mesh.distances(x[some : some + 5, 1:])[:, 1]).all()
     known = moving(name, margin).distances(x)
     assert (g <= known[:, 1]).all()
     assert (g > 0).mean() > 0.4  # it is a bound that says something

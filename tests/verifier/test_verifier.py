@@ -404,7 +404,7 @@ def test_no_order_of_sums_denies_what_is_verified(files_of, activation, denied, 
 
     def impatient(self, boxes):
         looks.append(len(boxes.count))
-        if sum(looks) > 20_000:
+        if sum(looks) > 2_000:
             raise ArithmeticError("enough")
         return whole(self, boxes)
 
