@@ -14,7 +14,6 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 
 wp.config.log_level = getattr(wp, "LOG_ERROR", 40)
 wp.config.quiet = True
-wp.config.enable_backward = False  # Newton's kernels compile in two fifths of the time; tests/kernels ask in others
 wp.init()
 
 CUDA = "cuda:0"

@@ -41,7 +41,7 @@ def check_values(bounder, x: np.ndarray) -> None:
         assert (np.abs(values - bounder.reference(v)) <= bounder.rounding_bound()).all()
 
 
-def check_func(bounder, x: np.ndarray, gradients: bool = False) -> None:
+def check_func(bounder, x: np.ndarray) -> None:
     """The function agrees with the batch kernel wherever rounding cannot matter, and both with the exact ``f``."""
     v, error = device_coordinates(bounder, x), rounding_of_answers(bounder)
     exact = bounder.reference(v)
@@ -51,7 +51,7 @@ def check_func(bounder, x: np.ndarray, gradients: bool = False) -> None:
         bounder.freeze(float(np.float32(np.quantile(exact[inside], quantile))), None)
         sure = np.abs(exact - float(bounder.threshold)) > error
         expected = np.where(inside, exact >= bounder.threshold, ~in_time)
-        for answers in (ask(bounder, x, gradients), bounder.query(x).numpy()):
+        for answers in (ask(bounder, x), bounder.query(x).numpy()):
             assert (answers == expected)[sure | ~inside].all()
 
 
@@ -61,12 +61,12 @@ def test_batch_kernel_is_its_reference(method, name, device, rng):
     check_values(bounder, np.concatenate([domain_points(grid, 6000, rng), object_points(grid, rng, 1000)]))
 
 
-@pytest.mark.parametrize(("method", "gradients"), [*((each, False) for each in METHODS), ("bvh", True), ("mlp", True)])
-def test_function_for_kernels_is_the_batch_kernel(method, gradients, device, rng):
+@pytest.mark.parametrize("method", METHODS)
+def test_function_for_kernels_is_the_batch_kernel(method, device, rng):
     bounder, grid = random_bounder(method, "blob", device), shape("blob")
     x = np.concatenate([domain_points(grid, 4000, rng), object_points(grid, rng, 1000)])
     if method != "voxels":
-        check_func(bounder, x, gradients)
+        check_func(bounder, x)
         return
     bounder.freeze(0.5, None)
     values = bounder.values(x).numpy()

@@ -13,17 +13,17 @@ Floats = wp.array(dtype=wp.float32)
 
 
 @cache
-def asking_kernel(test, ndim: int, region: bool = False, gradients: bool = False) -> wp.Kernel:
+def asking_kernel(test, ndim: int, region: bool = False) -> wp.Kernel:
     """A kernel as a user would write it."""
     vector = vector_type(ndim)
 
-    @wp.kernel(module="unique", enable_backward=gradients)
+    @wp.kernel(module="unique", enable_backward=False)
     def ask(data: Data, q: wp.array(dtype=vector), answer: wp.array(dtype=wp.bool)):
         i = wp.tid()
         if test(data, q[i]):
             answer[i] = True
 
-    @wp.kernel(module="unique", enable_backward=gradients)
+    @wp.kernel(module="unique", enable_backward=False)
     def query_region(data: Data, a: wp.array(dtype=vector), b: wp.array(dtype=vector), answer: wp.array(dtype=wp.bool)):
         i = wp.tid()
         answer[i] = test(data, a[i], b[i])
@@ -31,14 +31,13 @@ def asking_kernel(test, ndim: int, region: bool = False, gradients: bool = False
     return query_region if region else ask
 
 
-def ask(bounder, x: np.ndarray, gradients: bool = False) -> np.ndarray:
-    """Answers of ``bounder.func`` inside a user's kernel, one with gradients where the user switches none off."""
+def ask(bounder, x: np.ndarray) -> np.ndarray:
+    """Answers of ``bounder.func`` inside a user's kernel."""
     n, region, device = bounder.ndim, bounder.query_kind != "point", bounder.device
     answer = wp.zeros(len(x), dtype=wp.bool, device=device)
     parts = [x[:, :n], x[:, n:]] if region else [x]
     given = [wp.array(np.ascontiguousarray(part), dtype=vector_type(n), device=device) for part in parts]
-    kernel = asking_kernel(bounder.func, n, region, gradients)
-    wp.launch(kernel, len(x), [bounder.data, *given], [answer], device=device)
+    wp.launch(asking_kernel(bounder.func, n, region), len(x), [bounder.data, *given], [answer], device=device)
     return answer.numpy()
 
 
