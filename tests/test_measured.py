@@ -96,6 +96,8 @@ def test_every_page_is_in_the_table(place):
     ("name", "before", "now", "same"),
     [
         ("a.py", "def f():\n    '''A.'''\n    return 1\n", "def f():\n    return 1  # one\n", True),
+        ("a.py", "def draw() -> None:\n    a()\n", "def draw() -> None:\n    b()\n", True),
+        ("a.py", "def draw():\n    return 1\n", "def draw():\n    return 2\n", False),
         ("a.py", "a = 1\n", "a = 1.0\n", False),
         ("a.py", "a = 'x'\n", "a = 'y'\n", False),
         ("a.py", "def f(a): return a\n", "def f(a, b): return a\n", False),

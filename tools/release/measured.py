@@ -6,8 +6,9 @@ commit it is.
 
 What a page measures stands in ``PAGES``; the program of its command counts as well, and a header of ``native/`` counts
 where one of the Python files names it. A change counts unless it cannot change an answer or a time: of Python only the
-syntax tree without docstrings is compared, of headers the lines that are no comments, of other files every byte. Pages
-measured on a GPU are shown and never fail: a card is not always at hand.
+syntax tree is compared, without docstrings and what functions ``draw`` that return nothing do, of headers the lines
+that are no comments, of other files every byte. Pages measured on a GPU are shown and never fail: a card is not always
+at hand.
 """
 
 import argparse
@@ -108,7 +109,7 @@ def _tree(content: bytes) -> ast.Module:
 
 
 def _alike(one: object, other: object) -> bool:
-    """Whether two syntax trees are the same but for docstrings and places in their files."""
+    """Whether two syntax trees are the same but for docstrings, pictures and places in their files."""
     if type(one) is not type(other):
         return False
     if isinstance(one, ast.AST):
@@ -119,11 +120,14 @@ def _alike(one: object, other: object) -> bool:
 
 
 def _parts(node: ast.AST) -> list[object]:
-    """The fields of a node; a body without its docstring."""
+    """The fields of a node; a body without its docstring, and none of what makes a picture."""
     parts = {name: getattr(node, name, None) for name in node._fields}
     held = isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
     if held and ast.get_docstring(node, clean=False) is not None:
         parts["body"] = parts["body"][1:]
+    match node:
+        case ast.FunctionDef(name="draw", returns=ast.Constant(value=None)):
+            parts["body"] = []
     return list(parts.values())
 
 
