@@ -6,9 +6,9 @@ commit it is.
 
 What a page measures stands in ``PAGES``; the program of its command counts as well, and a header of ``native/`` counts
 where one of the Python files names it. A change counts unless it cannot change an answer or a time: of Python only the
-syntax tree is compared, without docstrings and what functions ``draw`` that return nothing do, of headers the lines
-that are no comments, of other files every byte. Pages measured on a GPU are shown and never fail: a card is not always
-at hand.
+syntax tree without docstrings is compared, of headers the lines that are no comments, of other files every byte. A
+function ``draw`` that returns nothing makes a picture: its body does not count. Pages measured on a GPU are shown and
+never fail: a card is not always at hand.
 """
 
 import argparse
