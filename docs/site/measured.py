@@ -403,8 +403,9 @@ def parts(results: Path) -> str:
         ["the best classic of its bytes", *(f"{best[part]:.2f}" for part in shown)],
     ]
     few = sum(share <= 0.25 for share in shares)
-    words = f"\nOf {len(shares)} such parts {few} have at most a quarter of the best classic's false positives; the "
-    words += f"median has {median(shares):.2f} of it, the worst {max(shares):.2f}.\n"
+    seeds = len({row["seed"] for own in ours.values() for row in own})
+    words = f"\nMeans of {seeds} fits. Of {len(shares)} such parts {few} have at most a quarter of the best classic's "
+    words += f"false positives; the median has {median(shares):.2f} of it, the worst {max(shares):.2f}.\n"
     return table(["false positives, %", *shown], lines) + words
 
 
