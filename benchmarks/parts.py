@@ -350,9 +350,10 @@ def draw(fits: list[dict], file: Path) -> None:
     right.set_title("what fit returns (red), the best classic of no more bytes (blue)", fontsize=9)
     for axis in (left.yaxis, right.xaxis, right.yaxis):
         axis.set_major_formatter("{x:g}")
-    left.yaxis.set_minor_formatter("{x:g}")
+    left.set_yticks([0.02, 0.05, 0.1, 0.25, 0.5, 1, 2, 5])
     right.set_xticks([1000, 2000, 5000, 10000])
-    right.xaxis.set_minor_formatter("")
+    for axis in (left.yaxis, right.xaxis):
+        axis.set_minor_formatter("")
     figure.savefig(file, dpi=110)
 
 
